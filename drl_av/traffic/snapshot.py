@@ -1,0 +1,55 @@
+"""The vehicles at one decision: what leaves the traffic room."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from drl_av.traffic.ring import FloatArray
+
+EGO = 0
+"""Row of the ego in every array of a snapshot."""
+
+
+class CollisionKind(Enum):
+    """What the ego was in a collision with, and who hit whom."""
+
+    HIT_AHEAD = "ego hit the vehicle ahead"
+    HIT_BESIDE = "ego moved into a vehicle beside it"
+    HIT_EDGE = "ego left the open lanes"
+    HIT_FROM_BEHIND = "ego was hit from behind"
+    HIT_FROM_BESIDE = "a vehicle beside moved into the ego"
+
+    @property
+    def ego_hit(self) -> bool:
+        """True where the ego hit something, False where it was hit."""
+        return self in (
+            CollisionKind.HIT_AHEAD,
+            CollisionKind.HIT_BESIDE,
+            CollisionKind.HIT_EDGE,
+        )
+
+
+@dataclass(frozen=True)
+class Collision:
+    """A collision of the ego; ``other`` is the other vehicle's id, or None for the road's edge."""
+
+    kind: CollisionKind
+    other: str | None
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """All vehicles at one moment; every array has shape (1 + N,) with the ego in row 0."""
+
+    time_s: float
+    ids: tuple[str, ...]
+    s_m: FloatArray
+    """Position of the body's centre along the loop, [0, circumference)."""
+    y_m: FloatArray
+    """Lateral position of the body's centre; 0 is the centre of the rightmost lane."""
+    speed_m_s: FloatArray
+    lateral_speed_m_s: FloatArray
+    """Left positive."""
+    length_m: FloatArray
+    width_m: FloatArray
+    lane_change_wish: int = 0
+    """What SUMO's lane-change model would do with the ego: +1 left, -1 right, 0 stay."""
