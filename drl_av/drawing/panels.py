@@ -1,0 +1,172 @@
+"""The caption: who drives, what was decided, what the safety check said, reward and history."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drl_av.drawing.sheet import (
+    ALARM,
+    AMBER,
+    BRIGHT,
+    CARD,
+    DARK,
+    DIM,
+    EGO_COLOR,
+    FAST_M_S,
+    GROUND,
+    RULE,
+    SLOW_M_S,
+    Color,
+    Sheet,
+    speed_color,
+    wrapped,
+)
+from drl_av.traffic.snapshot import EGO, Snapshot
+
+_HISTORY = 60
+
+
+@dataclass(frozen=True)
+class Caption:
+    """What the panels below the road say; the defaults suit a scene right after a reset."""
+
+    driver: str = ""
+    vehicles: int | None = None
+    """Vehicles on the road without the ego; None counts those of the snapshot."""
+    seed: int | None = None
+    decision: int = 0
+    proposed: str = ""
+    executed: str = ""
+    rule: str | None = None
+    """The rule of the safety check that fired, in words, or None."""
+    reward: float | None = None
+    r_v: float | None = None
+    r_y: float | None = None
+    r_x: float | None = None
+    speed_history: tuple[float, ...] = ()
+    """The ego's speed after each decision so far, m/s; the last 60 are drawn, the mean of all."""
+    trigger_history: tuple[bool, ...] = ()
+    """Whether the safety check fired, for the same decisions."""
+    collision: str = ""
+    """What the ego collided with, in words; empty when it did not."""
+
+
+def lay_cards(sheet: Sheet) -> None:
+    """The plates the caption stands on."""
+    left, middle, right = (20, 352), (364, 812), (824, 1260)
+    for (x0, x1), (y0, y1) in (
+        (left, (384, 708)),
+        (middle, (384, 708)),
+        (right, (384, 536)),
+        (right, (548, 708)),
+    ):
+        sheet.box((x0, y0, x1, y1), CARD, radius=12)
+
+
+def lay_legend(sheet: Sheet) -> None:
+    """What the colours of the vehicles mean."""
+    left, right = 1017, 1211
+    for x in range(left, right):
+        share = (x - left) / (right - left)
+        sheet.box((x, 20, x + 1, 32), speed_color(SLOW_M_S + share * (FAST_M_S - SLOW_M_S)))
+    sheet.text((left - 8, 31), f"{SLOW_M_S:g}", 14, DIM, "rs")
+    sheet.text((right + 8, 31), f"{FAST_M_S:g} m/s", 14, DIM)
+    sheet.box((921, 19, 947, 33), EGO_COLOR, radius=4, outline=BRIGHT, width=1.5)
+    sheet.text((953, 31), "ego", 14, DIM)
+
+
+def draw_header(sheet: Sheet, snapshot: Snapshot, caption: Caption) -> None:
+    """Driver, traffic, seed and time, above the road."""
+    vehicles = len(snapshot.ids) - 1 if caption.vehicles is None else caption.vehicles
+    facts = [f"{vehicles} vehicle{'' if vehicles == 1 else 's'}"]
+    facts += [] if caption.seed is None else [f"seed {caption.seed}"]
+    facts += [f"decision {caption.decision}", f"t = {snapshot.time_s:.1f} s"]
+    sheet.text((20, 36), wrapped(caption.driver or "highway", 24, 400, 1)[0], 24, bold=True)
+    sheet.text((890, 33), "   ".join(facts), 16, DIM, "rs")
+
+
+def draw_decision(sheet: Sheet, snapshot: Snapshot, caption: Caption) -> None:
+    """Speed, executed and proposed action, and the verdict of the safety check."""
+    speed = float(snapshot.speed_m_s[EGO])
+    mean = float(np.mean(caption.speed_history)) if caption.speed_history else speed
+    sheet.text((384, 410), "SPEED", 13, DIM)
+    sheet.text((384, 464), f"{speed:.1f}", 58, bold=True)
+    sheet.text((512, 464), "m/s", 20, DIM)
+    sheet.text((792, 410), "MEAN SO FAR", 13, DIM, "rs")
+    sheet.text((792, 464), f"{mean:.1f} m/s", 28, BRIGHT, "rs")
+    sheet.line([(384, 484), (792, 484)], RULE, 1)
+    overruled = bool(caption.proposed) and caption.proposed != caption.executed
+    _draw_field(sheet, 508, "EXECUTED", caption.executed or "-", BRIGHT)
+    proposal = caption.proposed if overruled else "as executed" if caption.executed else "-"
+    _draw_field(sheet, 560, "PROPOSED", proposal, ALARM if overruled else DIM)
+    _draw_verdict(sheet, caption)
+
+
+def _draw_field(sheet: Sheet, y: float, label: str, value: str, fill: Color) -> None:
+    sheet.text((384, y), label, 13, DIM)
+    sheet.text((384, y + 26), wrapped(value, 22, 408, 1)[0], 22, fill)
+
+
+def _draw_verdict(sheet: Sheet, caption: Caption) -> None:
+    """The rule that fired, or the collision, on a bright plate; a quiet plate when neither."""
+    label, words = "SAFETY CHECK", caption.rule or "none"
+    if caption.collision:
+        label, words = "COLLISION", caption.collision
+    alarmed = words != "none"
+    ink = DARK if alarmed else DIM
+    fill = EGO_COLOR if caption.collision else ALARM if alarmed else GROUND
+    sheet.box((376, 606, 800, 696), fill, radius=9)
+    sheet.text((392, 627), label, 13, ink, bold=alarmed)
+    lines, size, pitch = wrapped(words, 19, 392, 3), 19, 26
+    if len(lines) > 2:
+        lines, size, pitch = wrapped(words, 16, 392, 3), 16, 19
+    for number, line in enumerate(lines):
+        sheet.text((392, 634 + pitch * (number + 0.8)), line, size, ink)
+
+
+def draw_reward(sheet: Sheet, caption: Caption) -> None:
+    """The reward and its three terms, each a bar from -1 at the left end to 0 at the right."""
+    sheet.text((844, 412), "REWARD", 13, DIM)
+    sheet.text((1240, 416), _number(caption.reward), 24, BRIGHT, "rs", bold=True)
+    terms = (("speed", caption.r_v), ("lane", caption.r_y), ("gap", caption.r_x))
+    left, right = 900, 1176
+    for number, (label, value) in enumerate(terms):
+        y = 446 + 28 * number
+        sheet.text((844, y), label, 16, DIM, "lm")
+        sheet.box((left, y - 7, right, y + 7), GROUND, radius=3)
+        share = min(1.0, max(0.0, -(value or 0.0)))
+        if share > 0:
+            corners = (right - share * (right - left), y - 7, right, y + 7)
+            sheet.box(corners, ALARM if share > 0.5 else AMBER, radius=3)
+        sheet.text((1240, y), _number(value), 16, BRIGHT, "rm")
+    sheet.text((left, 529), "-1", 12, DIM)
+    sheet.text((right, 529), "0", 12, DIM, "rs")
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:z.2f}"
+
+
+def draw_history(sheet: Sheet, caption: Caption) -> None:
+    """The last 60 speeds, the newest at the right end, with a red tick where the check fired."""
+    left, right, top, bottom = 878.0, 1240.0, 588.0, 680.0
+    sheet.text((844, 574), f"SPEED, LAST {_HISTORY} DECISIONS", 13, DIM)
+    sheet.box((1161, 563, 1164, 577), ALARM)
+    sheet.text((1240, 574), "check fired", 13, DIM, "rs")
+    speeds = caption.speed_history[-_HISTORY:]
+    most = max(40.0, *speeds) if speeds else 40.0
+    for mark in (0.0, 20.0, 40.0):
+        y = bottom - (bottom - top) * mark / most
+        sheet.line([(left, y), (right, y)], RULE, 1)
+        sheet.text((left - 8, y), f"{mark:g}", 12, DIM, "rm")
+    step = (right - left) / (_HISTORY - 1)
+    columns = [right - step * age for age in reversed(range(len(speeds)))]
+    points = [(x, bottom - (bottom - top) * v / most) for x, v in zip(columns, speeds, strict=True)]
+    if points:
+        sheet.line(points, EGO_COLOR, 2.5)
+        sheet.dot(points[-1], 4, EGO_COLOR)
+    fired = caption.trigger_history[-_HISTORY:]
+    for age, hit in enumerate(reversed(fired)):
+        if hit:
+            x = right - step * age
+            sheet.box((x - 1.5, bottom + 5, x + 1.5, bottom + 18), ALARM)

@@ -1,0 +1,132 @@
+"""What the pictures are drawn with: colours, and an oversampled sheet of shapes and text."""
+
+from functools import lru_cache
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+Color = tuple[int, int, int]
+Point = tuple[float, float]
+
+SHEET_SIZE = (1280, 720)
+"""Width and height of the layout, px."""
+EGO_COLOR: Color = (233, 64, 200)
+ALARM: Color = (255, 106, 61)
+AMBER: Color = (255, 190, 40)
+GROUND: Color = (15, 19, 26)
+CARD: Color = (24, 30, 40)
+ASPHALT: Color = (45, 51, 62)
+BARRED: Color = (58, 49, 46)
+RULE: Color = (62, 71, 86)
+DIM: Color = (139, 150, 168)
+BRIGHT: Color = (238, 242, 248)
+DARK: Color = (14, 17, 23)
+
+SLOW_M_S, FAST_M_S = 10.0, 34.0
+"""Speeds at the two ends of the colour scale; slower and faster vehicles keep the end's colour."""
+_SPEED_COLORS = np.array(
+    [
+        (222, 53, 48),
+        (246, 130, 67),
+        (253, 205, 112),
+        (226, 238, 190),
+        (120, 205, 205),
+        (66, 146, 240),
+    ],
+    dtype=np.float64,
+)
+OVERSAMPLING = 2
+
+
+def speed_color(speed_m_s: float) -> Color:
+    """Colour of a speed in m/s: red is slow, blue is fast, told apart by the colour-blind too."""
+    share = np.clip((speed_m_s - SLOW_M_S) / (FAST_M_S - SLOW_M_S), 0.0, 1.0)
+    knots = np.linspace(0.0, 1.0, len(_SPEED_COLORS))
+    red, green, blue = (round(float(np.interp(share, knots, c))) for c in _SPEED_COLORS.T)
+    return red, green, blue
+
+
+class Sheet:
+    """An oversampled image that is drawn on in the layout's pixels."""
+
+    def __init__(self, image: Image.Image) -> None:
+        self.image = image
+        self._pen = ImageDraw.Draw(image)
+
+    def box(
+        self,
+        corners: tuple[float, float, float, float],
+        fill: Color,
+        radius: float = 0.0,
+        outline: Color | None = None,
+        width: float = 0.0,
+    ) -> None:
+        """Rounded rectangle from (left, top) to (right, bottom)."""
+        k = OVERSAMPLING
+        left, top, right, bottom = (round(k * c) for c in corners)
+        ends = (left, top, max(left, right - 1), max(top, bottom - 1))
+        self._pen.rounded_rectangle(ends, k * radius, fill, outline, round(k * width))
+
+    def dot(self, center: Point, radius: float, fill: Color) -> None:
+        """Filled circle."""
+        x, y, r = (OVERSAMPLING * v for v in (*center, radius))
+        self._pen.ellipse((x - r, y - r, x + r, y + r), fill)
+
+    def arc(self, center: Point, radius: float, degrees: Point, fill: Color, width: float) -> None:
+        """Part of a circle, inside ``radius``; degrees run clockwise from the right."""
+        x, y, r = (OVERSAMPLING * v for v in (*center, radius))
+        self._pen.arc((x - r, y - r, x + r, y + r), *degrees, fill, round(OVERSAMPLING * width))
+
+    def line(self, points: list[Point], fill: Color, width: float) -> None:
+        """Polyline."""
+        scaled = [(OVERSAMPLING * x, OVERSAMPLING * y) for x, y in points]
+        self._pen.line(scaled, fill, round(OVERSAMPLING * width), joint="curve")
+
+    def polygon(self, points: list[Point], fill: Color) -> None:
+        """Filled polygon."""
+        self._pen.polygon([(OVERSAMPLING * x, OVERSAMPLING * y) for x, y in points], fill)
+
+    def text(
+        self,
+        at: Point,
+        text: str,
+        size: int,
+        fill: Color = BRIGHT,
+        anchor: str = "ls",
+        bold: bool = False,
+    ) -> None:
+        """One line of text; ``anchor`` is Pillow's, by default the left end of the baseline."""
+        place = (OVERSAMPLING * at[0], OVERSAMPLING * at[1])
+        stroke = 0.018 * size * OVERSAMPLING if bold else 0
+        self._pen.text(
+            place, text, fill, _font(size), anchor, stroke_width=stroke, stroke_fill=fill
+        )
+
+
+@lru_cache(maxsize=32)
+def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    return ImageFont.load_default(OVERSAMPLING * size)
+
+
+@lru_cache(maxsize=512)
+def wrapped(text: str, size: int, width: int, most: int) -> tuple[str, ...]:
+    """The text in at most ``most`` lines that fit ``width`` px; what is left over becomes dots."""
+    font = _font(size)
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".strip()
+        if not lines[-1] or font.getlength(longer) <= OVERSAMPLING * width:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    if len(lines) > most:
+        lines = [*lines[: most - 1], " ".join(lines[most - 1 :])]
+    return tuple(_shortened(line, font, OVERSAMPLING * width) for line in lines)
+
+
+def _shortened(line: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> str:
+    if font.getlength(line) <= width:
+        return line
+    while line and font.getlength(line + "...") > width:
+        line = line[:-1]
+    return line.rstrip(" ,") + "..."
