@@ -4,7 +4,7 @@ The rooms, each importing only from those before it:
 
     config, errors   every number, and every error
     traffic          the road: the only room that touches SUMO
-    driving          affordance indicators, actions, reward, safety check, maneuvers, drivers by rule
+    driving          affordance indicators, actions, reward, safety check, maneuvers, rule drivers
     drawing          a scene as a picture
     env              ``drl_av/Highway-v0``, the gymnasium environment
     learning         double DQN with two buffers: the only room that imports torch

@@ -66,14 +66,11 @@ class _Section:
             value = getattr(self, setting.name)
             meta = setting.metadata
             where = f"{_section_name(type(self))}.{setting.name}"
-            if setting.type is float and isinstance(value, int) and not isinstance(value, bool):
+            kind = type(setting.default)
+            if kind is float and type(value) is int:
                 object.__setattr__(self, setting.name, value := float(value))
-            if not isinstance(value, setting.type) or (
-                isinstance(value, bool) and setting.type is not bool
-            ):
-                raise ConfigError(
-                    f"{where} is {value!r}, but must be of type {setting.type.__name__}."
-                )
+            if type(value) is not kind:
+                raise ConfigError(f"{where} is {value!r}, but must be of type {kind.__name__}.")
             if meta["choices"] is not None and value not in meta["choices"]:
                 raise ConfigError(
                     f"{where} is {value!r}{_did_you_mean(value, meta['choices'])}, "
@@ -97,14 +94,16 @@ class _Section:
 
 @dataclass(frozen=True)
 class SimulationConfig(_Section):
-    """How SUMO steps."""
+    """Where and how SUMO steps."""
 
+    scenario: str = _setting("circular_three_lane", "ours", "scenario folder, or a shipped name")
     step_length_s: float = _setting(
         0.5, "ours", "length of a SUMO step; divides one second", low=0.01, high=1.0
     )
     decision_interval_s: float = _setting(
         1.0, "Table I", "sampling time: one decision a second", low=1.0, high=1.0
     )
+    decisions_per_episode: int = _setting(200, "Sec. IV-C", "N_s", low=1, high=100_000)
     lateral_resolution_m: float = _setting(
         3.8, "ours", "strip width of SUMO's sublane model; one strip a lane", low=0.1, high=10.0
     )
@@ -200,6 +199,7 @@ class RewardConfig(_Section):
     )
     desired_speed_m_s: float = _setting(30.0, "Sec. IV-C", "v_des on a free road", low=1, high=60)
     desired_lateral_m: float = _setting(3.8, "Sec. IV-C", "y_des when fixed", low=0, high=50)
+    collision_reward: float = _setting(-5.0, "ours", "r_col", low=-1000, high=0)
     safe_headway_s: float = _setting(1.3, "Sec. IV-C", "headway behind d_safe", low=0.1, high=10)
     catch_up_time_s: float = _setting(
         8.0, "ours", "time in which a gap ahead may be closed", low=1, high=60
@@ -226,8 +226,8 @@ class ObservationConfig(_Section):
 class LearningConfig(_Section):
     """Algorithm 1."""
 
+    seed: int = _setting(0, "ours", "seed of everything random in a training", low=0, high=2**32)
     episodes: int = _setting(10_000, "Sec. IV-C", "N_e", low=1, high=10_000_000)
-    decisions_per_episode: int = _setting(200, "Sec. IV-C", "N_s", low=1, high=100_000)
     discount: float = _setting(0.9, "Table I", "gamma", low=0, high=1)
     learning_rate: float = _setting(1e-4, "Sec. IV-C", "Adam's step size", low=1e-8, high=1)
     hidden_units: int = _setting(100, "Sec. IV-C", "units in each hidden layer", low=1, high=10_000)
@@ -243,7 +243,6 @@ class LearningConfig(_Section):
     )
     safe_capacity: int = _setting(100_000, "ours", "rows of Buf_S", low=1, high=100_000_000)
     collision_capacity: int = _setting(50_000, "ours", "rows of Buf_C", low=1, high=100_000_000)
-    collision_reward: float = _setting(-5.0, "ours", "r_col", low=-1000, high=0)
     target_update_episodes: int = _setting(5, "ours", "N_C", low=1, high=10_000)
     gradient_steps: int = _setting(1, "Alg. 1", "gradient steps a decision", low=0, high=100)
     mirrored: bool = _setting(
@@ -316,10 +315,12 @@ def from_toml(text: str, base: Config | None = None, name: str = "config") -> Co
     return config
 
 
-def load_config(path: Path, base: Config | None = None) -> Config:
-    """Read a TOML file over ``base``; raises ConfigError, naming the file."""
+def load_config(path: str | Path | None, base: Config | None = None) -> Config:
+    """Read a TOML file over ``base``, or the base alone; raises ConfigError, naming the file."""
+    if path is None:
+        return base or Config()
     try:
-        text = path.read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"The config file {path} cannot be read: {error}.") from error
     try:

@@ -1,4 +1,4 @@
-"""The errors this package raises on purpose; each message is one sentence: what, where, what to do."""
+"""The errors raised on purpose; each message is one sentence: what, where, what to do."""
 
 
 class DrlAvError(Exception):

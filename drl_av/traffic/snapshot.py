@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from drl_av.traffic.ring import FloatArray
 
@@ -53,3 +54,12 @@ class Snapshot:
     width_m: FloatArray
     lane_change_wish: int = 0
     """What SUMO's lane-change model would do with the ego: +1 left, -1 right, 0 stay."""
+
+
+class Command(NamedTuple):
+    """Where the ego is to be at the end of one SUMO step: what enters the room."""
+
+    speed_m_s: float
+    y_m: float
+    lateral_speed_m_s: float
+    """Its lateral velocity from then on; 0 where a lane change has just ended."""

@@ -1,0 +1,174 @@
+"""The 27 affordance indicators: what the ego knows of the road around it."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import ObservationConfig
+from drl_av.traffic.ring import FloatArray, Road
+from drl_av.traffic.snapshot import EGO, Snapshot
+
+SLOTS = ("own_front", "own_rear", "right_front", "right_rear", "left_front", "left_rear")
+INDICATORS: tuple[str, ...] = (
+    *(f"{slot}_{state}" for slot in SLOTS for state in ("d_x", "v_x", "d_y", "v_y")),
+    "ego_v_x",
+    "ego_d_y",
+    "ego_v_y",
+)
+"""Names of the 27 indicators, in the order of ``Affordances.vector()``."""
+
+
+class Neighbor(NamedTuple):
+    """The nearest vehicle in one direction of one lane, relative to the ego, SI units."""
+
+    vehicle: int
+    """Its row in the snapshot."""
+    gap_m: float
+    """Net gap, bumper to bumper, never negative."""
+    relative_speed_m_s: float
+    """Its speed minus the ego's."""
+    lateral_offset_m: float
+    """Its y minus the ego's; left positive."""
+    relative_lateral_speed_m_s: float
+
+
+class Affordances(NamedTuple):
+    """The indicators by name; a missing vehicle is None, a missing lane a False flag."""
+
+    own_front: Neighbor | None
+    own_rear: Neighbor | None
+    right_front: Neighbor | None
+    right_rear: Neighbor | None
+    left_front: Neighbor | None
+    left_rear: Neighbor | None
+    right_lane: bool
+    left_lane: bool
+    lane: int
+    """Index of the lane that the ego's centre is in."""
+    lane_center_m: float
+    lane_width_m: float
+    range_m: float
+    ego_speed_m_s: float
+    ego_y_m: float
+    ego_lateral_speed_m_s: float
+
+    def front(self, sign: int) -> Neighbor | None:
+        """Nearest vehicle ahead in the own (0), left (+1) or right (-1) lane."""
+        return (self.own_front, self.left_front, self.right_front)[sign]
+
+    def rear(self, sign: int) -> Neighbor | None:
+        """Nearest vehicle behind in the own (0), left (+1) or right (-1) lane."""
+        return (self.own_rear, self.left_rear, self.right_rear)[sign]
+
+    def has_lane(self, sign: int) -> bool:
+        """Whether the own (0), left (+1) or right (-1) lane exists and is open."""
+        return (True, self.left_lane, self.right_lane)[sign]
+
+    def vector(self) -> FloatArray:
+        """The 27 indicators in SI units, shape (27,), float64, ordered as INDICATORS.
+
+        No vehicle in range: gap ``range_m``, relative velocities 0, lateral offset that of the
+        lane's centre. No such lane: gap 0, relative velocities 0, lateral offset likewise.
+        """
+        values: list[float] = []
+        for slot, sign in zip(self[:6], (0, 0, -1, -1, 1, 1), strict=True):
+            if slot is not None:
+                values += slot[1:]
+            else:
+                gap_m = self.range_m if self.has_lane(sign) else 0.0
+                center_m = self.lane_center_m + sign * self.lane_width_m
+                values += (gap_m, 0.0, center_m - self.ego_y_m, 0.0)
+        values += (self.ego_speed_m_s, self.ego_y_m, self.ego_lateral_speed_m_s)
+        return np.array(values)
+
+
+def affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
+    """Look around the ego (Sec. III): the nearest vehicle ahead and behind in three lanes.
+
+    A vehicle occupies every lane that its body overlaps. It is ahead or behind by the shorter
+    way round, never both; one exactly alongside counts as ahead.
+    """
+    y, width = snapshot.y_m, snapshot.width_m
+    ego_y = float(y[EGO])
+    lane = road.lane_of(ego_y)
+    ahead_m = road.ahead_m(float(snapshot.s_m[EGO]), snapshot.s_m)
+    clearance_m = np.abs(ahead_m) - (snapshot.length_m + snapshot.length_m[EGO]) / 2
+    clearance_m[EGO] = np.inf
+    is_ahead = ahead_m >= 0.0
+    in_front = np.where(is_ahead, clearance_m, np.inf)
+    behind = np.where(is_ahead, np.inf, clearance_m)
+    reach = width / 2 + road.lane_width_m / 2
+    found: list[Neighbor | None] = []
+    for sign in (0, -1, 1):
+        occupies = np.abs(y - road.center_m(lane + sign)) < reach
+        for distances in (in_front, behind):
+            found.append(_nearest(snapshot, np.where(occupies, distances, np.inf), range_m))
+    own_front, own_rear, right_front, right_rear, left_front, left_rear = found
+    return Affordances(
+        own_front,
+        own_rear,
+        right_front,
+        right_rear,
+        left_front,
+        left_rear,
+        right_lane=road.is_open(lane - 1),
+        left_lane=road.is_open(lane + 1),
+        lane=lane,
+        lane_center_m=road.center_m(lane),
+        lane_width_m=road.lane_width_m,
+        range_m=range_m,
+        ego_speed_m_s=float(snapshot.speed_m_s[EGO]),
+        ego_y_m=ego_y,
+        ego_lateral_speed_m_s=float(snapshot.lateral_speed_m_s[EGO]),
+    )
+
+
+def _nearest(snapshot: Snapshot, distance_m: FloatArray, range_m: float) -> Neighbor | None:
+    row = int(distance_m.argmin())
+    gap_m = float(distance_m[row])
+    if gap_m > range_m:
+        return None
+    speed, y, lateral = snapshot.speed_m_s, snapshot.y_m, snapshot.lateral_speed_m_s
+    return Neighbor(
+        row,
+        max(gap_m, 0.0),
+        float(speed[row] - speed[EGO]),
+        float(y[row] - y[EGO]),
+        float(lateral[row] - lateral[EGO]),
+    )
+
+
+class ObservationScale:
+    """Turns the 27 indicators into the network's input, about [-1, 1], and back (ours).
+
+    Gaps, relative velocities, lateral offsets and lateral velocities are divided by constants
+    of the config; the ego's speed and lateral position are centred first. Values beyond
+    ``bounds`` are clipped, so that every observation lies in a finite box.
+    """
+
+    def __init__(self, config: ObservationConfig, max_speed_m_s: float, road: Road) -> None:
+        vehicle = (
+            config.gap_scale_m,
+            config.speed_scale_m_s,
+            config.lateral_scale_m,
+            config.lateral_speed_scale_m_s,
+        )
+        middle_m = road.lane_width_m * (len(road.open_lanes) - 1) / 2
+        half_speed = max_speed_m_s / 2
+        self.offset = np.array([0.0] * 24 + [half_speed, middle_m, 0.0])
+        self.scale = np.array(
+            [*vehicle * 6, half_speed, config.lateral_scale_m, config.lateral_speed_scale_m_s]
+        )
+        widest_m = road.lane_width_m * (len(road.open_lanes) + 1)
+        limits = (config.range_m, 60.0, widest_m, 4.0)
+        half_road_m = road.lane_width_m * len(road.open_lanes) / 2
+        ends = np.array([*limits * 6, half_speed, half_road_m, 4.0]) / self.scale
+        self.bounds: npt.NDArray[np.float32] = ends.astype(np.float32)
+        """Largest magnitude of each scaled indicator, shape (27,)."""
+
+    def __call__(self, vector: FloatArray) -> npt.NDArray[np.float32]:
+        """Scale a vector of SI indicators, shape (27,) -> float32 (27,)."""
+        scaled = ((vector - self.offset) / self.scale).astype(np.float32)
+        clipped: npt.NDArray[np.float32] = np.clip(scaled, -self.bounds, self.bounds)
+        return clipped

@@ -1,0 +1,59 @@
+"""Drivers by rule that the paper compares with (Sec. IV-C)."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import SafetyConfig
+from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, toward
+from drl_av.driving.affordances import Affordances
+from drl_av.driving.maneuver import Scene
+from drl_av.driving.safety import closing_speed, safe_action, time_to_collision
+
+
+def idm_action(seen: Affordances, config: SafetyConfig) -> Longitudinal:
+    """The paper's IDM: eq. 3, and accelerate above a time to collision of T_A."""
+    front = seen.own_front
+    ttc_s = math.inf if front is None else time_to_collision(front.gap_m, closing_speed(front))
+    if ttc_s > config.accelerate_ttc_s:
+        return Longitudinal.ACCELERATE
+    return safe_action(ttc_s, config)
+
+
+class IdmDriver:
+    """``idm``: keeps its lane."""
+
+    def __init__(self, config: SafetyConfig) -> None:
+        self._config = config
+
+    def start(self, seed: int) -> None:
+        """Nothing to do: no memory, no chance."""
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """The paper's IDM in the lane."""
+        return Action(Lateral.KEEP, idm_action(scene.seen, self._config))
+
+
+class IdmSumoDriver(IdmDriver):
+    """``idm-sumo``: as ``idm``, and SUMO's lane-change model (SL2015) says when to change."""
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """The paper's IDM; a lane change once started runs to its end."""
+        wish = scene.snapshot.lane_change_wish if scene.lane_change is None else 0
+        return Action(toward(wish), idm_action(scene.seen, self._config))
+
+
+class RandomDriver:
+    """``random``: each of the 12 actions with equal probability."""
+
+    def __init__(self) -> None:
+        self._rng = np.random.default_rng()
+
+    def start(self, seed: int) -> None:
+        """Draw from a generator of this seed."""
+        self._rng = np.random.default_rng([seed, 2])
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """Any of the 12."""
+        return ACTIONS[self._rng.integers(len(ACTIONS))]

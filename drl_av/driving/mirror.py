@@ -1,0 +1,32 @@
+"""The road seen in a mirror: left and right swapped in indicators and actions (ours)."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.driving.actions import ACTIONS, Action, Lateral
+
+
+class Mirror(NamedTuple):
+    """Which indicator and which action each becomes."""
+
+    observation_permutation: npt.NDArray[np.intp]
+    """Shape (27,); right and left slots change places."""
+    observation_sign: npt.NDArray[np.float32]
+    """Shape (27,); every lateral component changes its sign."""
+    action_permutation: npt.NDArray[np.int64]
+    """Shape (12,); right and left change places."""
+
+
+def _mirror() -> Mirror:
+    order = [0, 1, 4, 5, 2, 3]
+    swapped = (Lateral.KEEP, Lateral.LEFT, Lateral.RIGHT)
+    return Mirror(
+        np.array([4 * slot + state for slot in order for state in range(4)] + [24, 25, 26]),
+        np.array([1, 1, -1, -1] * 6 + [1, -1, -1], dtype=np.float32),
+        np.array([Action(swapped[lateral], how).number for lateral, how in ACTIONS]),
+    )
+
+
+MIRROR = _mirror()

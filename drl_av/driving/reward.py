@@ -1,0 +1,96 @@
+"""The reward of a decision: eq. 6, 7 and 8 of the paper, and what they are measured against."""
+
+import math
+from typing import NamedTuple
+
+from drl_av.config import RewardConfig
+from drl_av.driving.affordances import Affordances
+
+
+class Desired(NamedTuple):
+    """What the reward compares the ego with."""
+
+    speed_m_s: float
+    lateral_m: float
+
+
+class Rewards(NamedTuple):
+    """The three terms, each in [-1, 0]."""
+
+    r_v: float
+    r_y: float
+    r_x: float
+
+    @property
+    def total(self) -> float:
+        """Their equally weighted mean, in [-1, 0]."""
+        return (self.r_v + self.r_y + self.r_x) / 3
+
+
+def speed_reward(speed_m_s: float, desired_m_s: float) -> float:
+    """r_v, eq. 6: 0 at the desired speed, towards -1 away from it."""
+    return math.exp(-((speed_m_s - desired_m_s) ** 2) / 10) - 1
+
+
+def lateral_reward(lateral_m: float, desired_m: float) -> float:
+    """r_y, eq. 7: 0 at the desired lateral position, towards -1 away from it."""
+    return math.exp(-((lateral_m - desired_m) ** 2) / 10) - 1
+
+
+def gap_reward(gap_m: float, safe_gap_m: float) -> float:
+    """r_x, eq. 8: 0 from the safe gap on, towards -1 the closer the vehicle ahead is."""
+    if gap_m >= safe_gap_m:
+        return 0.0
+    return math.exp(-((gap_m - safe_gap_m) ** 2) / (10 * safe_gap_m)) - 1
+
+
+def safe_gap(speed_m_s: float, headway_s: float, minimum_gap_m: float) -> float:
+    """d_safe, Sec. IV-C: the gap of the wanted headway, at least the minimum gap, metres."""
+    return max(headway_s * speed_m_s, minimum_gap_m)
+
+
+def attainable_speed(
+    seen: Affordances, sign: int, config: RewardConfig, minimum_gap_m: float
+) -> float:
+    """Speed that the own (0), left (+1) or right (-1) lane allows now, m/s (ours).
+
+    That of its vehicle ahead, and what closing the gap behind it to d_safe within
+    ``catch_up_time_s`` adds; never above the desired speed of a free road.
+    """
+    front = seen.front(sign)
+    if front is None:
+        return config.desired_speed_m_s
+    leader_m_s = seen.ego_speed_m_s + front.relative_speed_m_s
+    spare_m = front.gap_m - safe_gap(leader_m_s, config.safe_headway_s, minimum_gap_m)
+    return min(config.desired_speed_m_s, leader_m_s + max(0.0, spare_m) / config.catch_up_time_s)
+
+
+def desired(seen: Affordances, config: RewardConfig, minimum_gap_m: float) -> Desired:
+    """The desired speed and lateral position in this traffic, a function of the indicators.
+
+    ``fixed``: the two numbers of the config. ``traffic``: the speed that the best lane allows,
+    and the centre of that lane; another lane is better only from ``worthwhile_gain_m_s`` on.
+    """
+    if config.desired == "fixed":
+        return Desired(config.desired_speed_m_s, config.desired_lateral_m)
+    speed, sign = attainable_speed(seen, 0, config, minimum_gap_m), 0
+    threshold = speed + config.worthwhile_gain_m_s
+    for side in (1, -1):
+        if seen.has_lane(side):
+            there = attainable_speed(seen, side, config, minimum_gap_m)
+            if there >= threshold and there > speed:
+                speed, sign = there, side
+    return Desired(speed, seen.lane_center_m + sign * seen.lane_width_m)
+
+
+def rewards(
+    seen: Affordances, target: Desired, config: RewardConfig, minimum_gap_m: float
+) -> Rewards:
+    """The three terms of one moment; r_x reads the vehicle ahead in the ego's own lane."""
+    front = seen.own_front
+    safe_gap_m = safe_gap(seen.ego_speed_m_s, config.safe_headway_s, minimum_gap_m)
+    return Rewards(
+        speed_reward(seen.ego_speed_m_s, target.speed_m_s),
+        lateral_reward(seen.ego_y_m, target.lateral_m),
+        0.0 if front is None else gap_reward(front.gap_m, safe_gap_m),
+    )

@@ -1,0 +1,222 @@
+"""Experience: the safe and the collision buffer of Algorithm 1, and the one buffer without them.
+
+Endings are data: a row of the collision buffer has discount 0, a safe row gamma.
+"""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drl_av.config import LearningConfig
+from drl_av.errors import CheckpointError
+
+FloatArray = NDArray[np.float32]
+State = dict[str, np.ndarray]
+
+
+class Batch(NamedTuple):
+    """Rows to learn from; the arrays are the taker's own.
+
+    ``weights`` (rows,) scales each row's squared error, None for 1; ``slots`` (rows,) says where
+    a prioritized buffer keeps the rows.
+    """
+
+    s_t: FloatArray
+    a_t: NDArray[np.int64]
+    r_tp1: FloatArray
+    discount: FloatArray
+    s_tp1: FloatArray
+    weights: FloatArray | None = None
+    slots: NDArray[np.int64] | None = None
+
+
+class Ring:
+    """The newest ``capacity`` transitions, one float32 row each: s_t, s_tp1, a_t, r_tp1, discount.
+
+    Memory is taken as rows come in.
+    """
+
+    def __init__(self, capacity: int, observation_size: int) -> None:
+        self.observation_size = observation_size
+        self.rows: FloatArray = np.empty((capacity, 2 * observation_size + 3), np.float32)
+        self.filled = 0
+        self.next_slot = 0
+
+    def __len__(self) -> int:
+        return self.filled
+
+    def append(
+        self, s_t: FloatArray, a_t: int, r_tp1: float, discount: float, s_tp1: FloatArray | float
+    ) -> int:
+        """Store a transition over the oldest one when full; returns its slot."""
+        slot, n = self.next_slot, self.observation_size
+        row = self.rows[slot]
+        row[:n] = s_t
+        row[n:-3] = s_tp1
+        row[-3:] = a_t, r_tp1, discount
+        self.next_slot = (slot + 1) % len(self.rows)
+        self.filled = max(self.filled, slot + 1)
+        return slot
+
+    def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """``count`` of the stored rows, uniformly and with replacement."""
+        drawn: FloatArray = self.rows.take(rng.integers(0, self.filled, count), axis=0)
+        return drawn
+
+    def state(self) -> State:
+        """A copy of the stored rows, slot by slot, and the slot that comes next."""
+        return {"rows": self.rows[: self.filled].copy(), "next_slot": np.array(self.next_slot)}
+
+    def restore(self, state: State) -> None:
+        """Go on from ``state`` exactly.
+
+        Raises:
+            CheckpointError: the rows do not fit a ring of this capacity and observation size.
+        """
+        rows = state.get("rows", np.empty(0))
+        next_slot = state.get("next_slot", np.empty(0))
+        capacity, width = self.rows.shape
+        fits = (
+            rows.dtype == np.float32
+            and rows.shape[1:] == (width,)
+            and next_slot.shape == ()
+            and 0 <= next_slot < capacity
+            and (len(rows) == capacity or len(rows) == next_slot)
+        )
+        if not fits:
+            raise CheckpointError(
+                f"The stored experience does not fit a buffer of {capacity} rows of {width} "
+                "numbers: go on with the configuration the run was started with."
+            )
+        self.filled, self.next_slot = len(rows), int(next_slot)
+        self.rows[: self.filled] = rows
+
+
+def batch_of(rows: FloatArray, observation_size: int) -> Batch:
+    """Rows of a ring, (rows, 2 n + 3), cut into the parts of a transition."""
+    n = observation_size
+    return Batch(
+        s_t=rows[:, :n],
+        a_t=rows[:, -3].astype(np.int64),
+        r_tp1=rows[:, -2],
+        discount=rows[:, -1],
+        s_tp1=rows[:, n:-3],
+    )
+
+
+class Buffer(Protocol):
+    """What the training loop asks of any experience buffer."""
+
+    def __len__(self) -> int: ...
+    def add_safe(self, s_t: FloatArray, a_t: int, r_tp1: float, s_tp1: FloatArray) -> None: ...
+    def add_collision(self, s_t: FloatArray, a_t: int, r_col: float) -> None: ...
+    def sample(self, batch_size: int, rng: np.random.Generator) -> Batch: ...
+    def state(self) -> State: ...
+    def restore(self, state: State) -> None: ...
+
+
+class TwoBuffers:
+    """Buf_S and Buf_C: a batch takes a fixed share of its rows from each, once both have any."""
+
+    def __init__(
+        self,
+        observation_size: int,
+        safe_capacity: int,
+        collision_capacity: int,
+        discount: float,
+        collision_fraction: float,
+    ) -> None:
+        self.safe = Ring(safe_capacity, observation_size)
+        self.collision = Ring(collision_capacity, observation_size)
+        self.discount = discount
+        self.collision_fraction = collision_fraction
+
+    def __len__(self) -> int:
+        return len(self.safe) + len(self.collision)
+
+    def add_safe(self, s_t: FloatArray, a_t: int, r_tp1: float, s_tp1: FloatArray) -> None:
+        """Algorithm 1, line 11: (s_t, a_t, s_tp1, r_tp1) into Buf_S."""
+        self.safe.append(s_t, a_t, r_tp1, self.discount, s_tp1)
+
+    def add_collision(self, s_t: FloatArray, a_t: int, r_col: float) -> None:
+        """Algorithm 1, lines 6 and 9: (s_t, a_t, *, r_col) into Buf_C."""
+        self.collision.append(s_t, a_t, r_col, 0.0, 0.0)
+
+    def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
+        """Algorithm 1, line 13: a minibatch from Buf_S and Buf_C, the safe rows first.
+
+        Raises:
+            ValueError: both buffers are empty.
+        """
+        from_collision = round(batch_size * self.collision_fraction)
+        if not self.collision:
+            from_collision = 0
+        elif not self.safe:
+            from_collision = batch_size
+        drawn = [
+            ring.draw(count, rng)
+            for ring, count in (
+                (self.safe, batch_size - from_collision),
+                (self.collision, from_collision),
+            )
+            if count
+        ]
+        rows = drawn[0] if len(drawn) == 1 else np.concatenate(drawn)
+        return batch_of(rows, self.safe.observation_size)
+
+    def state(self) -> State:
+        """Both buffers, under ``safe.`` and ``collision.``."""
+        rings = {"safe": self.safe, "collision": self.collision}
+        return {f"{name}.{k}": v for name, ring in rings.items() for k, v in ring.state().items()}
+
+    def restore(self, state: State) -> None:
+        """Go on from ``state`` exactly; raises CheckpointError where it does not fit."""
+        for name, ring in (("safe", self.safe), ("collision", self.collision)):
+            prefix = f"{name}."
+            ring.restore({k[len(prefix) :]: v for k, v in state.items() if k.startswith(prefix)})
+
+
+class UniformBuffer:
+    """One ring for safe and collision rows alike, sampled uniformly: no second buffer."""
+
+    def __init__(self, observation_size: int, capacity: int, discount: float) -> None:
+        self.ring = Ring(capacity, observation_size)
+        self.discount = discount
+
+    def __len__(self) -> int:
+        return len(self.ring)
+
+    def add_safe(self, s_t: FloatArray, a_t: int, r_tp1: float, s_tp1: FloatArray) -> None:
+        """Store (s_t, a_t, s_tp1, r_tp1) with discount gamma."""
+        self.ring.append(s_t, a_t, r_tp1, self.discount, s_tp1)
+
+    def add_collision(self, s_t: FloatArray, a_t: int, r_col: float) -> None:
+        """Store (s_t, a_t, *, r_col) with discount 0."""
+        self.ring.append(s_t, a_t, r_col, 0.0, 0.0)
+
+    def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
+        """A minibatch of any rows; raises ValueError when there are none."""
+        return batch_of(self.ring.draw(batch_size, rng), self.ring.observation_size)
+
+    def state(self) -> State:
+        """The stored rows and the slot that comes next."""
+        return self.ring.state()
+
+    def restore(self, state: State) -> None:
+        """Go on from ``state`` exactly; raises CheckpointError where it does not fit."""
+        self.ring.restore(state)
+
+
+def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
+    """The empty buffer that ``config.replay`` names."""
+    if config.replay == "uniform":
+        capacity = config.safe_capacity + config.collision_capacity
+        return UniformBuffer(observation_size, capacity, config.discount)
+    return TwoBuffers(
+        observation_size,
+        config.safe_capacity,
+        config.collision_capacity,
+        config.discount,
+        config.collision_fraction,
+    )

@@ -1,0 +1,178 @@
+"""One gradient step of Algorithm 1, lines 14 and 15: target and loss are pure, Learner remembers.
+
+The backward pass is written out because at 64 rows autograd costs more than the arithmetic.
+"""
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.optim.adam import adam
+
+from drl_av.errors import CheckpointError
+from drl_av.learning.buffers import Batch, FloatArray, State
+from drl_av.learning.qnetwork import LEAK, Layers, QNetwork
+
+_leaky_relu_backward = torch.ops.aten.leaky_relu_backward.default
+
+
+def double_q_target(
+    r_tp1: FloatArray, discount: FloatArray, q_next_online: FloatArray, q_next_target: FloatArray
+) -> FloatArray:
+    """r + discount * Q^(s', argmax_a Q(s', a)): the online network selects, the target values.
+
+    Algorithm 1, line 14, sample from Buf_S. Shapes: (rows,), (rows,), and twice (rows, actions).
+    """
+    a_next = q_next_online.argmax(axis=1)
+    target: FloatArray = r_tp1 + discount * q_next_target[np.arange(len(a_next)), a_next]
+    return target
+
+
+def td_error(target: FloatArray, q_t: FloatArray, a_t: NDArray[np.int64]) -> FloatArray:
+    """y - Q(s, a): how far the target lies above the value, (rows,).
+
+    Algorithm 1, line 15. Shapes: (rows,), (rows, actions), (rows,).
+    """
+    return target - q_t[np.arange(len(a_t)), a_t]
+
+
+def q_gradient(weighted_td: FloatArray, a_t: NDArray[np.int64], action_size: int) -> FloatArray:
+    """The derivative of mean (y - Q(s, a))^2 by every Q(s, .): zero but at the action taken.
+
+    Algorithm 1, line 15. Shapes: (rows,), (rows,); returns (rows, action_size).
+    """
+    gradient = np.zeros((len(a_t), action_size), np.float32)
+    gradient[np.arange(len(a_t)), a_t] = weighted_td * np.float32(-2.0 / len(a_t))
+    return gradient
+
+
+def forward(layers: Layers, s: Tensor) -> tuple[list[Tensor], Tensor]:
+    """What enters each layer, (rows, inputs) each, and Q(s, .), (rows, actions)."""
+    entered = [s]
+    for weight, bias in layers[:-1]:
+        z = torch.addmm(bias, entered[-1], weight.t())
+        entered.append(torch.nn.functional.leaky_relu_(z, LEAK))
+    weight, bias = layers[-1]
+    return entered, torch.addmm(bias, entered[-1], weight.t())
+
+
+def backward(layers: Layers, entered: list[Tensor], dq: Tensor, gradients: Layers) -> None:
+    """Write the gradient of every weight and bias into ``gradients``, by the chain rule.
+
+    Shapes: ``entered`` as from ``forward``, ``dq`` (rows, actions).
+    """
+    dz = dq
+    for i in reversed(range(len(layers))):
+        d_weight, d_bias = gradients[i]
+        torch.mm(dz.t(), entered[i], out=d_weight)
+        torch.sum(dz, 0, out=d_bias)
+        if i:
+            dz = _leaky_relu_backward(dz @ layers[i][0], entered[i], LEAK, True)
+
+
+class Learner:
+    """The online and the target network and Adam's moments; learns a batch at a time.
+
+    Sets torch to one thread: at this size more are slower, and the order of sums stays the same
+    from run to run.
+    """
+
+    def __init__(self, network: QNetwork, learning_rate: float = 1e-4) -> None:
+        torch.set_num_threads(1)
+        self.network = network
+        self.learning_rate = learning_rate
+        self.td_errors: FloatArray = np.zeros(0, np.float32)
+        self._online = network.flat.detach()
+        self._target = self._online.clone()
+        self._gradient = torch.zeros_like(self._online)
+        self._first_moment = torch.zeros_like(self._online)
+        self._second_moment = torch.zeros_like(self._online)
+        self._step = torch.zeros(())
+        self._online_layers = network.split(self._online)
+        self._target_layers = network.split(self._target)
+        self._gradient_layers = network.split(self._gradient)
+
+    @property
+    def steps(self) -> int:
+        """Gradient steps made so far."""
+        return int(self._step)
+
+    def update(self, batch: Batch) -> float:
+        """One step of Adam on the squared error; returns the mean over the batch before it.
+
+        Algorithm 1, lines 14 and 15. Only rows with a discount look at their next state.
+        ``td_errors`` keeps y - Q(s, a) of each row.
+        """
+        rows = len(batch.a_t)
+        goes_on = batch.discount.nonzero()[0]
+        s = torch.cat(
+            (torch.from_numpy(batch.s_t), torch.from_numpy(batch.s_tp1.take(goes_on, axis=0)))
+        )
+        entered, q_online = forward(self._online_layers, s)
+        q_next_target = forward(self._target_layers, s[rows:])[1].numpy()
+        q_t, q_next_online = q_online[:rows].numpy(), q_online[rows:].numpy()
+
+        target = batch.r_tp1.copy()
+        target[goes_on] = double_q_target(
+            batch.r_tp1[goes_on], batch.discount[goes_on], q_next_online, q_next_target
+        )
+        td = td_error(target, q_t, batch.a_t)
+        weighted_td = td if batch.weights is None else td * batch.weights
+        # The clone lies where torch aligns its memory: MKL's last bits depend on alignment.
+        dq = torch.from_numpy(q_gradient(weighted_td, batch.a_t, q_t.shape[1])).clone()
+        backward(self._online_layers, [x[:rows] for x in entered], dq, self._gradient_layers)
+        self._adam()
+        self.td_errors = td
+        return float(weighted_td.dot(td)) / rows
+
+    def _adam(self) -> None:
+        adam(
+            [self._online],
+            [self._gradient],
+            [self._first_moment],
+            [self._second_moment],
+            [],
+            [self._step],
+            fused=True,
+            amsgrad=False,
+            beta1=0.9,
+            beta2=0.999,
+            lr=self.learning_rate,
+            weight_decay=0.0,
+            eps=1e-8,
+            maximize=False,
+        )
+
+    def sync_target(self) -> None:
+        """Q^ = Q. Algorithm 1, line 16."""
+        self._target.copy_(self._online)
+
+    def _tensors(self) -> dict[str, Tensor]:
+        return {
+            "online": self._online,
+            "target": self._target,
+            "first_moment": self._first_moment,
+            "second_moment": self._second_moment,
+            "step": self._step,
+        }
+
+    def state(self) -> State:
+        """A copy of everything the next update depends on, but the batch."""
+        return {name: tensor.numpy().copy() for name, tensor in self._tensors().items()}
+
+    def restore(self, state: State) -> None:
+        """Go on from ``state`` exactly.
+
+        Raises:
+            CheckpointError: a tensor is missing, or of another shape or type than this network's.
+        """
+        for name, tensor in self._tensors().items():
+            stored = state.get(name)
+            if stored is None or stored.shape != tensor.shape or stored.dtype != np.float32:
+                raise CheckpointError(
+                    f"The stored learner's {name!r} does not fit a network of "
+                    f"{' -> '.join(map(str, self.network.sizes))}: go on with the configuration "
+                    "the run was started with."
+                )
+        for name, tensor in self._tensors().items():
+            tensor.copy_(torch.from_numpy(np.asarray(state[name])))

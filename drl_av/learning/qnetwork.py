@@ -1,0 +1,88 @@
+"""The Q-network: 27 indicators -> 100 -> 100 leaky ReLU -> the values of 12 actions."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+FloatArray = NDArray[np.float32]
+Layers = list[tuple[Tensor, Tensor]]
+
+LEAK = 0.01
+_LEAK = np.float32(LEAK)
+
+
+class QNetwork(nn.Module):
+    """Fully connected layers whose parameters are views of one vector, ``flat``.
+
+    The vector is what the learner steps and copies; ``state_dict`` names its parts.
+    """
+
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        observation_size: int = 27,
+        action_size: int = 12,
+        hidden: Sequence[int] = (100, 100),
+    ) -> None:
+        super().__init__()
+        self.sizes = (observation_size, *hidden, action_size)
+        shapes = list(zip(self.sizes[:-1], self.sizes[1:], strict=True))
+        self.flat = torch.zeros(sum((inputs + 1) * outputs for inputs, outputs in shapes))
+        self.layers = nn.ModuleList()
+        for (weight, bias), (inputs, outputs) in zip(self.split(self.flat), shapes, strict=True):
+            bound = inputs**-0.5
+            for view in (weight, bias):
+                view.copy_(torch.from_numpy(rng.uniform(-bound, bound, view.shape)))
+            linear = nn.Linear(inputs, outputs, device="meta")
+            linear.weight = nn.Parameter(weight)
+            linear.bias = nn.Parameter(bias)
+            self.layers.append(linear)
+
+    def split(self, flat: Tensor) -> Layers:
+        """Views of a vector like ``flat``: (outputs, inputs) weight and (outputs,) bias by layer."""
+        layers, start = [], 0
+        for inputs, outputs in zip(self.sizes[:-1], self.sizes[1:], strict=True):
+            middle, end = start + inputs * outputs, start + (inputs + 1) * outputs
+            layers.append((flat[start:middle].view(outputs, inputs), flat[middle:end]))
+            start = end
+        return layers
+
+    def forward(self, s: Tensor) -> Tensor:
+        """Q(s, .): (rows, observation_size) -> (rows, action_size)."""
+        *hidden, last = self.layers
+        for layer in hidden:
+            s = nn.functional.leaky_relu(layer(s), LEAK)
+        values: Tensor = last(s)
+        return values
+
+
+class GreedyPolicy:
+    """argmax_a Q(s, a) for one observation, in numpy on memory shared with the network.
+
+    It follows every later change of the network's parameters made in place, as the learner's
+    are, and is three times as fast as the module at one row.
+    """
+
+    def __init__(self, network: QNetwork) -> None:
+        views = [
+            (weight.numpy(), bias.numpy()) for weight, bias in network.split(network.flat.detach())
+        ]
+        self._hidden, self._last = views[:-1], views[-1]
+
+    def values(self, s_t: FloatArray) -> FloatArray:
+        """Q(s_t, .): (observation_size,) -> (action_size,)."""
+        for weight, bias in self._hidden:
+            s_t = weight.dot(s_t)
+            s_t += bias
+            np.maximum(s_t, s_t * _LEAK, out=s_t)
+        weight, bias = self._last
+        values: FloatArray = weight.dot(s_t)
+        values += bias
+        return values
+
+    def __call__(self, s_t: FloatArray) -> int:
+        """The action of the greatest value; the first of several equal ones."""
+        return int(self.values(s_t).argmax())

@@ -1,0 +1,150 @@
+"""A run's folder: settings, CSV files, checkpoint and policy, whole at every moment."""
+
+import csv
+import io
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import astuple, fields
+from pathlib import Path
+from typing import NamedTuple
+
+from drl_av.config import Config, load_config
+from drl_av.errors import CheckpointError, RunError
+from drl_av.learning import checkpoint
+from drl_av.learning.training import EpisodeRow, EvaluationRow, Training
+
+
+class Progress(NamedTuple):
+    """What one more episode brought."""
+
+    episode: EpisodeRow
+    evaluation: EvaluationRow | None
+
+
+class Run:
+    """A folder with ``config.toml, episodes.csv, evaluations.csv, checkpoint`` and ``policy``.
+
+    Every byte in it depends on the config alone, however often the training was interrupted.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.config_file = folder / "config.toml"
+        self.episodes_file = folder / "episodes.csv"
+        self.evaluations_file = folder / "evaluations.csv"
+        self.checkpoint_file = folder / "checkpoint.safetensors"
+        self.policy_file = folder / "policy.safetensors"
+
+    def create(self, config: Config) -> None:
+        """Begin a run, in one rename.
+
+        Raises:
+            RunError: the folder exists already and is not empty, or cannot be written to.
+        """
+        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
+            raise RunError(
+                f"{self.folder} exists already: continue it with --resume, "
+                "or choose another folder with --out."
+            )
+        try:
+            self.folder.parent.mkdir(parents=True, exist_ok=True)
+            new = Path(tempfile.mkdtemp(prefix=f".{self.folder.name}-", dir=self.folder.parent))
+            try:
+                new.chmod(0o755)
+                (new / self.config_file.name).write_text(config.to_toml(), encoding="utf-8")
+                (new / self.episodes_file.name).write_bytes(_header(EpisodeRow))
+                (new / self.evaluations_file.name).write_bytes(_header(EvaluationRow))
+                new.replace(self.folder)
+            finally:
+                shutil.rmtree(new, ignore_errors=True)
+        except OSError as error:
+            raise RunError(
+                f"The run folder {self.folder} cannot be written ({error.strerror}): "
+                "free some space, or choose another folder with --out."
+            ) from error
+
+    def read_config(self) -> Config:
+        """The settings of the run; raises RunError where there is none."""
+        if not self.config_file.is_file():
+            raise RunError(f"{self.folder} is not a run: it has no config.toml; check the path.")
+        return load_config(self.config_file)
+
+    def restore(self, training: Training) -> None:
+        """Go on from the last checkpoint, or from the beginning before the first one.
+
+        Rows written after it are cut off: they will be written again, the same.
+
+        Raises:
+            CheckpointError: the checkpoint is damaged or of another config, or rows are missing.
+        """
+        sizes = {
+            self.episodes_file.name: len(_header(EpisodeRow)),
+            self.evaluations_file.name: len(_header(EvaluationRow)),
+        }
+        if self.checkpoint_file.exists():
+            tensors, numbers = checkpoint.load(self.checkpoint_file)
+            if numbers.get("kind") != "training" or numbers["config"] != training.config.to_toml():
+                raise CheckpointError(
+                    f"{self.checkpoint_file} belongs to other settings than {self.config_file}: "
+                    "put back the config.toml of that training, or begin a new run."
+                )
+            training.restore(tensors, numbers)
+            sizes = numbers["sizes"]
+        for name, size in sizes.items():
+            file = self.folder / name
+            if not file.is_file() or file.stat().st_size < size:
+                raise CheckpointError(
+                    f"{file} has lost rows that {self.checkpoint_file.name} counts: "
+                    "put the file back, or begin a new run."
+                )
+            os.truncate(file, size)
+
+    def save(self, training: Training) -> None:
+        """Write policy and checkpoint, each whole or not at all; raises CheckpointError."""
+        sizes = {}
+        for file in (self.episodes_file, self.evaluations_file):
+            with file.open("ab") as stream:
+                os.fsync(stream.fileno())
+                sizes[file.name] = stream.tell()
+        tensors, numbers = training.state()
+        numbers |= {"kind": "training", "config": training.config.to_toml(), "sizes": sizes}
+        checkpoint.save_policy(self.policy_file, training.network, training.config)
+        checkpoint.save(self.checkpoint_file, tensors, numbers)
+
+    def append(self, file: Path, row: EpisodeRow | EvaluationRow) -> None:
+        """Add a row to one of the CSV files; raises RunError where the disk refuses."""
+        try:
+            with file.open("ab") as stream:
+                stream.write(_line(astuple(row)))
+        except OSError as error:
+            raise RunError(
+                f"{file} cannot be written ({error.strerror}): free some space, "
+                "then continue with --resume; nothing saved before is lost."
+            ) from error
+
+
+def train(run: Run, training: Training) -> Iterator[Progress]:
+    """Algorithm 1 to its last episode, evaluated and saved on the way; rows are on disk first."""
+    config = training.config.learning
+    while training.episodes_done < config.episodes:
+        row, evaluation = training.run_episode(), None
+        run.append(run.episodes_file, row)
+        last = training.episodes_done == config.episodes
+        if training.episodes_done % config.evaluate_every == 0 or last:
+            evaluation = training.evaluate()
+            run.append(run.evaluations_file, evaluation)
+        if training.episodes_done % config.checkpoint_every == 0 or last:
+            run.save(training)
+        yield Progress(row, evaluation)
+
+
+def _header(row: type[EpisodeRow] | type[EvaluationRow]) -> bytes:
+    return _line(field.name for field in fields(row))
+
+
+def _line(values: Iterable[object]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(values)
+    return text.getvalue().encode()

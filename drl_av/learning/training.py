@@ -1,0 +1,196 @@
+"""Algorithm 1, an episode at a time."""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.affordances import INDICATORS
+from drl_av.driving.maneuver import Scene
+from drl_av.driving.mirror import MIRROR
+from drl_av.env import TRAINING_SEEDS, HighwayEnv
+from drl_av.episode import drive
+from drl_av.learning.buffers import State, make_buffer
+from drl_av.learning.checkpoint import rng_from_json, rng_to_json
+from drl_av.learning.exploration import epsilon_greedy, linear_epsilon
+from drl_av.learning.learner import Learner
+from drl_av.learning.mirroring import mirror_half
+from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
+
+EVALUATION_SEEDS = 900_000
+"""First traffic seed of the evaluations within training, which never trains on it."""
+
+
+@dataclass(frozen=True)
+class EpisodeRow:
+    """A row of ``episodes.csv``."""
+
+    episode: int
+    seed: int
+    vehicles: int
+    decisions: int
+    mean_reward: float
+    mean_speed_m_s: float
+    safety_triggers: int
+    collided: bool
+    ego_hit: bool
+    epsilon: float
+    mean_loss: float
+
+
+@dataclass(frozen=True)
+class EvaluationRow:
+    """A row of ``evaluations.csv``: the greedy driver on the same seeded traffic every time."""
+
+    episode: int
+    mean_reward: float
+    mean_r_v: float
+    mean_r_y: float
+    mean_r_x: float
+    mean_speed_m_s: float
+    collisions: int
+    ego_hits: int
+    safety_triggers: float
+
+
+class GreedyDriver:
+    """The learned driver: the action of the greatest value."""
+
+    def __init__(self, network: QNetwork) -> None:
+        self._policy = GreedyPolicy(network)
+
+    def start(self, seed: int) -> None:
+        """Nothing to do: no memory, no chance."""
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """argmax_a Q(s, a)."""
+        return ACTIONS[self._policy(observation)]
+
+
+class Training:
+    """Algorithm 1 at an episode boundary; all its randomness comes from ``learning.seed``."""
+
+    def __init__(self, env: HighwayEnv) -> None:
+        self._env = env
+        self.config = env.config
+        self._config = env.config.learning
+        self._rng = np.random.default_rng(self._config.seed)
+        hidden = (self._config.hidden_units,) * 2
+        self.network = QNetwork(self._rng, len(INDICATORS), len(ACTIONS), hidden)
+        self._greedy = GreedyPolicy(self.network)
+        self._learner = Learner(self.network, self._config.learning_rate)
+        self._buffer = make_buffer(self._config, len(INDICATORS))
+        self.episodes_done = 0
+
+    @property
+    def epsilon(self) -> float:
+        """Exploration in the coming episode."""
+        config = self._config
+        return linear_epsilon(
+            self.episodes_done,
+            config.episodes,
+            config.epsilon_start,
+            config.epsilon_end,
+            config.epsilon_fraction,
+        )
+
+    def run_episode(self) -> EpisodeRow:
+        """Lines 3 to 17: one episode, learning after each decision."""
+        epsilon = self.epsilon
+        seed = int(self._rng.integers(*TRAINING_SEEDS))
+        s_t, info = self._env.reset(seed=seed)
+        rewards, speeds, losses, triggers, over = [], [], [], 0, False
+        while not over:
+            a_t = epsilon_greedy(epsilon, len(ACTIONS), partial(self._greedy, s_t), self._rng)
+            s_tp1, r_tp1, terminated, truncated, info = self._env.step(a_t)
+            self._remember(s_t, a_t, r_tp1, s_tp1, terminated, info)
+            losses += [self._learn() for _ in range(self._config.gradient_steps)]
+            rewards.append(r_tp1)
+            speeds.append(info["speed_m_s"])
+            triggers += info["rule"] != "none"
+            s_t, over = s_tp1, terminated or truncated
+        self.episodes_done += 1
+        if self.episodes_done % self._config.target_update_episodes == 0:
+            self._learner.sync_target()
+        collision = info["collision"]
+        return EpisodeRow(
+            episode=self.episodes_done,
+            seed=seed,
+            vehicles=info["vehicles"],
+            decisions=len(rewards),
+            mean_reward=float(np.mean(rewards)),
+            mean_speed_m_s=float(np.mean(speeds)),
+            safety_triggers=triggers,
+            collided=collision is not None,
+            ego_hit=collision is not None and collision.kind.ego_hit,
+            epsilon=epsilon,
+            mean_loss=float(np.mean(losses)) if losses else 0.0,
+        )
+
+    def evaluate(self) -> EvaluationRow:
+        """The greedy driver on fixed traffic, from the fewest vehicles to the most."""
+        traffic, count = self._env.config.traffic, self._config.evaluation_episodes
+        numbers = np.linspace(traffic.vehicles_min, traffic.vehicles_max, count).round()
+        driver = GreedyDriver(self.network)
+        results = [
+            drive(self._env, driver, "ddqn", EVALUATION_SEEDS + i, int(vehicles))
+            for i, vehicles in enumerate(numbers)
+        ]
+
+        def mean(name: str) -> float:
+            return float(np.mean([getattr(result, name) for result in results]))
+
+        return EvaluationRow(
+            episode=self.episodes_done,
+            mean_reward=mean("mean_reward"),
+            mean_r_v=mean("mean_r_v"),
+            mean_r_y=mean("mean_r_y"),
+            mean_r_x=mean("mean_r_x"),
+            mean_speed_m_s=mean("mean_speed_m_s"),
+            collisions=sum(result.collided for result in results),
+            ego_hits=sum(result.ego_hit for result in results),
+            safety_triggers=mean("safety_triggers"),
+        )
+
+    def state(self) -> tuple[State, dict[str, Any]]:
+        """Tensors and numbers that the rest of the training depends on."""
+        tensors = {f"learner.{k}": v for k, v in self._learner.state().items()}
+        tensors |= {f"buffer.{k}": v for k, v in self._buffer.state().items()}
+        return tensors, {"episodes_done": self.episodes_done, "rng": rng_to_json(self._rng)}
+
+    def restore(self, tensors: State, numbers: dict[str, Any]) -> None:
+        """Go on from ``state`` exactly; raises CheckpointError where it does not fit."""
+        self._learner.restore(_part(tensors, "learner."))
+        self._buffer.restore(_part(tensors, "buffer."))
+        self._rng = rng_from_json(numbers["rng"])
+        self.episodes_done = numbers["episodes_done"]
+
+    def _remember(
+        self,
+        s_t: npt.NDArray[np.float32],
+        a_t: int,
+        r_tp1: float,
+        s_tp1: npt.NDArray[np.float32],
+        terminated: bool,
+        info: dict[str, Any],
+    ) -> None:
+        """Lines 6 and 8 to 12: an unsafe proposal and a collision into Buf_C, the rest in Buf_S."""
+        r_col = self._env.config.reward.collision_reward
+        if info["rule"] != "none":
+            self._buffer.add_collision(s_t, a_t, r_col)
+        if terminated:
+            self._buffer.add_collision(s_t, info["executed_action"], r_col)
+        else:
+            self._buffer.add_safe(s_t, info["executed_action"], r_tp1, s_tp1)
+
+    def _learn(self) -> float:
+        """Lines 13 to 15."""
+        batch = self._buffer.sample(self._config.batch_size, self._rng)
+        return self._learner.update(mirror_half(batch, MIRROR) if self._config.mirrored else batch)
+
+
+def _part(tensors: State, prefix: str) -> State:
+    return {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}

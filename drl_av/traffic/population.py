@@ -1,0 +1,107 @@
+"""Who is on the road at the start of an episode: places and characters, drawn at random."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import EgoConfig, TrafficConfig
+from drl_av.errors import ScenarioError
+from drl_av.traffic.ring import FloatArray, Road
+
+SPREAD_M = 250.0
+"""Vehicles start within this distance of the ego (Sec. IV-B)."""
+STANDSTILL_GAP_M = 2.5
+COMFORTABLE_BRAKING_M_S2 = 2.0
+
+
+@dataclass(frozen=True)
+class Population:
+    """Start of an episode; arrays of shape (1 + N,) with the ego in row 0."""
+
+    lane: npt.NDArray[np.intp]
+    front_m: FloatArray
+    """Front bumper along the loop, [0, circumference)."""
+    speed_m_s: FloatArray
+    desired_speed_m_s: FloatArray
+    headway_s: FloatArray
+    acceleration_m_s2: FloatArray
+    speed_gain: FloatArray
+    """Lane-change eagerness, SUMO's lcSpeedGain."""
+
+
+def capacity(road: Road, length_m: float, start_gap_m: float) -> int:
+    """Most vehicles, the ego included, that can start on the road."""
+    ring_m = min(road.circumference_m, 2 * SPREAD_M)
+    return sum(road.open_lanes) * int(ring_m // (length_m + start_gap_m))
+
+
+def draw_population(
+    rng: np.random.Generator,
+    vehicles: int,
+    road: Road,
+    length_m: float,
+    traffic: TrafficConfig,
+    ego: EgoConfig,
+) -> Population:
+    """Place ``vehicles`` and the ego at random within 250 m of it, each of its own character.
+
+    Raises:
+        ScenarioError: more vehicles than fit on the open lanes.
+    """
+    n = vehicles + 1
+    room = capacity(road, length_m, traffic.start_gap_m)
+    if n > room:
+        raise ScenarioError(
+            f"{vehicles} vehicles do not fit on this road: its {sum(road.open_lanes)} open lanes "
+            f"take {max(room - 1, 0)} beside the ego; ask for fewer or make the loop longer."
+        )
+    lane, front_m, gap_m, leader = _places(rng, n, road, length_m, traffic.start_gap_m)
+    desired = rng.uniform(traffic.desired_speed_min_m_s, traffic.desired_speed_max_m_s, n)
+    desired[0] = ego.max_speed_m_s
+    headway = rng.uniform(traffic.headway_min_s, traffic.headway_max_s, n)
+    return Population(
+        lane=lane,
+        front_m=front_m,
+        speed_m_s=_safe_speeds(desired, headway, gap_m, leader),
+        desired_speed_m_s=desired,
+        headway_s=headway,
+        acceleration_m_s2=rng.uniform(
+            traffic.acceleration_min_m_s2, traffic.acceleration_max_m_s2, n
+        ),
+        speed_gain=rng.uniform(traffic.speed_gain_min, traffic.speed_gain_max, n),
+    )
+
+
+def _places(
+    rng: np.random.Generator, n: int, road: Road, length_m: float, start_gap_m: float
+) -> tuple[npt.NDArray[np.intp], FloatArray, FloatArray, npt.NDArray[np.intp]]:
+    ring_m = min(road.circumference_m, 2 * SPREAD_M)
+    pitch_m = length_m + start_gap_m
+    berths = np.repeat(np.flatnonzero(road.open_lanes), int(ring_m // pitch_m))
+    lane = rng.permutation(berths)[:n]
+    front_m, gap_m, leader = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.intp)
+    for index in np.unique(lane):
+        members = np.flatnonzero(lane == index)
+        spare_m = rng.dirichlet(np.ones(len(members))) * (ring_m - pitch_m * len(members))
+        ends = np.cumsum(spare_m + pitch_m)
+        front_m[members] = (rng.uniform(0, ring_m) + ends) % ring_m
+        leader[members] = np.roll(members, -1)
+        gap_m[members] = np.roll(spare_m, -1) + start_gap_m
+    around_ego = (front_m - front_m[0] + ring_m / 2) % ring_m - ring_m / 2
+    start_m = rng.uniform(0, road.circumference_m)
+    return lane, (start_m + around_ego) % road.circumference_m, gap_m, leader
+
+
+def _safe_speeds(
+    desired: FloatArray, headway: FloatArray, gap_m: FloatArray, leader: npt.NDArray[np.intp]
+) -> FloatArray:
+    free_m = np.maximum(gap_m - STANDSTILL_GAP_M, 0.0)
+    speed = np.minimum(desired, free_m / headway)
+    for _ in range(len(speed)):
+        reach = np.sqrt(speed[leader] ** 2 + 2 * COMFORTABLE_BRAKING_M_S2 * free_m)
+        slower = np.minimum(speed, reach)
+        if np.array_equal(slower, speed):
+            break
+        speed = slower
+    return speed

@@ -1,0 +1,285 @@
+"""One running SUMO: load, place the traffic, advance by one decision, take a snapshot, close."""
+
+import ctypes
+import importlib
+import platform
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import ClassVar
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.errors import DisplayError, SimulationError
+from drl_av.traffic.collisions import classify, overlapping
+from drl_av.traffic.population import Population, draw_population
+from drl_av.traffic.ring import FloatArray
+from drl_av.traffic.scenario import Scenario
+from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot
+
+EGO_ID = "ego"
+ALL_SPEED_CHECKS_OFF = 32
+NO_AUTONOMOUS_LANE_CHANGES = 0
+RANDOM_LANE_CHANGE_S = 5.0
+WISHES_LEFT, WISHES_RIGHT = 2, 4
+"""SUMO's LCA_LEFT and LCA_RIGHT bits of a lane-change state."""
+
+
+class Simulation:
+    """SUMO in this process through libsumo; in sumo-gui through libsumo, or traci on Windows.
+
+    libsumo holds one simulation a process: the Simulation that was reset last owns it.
+    """
+
+    _owner: ClassVar["Simulation | None"] = None
+
+    def __init__(self, scenario: Scenario, config: Config, gui: bool = False) -> None:
+        if gui:
+            require_display()
+        self.scenario = scenario
+        self.road = scenario.road
+        self._config = config
+        self._gui = gui
+        self._sumo = _connection(gui)
+        self._ids: tuple[str, ...] = ()
+        self._started = False
+
+    def reset(self, seed: int, vehicles: int) -> Snapshot:
+        """Load SUMO anew with a seed and put all vehicles on the road.
+
+        The episode that follows depends on (scenario, config, seed, vehicles) and the commands
+        alone, whatever ran in this process before.
+
+        Raises:
+            ScenarioError: more vehicles than fit.
+            SimulationError: SUMO refused the scenario.
+        """
+        self._rng = np.random.default_rng(seed)
+        length_m = self.scenario.description.vehicle_length_m
+        population = draw_population(
+            self._rng, vehicles, self.road, length_m, self._config.traffic, self._config.ego
+        )
+        self._load(seed)
+        self._ids = (EGO_ID, *(f"vehicle{i}" for i in range(1, vehicles + 1)))
+        n = len(self._ids)
+        self._length_m = np.full(n, length_m)
+        self._width_m = np.full(n, self.scenario.description.vehicle_width_m)
+        self._populate(population)
+        self._ego_lateral_speed_m_s = 0.0
+        return self._snapshot()
+
+    def advance(self, commands: Sequence[Command]) -> tuple[Snapshot, Collision | None]:
+        """Carry out one command a SUMO step; stops at the step in which the ego collides.
+
+        Raises:
+            SimulationError: another Simulation has taken SUMO over, or sumo-gui was closed.
+        """
+        if Simulation._owner is not self:
+            raise SimulationError(
+                "Another environment in this process has taken SUMO over, which libsumo holds "
+                "once a process: reset this one first, or run several with "
+                "make_vec(..., vectorization_mode='async')."
+            )
+        collision = None
+        try:
+            self._change_lanes_at_random()
+            for command in commands:
+                collision = self._step(command)
+                if collision is not None:
+                    break
+            snapshot = self._snapshot()
+        except self._sumo.exceptions.FatalTraCIError as error:
+            raise SimulationError(f"SUMO ended on its own ({error}): start again.") from error
+        if collision is None:
+            collision = overlapping(snapshot, self.road)
+        return snapshot, collision
+
+    def show(self, text: str) -> None:
+        """Write a line beside the ego in sumo-gui."""
+        self._sumo.vehicle.setParameter(EGO_ID, "caption", text)
+
+    def close(self) -> None:
+        """End SUMO; the next reset starts it again."""
+        if Simulation._owner is self and self._started:
+            self._sumo.close()
+            Simulation._owner = None
+        self._started = False
+
+    def _load(self, seed: int) -> None:
+        step_s = self._config.simulation.step_length_s
+        arguments = [
+            *("--net-file", str(self.scenario.network_file)),
+            *("--additional-files", ",".join(map(str, self.scenario.additional_files))),
+            *("--seed", str(seed % 2**31)),
+            *("--step-length", repr(step_s)),
+            *("--lateral-resolution", repr(self._config.simulation.lateral_resolution_m)),
+            *("--time-to-teleport", "-1"),
+            *("--collision.action", "warn"),
+            *("--collision.mingap-factor", "0"),
+            *("--collision.check-junctions", "true"),
+            *("--insertion-checks", "none"),
+            *("--no-step-log", "true"),
+            *("--no-warnings", "true"),
+            *("--xml-validation", "never"),
+        ]
+        try:
+            if Simulation._owner is self:
+                self._sumo.load(arguments)
+            else:
+                if Simulation._owner is not None:
+                    Simulation._owner.close()
+                self._start(arguments)
+        except self._sumo.exceptions.TraCIException as error:
+            raise SimulationError(
+                f"SUMO cannot load the scenario {self.scenario.folder}: {error}"
+            ) from error
+        Simulation._owner = self
+        self._started = True
+
+    def _start(self, arguments: list[str]) -> None:
+        if not self._gui:
+            self._sumo.start(["sumo", *arguments])
+            return
+        view = str(self.scenario.view_file)
+        gui = ["--gui-settings-file", view, "--start", "true", "--quit-on-end", "true"]
+        program = "sumo-gui"
+        if self._sumo.__name__ == "traci":
+            import sumolib
+
+            program = sumolib.checkBinary("sumo-gui")
+        self._sumo.start([program, *arguments, *gui])
+
+    def _populate(self, population: Population) -> None:
+        vehicle = self._sumo.vehicle
+        edges = self.scenario.edges
+        laps = 2 + round(1e5 / self.road.circumference_m)
+        self._sumo.route.add("loop", list(edges) * laps)
+        for row, name in enumerate(self._ids):
+            speed = float(population.speed_m_s[row])
+            kind = EGO_ID if row == EGO else "traffic"
+            lane_id, position_m = self._berth(population.lane[row], population.front_m[row])
+            vehicle.add(name, "loop", kind, "now", departSpeed=repr(speed))
+            vehicle.moveTo(name, lane_id, position_m)
+            vehicle.setPreviousSpeed(name, speed)
+            if row == EGO:
+                vehicle.setSpeedMode(name, ALL_SPEED_CHECKS_OFF)
+                vehicle.setLaneChangeMode(name, NO_AUTONOMOUS_LANE_CHANGES)
+                vehicle.setMaxSpeedLat(name, 10.0)
+            else:
+                vehicle.setTau(name, float(population.headway_s[row]))
+                vehicle.setAccel(name, float(population.acceleration_m_s2[row]))
+                gain = repr(float(population.speed_gain[row]))
+                vehicle.setParameter(name, "laneChangeModel.lcSpeedGain", gain)
+            vehicle.setMaxSpeed(name, float(population.desired_speed_m_s[row]))
+
+    def _berth(self, lane: int, front_m: float) -> tuple[str, float]:
+        best = max(
+            (start_m, lane_id)
+            for lane_id, (index, start_m) in self.scenario.lane_positions.items()
+            if index == lane and start_m <= front_m
+        )
+        return best[1], float(front_m - best[0])
+
+    def _change_lanes_at_random(self) -> None:
+        rate = self._config.traffic.random_lane_changes_per_s
+        rate *= self._config.simulation.decision_interval_s
+        draws = self._rng.random(len(self._ids))
+        sides = self._rng.random(len(self._ids))
+        for row in np.flatnonzero(draws < rate):
+            if row != EGO:
+                side = 1 if sides[row] < 0.5 else -1
+                self._sumo.vehicle.changeLaneRelative(self._ids[row], side, RANDOM_LANE_CHANGE_S)
+
+    def _step(self, command: Command) -> Collision | None:
+        if not self.road.holds(command.y_m, float(self._width_m[EGO])):
+            return Collision(CollisionKind.HIT_EDGE, None)
+        vehicle = self._sumo.vehicle
+        vehicle.setSpeed(EGO_ID, command.speed_m_s)
+        vehicle.changeSublane(EGO_ID, command.y_m - self._lateral_m(EGO_ID))
+        self._sumo.simulationStep()
+        self._ego_lateral_speed_m_s = command.lateral_speed_m_s
+        if self._sumo.simulation.getCollidingVehiclesNumber():
+            return self._collision_of_ego()
+        return None
+
+    def _collision_of_ego(self) -> Collision | None:
+        for record in self._sumo.simulation.getCollisions():
+            if EGO_ID in (record.collider, record.victim):
+                other = record.victim if record.collider == EGO_ID else record.collider
+                return classify(self._snapshot(), self.road, self._ids.index(other))
+        return None
+
+    def _lateral_m(self, name: str) -> float:
+        vehicle = self._sumo.vehicle
+        lane = self.scenario.lane_positions[vehicle.getLaneID(name)][0]
+        return float(self.road.center_m(lane) + vehicle.getLateralLanePosition(name))
+
+    def _snapshot(self) -> Snapshot:
+        vehicle, places = self._sumo.vehicle, self.scenario.lane_positions
+        rows = [
+            (
+                *places[vehicle.getLaneID(name)],
+                vehicle.getLanePosition(name),
+                vehicle.getLateralLanePosition(name),
+                vehicle.getSpeed(name),
+                vehicle.getLateralSpeed(name),
+            )
+            for name in self._ids
+        ]
+        lane, start_m, position_m, offset_m, speed, lateral = np.array(rows).T
+        lateral[EGO] = self._ego_lateral_speed_m_s
+        center_m: FloatArray = start_m + position_m - self._length_m / 2
+        return Snapshot(
+            time_s=float(self._sumo.simulation.getTime()),
+            ids=self._ids,
+            s_m=center_m % self.road.circumference_m,
+            y_m=lane * self.road.lane_width_m + offset_m,
+            speed_m_s=speed,
+            lateral_speed_m_s=lateral,
+            length_m=self._length_m,
+            width_m=self._width_m,
+            lane_change_wish=self._wish(),
+        )
+
+    def _wish(self) -> int:
+        """What SUMO's model would do with the ego: +1 left, -1 right, 0 stay."""
+        for sign, bit in ((1, WISHES_LEFT), (-1, WISHES_RIGHT)):
+            if self._sumo.vehicle.getLaneChangeState(EGO_ID, sign)[0] & bit:
+                return sign
+        return 0
+
+
+def require_display() -> None:
+    """Raise DisplayError where sumo-gui would find no screen, and end the interpreter."""
+    if platform.system() != "Linux":
+        return
+    try:
+        x11 = ctypes.CDLL("libX11.so.6")
+    except OSError as error:
+        raise DisplayError(
+            "sumo-gui needs the system library libX11.so.6, which this machine lacks: install "
+            "the package libx11-6, or use --video instead."
+        ) from error
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    display = x11.XOpenDisplay(None)
+    if not display:
+        raise DisplayError(
+            "sumo-gui has no screen to open on: set DISPLAY, run under xvfb-run, "
+            "or make a video instead (drl-av replay --video FILE.mp4)."
+        )
+    x11.XCloseDisplay(ctypes.c_void_p(display))
+
+
+def _connection(gui: bool) -> ModuleType:
+    name = "traci" if gui and platform.system() == "Windows" else "libsumo"
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        missing = re.search(r"lib[\w.+-]+\.so[.\d]*", str(error))
+        what = missing.group() if missing else str(error)
+        raise SimulationError(
+            f"{name} needs the system library {what}, which this machine lacks: install it, "
+            "on Debian or Ubuntu with: apt-get install libgl1 libx11-6 libxext6 libxrender1."
+        ) from error

@@ -1,0 +1,230 @@
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from drl_av.config import preset
+from drl_av.errors import CheckpointError
+from drl_av.learning.checkpoint import (
+    load,
+    load_policy,
+    rng_from_json,
+    rng_to_json,
+    save,
+    save_policy,
+)
+from drl_av.learning.qnetwork import QNetwork
+
+TENSORS = {"online": np.arange(6, dtype=np.float32).reshape(2, 3), "step": np.array(7)}
+METADATA = {"episode": 41, "name": "Straße", "nested": {"a": [1, 2.5, None]}}
+
+
+@pytest.fixture
+def saved(tmp_path):
+    path = tmp_path / "checkpoint.safetensors"
+    save(path, TENSORS, METADATA)
+    return path
+
+
+def one_sentence(error: pytest.ExceptionInfo[CheckpointError]) -> bool:
+    return "\n" not in str(error.value) and str(error.value).endswith(".")
+
+
+arrays = st.sampled_from([np.float32, np.float64, np.int64, np.uint8]).flatmap(
+    lambda dtype: hnp.arrays(dtype, hnp.array_shapes(min_dims=0, min_side=0, max_side=4))
+)
+
+
+@settings(max_examples=50, deadline=None)
+@given(tensors=st.dictionaries(st.text("ab.é", min_size=1, max_size=8), arrays, max_size=4))
+def test_arrays_come_back_bit_for_bit(tmp_path_factory, tensors):
+    path = tmp_path_factory.mktemp("round") / "trip"
+    save(path, tensors, METADATA)
+    found, metadata = load(path)
+    assert metadata == METADATA
+    assert found.keys() == tensors.keys()
+    for name, expected in tensors.items():
+        assert found[name].dtype == expected.dtype
+        assert found[name].shape == expected.shape
+        assert found[name].tobytes() == expected.tobytes()
+
+
+def test_a_transposed_array_comes_back_as_it_looked(tmp_path):
+    save(tmp_path / "t", {"x": TENSORS["online"].T}, {})
+    assert np.array_equal(load(tmp_path / "t")[0]["x"], TENSORS["online"].T)
+
+
+def test_the_same_contents_make_the_same_bytes(tmp_path, saved):
+    save(tmp_path / "again", dict(reversed(TENSORS.items())), METADATA)
+    assert (tmp_path / "again").read_bytes() == saved.read_bytes()
+
+
+def test_no_flipped_bit_anywhere_goes_unnoticed(saved):
+    data = saved.read_bytes()
+    for position in range(len(data)):
+        damaged = bytearray(data)
+        damaged[position] ^= 1 << position % 8
+        saved.write_bytes(damaged)
+        with pytest.raises(CheckpointError) as error:
+            load(saved)
+        assert one_sentence(error)
+
+
+def test_no_cut_goes_unnoticed(saved):
+    data = saved.read_bytes()
+    for length in range(len(data)):
+        saved.write_bytes(data[:length])
+        with pytest.raises(CheckpointError, match="cut short"):
+            load(saved)
+
+
+def test_files_of_another_kind_are_refused(tmp_path):
+    path = tmp_path / "other"
+    torch.save({"x": torch.zeros(2)}, path)
+    with pytest.raises(CheckpointError, match="no checkpoint at all"):
+        load(path)
+    from safetensors.numpy import save_file
+
+    save_file(TENSORS, path)
+    with pytest.raises(CheckpointError, match="not one of this version") as error:
+        load(path)
+    assert one_sentence(error)
+    with pytest.raises(CheckpointError, match="cannot be read .No such file"):
+        load(tmp_path / "missing")
+    with pytest.raises(CheckpointError, match="cannot be read .Is a directory"):
+        load(tmp_path)
+
+
+def test_a_full_disk_leaves_the_old_checkpoint_and_no_litter(saved, monkeypatch):
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    before = saved.read_bytes()
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(CheckpointError, match="No space left on device") as error:
+        save(saved, {"online": np.zeros(9)}, {})
+    assert one_sentence(error)
+    assert saved.read_bytes() == before
+    assert [entry.name for entry in saved.parent.iterdir()] == [saved.name]
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_a_device_that_is_full_in_truth_is_told_in_one_sentence(saved):
+    (saved.parent / f"{saved.name}.tmp").symlink_to("/dev/full")
+    before = saved.read_bytes()
+    with pytest.raises(CheckpointError, match="No space left on device"):
+        save(saved, {"online": np.zeros(9)}, {})
+    assert saved.read_bytes() == before
+    assert [entry.name for entry in saved.parent.iterdir()] == [saved.name]
+
+
+@pytest.mark.parametrize("interruption", [KeyboardInterrupt, MemoryError])
+def test_an_interruption_leaves_the_old_checkpoint_and_no_litter(saved, monkeypatch, interruption):
+    def interrupt(source: object, target: object) -> None:
+        raise interruption
+
+    before = saved.read_bytes()
+    monkeypatch.setattr(os, "replace", interrupt)
+    with pytest.raises(interruption):
+        save(saved, {"online": np.zeros(9)}, {})
+    assert saved.read_bytes() == before
+    assert [entry.name for entry in saved.parent.iterdir()] == [saved.name]
+
+
+def test_a_folder_that_is_missing_or_read_only_is_named(tmp_path):
+    with pytest.raises(CheckpointError, match="gone/x cannot be written") as error:
+        save(tmp_path / "gone" / "x", TENSORS, METADATA)
+    assert one_sentence(error)
+    tmp_path.chmod(0o500)
+    try:
+        if os.access(tmp_path, os.W_OK):
+            pytest.skip("this user may write anywhere")
+        with pytest.raises(CheckpointError, match="Permission denied"):
+            save(tmp_path / "x", TENSORS, METADATA)
+    finally:
+        tmp_path.chmod(0o700)
+
+
+WRITER = """
+import sys, numpy as np
+from pathlib import Path
+from drl_av.learning.checkpoint import save
+path = Path(sys.argv[1])
+for i in range(10**9):
+    save(path, {"x": np.full(200_000, i, np.float32)}, {"i": i})
+    if i == 0:
+        print("ready", flush=True)
+"""
+
+
+def test_a_writer_killed_at_any_moment_leaves_a_whole_checkpoint(tmp_path):
+    path = tmp_path / "checkpoint"
+    for delay_s in (0.0, 0.013, 0.029):
+        writer = subprocess.Popen(
+            [sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True
+        )
+        assert writer.stdout is not None
+        with writer.stdout:
+            assert writer.stdout.readline() == "ready\n"
+            time.sleep(delay_s)
+            writer.send_signal(signal.SIGKILL)
+            writer.wait()
+        tensors, metadata = load(path)
+        assert (tensors["x"] == metadata["i"]).all()
+    save(path, TENSORS, METADATA)
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_policy_file_stands_on_its_own(tmp_path):
+    config = preset("fast").updated("learning", hidden_units=30)
+    network = QNetwork(np.random.default_rng(0), hidden=(30, 30))
+    save_policy(tmp_path / "policy.safetensors", network, config)
+    found, found_config = load_policy(tmp_path / "policy.safetensors")
+    assert found_config == config
+    assert torch.equal(found.flat, network.flat)
+    s = torch.ones(1, 27)
+    assert torch.equal(found(s), network(s))
+
+
+def test_other_users_can_read_the_policy_with_safetensors_alone(tmp_path):
+    from safetensors.torch import load_file
+
+    network = QNetwork(np.random.default_rng(0))
+    save_policy(tmp_path / "policy.safetensors", network, preset("paper"))
+    tensors = load_file(tmp_path / "policy.safetensors")
+    assert torch.equal(tensors["layers.1.weight"], network.layers[1].weight)
+
+
+def test_a_policy_of_other_shapes_or_none_at_all_is_refused(tmp_path, saved):
+    with pytest.raises(CheckpointError, match="holds no policy"):
+        load_policy(saved)
+    path = tmp_path / "policy.safetensors"
+    save_policy(path, QNetwork(np.random.default_rng(0), hidden=(30, 30)), preset("paper"))
+    with pytest.raises(CheckpointError, match="does not fit a network of 27 -> 100") as error:
+        load_policy(path)
+    assert one_sentence(error)
+    save_policy(path, QNetwork(np.random.default_rng(0), action_size=6), preset("paper"))
+    with pytest.raises(CheckpointError, match="does not fit"):
+        load_policy(path)
+    save(path, {}, {"kind": "policy", "config": "[learning]\nwings = 2\n"})
+    with pytest.raises(CheckpointError, match="no key 'wings'"):
+        load_policy(path)
+
+
+def test_a_generator_goes_on_where_it_was(tmp_path):
+    rng = np.random.default_rng(5)
+    rng.integers(10, size=3, dtype=np.uint32)
+    save(tmp_path / "c", {}, {"rng": rng_to_json(rng)})
+    twin = rng_from_json(load(tmp_path / "c")[1]["rng"])
+    assert np.array_equal(twin.integers(1000, size=50), rng.integers(1000, size=50))
+    with pytest.raises(CheckpointError, match="random generator"):
+        rng_from_json({"bit_generator": "MT19937"})
