@@ -41,8 +41,8 @@ def q_gradient(weighted_td: FloatArray, a_t: NDArray[np.int64], action_size: int
 
     Algorithm 1, line 15. Shapes: (rows,), (rows,); returns (rows, action_size).
     """
-    gradient = np.zeros((len(a_t), action_size), np.float32)
-    gradient[np.arange(len(a_t)), a_t] = weighted_td * np.float32(-2.0 / len(a_t))
+    gradient = np.zeros((len(a_t), action_size), weighted_td.dtype)
+    gradient[np.arange(len(a_t)), a_t] = weighted_td * (-2.0 / len(a_t))
     return gradient
 
 

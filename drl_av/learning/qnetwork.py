@@ -1,6 +1,7 @@
 """The Q-network: 27 indicators -> 100 -> 100 leaky ReLU -> the values of 12 actions."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -41,8 +42,12 @@ class QNetwork(nn.Module):
             linear.bias = nn.Parameter(bias)
             self.layers.append(linear)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles keep the parameters views of their own vector."""
+        return _rebuilt, (self.sizes, self.flat.numpy())
+
     def split(self, flat: Tensor) -> Layers:
-        """Views of a vector like ``flat``: (outputs, inputs) weight and (outputs,) bias by layer."""
+        """Views of a vector like ``flat``: (outputs, inputs) weight, (outputs,) bias."""
         layers, start = [], 0
         for inputs, outputs in zip(self.sizes[:-1], self.sizes[1:], strict=True):
             middle, end = start + inputs * outputs, start + (inputs + 1) * outputs
@@ -57,6 +62,12 @@ class QNetwork(nn.Module):
             s = nn.functional.leaky_relu(layer(s), LEAK)
         values: Tensor = last(s)
         return values
+
+
+def _rebuilt(sizes: tuple[int, ...], flat: FloatArray) -> QNetwork:
+    network = QNetwork(np.random.default_rng(0), sizes[0], sizes[-1], sizes[1:-1])
+    network.flat.copy_(torch.from_numpy(flat))
+    return network
 
 
 class GreedyPolicy:

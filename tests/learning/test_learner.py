@@ -76,22 +76,44 @@ def reference(network: QNetwork, learning_rate: float):
     return online, target, update
 
 
+@pytest.fixture
+def double_precision():
+    torch.set_default_dtype(torch.float64)
+    yield
+    torch.set_default_dtype(torch.float32)
+
+
+@pytest.mark.usefixtures("double_precision")
 @pytest.mark.parametrize("ended", [0.0, 0.5, 1.0])
-def test_written_out_update_equals_autograd_and_torchs_adam_over_500_steps(ended):
+def test_written_out_update_equals_autograd_and_torchs_adam_over_300_steps(ended):
+    # In float64, because in float32 one argmax that rounds the other way parts the two for good.
     ours = learner()
     online, target, update = reference(ours.network, 1e-3)
     rng = np.random.default_rng(1)
-    for step in range(500):
+    for step in range(300):
         batch = random_batch(rng, ended=ended)
         if step % 2:
-            batch = batch._replace(weights=rng.random(64).astype(np.float32))
-        assert ours.update(batch) == pytest.approx(update(batch), rel=2e-4)
-        if step % 100 == 99:
+            batch = batch._replace(weights=rng.random(64))
+        batch = Batch(*(x if x is None or x.dtype.kind == "i" else x.astype(float) for x in batch))
+        assert ours.update(batch) == pytest.approx(update(batch), rel=1e-9)
+        if step % 50 == 49:
             ours.sync_target()
             target.load_state_dict(online.state_dict())
     for mine, theirs in zip(ours.network.parameters(), online.parameters(), strict=True):
-        assert torch.allclose(mine, theirs, atol=2e-5, rtol=1e-4)
-    assert ours.steps == 500
+        assert torch.allclose(mine, theirs, atol=1e-10, rtol=1e-9)
+    assert ours.steps == 300
+
+
+def test_single_precision_stays_with_autograd_for_50_steps():
+    ours = learner()
+    online, _, update = reference(ours.network, 1e-3)
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        batch = random_batch(rng)
+        assert ours.update(batch) == pytest.approx(update(batch), rel=1e-5)
+    for mine, theirs in zip(ours.network.parameters(), online.parameters(), strict=True):
+        assert mine.dtype == torch.float32
+        assert torch.allclose(mine, theirs, atol=1e-5)
 
 
 def test_a_collision_row_ignores_its_next_state_whatever_stands_there():

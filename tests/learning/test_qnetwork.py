@@ -1,6 +1,8 @@
 import copy
+import pickle
 
 import numpy as np
+import pytest
 import torch
 
 from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
@@ -37,9 +39,9 @@ def test_negative_half_of_a_hidden_unit_leaks_a_hundredth():
         tiny.flat.copy_(torch.tensor([-2.0, 1.0, 10.0, -10.0, 0.5, 0.25]))
     # s = 3: z = -2 * 3 + 1 = -5 -> -0.05; a plain ReLU would give the two biases, 0.5 and 0.25.
     values = tiny(torch.tensor([[3.0]]))
-    assert torch.allclose(values, torch.tensor([[0.0, 0.75]]))
+    assert torch.allclose(values, torch.tensor([[0.0, 0.75]]), atol=1e-6)
     policy = GreedyPolicy(tiny)
-    assert np.allclose(policy.values(np.array([3.0], np.float32)), [0.0, 0.75])
+    assert np.allclose(policy.values(np.array([3.0], np.float32)), [0.0, 0.75], atol=1e-6)
     assert policy(np.array([3.0], np.float32)) == 1
 
 
@@ -63,10 +65,11 @@ def test_policy_follows_parameters_that_change_in_place():
     assert torch.equal(net.flat, other.flat)
 
 
-def test_a_deep_copy_keeps_its_own_parameters_in_its_own_vector():
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda net: pickle.loads(pickle.dumps(net))])
+def test_a_copy_keeps_its_own_parameters_in_its_own_vector(copied):
     net = network()
-    twin = copy.deepcopy(net)
-    with torch.no_grad():
-        twin.flat.zero_()
+    twin = copied(net)
+    assert torch.equal(twin.flat, net.flat)
+    twin.flat.zero_()
     assert not twin.layers[0].weight.any()
     assert net.layers[0].weight.any()
