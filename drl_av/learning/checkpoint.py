@@ -17,6 +17,7 @@ from drl_av.learning.buffers import State
 from drl_av.learning.qnetwork import QNetwork
 
 FORMAT = "drl_av/1"
+"""The only key of the file's metadata: several would be written in an order that is random."""
 
 
 def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
@@ -29,12 +30,12 @@ def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
     """
     tensors = {name: np.asarray(tensor, order="C") for name, tensor in tensors.items()}
     text = json.dumps(metadata, sort_keys=True)
-    header = {"format": FORMAT, "metadata": text, "sha256": checksum(tensors, text)}
+    header = json.dumps({"metadata": text, "sha256": checksum(tensors, text)}, sort_keys=True)
     temporary = path.with_name(f"{path.name}.tmp")
     try:
         try:
             with temporary.open("wb") as file:
-                file.write(safetensors.numpy.save(tensors, header))
+                file.write(safetensors.numpy.save(tensors, {FORMAT: header}))
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(temporary, path)
@@ -85,19 +86,20 @@ def load(path: Path) -> tuple[State, dict[str, Any]]:
     try:
         tensors = safetensors.numpy.load(data)
         size = int.from_bytes(data[:8], "little")
-        header = json.loads(data[8 : 8 + size]).get("__metadata__", {})
+        header = json.loads(data[8 : 8 + size]).get("__metadata__", {}).get(FORMAT)
+        stored = {"metadata": "", "sha256": ""} if header is None else json.loads(header)
+        text, expected = stored["metadata"], stored["sha256"]
     except (SafetensorError, ValueError, LookupError, TypeError, AttributeError) as error:
         raise CheckpointError(
             f"{path} is cut short, damaged, or no checkpoint at all ({error}): take an older copy "
             "or train again."
         ) from error
-    if header.get("format") != FORMAT:
+    if header is None:
         raise CheckpointError(
             f"{path} is a safetensors file, but not one of this version of drl-av, whose format "
             f"is {FORMAT!r}: train again, or read it with the version that wrote it."
         )
-    text = header.get("metadata", "")
-    if checksum(tensors, text) != header.get("sha256"):
+    if checksum(tensors, text) != expected:
         raise CheckpointError(
             f"{path} is damaged, its checksum does not match its contents: take an older copy or "
             "train again."
