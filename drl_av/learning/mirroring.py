@@ -1,35 +1,13 @@
-"""The road seen in a mirror: left and right swapped in observations and lateral actions."""
+"""Learning from the road as a mirror shows it: left and right swapped."""
 
-from typing import Protocol
-
-import numpy as np
-from numpy.typing import NDArray
-
+from drl_av.driving.mirror import Mirror
 from drl_av.learning.buffers import Batch, FloatArray
 
 
-class Mirror(Protocol):
-    """Which indicator and which action each becomes in the mirror; ``driving`` holds the numbers.
-
-    ``observation_permutation`` (n,) intp, ``observation_sign`` and ``observation_offset`` (n,)
-    float32, ``action_permutation`` (actions,) int64.
-    """
-
-    @property
-    def observation_permutation(self) -> NDArray[np.intp]: ...
-    @property
-    def observation_sign(self) -> FloatArray: ...
-    @property
-    def observation_offset(self) -> FloatArray: ...
-    @property
-    def action_permutation(self) -> NDArray[np.int64]: ...
-
-
 def mirrored_observations(s: FloatArray, mirror: Mirror) -> FloatArray:
-    """s[..., permutation] * sign + offset, for observations (rows, n) or (n,)."""
+    """s[..., permutation] * sign, for scaled observations (rows, n) or (n,)."""
     reflected: FloatArray = s.take(mirror.observation_permutation, axis=-1)
     reflected *= mirror.observation_sign
-    reflected += mirror.observation_offset
     return reflected
 
 

@@ -1,27 +1,27 @@
-from types import SimpleNamespace
-
 import numpy as np
 
+from drl_av.driving.mirror import MIRROR, Mirror
 from drl_av.learning.buffers import TwoBuffers
 from drl_av.learning.mirroring import mirror_half, mirrored_observations
 
-# Three indicators: gap right, gap left, own y in lanes (0 to 2, so y -> 2 - y); two actions swap.
-ROAD = SimpleNamespace(
+# Three indicators: gap right, gap left, own y from the middle of the road; two actions swap.
+ROAD = Mirror(
     observation_permutation=np.array([1, 0, 2]),
     observation_sign=np.array([1, 1, -1], np.float32),
-    observation_offset=np.array([0, 0, 2], np.float32),
     action_permutation=np.array([0, 2, 1]),
 )
 
 
 def test_right_and_left_swap_and_the_rightmost_lane_becomes_the_leftmost():
-    s = np.array([0.3, 0.7, 0.0], np.float32)
-    assert np.array_equal(mirrored_observations(s, ROAD), np.array([0.7, 0.3, 2.0], np.float32))
+    s = np.array([0.3, 0.7, -1.0], np.float32)
+    assert np.array_equal(mirrored_observations(s, ROAD), np.array([0.7, 0.3, 1.0], np.float32))
 
 
-def test_a_mirror_in_a_mirror_shows_the_road_itself():
-    s = np.arange(12, dtype=np.float32).reshape(4, 3)
-    assert np.array_equal(mirrored_observations(mirrored_observations(s, ROAD), ROAD), s)
+def test_the_highway_in_a_mirror_in_a_mirror_is_the_highway_itself():
+    s = np.random.default_rng(0).standard_normal((4, 27)).astype(np.float32)
+    once = mirrored_observations(s, MIRROR)
+    assert np.array_equal(mirrored_observations(once, MIRROR), s)
+    assert not np.array_equal(once, s)
 
 
 def test_half_of_the_safe_and_half_of_the_collision_rows_are_mirrored():
@@ -31,7 +31,7 @@ def test_half_of_the_safe_and_half_of_the_collision_rows_are_mirrored():
     batch = mirror_half(buffer.sample(8, np.random.default_rng(0)), ROAD)
     assert batch.a_t.tolist() == [2, 1, 2, 1, 2, 1, 2, 1]
     assert batch.s_t[:, 0].tolist() == [1, 0, 1, 0, 5, 4, 5, 4]
-    assert batch.s_tp1[:2].tolist() == [[3, 2, 1], [2, 3, 1]]
+    assert batch.s_tp1[:2].tolist() == [[3, 2, -1], [2, 3, 1]]
     assert batch.r_tp1.tolist() == [np.float32(-0.1)] * 4 + [-5.0] * 4
 
 
