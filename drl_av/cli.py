@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from drl_av.driving.drivers import Driver
     from drl_av.env import HighwayEnv
     from drl_av.studies.evaluation import Summary
+    from drl_av.studies.replay import Recording
 
 INTERRUPTED = 130
 
@@ -244,7 +245,13 @@ def _stop_between_episodes() -> Iterator[Callable[[], bool]]:
 
 def _progress_bar() -> Any:
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
 
     console = Console()
     return Progress(
@@ -358,7 +365,11 @@ def _table(summaries: Sequence["Summary"]) -> Any:
 def _add_replay(verbs: Any) -> None:
     parser = _verb(verbs, "replay", _replay, "watch a driver, or a recorded episode again")
     parser.add_argument(
-        "source", nargs="?", type=Path, metavar="RUN | RECORDING", help="default: the shipped driver"
+        "source",
+        nargs="?",
+        type=Path,
+        metavar="RUN | RECORDING",
+        help="default: the shipped driver",
     )
     parser.add_argument("--driver", metavar="NAME", help="a driver by rule instead")
     parser.add_argument("--seed", type=_whole(0), default=0, metavar="S", help="of the traffic")
@@ -372,4 +383,54 @@ def _add_replay(verbs: Any) -> None:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    raise NotImplementedError
+    from drl_av.env import HighwayEnv
+    from drl_av.episode import drive
+    from drl_av.studies.replay import Film, Follower, Pacer, RecordedDriver, Recorder
+
+    recording, driver, name, config = _episode_to_watch(options)
+    seed, vehicles = options.seed, options.vehicles
+    if recording:
+        driver, seed, vehicles = RecordedDriver(recording), recording.seed, recording.vehicles
+    env = HighwayEnv(config=config, render_mode="rgb_array" if options.video else "human")
+    film, recorder = Film(name), Recorder()
+    watchers: list[Callable[[HighwayEnv], None]] = [recorder]
+    watchers.append(film if options.video else Pacer(options.rate))
+    if recording:
+        watchers.append(Follower(recording))
+
+    def watch(env: "HighwayEnv") -> None:
+        for watcher in watchers:
+            watcher(env)
+
+    try:
+        result = drive(env, driver, name, seed, vehicles, watch)
+    finally:
+        env.close()
+    if options.record:
+        recorder.recording(env, name).save(options.record)
+    if options.video:
+        frames = film.write(options.video, rate=options.rate)
+        print(f"{options.video}: {frames} frames")
+    followed = "exactly as recorded, " if recording else ""
+    print(
+        f"{name}, {vehicles} vehicles, seed {seed}: {followed}{result.decisions} decisions, "
+        f"{result.mean_speed_m_s:.2f} m/s, reward {result.mean_reward:.3f}, "
+        f"{result.safety_triggers} safety triggers, {result.collision or 'no collision'}"
+    )
+    return 0
+
+
+def _episode_to_watch(
+    options: argparse.Namespace,
+) -> tuple["Recording | None", "Driver", str, "Config"]:
+    """The recording, if the source is one; the driver, its name, and its config."""
+    from drl_av.studies.replay import RecordedDriver, load_recording
+
+    source: Path | None = options.source
+    if source is not None and source.suffix == ".npz":
+        recording = load_recording(source)
+        return recording, RecordedDriver(recording), recording.driver, recording.config
+    runs, names = [source] if source else [], [options.driver] if options.driver else []
+    drivers, config = _drivers(runs, names)
+    name, driver = next(iter(drivers.items()))
+    return None, driver, name, _overridden(config, options)

@@ -87,7 +87,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
             config = config.updated("safety", check=safety_check)
         self.config = config
         self.safety_check = safety_check if callable(safety_check) else named_check(config.safety)
-        loaded = load_scenario(find_scenario(scenario))
+        loaded = load_scenario(find_scenario(scenario or config.simulation.scenario))
         self.simulation = Simulation(loaded, config, gui=render_mode == "human")
         self.road = loaded.road
         self._scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
@@ -95,6 +95,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
         self.observation_space = gymnasium.spaces.Box(-bounds, bounds, dtype=np.float32)
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
         self.caption = Caption()
+        self.proposed: Action | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -110,6 +111,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
         vehicles = self._vehicles(options or {})
         self.caption = Caption(vehicles=vehicles, seed=self.seed)
         self.decisions = 0
+        self.proposed = None
         self._look(self.simulation.reset(self.seed, vehicles), None)
         return self._observe(), self._info()
 
@@ -120,6 +122,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
             SimulationError: SUMO ended, or belongs to another environment of this process.
         """
         proposed = ACTIONS[action]
+        self.proposed = proposed
         verdict = self.safety_check(self.scene, proposed)
         commands, lane_change = plan(
             self.scene, verdict.action, self.config.ego, self.config.simulation

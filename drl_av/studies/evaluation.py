@@ -2,42 +2,20 @@
 
 import csv
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.config import Config, nearest_name
 from drl_av.driving.drivers import Driver
-from drl_av.driving.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.env import HighwayEnv
 from drl_av.episode import EpisodeResult, drive
-from drl_av.errors import ConfigError, DrlAvError
-
-DENSITIES = (1, 5, 10, 15, 20, 25, 30)
-"""Numbers of vehicles that the published tables use."""
-
-RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
-    "idm": lambda config: IdmDriver(config.safety),
-    "idm-sumo": lambda config: IdmSumoDriver(config.safety),
-    "random": lambda config: RandomDriver(),
-}
+from drl_av.errors import DrlAvError
 
 
-def rule_driver(name: str, config: Config) -> Driver:
-    """The driver of that name; raises ConfigError with the nearest one."""
-    if name not in RULE_DRIVERS:
-        near = nearest_name(name, RULE_DRIVERS)
-        hint = f" (did you mean {near!r}?)" if near else ""
-        raise ConfigError(
-            f"There is no driver {name!r}{hint}; the drivers are: {', '.join(RULE_DRIVERS)}."
-        )
-    return RULE_DRIVERS[name](config)
-
-
-def evaluate(
+def drive_all(
     env: HighwayEnv,
     drivers: dict[str, Driver],
     vehicles: Sequence[int],

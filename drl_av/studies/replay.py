@@ -5,7 +5,7 @@ import os
 import time
 import zipfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -190,8 +190,6 @@ class Film:
         return write_video(path, self._frames(max(1, round(fps / rate)), told), fps)
 
     def _frames(self, per_decision: int, told: Callable[[], None]) -> Iterator[Picture]:
-        from dataclasses import replace
-
         assert self._road is not None
         for (before, _), (after, caption) in zip(self._moments, self._moments[1:], strict=False):
             caption = replace(caption, driver=self._driver)

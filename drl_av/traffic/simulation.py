@@ -5,7 +5,6 @@ import importlib
 import platform
 import re
 from collections.abc import Sequence
-from pathlib import Path
 from types import ModuleType
 from typing import ClassVar
 

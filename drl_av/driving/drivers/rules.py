@@ -1,7 +1,5 @@
 """Drivers by rule that the paper compares with (Sec. IV-C)."""
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 
@@ -9,14 +7,21 @@ from drl_av.config import SafetyConfig
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, toward
 from drl_av.driving.affordances import Affordances
 from drl_av.driving.maneuver import Scene
-from drl_av.driving.safety import closing_speed, safe_action, time_to_collision
+from drl_av.driving.safety import closing_speed, gap_condition, safe_action, time_to_collision
 
 
 def idm_action(seen: Affordances, config: SafetyConfig) -> Longitudinal:
-    """The paper's IDM: eq. 3, and accelerate above a time to collision of T_A."""
+    """The paper's IDM: eq. 3, and accelerate above a time to collision of T_A.
+
+    Ours: only where eq. 2 holds. At equal speeds the time to collision is infinite however small
+    the gap is, and the rule as printed accelerates into the vehicle ahead.
+    """
     front = seen.own_front
-    ttc_s = math.inf if front is None else time_to_collision(front.gap_m, closing_speed(front))
-    if ttc_s > config.accelerate_ttc_s:
+    if front is None:
+        return Longitudinal.ACCELERATE
+    closing = closing_speed(front)
+    ttc_s = time_to_collision(front.gap_m, closing)
+    if ttc_s > config.accelerate_ttc_s and gap_condition(front.gap_m, closing, config):
         return Longitudinal.ACCELERATE
     return safe_action(ttc_s, config)
 

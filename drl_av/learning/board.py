@@ -1,0 +1,61 @@
+"""TensorBoard events of a training, where they are wanted."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Protocol
+
+from drl_av.errors import DrlAvError
+from drl_av.learning.run import Progress
+
+
+class Board(Protocol):
+    """Takes what each episode brought."""
+
+    def add(self, progress: Progress) -> None:
+        """Show one more episode."""
+
+
+class NullBoard:
+    """Shows nothing."""
+
+    def add(self, progress: Progress) -> None:
+        """Let it pass."""
+
+
+class TensorBoard:
+    """Scalars by episode, under ``episode/`` and ``evaluation/``."""
+
+    def __init__(self, folder: Path) -> None:
+        from torch.utils.tensorboard import SummaryWriter
+
+        self._writer = SummaryWriter(str(folder))
+
+    def add(self, progress: Progress) -> None:
+        """Write every number of the rows."""
+        for group, row in (("episode", progress.episode), ("evaluation", progress.evaluation)):
+            for name, value in asdict(row).items() if row else ():
+                self._writer.add_scalar(f"{group}/{name}", value, progress.episode.episode)
+
+    def close(self) -> None:
+        """Write what is still to be written."""
+        self._writer.close()
+
+
+@contextmanager
+def board(folder: Path | None) -> Iterator[Board]:
+    """A board that writes into ``folder``, or none; raises DrlAvError without TensorBoard."""
+    if folder is None:
+        yield NullBoard()
+        return
+    try:
+        events = TensorBoard(folder)
+    except ImportError as error:
+        raise DrlAvError(
+            "--tensorboard needs the package tensorboard: pip install 'drl-av[tensorboard]'."
+        ) from error
+    try:
+        yield events
+    finally:
+        events.close()

@@ -1,0 +1,125 @@
+"""Follow a SUMO network's connections round its loop, and compare it with its description."""
+
+import xml.etree.ElementTree as ET
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from drl_av.errors import ScenarioError
+from drl_av.traffic.description import ScenarioDescription
+
+TOLERANCE = 1e-6
+SUMO_LANE_WIDTH_M = "3.2"
+"""What a lane without a width attribute has in SUMO."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The one closed loop of a network."""
+
+    edges: tuple[str, ...]
+    """Edge ids in driving order."""
+    lane_positions: dict[str, tuple[int, float]]
+    """Each lane id's lane index, and the arc length in metres of its start."""
+    circumference_m: float
+
+
+def read_loop(network: ET.Element, description: ScenarioDescription, name: str) -> Loop:
+    """The loop of a network, verified to be closed and to be the one described.
+
+    Raises:
+        ScenarioError: it is no closed loop or another one; the message begins with ``name``.
+    """
+    try:
+        lanes = {edge.attrib["id"]: edge.findall("lane") for edge in network.iter("edge")}
+        edges, vias = _follow(network, description)
+        positions: dict[str, tuple[int, float]] = {}
+        s_m = 0.0
+        for piece in _pieces(edges, vias):
+            for lane in lanes[piece]:
+                positions[lane.attrib["id"]] = (int(lane.attrib["index"]), s_m)
+            s_m += _length_m(lanes[piece], piece)
+        for edge in edges:
+            _compare(lanes[edge], edge, description)
+        if abs(s_m - description.circumference_m) > TOLERANCE:
+            raise _Unfit(f"is {s_m:.6f} m long, not {description.circumference_m:.6f} m")
+    except (_Unfit, KeyError, ValueError) as error:
+        reason = str(error) if isinstance(error, _Unfit) else f"lacks or misstates {error}"
+        raise ScenarioError(
+            f"The road in {name} {reason}: write the scenario anew with: drl-av scenario DIR."
+        ) from error
+    return Loop(edges, positions, s_m)
+
+
+class _Unfit(Exception):
+    """Why a road is not the described loop; completes the sentence "The road ..."."""
+
+
+def _follow(
+    network: ET.Element, description: ScenarioDescription
+) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Edges in driving order, and the junction edge after each edge that has one."""
+    normal = [e.attrib["id"] for e in network.iter("edge") if e.get("function") is None]
+    if not normal:
+        raise _Unfit("has no edges")
+    ways: dict[str, list[ET.Element]] = defaultdict(list)
+    for connection in network.iter("connection"):
+        ways[connection.attrib["from"]].append(connection)
+    edges: list[str] = []
+    vias: dict[str, str] = {}
+    edge = normal[0]
+    while edge not in edges:
+        edges.append(edge)
+        following, via = _step(ways[edge], edge, description)
+        if via:
+            vias[edge] = via
+        edge = following
+    if edge != edges[0] or len(edges) != len(normal):
+        raise _Unfit("is not one closed loop through all its edges")
+    return tuple(edges), vias
+
+
+def _step(
+    ways: list[ET.Element], edge: str, description: ScenarioDescription
+) -> tuple[str, str | None]:
+    following = {way.attrib["to"] for way in ways}
+    if len(following) != 1:
+        raise _Unfit(f"leads from edge {edge!r} to {len(following)} edges instead of one")
+    onward = {(int(way.attrib["fromLane"]), int(way.attrib["toLane"])) for way in ways}
+    needed = {(lane, lane) for lane, is_open in enumerate(description.open_lanes) if is_open}
+    if onward != needed:
+        raise _Unfit(f"does not lead each open lane of edge {edge!r}, and no other, straight on")
+    via = ways[0].get("via")
+    return following.pop(), via.rsplit("_", 1)[0] if via else None
+
+
+def _pieces(edges: tuple[str, ...], vias: dict[str, str]) -> Iterator[str]:
+    for edge in edges:
+        yield edge
+        if edge in vias:
+            yield vias[edge]
+
+
+def _length_m(lanes: list[ET.Element], edge: str) -> float:
+    lengths = {float(lane.attrib["length"]) for lane in lanes}
+    if len(lengths) != 1:
+        raise _Unfit(f"has no lanes of one length on edge {edge!r}")
+    return lengths.pop()
+
+
+def _compare(lanes: list[ET.Element], edge: str, description: ScenarioDescription) -> None:
+    if len(lanes) != description.lanes:
+        raise _Unfit(f"has {len(lanes)} lanes on edge {edge!r}, not {description.lanes}")
+    for lane, is_open in zip(lanes, description.open_lanes, strict=True):
+        if (lane.get("disallow") != "all") != is_open:
+            state = "barricaded" if is_open else "open"
+            raise _Unfit(f"has lane {lane.attrib['id']!r} {state}, unlike its description")
+        for attribute, default, wanted in (
+            ("width", SUMO_LANE_WIDTH_M, description.lane_width_m),
+            ("speed", "nan", description.speed_limit_m_s),
+        ):
+            value = float(lane.get(attribute, default))
+            if not abs(value - wanted) <= TOLERANCE:
+                raise _Unfit(
+                    f"has {attribute} {value:g} on lane {lane.attrib['id']!r}, not {wanted:g}"
+                )

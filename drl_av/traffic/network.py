@@ -1,0 +1,128 @@
+"""The road of a scenario as SUMO's network file, built by netconvert."""
+
+import importlib.util
+import math
+import os
+import re
+import subprocess
+import tempfile
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from drl_av.errors import ScenarioError, SimulationError
+from drl_av.traffic.description import ScenarioDescription
+
+EDGES = 4
+CHORD_M = 3.0
+"""Length of the straight pieces that draw the circle, at most."""
+PRECISION = 6
+"""Decimals of every length and coordinate in the network file."""
+
+
+def edge_lengths_m(circumference_m: float) -> tuple[float, ...]:
+    """Lengths of the edges; equal but for rounding, which the last one takes up."""
+    length_m = round(circumference_m / EDGES, PRECISION)
+    last_m = round(circumference_m - (EDGES - 1) * length_m, PRECISION)
+    return (*[length_m] * (EDGES - 1), last_m)
+
+
+def point(radius_m: float, turn: float) -> str:
+    """SUMO's ``x,y`` of a place on a circle round the origin, after that share of a full turn."""
+    angle = 2 * math.pi * turn
+    x, y = radius_m * math.cos(angle), radius_m * math.sin(angle)
+    return f"{x + 0.0:.{PRECISION}f},{y + 0.0:.{PRECISION}f}".replace("-0.000000", "0.000000")
+
+
+def xml_text(root: ET.Element) -> str:
+    """An XML document, indented, that is the same text on every machine."""
+    ET.indent(root, "    ")
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, "unicode") + "\n"
+
+
+def network_text(description: ScenarioDescription) -> str:
+    """The network file: a counter-clockwise loop of four edges, without junction lanes.
+
+    Raises:
+        ScenarioError: netconvert refused the description.
+        SimulationError: netconvert cannot be run.
+    """
+    with tempfile.TemporaryDirectory() as scratch:
+        nodes, edges, network = (Path(scratch, name) for name in ("nod.xml", "edg.xml", "net.xml"))
+        nodes.write_text(xml_text(_nodes(description)), encoding="utf-8")
+        edges.write_text(xml_text(_edges(description)), encoding="utf-8")
+        _run_netconvert(nodes, edges, network)
+        text = network.read_text(encoding="utf-8")
+    return re.sub(r"<!-- generated on .*?-->\s*", "", text, count=1, flags=re.DOTALL)
+
+
+def _nodes(description: ScenarioDescription) -> ET.Element:
+    radius_m = description.circumference_m / (2 * math.pi)
+    root = ET.Element("nodes")
+    for i in range(EDGES):
+        x, y = point(radius_m, i / EDGES).split(",")
+        ET.SubElement(root, "node", id=f"n{i}", x=x, y=y, type="priority")
+    return root
+
+
+def _edges(description: ScenarioDescription) -> ET.Element:
+    radius_m = description.circumference_m / (2 * math.pi)
+    pieces = math.ceil(description.circumference_m / EDGES / CHORD_M)
+    root = ET.Element("edges")
+    for i, length_m in enumerate(edge_lengths_m(description.circumference_m)):
+        turns = [(i + k / pieces) / EDGES for k in range(pieces + 1)]
+        edge = ET.SubElement(
+            root,
+            "edge",
+            {"id": f"e{i}", "from": f"n{i}", "to": f"n{(i + 1) % EDGES}"},
+            numLanes=str(description.lanes),
+            speed=repr(description.speed_limit_m_s),
+            width=repr(description.lane_width_m),
+            length=repr(length_m),
+            spreadType="center",
+            shape=" ".join(point(radius_m, turn) for turn in turns),
+        )
+        for lane in description.barricaded_lanes:
+            ET.SubElement(edge, "lane", index=str(lane), disallow="all")
+    return root
+
+
+def netconvert_program() -> Path:
+    """The netconvert of the installed package eclipse-sumo; raises SimulationError."""
+    package = importlib.util.find_spec("sumo")
+    for folder in (package and package.submodule_search_locations) or ():
+        for name in ("netconvert", "netconvert.exe"):
+            if (program := Path(folder, "bin", name)).is_file():
+                return program
+    raise SimulationError("SUMO's netconvert is not installed: run pip install eclipse-sumo.")
+
+
+def _run_netconvert(nodes: Path, edges: Path, network: Path) -> None:
+    program = netconvert_program()
+    arguments = [
+        *("--node-files", str(nodes), "--edge-files", str(edges)),
+        *("--output-file", str(network)),
+        *("--no-internal-links", "true", "--no-turnarounds", "true"),
+        *("--offset.disable-normalization", "true", "--precision", str(PRECISION)),
+    ]
+    environment = os.environ | {"SUMO_HOME": str(program.parents[1])}
+    try:
+        done = subprocess.run(
+            [program, *arguments], capture_output=True, text=True, check=False, env=environment
+        )
+    except OSError as error:
+        raise SimulationError(f"SUMO's netconvert cannot be run: {error}.") from error
+    if done.returncode == 127:
+        raise SimulationError(missing_library("SUMO's netconvert", done.stderr))
+    if done.returncode != 0 or not network.is_file():
+        reason = " ".join(done.stderr.split()) or f"exit status {done.returncode}"
+        raise ScenarioError(f"SUMO's netconvert cannot build this road: {reason}")
+
+
+def missing_library(program: str, message: str) -> str:
+    """One sentence naming the shared library that a loader's message says is missing."""
+    found = re.search(r"lib[\w.+-]+?\.so[.\d]*", message)
+    library = found.group() if found else "named here: " + " ".join(message.split())
+    return (
+        f"{program} needs the system library {library}, which this machine lacks: install it, "
+        "on Debian or Ubuntu with: apt-get install libgl1 libx11-6 libxext6 libxrender1."
+    )

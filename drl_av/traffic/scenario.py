@@ -1,0 +1,155 @@
+"""Scenario folders: write one with netconvert, read one back and verify it, find a shipped one."""
+
+import os
+import shutil
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+
+from drl_av.config import nearest_name
+from drl_av.errors import ScenarioError
+from drl_av.traffic import scenario_files
+from drl_av.traffic.description import PlacedVehicle, ScenarioDescription, from_toml
+from drl_av.traffic.loop import read_loop
+from drl_av.traffic.ring import Road
+
+__all__ = [
+    "PlacedVehicle",
+    "Scenario",
+    "ScenarioDescription",
+    "find_scenario",
+    "load_scenario",
+    "shipped_scenarios",
+    "write_scenario",
+]
+
+DEFAULT_SCENARIO = "circular_three_lane"
+WRITE_ANEW = "write the scenario anew with: drl-av scenario DIR"
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A scenario folder that was read and found sound."""
+
+    folder: Path
+    description: ScenarioDescription
+    road: Road
+    edges: tuple[str, ...]
+    """Edge ids in driving order."""
+    lane_positions: dict[str, tuple[int, float]]
+    """Each lane id's lane index, and the arc length of its start from the start of the loop."""
+    additional_files: tuple[Path, ...]
+    """What SUMO loads before any vehicle: the vehicle types, and the barricades if any."""
+
+    @property
+    def network_file(self) -> Path:
+        """SUMO's network."""
+        return self.folder / scenario_files.NETWORK_FILE
+
+    @property
+    def vehicle_types_file(self) -> Path:
+        """The types "traffic" and "ego"."""
+        return self.folder / scenario_files.VEHICLE_TYPES_FILE
+
+    @property
+    def view_file(self) -> Path:
+        """Settings of sumo-gui's view."""
+        return self.folder / scenario_files.VIEW_FILE
+
+
+def write_scenario(folder: str | Path, description: ScenarioDescription) -> None:
+    """Write a scenario folder, whole or not at all; the same bytes for the same description.
+
+    Raises:
+        ScenarioError: the folder is there already and not empty, cannot be written, or netconvert
+            refused the description.
+        SimulationError: netconvert cannot be run.
+    """
+    folder = Path(folder).absolute()
+    _require_free(folder)
+    texts = scenario_files.scenario_texts(description)
+    scratch = folder.with_name(f".{folder.name}.{os.getpid()}.unfinished")
+    try:
+        scratch.mkdir(parents=True)
+        for name, text in texts.items():
+            (scratch / name).write_text(text, encoding="utf-8", newline="\n")
+        if folder.is_dir():
+            folder.rmdir()
+        scratch.rename(folder)
+    except OSError as error:
+        raise ScenarioError(f"The scenario {folder} cannot be written: {error}.") from error
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _require_free(folder: Path) -> None:
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ScenarioError(
+            f"{folder} is there already and not empty: remove it, or name another folder."
+        )
+
+
+def load_scenario(folder: str | Path) -> Scenario:
+    """Read a scenario folder and verify that its road is the closed loop it describes.
+
+    Raises:
+        ScenarioError: no such folder, a file is missing or damaged, or the road is no closed loop
+            or another one than described.
+    """
+    folder = Path(folder).absolute()
+    if not folder.is_dir():
+        raise ScenarioError(f"There is no scenario folder {folder}: {WRITE_ANEW}.")
+    name = scenario_files.DESCRIPTION_FILE
+    description = from_toml(_text(folder / name), str(folder / name))
+    additional = [folder / name for name in scenario_files.additional_files(description)]
+    for path in additional:
+        _root(path)
+    network_file = folder / scenario_files.NETWORK_FILE
+    loop = read_loop(_root(network_file), description, str(network_file))
+    road = Road(loop.circumference_m, description.lane_width_m, description.open_lanes)
+    return Scenario(folder, description, road, loop.edges, loop.lane_positions, tuple(additional))
+
+
+def shipped_scenarios() -> dict[str, Path]:
+    """Name and folder of every scenario that comes with the package."""
+    package = Path(__file__).parents[1]
+    for home in (package / "sumo_scenarios", package.parent / "sumo_scenarios"):
+        found = home.glob(f"*/{scenario_files.DESCRIPTION_FILE}")
+        if shipped := {path.parent.name: path.parent for path in sorted(found)}:
+            return shipped
+    return {}
+
+
+def find_scenario(name_or_path: str | Path | None = None) -> Path:
+    """The folder of a scenario: a path, the name of a shipped one, or None for the default.
+
+    Raises:
+        ScenarioError: neither a folder nor a shipped scenario has that name.
+    """
+    name = DEFAULT_SCENARIO if name_or_path is None else str(name_or_path)
+    shipped = shipped_scenarios()
+    if name_or_path is not None and Path(name_or_path).is_dir():
+        return Path(name_or_path)
+    if name in shipped:
+        return shipped[name]
+    near = nearest_name(name, list(shipped))
+    hint = f" (did you mean {near!r}?)" if near else ""
+    raise ScenarioError(
+        f"There is no scenario {name!r}{hint}: name a folder, or one of: {', '.join(shipped)}."
+    )
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise ScenarioError(f"{path} is missing: {WRITE_ANEW}.") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path} cannot be read ({error}): {WRITE_ANEW}.") from error
+
+
+def _root(path: Path) -> ET.Element:
+    try:
+        return ET.fromstring(_text(path).encode())
+    except ET.ParseError as error:
+        raise ScenarioError(f"{path} is damaged or cut short ({error}): {WRITE_ANEW}.") from error
