@@ -175,6 +175,7 @@ def _configuration(description: ScenarioDescription) -> ET.Element:
             "collision.action": "warn",
             "collision.mingap-factor": "0",
         },
+        "report": {"xml-validation": "never"},
         "gui_only": {"gui-settings-file": VIEW_FILE},
     }
     root = ET.Element("configuration")
