@@ -1,0 +1,367 @@
+"""Scenario folders, with the real netconvert and the real SUMO."""
+
+import itertools
+import os
+import re
+import shutil
+import subprocess
+import tomllib
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from drl_av.errors import ScenarioError, SimulationError
+from drl_av.traffic import description as descriptions
+from drl_av.traffic import network
+from drl_av.traffic.scenario import (
+    PlacedVehicle,
+    ScenarioDescription,
+    find_scenario,
+    load_scenario,
+    shipped_scenarios,
+    write_scenario,
+)
+
+CHECKOUT = Path(__file__).parents[2]
+SHIPPED = {
+    "circular_three_lane": ScenarioDescription(),
+    "barricaded_right_lane": ScenarioDescription(barricaded_lanes=(0,)),
+}
+PLACED = ScenarioDescription(
+    vehicles=(
+        PlacedVehicle("ego", 1, 2.0, 20.0, 30.0),
+        PlacedVehicle("slow", 1, 124.9, 10.0, 12.0),
+    )
+)
+PLACED_TOML = PLACED.to_toml()
+
+
+def run_sumo(folder: Path, end_s: int, *options: str) -> subprocess.CompletedProcess[str]:
+    program = network.netconvert_program().with_name("sumo")
+    arguments = ["-c", folder / "highway.sumocfg", "--end", str(end_s), "--no-step-log", *options]
+    return subprocess.run([program, *arguments], capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A sound scenario folder to spoil."""
+    return Path(shutil.copytree(find_scenario(), tmp_path / "scenario"))
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_scenario_is_regenerated_byte_for_byte(name: str, tmp_path: Path) -> None:
+    write_scenario(tmp_path / "elsewhere", SHIPPED[name])
+    made = {path.name: path.read_bytes() for path in (tmp_path / "elsewhere").iterdir()}
+    kept = {path.name: path.read_bytes() for path in (CHECKOUT / "sumo_scenarios" / name).iterdir()}
+    assert made == kept
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_scenario_opens_in_plain_sumo_with_moving_traffic(
+    name: str, tmp_path: Path
+) -> None:
+    trace = tmp_path / "fcd.xml"
+    done = run_sumo(find_scenario(name), 60, "--fcd-output", str(trace))
+    assert done.returncode == 0
+    assert done.stderr == ""
+    steps = ET.parse(trace).getroot().findall("timestep")
+    assert [len(step) for step in steps] == [16] * 120
+    assert "ego" in {vehicle.get("id") for vehicle in steps[-1]}
+    assert all(float(vehicle.attrib["speed"]) > 10 for vehicle in steps[-1])
+
+
+def test_nobody_drives_on_the_barricaded_lane(tmp_path: Path) -> None:
+    trace = tmp_path / "fcd.xml"
+    run_sumo(find_scenario("barricaded_right_lane"), 600, "--fcd-output", str(trace))
+    lanes = {vehicle.attrib["lane"][-1] for vehicle in ET.parse(trace).getroot().iter("vehicle")}
+    assert lanes == {"1", "2"}
+
+
+def test_barricade_is_drawn_along_the_outer_lane() -> None:
+    scenario = load_scenario(find_scenario("barricaded_right_lane"))
+    polygons = ET.parse(scenario.additional_files[1]).getroot().findall("poly")
+    blocks = [polygon for polygon in polygons if polygon.get("type") == "barricade"]
+    corner = blocks[0].attrib["shape"].split()[0]
+    radius_m = sum(float(value) ** 2 for value in corner.split(",")) ** 0.5
+    assert len(blocks) == 83
+    assert radius_m == pytest.approx(500 / 6.283185307 + 3.8 - 0.4, abs=1e-3)
+
+
+def test_default_scenario_is_the_papers_loop() -> None:
+    scenario = load_scenario(find_scenario())
+    assert scenario.folder.name == "circular_three_lane"
+    assert scenario.road.circumference_m == 500.0
+    assert scenario.road.open_lanes == (True, True, True)
+    assert scenario.edges == ("e0", "e1", "e2", "e3")
+    assert scenario.lane_positions["e2_1"] == (1, 250.0)
+    assert len(scenario.lane_positions) == 12
+    for path in (scenario.network_file, scenario.vehicle_types_file, scenario.view_file):
+        assert path.is_file()
+
+
+def test_loop_is_driven_counter_clockwise_with_the_rightmost_lane_outside() -> None:
+    root = ET.parse(load_scenario(find_scenario()).network_file).getroot()
+    shapes = {lane.attrib["id"]: lane.attrib["shape"] for lane in root.iter("lane")}
+    first = [[float(v) for v in pair.split(",")] for pair in shapes["e0_0"].split()]
+    (x0, y0), (x1, y1) = first[0], first[1]
+    assert x0 * y1 - x1 * y0 > 0
+    assert x0 > float(shapes["e0_2"].split(",")[0])
+
+
+@settings(
+    max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    circumference_m=st.floats(200, 3000, allow_nan=False),
+    lanes=st.integers(1, 5),
+    barricade=st.booleans(),
+)
+@example(circumference_m=1000 / 3, lanes=5, barricade=True)
+def test_every_lane_is_exactly_the_circumference_long(
+    circumference_m: float, lanes: int, barricade: bool, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    barricaded = (lanes - 1,) if barricade and lanes > 1 else ()
+    wanted = ScenarioDescription(circumference_m, lanes, barricaded_lanes=barricaded)
+    folder = tmp_path_factory.mktemp("loop") / "scenario"
+    write_scenario(folder, wanted)
+    root = ET.parse(folder / "highway.net.xml").getroot()
+    for lane in range(lanes):
+        pieces = root.findall(f"edge/lane[@index='{lane}']")
+        total_m = sum(float(piece.attrib["length"]) for piece in pieces)
+        assert abs(total_m - circumference_m) < 1e-6
+    scenario = load_scenario(folder)
+    assert scenario.description == wanted
+    assert abs(scenario.road.circumference_m - circumference_m) < 1e-6
+
+
+def test_network_tells_nothing_about_the_machine_or_the_day() -> None:
+    text = (find_scenario() / "highway.net.xml").read_text()
+    assert "<!--" not in text
+    assert "/tmp" not in text
+
+
+def test_placed_vehicles_start_exactly_where_they_are_put(tmp_path: Path) -> None:
+    write_scenario(tmp_path / "scenario", PLACED)
+    assert load_scenario(tmp_path / "scenario").description == PLACED
+    trace = tmp_path / "fcd.xml"
+    done = run_sumo(tmp_path / "scenario", 1, "--fcd-output", str(trace), "--precision", "6")
+    assert done.stderr == ""
+    first = ET.parse(trace).getroot()[0]
+    placed = {v.attrib["id"]: (v.attrib["lane"], float(v.attrib["pos"])) for v in first}
+    assert placed == {"ego": ("e0_1", 2.0), "slow": ("e0_1", 124.9)}
+
+
+@settings(max_examples=50)
+@given(st.floats(150, 3000), st.integers(1, 4), st.floats(2.5, 5), st.floats(1, 60))
+def test_description_survives_toml(c_m: float, lanes: int, width_m: float, limit: float) -> None:
+    wanted = ScenarioDescription(c_m, lanes, width_m, limit, barricaded_lanes=(0,) * (lanes > 1))
+    assert descriptions.from_toml(wanted.to_toml()) == wanted
+    assert tomllib.loads(wanted.to_toml())["lanes"] == lanes
+
+
+@pytest.mark.parametrize(
+    ("toml", "sentence"),
+    [
+        ("lanes = ", "scenario.toml is not valid TOML"),
+        ("lane = 3", "no key 'lane' (did you mean 'lanes'?)"),
+        ("lanes = 3.0", "lanes is 3.0, but must be a whole number from 1 to 10"),
+        ("lanes = true", "lanes is True, but must be a whole number"),
+        ("lanes = 0", "lanes is 0, but must be a whole number from 1 to 10"),
+        ("circumference_m = 20", "circumference_m is 20, but must be a number from 100"),
+        ("circumference_m = nan", "circumference_m is nan, but must be a number from 100"),
+        ("circumference_m = '500'", "circumference_m is '500', but must be a number"),
+        ("circumference_m = 100\nlanes = 8", "must be at least 127 for 8 lanes of 3.8 m"),
+        ("lane_width_m = 2\nvehicle_width_m = 2.5", "must be at most lane_width_m, 2"),
+        ("barricaded_lanes = [3]", "whole numbers from 0, the rightmost lane, to 2"),
+        ("barricaded_lanes = 0", "whole numbers from 0, the rightmost lane, to 2"),
+        ("barricaded_lanes = [0, 1, 2]", "one must stay open"),
+        ("vehicles = 3", "each written under [[vehicles]]"),
+        ("[[vehicles]]\nid = 'ego'", "The key 'lane' is missing in a placed vehicle"),
+        (PLACED_TOML.replace("position_m", "positon_m"), "did you mean 'position_m'?"),
+        (PLACED_TOML.replace('"slow"', '"ego"'), "Two vehicles are called 'ego'"),
+        (PLACED_TOML.replace('"slow"', '"a b"'), "letters, digits, - and _"),
+        (PLACED_TOML.replace("124.9", "4.0"), "'ego' and 'slow' overlap on lane 1"),
+        (PLACED_TOML.replace("124.9", "498.0"), "'ego' and 'slow' overlap on lane 1"),
+        (PLACED_TOML.replace("124.9", "500.0"), "placed at 500 m, but must be on the loop"),
+        (PLACED_TOML.replace("lane = 1", "lane = 3"), "placed on lane 3, but must be"),
+        (PLACED_TOML.replace("barricaded_lanes = []", "barricaded_lanes = [1]"), "on lane 1, but"),
+    ],
+)
+def test_wrong_description_is_refused_in_one_sentence(
+    folder: Path, toml: str, sentence: str
+) -> None:
+    (folder / "scenario.toml").write_text(toml)
+    with pytest.raises(ScenarioError, match=re.escape(sentence)) as refusal:
+        load_scenario(folder)
+    assert str(folder / "scenario.toml") in str(refusal.value)
+
+
+@pytest.mark.parametrize("name", ["scenario.toml", "highway.net.xml", "vehicle_types.add.xml"])
+def test_missing_file_is_named(folder: Path, name: str) -> None:
+    (folder / name).unlink()
+    with pytest.raises(ScenarioError, match=rf"{name} is missing: write the scenario anew"):
+        load_scenario(folder)
+
+
+@pytest.mark.parametrize("name", ["highway.net.xml", "vehicle_types.add.xml"])
+def test_file_cut_short_is_named(folder: Path, name: str) -> None:
+    path = folder / name
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(ScenarioError, match=rf"{name} is damaged or cut short"):
+        load_scenario(folder)
+
+
+def test_binary_file_is_refused(folder: Path) -> None:
+    (folder / "scenario.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ScenarioError, match="cannot be read"):
+        load_scenario(folder)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('<connection from="e3" to="e0"', '<connection from="e3" to="e1"', "not one closed loop"),
+        ('<connection from="e3" .*?/>', "", "leads from edge 'e3' to 0 edges"),
+        ('from="e1" (.*?) toLane="0"', r'from="e1" \1 toLane="1"', "each open lane of edge 'e1'"),
+        ('from="e1" to="e2" fromLane="2"', 'from="e1" to="e3" fromLane="2"', "to 2 edges"),
+        ("<edge id=.*</edge>", "", "has no edges"),
+        ('length="125.000000"', 'length="125.100000"', "is 500.400000 m long, not 500.000000 m"),
+        ('(id="e2_1".*?) length="125', r'\1 length="124', "lanes of one length on edge 'e2'"),
+        ('width="3.800000"', 'width="3.500000"', "has width 3.5 on lane 'e0_0', not 3.8"),
+        (' width="3.800000"', "", "has width 3.2 on lane 'e0_0', not 3.8"),
+        ('speed="40.000000"', 'speed="30.000000"', "has speed 30 on lane 'e0_0', not 40"),
+        ('<lane id="e3_2".*?/>', "", "has 2 lanes on edge 'e3', not 3"),
+        ('id="e1_1" index="1"', 'id="e1_1" index="1" disallow="all"', "'e1_1' barricaded"),
+        (' length="125.000000"', "", "lacks or misstates 'length'"),
+        ('length="125.000000"', 'length="far"', "lacks or misstates"),
+    ],
+)
+def test_road_that_is_not_the_described_loop_is_refused(
+    folder: Path, old: str, new: str, sentence: str
+) -> None:
+    path = folder / "highway.net.xml"
+    spoilt, count = re.subn(old, new, path.read_text(), flags=re.DOTALL)
+    assert count
+    path.write_text(spoilt)
+    with pytest.raises(ScenarioError, match=re.escape(sentence)) as refusal:
+        load_scenario(folder)
+    assert str(path) in str(refusal.value)
+
+
+def test_description_of_another_road_is_refused(folder: Path) -> None:
+    (folder / "scenario.toml").write_text(ScenarioDescription(600.0).to_toml())
+    with pytest.raises(ScenarioError, match=r"is 500\.000000 m long, not 600\.000000 m"):
+        load_scenario(folder)
+
+
+def test_junction_lanes_of_a_foreign_network_count_towards_the_loop(
+    folder: Path,
+) -> None:
+    text = (folder / "highway.net.xml").read_text()
+    inner = "".join(
+        f'<edge id=":n{n}_0" function="internal">'
+        + "".join(f'<lane id=":n{n}_0_{i}" index="{i}" length="0.50"/>' for i in range(3))
+        + "</edge>"
+        for n in range(4)
+    )
+    text = text.replace('length="125.000000"', 'length="124.500000"')
+    text = text.replace('<edge id="e0"', inner + '<edge id="e0"')
+    for edge, lane in itertools.product(range(4), range(3)):
+        after = f":n{(edge + 1) % 4}_0_{lane}"
+        text = re.sub(rf'(from="e{edge}" .*fromLane="{lane}")', rf'\1 via="{after}"', text)
+    (folder / "highway.net.xml").write_text(text)
+    scenario = load_scenario(folder)
+    assert scenario.edges == ("e0", "e1", "e2", "e3")
+    assert scenario.lane_positions[":n1_0_2"] == (2, 124.5)
+    assert scenario.lane_positions["e1_0"] == (0, 125.0)
+
+
+def test_missing_folder_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"There is no scenario folder .*nowhere"):
+        load_scenario(tmp_path / "nowhere")
+
+
+def test_full_folder_is_never_overwritten(folder: Path) -> None:
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(ScenarioError, match="is there already and not empty"):
+        write_scenario(folder, ScenarioDescription(1000.0))
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_empty_folder_is_filled_and_parents_are_made(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    for place in ("empty", "a/b/new"):
+        write_scenario(tmp_path / place, ScenarioDescription())
+        assert load_scenario(tmp_path / place).road.circumference_m == 500.0
+
+
+def test_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ScenarioError, match="cannot be written"):
+        write_scenario(tmp_path / "file" / "scenario", ScenarioDescription())
+
+
+def fake_netconvert(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
+    program = folder / "netconvert"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(network, "netconvert_program", lambda: program)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="shell scripts")
+@pytest.mark.parametrize(
+    ("script", "error", "sentence"),
+    [
+        (
+            "echo 'netconvert: error while loading shared libraries: libX11.so.6: cannot open "
+            "shared object file: No such file' >&2; exit 127",
+            SimulationError,
+            "needs the system library libX11.so.6, which this machine lacks: install it",
+        ),
+        ("echo Error: bad edge >&2; exit 1", ScenarioError, "cannot build this road: Error: bad"),
+        ("exit 3", ScenarioError, "cannot build this road: exit status 3"),
+    ],
+)
+def test_failing_netconvert_is_told_and_leaves_nothing(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    script: str,
+    error: type[Exception],
+    sentence: str,
+) -> None:
+    bin_folder = tmp_path / "bin"
+    bin_folder.mkdir()
+    fake_netconvert(bin_folder, monkeypatch, script)
+    with pytest.raises(error, match=re.escape(sentence)):
+        write_scenario(tmp_path / "scenario", ScenarioDescription())
+    assert [path.name for path in tmp_path.iterdir()] == ["bin"]
+
+
+def test_absent_netconvert_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(SimulationError, match="pip install eclipse-sumo"):
+        network.netconvert_program()
+
+
+def test_scenario_is_found_by_name_or_folder(folder: Path) -> None:
+    assert set(shipped_scenarios()) == set(SHIPPED)
+    assert find_scenario("barricaded_right_lane").name == "barricaded_right_lane"
+    assert find_scenario(folder) == folder
+    assert find_scenario(str(folder)) == folder
+
+
+def test_unknown_scenario_gets_the_nearest_name() -> None:
+    with pytest.raises(ScenarioError, match=r"did you mean 'circular_three_lane'\?"):
+        find_scenario("circular_tree_lane")
+
+
+def test_wheel_lists_every_package_and_the_scenarios() -> None:
+    build = tomllib.loads((CHECKOUT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    found = {
+        ".".join(init.parent.relative_to(CHECKOUT).parts)
+        for init in (CHECKOUT / "drl_av").rglob("__init__.py")
+    }
+    assert set(build["packages"]) == found | {"drl_av.sumo_scenarios"}
