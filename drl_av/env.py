@@ -177,7 +177,14 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
         unknown = set(options) - {"vehicles"}
         if unknown:
             raise ConfigError(f"reset has no option {unknown.pop()!r}; its option is: vehicles.")
-        traffic = self.config.traffic
+        traffic, placed = self.config.traffic, self.simulation.placed_vehicles
+        if placed is not None:
+            if options.get("vehicles", placed) != placed:
+                raise ConfigError(
+                    f"vehicles is {options['vehicles']!r}, but the scenario places {placed} "
+                    "vehicles exactly: leave the option out."
+                )
+            return placed
         if "vehicles" not in options:
             draw_number = np.random.default_rng([self.seed, 1])
             return int(draw_number.integers(traffic.vehicles_min, traffic.vehicles_max + 1))

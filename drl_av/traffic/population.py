@@ -7,8 +7,10 @@ import numpy.typing as npt
 
 from drl_av.config import EgoConfig, TrafficConfig
 from drl_av.errors import ScenarioError
+from drl_av.traffic.description import PlacedVehicle
 from drl_av.traffic.ring import FloatArray, Road
 
+EGO_ID = "ego"
 SPREAD_M = 250.0
 """Vehicles start within this distance of the ego (Sec. IV-B)."""
 STANDSTILL_GAP_M = 2.5
@@ -17,8 +19,9 @@ COMFORTABLE_BRAKING_M_S2 = 2.0
 
 @dataclass(frozen=True)
 class Population:
-    """Start of an episode; arrays of shape (1 + N,) with the ego in row 0."""
+    """Start of an episode; everything has 1 + N rows, the ego's first."""
 
+    ids: tuple[str, ...]
     lane: npt.NDArray[np.intp]
     front_m: FloatArray
     """Front bumper along the loop, [0, circumference)."""
@@ -61,6 +64,7 @@ def draw_population(
     desired[0] = ego.max_speed_m_s
     headway = rng.uniform(traffic.headway_min_s, traffic.headway_max_s, n)
     return Population(
+        ids=(EGO_ID, *(f"vehicle{i}" for i in range(1, n))),
         lane=lane,
         front_m=front_m,
         speed_m_s=_safe_speeds(desired, headway, gap_m, leader),
@@ -70,6 +74,33 @@ def draw_population(
             traffic.acceleration_min_m_s2, traffic.acceleration_max_m_s2, n
         ),
         speed_gain=rng.uniform(traffic.speed_gain_min, traffic.speed_gain_max, n),
+    )
+
+
+def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig) -> Population:
+    """The vehicles that a scenario places exactly, of middling character.
+
+    Raises:
+        ScenarioError: the ego is not among them.
+    """
+    if EGO_ID not in [vehicle.id for vehicle in placed]:
+        raise ScenarioError(
+            f"The scenario places {len(placed)} vehicles but not the ego: "
+            'place one with the id "ego" too.'
+        )
+    rows = sorted(placed, key=lambda vehicle: vehicle.id != EGO_ID)
+    n = len(rows)
+    return Population(
+        ids=tuple(vehicle.id for vehicle in rows),
+        lane=np.array([vehicle.lane for vehicle in rows]),
+        front_m=np.array([vehicle.position_m for vehicle in rows]),
+        speed_m_s=np.array([vehicle.speed_m_s for vehicle in rows]),
+        desired_speed_m_s=np.array([vehicle.desired_speed_m_s for vehicle in rows]),
+        headway_s=np.full(n, (traffic.headway_min_s + traffic.headway_max_s) / 2),
+        acceleration_m_s2=np.full(
+            n, (traffic.acceleration_min_m_s2 + traffic.acceleration_max_m_s2) / 2
+        ),
+        speed_gain=np.full(n, (traffic.speed_gain_min + traffic.speed_gain_max) / 2),
     )
 
 

@@ -1,27 +1,29 @@
 """One running SUMO: load, place the traffic, advance by one decision, take a snapshot, close."""
 
-import ctypes
-import importlib
-import platform
-import re
 from collections.abc import Sequence
-from types import ModuleType
 from typing import ClassVar
 
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.errors import DisplayError, SimulationError
+from drl_av.errors import SimulationError
 from drl_av.traffic.collisions import classify, overlapping
-from drl_av.traffic.population import Population, draw_population
+from drl_av.traffic.connection import connection, require_display
+from drl_av.traffic.population import (
+    EGO_ID,
+    Population,
+    draw_population,
+    placed_population,
+)
 from drl_av.traffic.ring import FloatArray
 from drl_av.traffic.scenario import Scenario
 from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot
 
-EGO_ID = "ego"
 ALL_SPEED_CHECKS_OFF = 32
 NO_AUTONOMOUS_LANE_CHANGES = 0
 RANDOM_LANE_CHANGE_S = 5.0
+VIEW = "View #0"
+GUI_ZOOM = 700.0
 WISHES_LEFT, WISHES_RIGHT = 2, 4
 """SUMO's LCA_LEFT and LCA_RIGHT bits of a lane-change state."""
 
@@ -41,7 +43,7 @@ class Simulation:
         self.road = scenario.road
         self._config = config
         self._gui = gui
-        self._sumo = _connection(gui)
+        self._sumo = connection(gui)
         self._ids: tuple[str, ...] = ()
         self._started = False
 
@@ -56,16 +58,15 @@ class Simulation:
             SimulationError: SUMO refused the scenario.
         """
         self._rng = np.random.default_rng(seed)
-        length_m = self.scenario.description.vehicle_length_m
-        population = draw_population(
-            self._rng, vehicles, self.road, length_m, self._config.traffic, self._config.ego
-        )
+        population = self._population(vehicles)
         self._load(seed)
-        self._ids = (EGO_ID, *(f"vehicle{i}" for i in range(1, vehicles + 1)))
-        n = len(self._ids)
-        self._length_m = np.full(n, length_m)
-        self._width_m = np.full(n, self.scenario.description.vehicle_width_m)
+        self._ids = population.ids
+        description = self.scenario.description
+        self._length_m = np.full(len(self._ids), description.vehicle_length_m)
+        self._width_m = np.full(len(self._ids), description.vehicle_width_m)
         self._populate(population)
+        if self._gui:
+            self._follow_ego()
         self._ego_lateral_speed_m_s = 0.0
         return self._snapshot()
 
@@ -105,6 +106,23 @@ class Simulation:
             self._sumo.close()
             Simulation._owner = None
         self._started = False
+
+    @property
+    def placed_vehicles(self) -> int | None:
+        """Vehicles beside the ego that the scenario places exactly; None where it places none."""
+        placed = self.scenario.description.vehicles
+        return len(placed) - 1 if placed else None
+
+    def _population(self, vehicles: int) -> Population:
+        description, config = self.scenario.description, self._config
+        if description.vehicles:
+            return placed_population(description.vehicles, config.traffic)
+        length_m = description.vehicle_length_m
+        return draw_population(self._rng, vehicles, self.road, length_m, config.traffic, config.ego)
+
+    def _follow_ego(self) -> None:
+        self._sumo.gui.trackVehicle(VIEW, EGO_ID)
+        self._sumo.gui.setZoom(VIEW, GUI_ZOOM)
 
     def _load(self, seed: int) -> None:
         step_s = self._config.simulation.step_length_s
@@ -248,37 +266,3 @@ class Simulation:
             if self._sumo.vehicle.getLaneChangeState(EGO_ID, sign)[0] & bit:
                 return sign
         return 0
-
-
-def require_display() -> None:
-    """Raise DisplayError where sumo-gui would find no screen, and end the interpreter."""
-    if platform.system() != "Linux":
-        return
-    try:
-        x11 = ctypes.CDLL("libX11.so.6")
-    except OSError as error:
-        raise DisplayError(
-            "sumo-gui needs the system library libX11.so.6, which this machine lacks: install "
-            "the package libx11-6, or use --video instead."
-        ) from error
-    x11.XOpenDisplay.restype = ctypes.c_void_p
-    display = x11.XOpenDisplay(None)
-    if not display:
-        raise DisplayError(
-            "sumo-gui has no screen to open on: set DISPLAY, run under xvfb-run, "
-            "or make a video instead (drl-av replay --video FILE.mp4)."
-        )
-    x11.XCloseDisplay(ctypes.c_void_p(display))
-
-
-def _connection(gui: bool) -> ModuleType:
-    name = "traci" if gui and platform.system() == "Windows" else "libsumo"
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        missing = re.search(r"lib[\w.+-]+\.so[.\d]*", str(error))
-        what = missing.group() if missing else str(error)
-        raise SimulationError(
-            f"{name} needs the system library {what}, which this machine lacks: install it, "
-            "on Debian or Ubuntu with: apt-get install libgl1 libx11-6 libxext6 libxrender1."
-        ) from error
