@@ -230,6 +230,9 @@ class LearningConfig(_Section):
     episodes: int = _setting(10_000, "Sec. IV-C", "N_e", low=1, high=10_000_000)
     discount: float = _setting(0.9, "Table I", "gamma", low=0, high=1)
     learning_rate: float = _setting(1e-4, "Sec. IV-C", "Adam's step size", low=1e-8, high=1)
+    learning_rate_end: float = _setting(
+        1e-4, "ours", "Adam's step size in the last episode, approached linearly", low=0, high=1
+    )
     hidden_units: int = _setting(100, "Sec. IV-C", "units in each hidden layer", low=1, high=10_000)
     epsilon_start: float = _setting(1.0, "Sec. IV-C", "exploration at first", low=0, high=1)
     epsilon_end: float = _setting(0.2, "Sec. IV-C", "exploration at last", low=0, high=1)
@@ -347,7 +350,9 @@ PRESETS: dict[str, Config] = {
         "learning",
         episodes=300,
         epsilon_fraction=0.5,
-        learning_rate=5e-4,
+        learning_rate=1e-3,
+        learning_rate_end=1e-5,
+        epsilon_end=0.1,
         gradient_steps=3,
         mirrored=True,
         target_update_episodes=2,

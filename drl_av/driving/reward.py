@@ -68,19 +68,19 @@ def attainable_speed(
 def desired(seen: Affordances, config: RewardConfig, minimum_gap_m: float) -> Desired:
     """The desired speed and lateral position in this traffic, a function of the indicators.
 
-    ``fixed``: the two numbers of the config. ``traffic``: the speed that the best lane allows,
-    and the centre of that lane; another lane is better only from ``worthwhile_gain_m_s`` on.
+    ``fixed``: the two numbers of the config. ``traffic``: the speed that the own lane allows, and
+    the centre of the best lane; another lane is better only from ``worthwhile_gain_m_s`` on.
     """
     if config.desired == "fixed":
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)
-    speed, sign = attainable_speed(seen, 0, config, minimum_gap_m), 0
-    threshold = speed + config.worthwhile_gain_m_s
+    own = attainable_speed(seen, 0, config, minimum_gap_m)
+    best, sign = own + config.worthwhile_gain_m_s, 0
     for side in (1, -1):
         if seen.has_lane(side):
             there = attainable_speed(seen, side, config, minimum_gap_m)
-            if there >= threshold and there > speed:
-                speed, sign = there, side
-    return Desired(speed, seen.lane_center_m + sign * seen.lane_width_m)
+            if there > best:
+                best, sign = there, side
+    return Desired(own, seen.lane_center_m + sign * seen.lane_width_m)
 
 
 def rewards(

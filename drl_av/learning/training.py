@@ -97,9 +97,16 @@ class Training:
             config.epsilon_fraction,
         )
 
+    @property
+    def learning_rate(self) -> float:
+        """Adam's step size in the coming episode."""
+        start, end = self._config.learning_rate, self._config.learning_rate_end
+        return start + (end - start) * self.episodes_done / self._config.episodes
+
     def run_episode(self) -> EpisodeRow:
         """Lines 3 to 17: one episode, learning after each decision."""
         epsilon = self.epsilon
+        self._learner.learning_rate = self.learning_rate
         seed = int(self._rng.integers(*TRAINING_SEEDS))
         s_t, info = self._env.reset(seed=seed)
         rewards, speeds, losses, triggers, over = [], [], [], 0, False

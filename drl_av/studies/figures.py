@@ -1,0 +1,132 @@
+"""The paper's figures from the CSV files of the other verbs; the only user of matplotlib."""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from drl_av.config import Config
+from drl_av.driving.reward import gap_reward, lateral_reward, safe_gap, speed_reward
+from drl_av.errors import DrlAvError
+from drl_av.studies.evaluation import mean_with_interval
+
+matplotlib.use("Agg")
+
+STYLES = {
+    "pretrained": ("#c2185b", "o"),
+    "idm": ("#546e7a", "s"),
+    "idm-sumo": ("#1976d2", "^"),
+    "random": ("#9e9e9e", "x"),
+}
+"""Colour and mark of the drivers that have one of their own."""
+
+
+def speed_figure(tables: Sequence[Path]) -> Figure:
+    """Mean speed against the number of vehicles, a curve a driver, with 95 % intervals (Fig. 8)."""
+    rows = [row for table in tables for row in read_table(table, ("driver", "vehicles"))]
+    figure, axes = _axes("vehicles on the loop", "mean speed of the ego, m/s")
+    for driver in dict.fromkeys(row["driver"] for row in rows):
+        own = [row for row in rows if row["driver"] == driver]
+        numbers = sorted({int(row["vehicles"]) for row in own})
+        means = [
+            mean_with_interval(
+                float(row["mean_speed_m_s"]) for row in own if int(row["vehicles"]) == number
+            )
+            for number in numbers
+        ]
+        color, mark = STYLES.get(driver, (None, "D"))
+        axes.errorbar(
+            numbers,
+            [mean.value for mean in means],
+            yerr=[mean.half_width if np.isfinite(mean.half_width) else 0.0 for mean in means],
+            label=driver,
+            color=color,
+            marker=mark,
+            capsize=3,
+        )
+    axes.legend(frameon=False)
+    return figure
+
+
+def learning_figure(runs: Sequence[Path]) -> Figure:
+    """Mean reward a decision of the greedy driver against training episodes (Fig. 7)."""
+    figure, axes = _axes("training episode", "mean reward a decision")
+    for run in runs:
+        rows = read_table(run / "evaluations.csv", ("episode", "mean_reward"))
+        axes.plot(
+            [int(row["episode"]) for row in rows],
+            [float(row["mean_reward"]) for row in rows],
+            marker=".",
+            label=run.name,
+        )
+    axes.legend(frameon=False)
+    return figure
+
+
+def reward_figure(config: Config) -> Figure:
+    """The three reward functions at the paper's desired values (Fig. 6)."""
+    reward = config.reward
+    safe_m = safe_gap(
+        reward.desired_speed_m_s, reward.safe_headway_s, config.safety.minimum_gap_m
+    )
+    figure = Figure(figsize=(11, 3.2), layout="constrained")
+    panels = figure.subplots(1, 3, sharey=True)
+    gaps = np.linspace(0, 60, 241)
+    _panel(panels[0], "gap to the vehicle ahead, m", gaps, [gap_reward(x, safe_m) for x in gaps])
+    sides = np.linspace(-1.9, 9.5, 229)
+    lateral = [lateral_reward(y, reward.desired_lateral_m) for y in sides]
+    _panel(panels[1], "lateral position, m", sides, lateral)
+    speeds = np.linspace(15, 40, 251)
+    speed = [speed_reward(v, reward.desired_speed_m_s) for v in speeds]
+    _panel(panels[2], "speed, m/s", speeds, speed)
+    panels[0].set_ylabel("reward")
+    return figure
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG; raises DrlAvError where the disk refuses."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=150, metadata={"Software": None})
+    except OSError as error:
+        raise DrlAvError(
+            f"The figure {path} cannot be written ({error.strerror}): free some space or choose "
+            "another folder with --out."
+        ) from error
+
+
+def read_table(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
+    """Rows of a CSV file; raises DrlAvError where it is missing or lacks a column."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            missing = set(columns) - set(reader.fieldnames or ())
+            rows = list(reader)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise DrlAvError(f"The table {path} cannot be read: {error}.") from error
+    if missing:
+        raise DrlAvError(
+            f"{path} has no column {sorted(missing)[0]!r}: give a file that drl-av evaluate "
+            "wrote, or the folder of a run."
+        )
+    return rows
+
+
+def _axes(x: str, y: str) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(7, 4.2), layout="constrained")
+    axes = figure.subplots()
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.grid(alpha=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def _panel(axes: Axes, x: str, places: Sequence[float], values: Sequence[float]) -> None:
+    axes.plot(places, values)
+    axes.set_xlabel(x)
+    axes.grid(alpha=0.3)

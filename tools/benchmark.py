@@ -1,0 +1,164 @@
+"""How fast the environment and the training are, beside the bare minimum in the same run.
+
+    python tools/benchmark.py env      decisions a second against bare libsumo stepping
+    python tools/benchmark.py train    the same with a gradient step each, against bare steps
+
+Every figure is the median over rounds taken in turn, on one core; the ratio is the median of the
+ratios round by round. ``--json`` prints one JSON object instead of the table.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import time
+from collections.abc import Callable
+
+import libsumo
+import numpy as np
+
+from drl_av.config import Config, preset
+from drl_av.driving.actions import Action, Lateral, Longitudinal
+from drl_av.env import HighwayEnv
+from drl_av.learning.buffers import make_buffer
+from drl_av.learning.learner import Learner
+from drl_av.learning.qnetwork import QNetwork
+from drl_av.learning.training import Training
+
+ACCELERATE = Action(Lateral.KEEP, Longitudinal.ACCELERATE).number
+SEEDS = 1_000
+"""First traffic seed of the episodes that are timed."""
+
+
+def main() -> None:
+    """Parse, measure, print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", choices=("env", "train"))
+    parser.add_argument("--vehicles", type=int, default=30, help="beside the ego (default: 30)")
+    parser.add_argument("--rounds", type=int, default=5, help="(default: 5)")
+    parser.add_argument("--episodes", type=int, default=5, help="a round (default: 5)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    options = parser.parse_args()
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    measure = {"env": measure_env, "train": measure_train}[options.what]
+    result = measure(options.vehicles, options.rounds, options.episodes)
+    if options.json:
+        print(json.dumps(result))
+        return
+    for name, value in result.items():
+        print(f"{name:<46} {value:10.2f}" if isinstance(value, float) else f"{name:<46} {value:>10}")
+
+
+def measure_env(vehicles: int, rounds: int, episodes: int) -> dict[str, float | int]:
+    """Decisions a second of the environment and of bare stepping, resets included in both."""
+    env = HighwayEnv(config=Config())
+    ours, bare = in_turn(
+        rounds,
+        lambda number: drive(env, vehicles, episodes, number),
+        lambda number: step_bare(env, vehicles, episodes, number),
+    )
+    env.close()
+    return {
+        "vehicles": vehicles,
+        "rounds": rounds,
+        "environment, decisions a second": statistics.median(ours),
+        "bare libsumo, decisions a second": statistics.median(bare),
+        "environment / bare": ratio(ours, bare),
+    }
+
+
+def measure_train(vehicles: int, rounds: int, episodes: int) -> dict[str, float | int]:
+    """Decisions a second of Algorithm 1, of the bare steps, and of autograd's gradient step."""
+    config = preset("paper").updated("traffic", vehicles_min=vehicles, vehicles_max=vehicles)
+    config = config.updated("learning", epsilon_start=0.2, epsilon_end=0.2)
+    env = HighwayEnv(config=config)
+    training = Training(env)
+    for _ in range(3):
+        training.run_episode()
+    gradient_steps = bare_gradient(config)
+
+    def bare(number: int) -> float:
+        stepping = 1 / step_bare(env, vehicles, episodes, number)
+        return 1 / (stepping + 1 / gradient_steps())
+
+    ours, floor = in_turn(rounds, lambda number: learn(training, episodes), bare)
+    env.close()
+    return {
+        "vehicles": vehicles,
+        "rounds": rounds,
+        "training, decisions a second": statistics.median(ours),
+        "bare libsumo + bare gradient, decisions a second": statistics.median(floor),
+        "training / bare": ratio(ours, floor),
+    }
+
+
+def drive(env: HighwayEnv, vehicles: int, episodes: int, number: int) -> float:
+    """Decisions a second while the ego keeps its lane and asks to accelerate."""
+    begun, decisions = time.perf_counter(), 0
+    for episode in range(episodes):
+        env.reset(seed=SEEDS + number * episodes + episode, options={"vehicles": vehicles})
+        over = False
+        while not over:
+            _, _, terminated, truncated, _ = env.step(ACCELERATE)
+            over = terminated or truncated
+            decisions += 1
+    return decisions / (time.perf_counter() - begun)
+
+
+def step_bare(env: HighwayEnv, vehicles: int, episodes: int, number: int) -> float:
+    """The same traffic loaded and stepped by libsumo alone, the ego driven by SUMO."""
+    config = env.config.simulation
+    begun, decisions = time.perf_counter(), config.decisions_per_episode
+    for episode in range(episodes):
+        env.simulation.reset(SEEDS + number * episodes + episode, vehicles)
+        libsumo.vehicle.setSpeedMode("ego", 31)
+        for _ in range(decisions * config.steps_per_decision):
+            libsumo.simulationStep()
+    return episodes * decisions / (time.perf_counter() - begun)
+
+
+def learn(training: Training, episodes: int) -> float:
+    """Decisions a second of Algorithm 1."""
+    begun = time.perf_counter()
+    decisions = sum(training.run_episode().decisions for _ in range(episodes))
+    return decisions / (time.perf_counter() - begun)
+
+
+def bare_gradient(config: Config) -> Callable[[], float]:
+    """Gradient steps a second on one batch again and again, no sampling."""
+    rng = np.random.default_rng(0)
+    learner = Learner(QNetwork(rng), config.learning.learning_rate)
+    buffer = make_buffer(config.learning, 27)
+    for _ in range(256):
+        state = rng.normal(size=27).astype(np.float32)
+        buffer.add_safe(state, int(rng.integers(12)), -0.1, state)
+        buffer.add_collision(state, int(rng.integers(12)), -5.0)
+    batch = buffer.sample(config.learning.batch_size, rng)
+
+    def measure(steps: int = 2_000) -> float:
+        begun = time.perf_counter()
+        for _ in range(steps):
+            learner.update(batch)
+        return steps / (time.perf_counter() - begun)
+
+    return measure
+
+
+def in_turn(
+    rounds: int, first: Callable[[int], float], second: Callable[[int], float]
+) -> tuple[list[float], list[float]]:
+    """Both measurements, one after the other, ``rounds`` times after a warm-up."""
+    first(0)
+    second(0)
+    pairs = [(first(number), second(number)) for number in range(1, rounds + 1)]
+    return [a for a, _ in pairs], [b for _, b in pairs]
+
+
+def ratio(a: list[float], b: list[float]) -> float:
+    """Median of the ratios, round by round."""
+    return statistics.median(x / y for x, y in zip(a, b, strict=True))
+
+
+if __name__ == "__main__":
+    main()
