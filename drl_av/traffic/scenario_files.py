@@ -176,7 +176,7 @@ def _configuration(description: ScenarioDescription) -> ET.Element:
             "collision.mingap-factor": "0",
         },
         "report": {"xml-validation": "never"},
-        "gui_only": {"gui-settings-file": VIEW_FILE},
+        "gui_only": {"gui-settings-file": VIEW_FILE, "delay": "100"},
     }
     root = ET.Element("configuration")
     for section, options in sections.items():
@@ -187,13 +187,15 @@ def _configuration(description: ScenarioDescription) -> ET.Element:
 
 
 def _view() -> ET.Element:
-    """Real-world colours, the whole loop, and beside a vehicle its parameter ``caption``."""
+    """Real-world colours, and on a vehicle its parameter ``caption``.
+
+    Neither viewport nor delay: the one would undo a zoom set from outside, the other keeps
+    libsumo's close waiting for ever.
+    """
     root = ET.Element("viewsettings")
     scheme = ET.SubElement(root, "scheme", name="real world")
     ET.SubElement(scheme, "edges", showLinkRules="0")
     text = {"show": "1", "size": "60", "color": "white", "bgColor": "40,40,40", "constantSize": "1"}
     caption = {f"vehicleText_{name}": value for name, value in text.items()}
     ET.SubElement(scheme, "vehicles", {"vehicleTextParam": "caption"} | caption)
-    ET.SubElement(root, "viewport", zoom="95", x="0", y="0", angle="0")
-    ET.SubElement(root, "delay", value="100")
     return root

@@ -23,7 +23,8 @@ ALL_SPEED_CHECKS_OFF = 32
 NO_AUTONOMOUS_LANE_CHANGES = 0
 RANDOM_LANE_CHANGE_S = 5.0
 VIEW = "View #0"
-GUI_ZOOM = 700.0
+GUI_ZOOM = 250.0
+"""In percent of the whole loop's size, about: 120 m of road in a window of usual shape."""
 WISHES_LEFT, WISHES_RIGHT = 2, 4
 """SUMO's LCA_LEFT and LCA_RIGHT bits of a lane-change state."""
 
