@@ -4,7 +4,7 @@ BIN := .venv/bin
 DEMO := demo
 DENSITIES := 1 5 10 15 20 25 30
 
-.PHONY: setup demo test lint clean
+.PHONY: setup demo test lint pretrained results clean
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
@@ -28,6 +28,22 @@ lint: setup
 
 test: lint
 	$(BIN)/python -m pytest -n 2
+
+# The shipped driver, trained again from the settings it ships with (minutes).
+pretrained: setup
+	$(BIN)/drl-av train --config drl_av/pretrained/config.toml --out runs/pretrained
+	cp runs/pretrained/config.toml runs/pretrained/*.csv runs/pretrained/policy.safetensors drl_av/pretrained/
+
+# Every number and table of the README (minutes).
+results: setup
+	$(BIN)/drl-av evaluate --driver pretrained idm idm-sumo --vehicles $(DENSITIES) \
+	    --episodes 100 --seed 0 --jobs 2 --out docs/results/evaluation.csv
+	$(BIN)/drl-av evaluate --driver random --safety-check paper --vehicles $(DENSITIES) \
+	    --episodes 50 --seed 0 --jobs 2 --out docs/results/check_paper.csv
+	$(BIN)/drl-av evaluate --driver random --safety-check permit_all --vehicles $(DENSITIES) \
+	    --episodes 50 --seed 0 --jobs 2 --out docs/results/check_permit_all.csv
+	$(BIN)/python tools/compare_step_lengths.py --out docs/results/step_length.csv
+	$(BIN)/python tools/refresh_tables.py
 
 clean:
 	rm -rf .venv $(DEMO)

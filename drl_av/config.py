@@ -204,6 +204,9 @@ class RewardConfig(_Section):
     catch_up_time_s: float = _setting(
         8.0, "ours", "time in which a gap ahead may be closed", low=1, high=60
     )
+    lane_horizon_s: float = _setting(
+        40.0, "ours", "time over which lanes are compared", low=1, high=1000
+    )
     worthwhile_gain_m_s: float = _setting(
         1.0, "ours", "speed another lane must offer above the own one", low=0, high=30
     )

@@ -47,7 +47,9 @@ def main() -> None:
         print(json.dumps(result))
         return
     for name, value in result.items():
-        print(f"{name:<46} {value:10.2f}" if isinstance(value, float) else f"{name:<46} {value:>10}")
+        print(
+            f"{name:<46} {value:10.2f}" if isinstance(value, float) else f"{name:<46} {value:>10}"
+        )
 
 
 def measure_env(vehicles: int, rounds: int, episodes: int) -> dict[str, float | int]:

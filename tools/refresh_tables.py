@@ -1,0 +1,113 @@
+"""Write the README's tables anew from the CSV files in docs/results.
+
+python tools/refresh_tables.py            rewrite README.md
+python tools/refresh_tables.py --check    exit 1 where README.md and the files differ
+"""
+
+import argparse
+import csv
+import re
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from drl_av.studies.evaluation import Mean, mean_with_interval
+
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "docs" / "results"
+Row = dict[str, str]
+
+
+def speed_table() -> str:
+    """Mean speed of every driver at every density."""
+    return pivot(read("evaluation.csv"), "driver", mean_speed)
+
+
+def collision_table() -> str:
+    """Episodes in which the ego hit something / was hit."""
+    return pivot(read("evaluation.csv"), "driver", collisions)
+
+
+def check_table() -> str:
+    """The random driver with the check and without it."""
+    rows = read("check_paper.csv") + read("check_permit_all.csv")
+    lines = [
+        "| check | episodes | ego hit something | was hit | mean speed, m/s |",
+        "|" + " --- |" * 5,
+    ]
+    for check in dict.fromkeys(row["safety_check"] for row in rows):
+        own = [row for row in rows if row["safety_check"] == check]
+        hits, hit = count(own, "ego_hit"), count(own, "collided") - count(own, "ego_hit")
+        lines.append(f"| `{check}` | {len(own)} | {hits} | {hit} | {mean_speed(own)} |")
+    return "\n".join(lines)
+
+
+TABLES = {"speed": speed_table, "collisions": collision_table, "check": check_table}
+
+
+def pivot(rows: list[Row], column: str, cell: Callable[[list[Row]], str]) -> str:
+    """A row a driver, a column a density."""
+    densities = sorted({int(row["vehicles"]) for row in rows})
+    lines = [
+        "| vehicles | " + " | ".join(map(str, densities)) + " |",
+        "|" + " --- |" * (len(densities) + 1),
+    ]
+    for driver in dict.fromkeys(row[column] for row in rows):
+        cells = [
+            cell([r for r in rows if r[column] == driver and int(r["vehicles"]) == density])
+            for density in densities
+        ]
+        lines.append(f"| `{driver}` | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def mean_speed(rows: Iterable[Row]) -> str:
+    """Mean and half-width of the 95 % interval."""
+    mean: Mean = mean_with_interval(float(row["mean_speed_m_s"]) for row in rows)
+    return str(mean)
+
+
+def collisions(rows: list[Row]) -> str:
+    """Hit something / was hit, of so many episodes."""
+    hits = count(rows, "ego_hit")
+    return f"{hits} / {count(rows, 'collided') - hits} of {len(rows)}"
+
+
+def count(rows: Iterable[Row], column: str) -> int:
+    """Rows in which a column is true."""
+    return sum(row[column] == "True" for row in rows)
+
+
+def read(name: str) -> list[Row]:
+    """Rows of a results file."""
+    with (RESULTS / name).open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def refreshed(text: str) -> str:
+    """The README with every table between its marks made anew."""
+    for name, table in TABLES.items():
+        marks = rf"(<!-- table: {name} -->\n).*?(<!-- end -->)"
+        text, found = re.subn(
+            marks, lambda m, t=table: f"{m[1]}{t()}\n{m[2]}", text, flags=re.DOTALL
+        )
+        if not found:
+            raise SystemExit(f"README.md has no place for the table {name!r}.")
+    return text
+
+
+def main() -> int:
+    """Rewrite or compare."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--check", action="store_true", help="compare only")
+    readme = ROOT / "README.md"
+    text = readme.read_text(encoding="utf-8")
+    fresh = refreshed(text)
+    if parser.parse_args().check:
+        return int(fresh != text)
+    readme.write_text(fresh, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
