@@ -1,33 +1,34 @@
 """The ``drl-av`` command: parse, call, print; every room is opened inside its verb."""
 
 import argparse
-import signal
+import os
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from drl_av.errors import DrlAvError
+from drl_av.config import Config, load_config, preset
+from drl_av.errors import DrlAvError, RunError
+from drl_av.options import Verb, command_line
 
 if TYPE_CHECKING:
-    from drl_av.config import Config
-    from drl_av.driving.drivers import Driver
-    from drl_av.env import HighwayEnv
-    from drl_av.studies.evaluation import Summary
-    from drl_av.studies.replay import Recording
+    from drl_av.learning.run import Run
+    from drl_av.learning.training import Training
 
 INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a verb; returns the exit status: 0, 1 for a failure told in one sentence, 2 for usage."""
-    parsed = _parser().parse_args(arguments)
-    verb: Callable[[argparse.Namespace], int] = parsed.verb
+    options = command_line(VERBS).parse_args(arguments)
+    verb: Verb = options.verb
     try:
-        return verb(parsed)
-    except DrlAvError as error:
+        return verb(options)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except (DrlAvError, OSError) as error:
         print(f"drl-av: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -35,80 +36,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="drl-av",
-        description="Learn to drive on a highway, safely, in SUMO.",
-        epilog="Every verb has its own --help.",
-    )
-    verbs = parser.add_subparsers(required=True, metavar="VERB")
-    for add in (_add_scenario, _add_train, _add_evaluate, _add_replay):
-        add(verbs)
-    return parser
-
-
-def _verb(verbs: Any, name: str, run: Callable[..., int], meaning: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        name,
-        help=meaning,
-        description=meaning,
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
-    parser.set_defaults(verb=run)
-    return parser
-
-
-def _whole(low: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        number = int(text)
-        if number < low:
-            raise argparse.ArgumentTypeError(f"{number} is less than {low}")
-        return number
-
-    parse.__name__ = "whole number"
-    return parse
-
-
-def _add_driving_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--scenario", metavar="DIR", help="scenario folder, or the name of a shipped one"
-    )
-    parser.add_argument("--config", metavar="FILE.toml", help="settings laid over the others")
-    parser.add_argument(
-        "--safety-check", metavar="NAME", help="permit_all or paper; default: that of the config"
-    )
-
-
-def _overridden(config: "Config", options: argparse.Namespace) -> "Config":
+def _overridden(config: Config, options: argparse.Namespace) -> Config:
     """Lay what the command line says over a config."""
-    from drl_av.config import load_config
-
-    if options.config:
-        config = load_config(options.config, config)
+    config = load_config(options.config, config)
     if options.scenario:
         config = config.updated("simulation", scenario=options.scenario)
     if options.safety_check:
         config = config.updated("safety", check=options.safety_check)
+    folder = Path(config.simulation.scenario)
+    if folder.is_dir():
+        config = config.updated("simulation", scenario=str(folder.absolute()))
     return config
-
-
-# ------------------------------------------------------------------------------------- scenario
-
-
-def _add_scenario(verbs: Any) -> None:
-    parser = _verb(verbs, "scenario", _scenario, "write a scenario folder for SUMO and drl-av")
-    parser.add_argument("folder", type=Path, metavar="DIR", help="folder to write; must be new")
-    parser.add_argument("--circumference-m", type=float, default=500.0, metavar="M", help="metres")
-    parser.add_argument("--lanes", type=_whole(1), default=3, metavar="N", help="number of lanes")
-    parser.add_argument("--lane-width-m", type=float, default=3.8, metavar="M", help="metres")
-    parser.add_argument(
-        "--barricade",
-        type=_whole(0),
-        nargs="+",
-        default=(),
-        metavar="LANE",
-        help="lanes to close; 0 is the rightmost",
-    )
 
 
 def _scenario(options: argparse.Namespace) -> int:
@@ -125,25 +63,6 @@ def _scenario(options: argparse.Namespace) -> int:
     return 0
 
 
-# ---------------------------------------------------------------------------------------- train
-
-
-def _add_train(verbs: Any) -> None:
-    parser = _verb(verbs, "train", _train, "train a driver (Algorithm 1)")
-    parser.add_argument("--out", type=Path, required=True, metavar="RUN", help="the run's folder")
-    parser.add_argument("--preset", default="paper", metavar="NAME", help="paper or fast")
-    parser.add_argument("--episodes", type=_whole(1), metavar="N", help="default: the preset's")
-    parser.add_argument("--seed", type=_whole(0), metavar="S", help="default: the preset's")
-    parser.add_argument(
-        "--replay", metavar="KIND", help="two-buffer or uniform; default: the preset's"
-    )
-    _add_driving_options(parser)
-    parser.add_argument("--resume", action="store_true", help="go on where the run was stopped")
-    parser.add_argument(
-        "--tensorboard", action="store_true", help="also write TensorBoard events into the run"
-    )
-
-
 def _train(options: argparse.Namespace) -> int:
     from drl_av.env import HighwayEnv
     from drl_av.learning.run import Run
@@ -151,286 +70,151 @@ def _train(options: argparse.Namespace) -> int:
 
     run = Run(options.out)
     config = _training_config(options, run)
-    env = HighwayEnv(config=config)
-    if not options.resume:
-        run.create(config)
-    training = Training(env)
-    run.restore(training)
-    try:
-        _watch_training(run, training, options.tensorboard)
-    finally:
-        env.close()
-    return 0
+    with closing(HighwayEnv(config=config)) as env:
+        if not options.resume:
+            run.create(config)
+        training = Training(env)
+        run.restore(training)
+        try:
+            finished = _watch_training(run, training, options.tensorboard)
+        except KeyboardInterrupt:
+            finished = False
+    if finished:
+        print(f"{run.folder}: {config.learning.episodes} episodes; compare it with the driver idm:")
+        print(f"drl-av evaluate {run.folder} idm")
+        return 0
+    print(f"drl-av: stopped; go on with: drl-av train --out {run.folder} --resume", file=sys.stderr)
+    return INTERRUPTED
 
 
-def _training_config(options: argparse.Namespace, run: Any) -> "Config":
-    from drl_av.config import preset
-    from drl_av.errors import RunError
-
-    wanted = {
-        name: getattr(options, name)
-        for name in ("episodes", "seed", "replay")
-        if getattr(options, name) is not None
-    }
+def _training_config(options: argparse.Namespace, run: "Run") -> Config:
+    names = ("episodes", "seed", "replay")
+    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    base = preset(options.preset or "paper")
     if options.resume:
-        config: Config = run.read_config()
-        changed = _overridden(config, options).updated("learning", **wanted)
-        if changed != config:
+        stored = run.read_config()
+        base = base if options.preset else stored
+        if _overridden(base, options).updated("learning", **given) != stored:
             raise RunError(
                 f"{run.folder} was begun with other settings than these options ask for: "
                 "resume it without them, or begin a new run."
             )
-        return config
-    return _overridden(preset(options.preset), options).updated("learning", **wanted)
+        return stored
+    return _overridden(base, options).updated("learning", **given)
 
 
-def _watch_training(run: Any, training: Any, tensorboard: bool) -> None:
+def _watch_training(run: "Run", training: "Training", tensorboard: bool) -> bool:
+    """Train to the end, or to the episode in which somebody asked to stop; True at the end."""
+    from drl_av.console import progress_bar, stop_request, told_of_episode, told_of_evaluation
     from drl_av.learning.board import board
     from drl_av.learning.run import train
 
-    episodes = training.config.learning.episodes
-    decisions, begun = 0, time.monotonic()
+    total, done = training.config.learning.episodes, training.episodes_done
     with (
-        _stop_between_episodes() as stopping,
-        board(run.folder / "tensorboard" if tensorboard else None) as events,
-        _progress_bar() as bar,
+        stop_request() as stop,
+        board(run.folder / "tensorboard" if tensorboard else None, done) as events,
+        progress_bar("training", total, done) as bar,
     ):
-        task = bar.add_task("training", total=episodes, completed=training.episodes_done, told="")
         for progress in train(run, training):
-            row = progress.episode
-            decisions += row.decisions
-            rate = decisions / (time.monotonic() - begun)
             events.add(progress)
-            bar.update(
-                task,
-                completed=row.episode,
-                told=f"reward {row.mean_reward:.3f}  {row.mean_speed_m_s:.1f} m/s  "
-                f"triggers {row.safety_triggers}  epsilon {row.epsilon:.2f}  "
-                f"{rate:.0f} decisions/s",
-            )
+            bar.advance(told_of_episode(progress.episode), progress.episode.decisions)
             if progress.evaluation:
-                evaluation = progress.evaluation
-                bar.console.print(
-                    f"episode {evaluation.episode}: greedy reward {evaluation.mean_reward:.3f}, "
-                    f"{evaluation.mean_speed_m_s:.2f} m/s, {evaluation.ego_hits} times hit "
-                    f"something, {evaluation.safety_triggers:.1f} triggers an episode"
-                )
-            if stopping() and row.episode < episodes:
+                bar.say(told_of_evaluation(progress.evaluation))
+            if stop.made and training.episodes_done < total:
                 run.save(training)
-                bar.console.print(
-                    f"stopped after episode {row.episode}: continue with "
-                    f"drl-av train --out {run.folder} --resume"
-                )
-                raise KeyboardInterrupt
-
-
-@contextmanager
-def _stop_between_episodes() -> Iterator[Callable[[], bool]]:
-    """The first Ctrl-C asks to stop after the episode; the second stops at once."""
-    asked = False
-
-    def ask(number: int, frame: object) -> None:
-        nonlocal asked
-        if asked:
-            raise KeyboardInterrupt
-        asked = True
-
-    former = {name: signal.signal(name, ask) for name in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: asked
-    finally:
-        for name, handler in former.items():
-            signal.signal(name, handler)
-
-
-def _progress_bar() -> Any:
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    console = Console()
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=20),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[told]}"),
-        console=console,
-        disable=not console.is_terminal,
-    )
-
-
-# ------------------------------------------------------------------------------------- evaluate
-
-
-def _add_evaluate(verbs: Any) -> None:
-    from drl_av.studies import DENSITIES
-
-    parser = _verb(verbs, "evaluate", _evaluate, "compare drivers on the same seeded traffic")
-    parser.add_argument(
-        "runs", nargs="*", type=Path, metavar="RUN", help="runs; default: the shipped driver"
-    )
-    parser.add_argument(
-        "--driver", nargs="+", default=[], metavar="NAME", help="idm, idm-sumo, random, pretrained"
-    )
-    parser.add_argument(
-        "--vehicles", nargs="+", type=_whole(0), default=list(DENSITIES), metavar="N"
-    )
-    parser.add_argument("--episodes", type=_whole(1), default=50, metavar="N", help="a density")
-    parser.add_argument(
-        "--seed", type=_whole(0), default=0, metavar="S", help="of the first episode's traffic"
-    )
-    _add_driving_options(parser)
-    parser.add_argument("--out", type=Path, metavar="FILE.csv", help="a row an episode")
+                return False
+    return True
 
 
 def _evaluate(options: argparse.Namespace) -> int:
-    from rich.console import Console
+    from drl_av.console import print_summaries, progress_bar
+    from drl_av.studies.drivers import choose, config_of
+    from drl_av.studies.evaluation import Evaluation, summarize, write_rows, write_summaries
+    from drl_av.studies.files import require_writable
 
-    from drl_av.env import HighwayEnv
-    from drl_av.studies.evaluation import drive_all, summarize, write_rows
-
-    drivers, base = _drivers(options.runs, options.driver)
-    config = _overridden(base, options)
-    env = HighwayEnv(config=config)
+    for path in filter(None, (options.out, options.json)):
+        require_writable(path)
+    choices = choose([*options.runs, *options.driver] or ["pretrained"])
+    config = _overridden(config_of(choices), options)
     seeds = range(options.seed, options.seed + options.episodes)
-    rows = []
-    interrupted = False
+    evaluation = Evaluation(config, choices, tuple(options.vehicles or ()), seeds)
+    rows, status = [], 0
     try:
-        with _progress_bar() as bar:
-            total = len(drivers) * len(seeds) * len(options.vehicles)
-            task = bar.add_task("evaluating", total=total, told="")
-            for row in drive_all(env, drivers, options.vehicles, seeds):
+        with (
+            progress_bar("evaluating", len(evaluation)) as bar,
+            closing(evaluation.rows(options.jobs)) as found,
+        ):
+            for row in found:
                 rows.append(row)
-                bar.update(task, advance=1, told=f"{row.driver}, {row.vehicles} vehicles")
+                bar.advance(f"{row.driver}, {row.vehicles} vehicles", row.decisions)
     except KeyboardInterrupt:
-        interrupted = True
+        status = INTERRUPTED
+        print(f"drl-av: interrupted after {len(rows)} episodes.", file=sys.stderr)
     finally:
-        env.close()
-    if options.out:
-        write_rows(options.out, rows)
-    Console().print(_table(summarize(rows)))
-    return INTERRUPTED if interrupted else 0
-
-
-def _drivers(runs: Sequence[Path], names: Sequence[str]) -> tuple[dict[str, "Driver"], "Config"]:
-    """Drivers by name, and the config of the first learned one among them."""
-    from drl_av.config import Config
-    from drl_av.studies.drivers import PRETRAINED, learned_driver, rule_driver
-
-    drivers: dict[str, Driver] = {}
-    config: Config | None = None
-    wanted = list(runs) or ([PRETRAINED] if not names or "pretrained" in names else [])
-    for path in wanted:
-        name = "pretrained" if path == PRETRAINED else path.name
-        drivers[name], own = learned_driver(path)
-        config = config or own
-    config = config or Config()
-    drivers |= {name: rule_driver(name, config) for name in names if name != "pretrained"}
-    return drivers, config
-
-
-def _table(summaries: Sequence["Summary"]) -> Any:
-    from rich.table import Table
-
-    table = Table(caption="mean ± half-width of the 95 % confidence interval, over episodes")
-    for heading in ("vehicles", "driver", "check", "episodes", "speed m/s", "reward"):
-        table.add_column(heading)
-    for heading in ("ego hit", "was hit", "triggers", "lane changes"):
-        table.add_column(heading, justify="right")
-    for summary in summaries:
-        table.add_row(
-            str(summary.vehicles),
-            summary.driver,
-            summary.safety_check,
-            str(summary.episodes),
-            str(summary.speed_m_s),
-            str(summary.reward),
-            str(summary.ego_hits),
-            str(summary.collisions - summary.ego_hits),
-            str(summary.triggers),
-            str(summary.lane_changes),
-        )
-    return table
-
-
-# --------------------------------------------------------------------------------------- replay
-
-
-def _add_replay(verbs: Any) -> None:
-    parser = _verb(verbs, "replay", _replay, "watch a driver, or a recorded episode again")
-    parser.add_argument(
-        "source",
-        nargs="?",
-        type=Path,
-        metavar="RUN | RECORDING",
-        help="default: the shipped driver",
-    )
-    parser.add_argument("--driver", metavar="NAME", help="a driver by rule instead")
-    parser.add_argument("--seed", type=_whole(0), default=0, metavar="S", help="of the traffic")
-    parser.add_argument("--vehicles", type=_whole(0), default=15, metavar="N")
-    how = parser.add_mutually_exclusive_group()
-    how.add_argument("--gui", action="store_true", help="in sumo-gui (the default)")
-    how.add_argument("--video", type=Path, metavar="FILE.mp4", help="as .mp4 or .gif, no screen")
-    parser.add_argument("--rate", type=float, default=2.0, metavar="X", help="times real time")
-    parser.add_argument("--record", type=Path, metavar="FILE.npz", help="keep the episode")
-    _add_driving_options(parser)
+        if rows and options.out:
+            write_rows(options.out, rows)
+    if rows and options.json:
+        write_summaries(options.json, summarize(rows))
+    if rows:
+        print_summaries(summarize(rows))
+    return status
 
 
 def _replay(options: argparse.Namespace) -> int:
-    from drl_av.env import HighwayEnv
-    from drl_av.episode import drive
-    from drl_av.studies.replay import Film, Follower, Pacer, RecordedDriver, Recorder
+    from drl_av.studies.drivers import build, choose, config_of
+    from drl_av.studies.files import require_writable
+    from drl_av.studies.replay import Film, Pacer, Ride, load_recording, ride_again
 
-    recording, driver, name, config = _episode_to_watch(options)
-    seed, vehicles = options.seed, options.vehicles
-    if recording:
-        driver, seed, vehicles = RecordedDriver(recording), recording.seed, recording.vehicles
-    env = HighwayEnv(config=config, render_mode="rgb_array" if options.video else "human")
-    film, recorder = Film(name), Recorder()
-    watchers: list[Callable[[HighwayEnv], None]] = [recorder]
-    watchers.append(film if options.video else Pacer(options.rate))
-    if recording:
-        watchers.append(Follower(recording))
-
-    def watch(env: "HighwayEnv") -> None:
-        for watcher in watchers:
-            watcher(env)
-
-    try:
-        result = drive(env, driver, name, seed, vehicles, watch)
-    finally:
-        env.close()
-    if options.record:
-        recorder.recording(env, name).save(options.record)
+    for path in filter(None, (options.record, options.video)):
+        require_writable(path)
+    source = options.source or options.driver or "pretrained"
+    if Path(source).is_file() and Path(source).suffix != ".safetensors":
+        ride = ride_again(load_recording(Path(source)))
+    else:
+        choices = choose([source])
+        config = _overridden(config_of(choices), options)
+        if options.decisions:
+            config = config.updated("simulation", decisions_per_episode=options.decisions)
+        [(name, driver)] = build(choices, config).items()
+        ride = Ride(config, driver, name, options.seed, options.vehicles)
+    film = Film(ride.name)
     if options.video:
-        frames = film.write(options.video, rate=options.rate)
-        print(f"{options.video}: {frames} frames")
-    followed = "exactly as recorded, " if recording else ""
+        recording, result = ride.drive("rgb_array", film)
+        print(f"{options.video}: {film.write(options.video, rate=options.rate)} frames")
+    else:
+        recording, result = ride.drive("human", Pacer(options.rate))
+    if options.record:
+        recording.save(options.record)
+        print(f"{options.record}: recorded")
     print(
-        f"{name}, {vehicles} vehicles, seed {seed}: {followed}{result.decisions} decisions, "
+        f"{ride.name}, {result.vehicles} vehicles, seed {result.seed}: "
+        f"{'exactly as recorded, ' if ride.recording else ''}{result.decisions} decisions, "
         f"{result.mean_speed_m_s:.2f} m/s, reward {result.mean_reward:.3f}, "
         f"{result.safety_triggers} safety triggers, {result.collision or 'no collision'}"
     )
     return 0
 
 
-def _episode_to_watch(
-    options: argparse.Namespace,
-) -> tuple["Recording | None", "Driver", str, "Config"]:
-    """The recording, if the source is one; the driver, its name, and its config."""
-    from drl_av.studies.replay import RecordedDriver, load_recording
+def _figures(options: argparse.Namespace) -> int:
+    from drl_av.studies.figures import learning_figure, reward_figure, save_figure, speed_figure
 
-    source: Path | None = options.source
-    if source is not None and source.suffix == ".npz":
-        recording = load_recording(source)
-        return recording, RecordedDriver(recording), recording.driver, recording.config
-    runs, names = [source] if source else [], [options.driver] if options.driver else []
-    drivers, config = _drivers(runs, names)
-    name, driver = next(iter(drivers.items()))
-    return None, driver, name, _overridden(config, options)
+    runs = [path for path in options.sources if path.is_dir()]
+    tables = [path for path in options.sources if not path.is_dir()]
+    figures = {"reward": reward_figure(Config())}
+    if tables:
+        figures["mean_speed"] = speed_figure(tables)
+    if runs:
+        figures["learning"] = learning_figure(runs)
+    for name, figure in figures.items():
+        save_figure(figure, options.out / f"{name}.png")
+        print(options.out / f"{name}.png")
+    return 0
+
+
+VERBS: dict[str, Verb] = {
+    "scenario": _scenario,
+    "train": _train,
+    "evaluate": _evaluate,
+    "replay": _replay,
+    "figures": _figures,
+}

@@ -27,10 +27,10 @@ class NullBoard:
 class TensorBoard:
     """Scalars by episode, under ``episode/`` and ``evaluation/``."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, episodes_done: int) -> None:
         from torch.utils.tensorboard import SummaryWriter
 
-        self._writer = SummaryWriter(str(folder))
+        self._writer = SummaryWriter(str(folder), purge_step=episodes_done + 1)
 
     def add(self, progress: Progress) -> None:
         """Write every number of the rows."""
@@ -44,13 +44,16 @@ class TensorBoard:
 
 
 @contextmanager
-def board(folder: Path | None) -> Iterator[Board]:
-    """A board that writes into ``folder``, or none; raises DrlAvError without TensorBoard."""
+def board(folder: Path | None, episodes_done: int) -> Iterator[Board]:
+    """A board that writes into ``folder``, or none; raises DrlAvError without TensorBoard.
+
+    Later episodes that a stopped training wrote there are taken back.
+    """
     if folder is None:
         yield NullBoard()
         return
     try:
-        events = TensorBoard(folder)
+        events = TensorBoard(folder, episodes_done)
     except ImportError as error:
         raise DrlAvError(
             "--tensorboard needs the package tensorboard: pip install 'drl-av[tensorboard]'."

@@ -6,6 +6,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import astuple, fields
 from pathlib import Path
 from typing import NamedTuple
@@ -94,18 +95,25 @@ class Run:
             sizes = numbers["sizes"]
         for name, size in sizes.items():
             file = self.folder / name
-            if not file.is_file() or file.stat().st_size < size:
+            found = file.stat().st_size if file.is_file() else -1
+            if found < size:
                 raise CheckpointError(
                     f"{file} has lost rows that {self.checkpoint_file.name} counts: "
                     "put the file back, or begin a new run."
                 )
-            os.truncate(file, size)
+            if found > size:
+                with _told(file):
+                    os.truncate(file, size)
 
     def save(self, training: Training) -> None:
-        """Write policy and checkpoint, each whole or not at all; raises CheckpointError."""
+        """Write policy and checkpoint, each whole or not at all.
+
+        Raises:
+            RunError, CheckpointError: the disk refuses.
+        """
         sizes = {}
         for file in (self.episodes_file, self.evaluations_file):
-            with file.open("ab") as stream:
+            with _told(file), file.open("ab") as stream:
                 os.fsync(stream.fileno())
                 sizes[file.name] = stream.tell()
         tensors, numbers = training.state()
@@ -115,14 +123,20 @@ class Run:
 
     def append(self, file: Path, row: EpisodeRow | EvaluationRow) -> None:
         """Add a row to one of the CSV files; raises RunError where the disk refuses."""
-        try:
-            with file.open("ab") as stream:
-                stream.write(_line(astuple(row)))
-        except OSError as error:
-            raise RunError(
-                f"{file} cannot be written ({error.strerror}): free some space, "
-                "then continue with --resume; nothing saved before is lost."
-            ) from error
+        with _told(file), file.open("ab") as stream:
+            stream.write(_line(astuple(row)))
+
+
+@contextmanager
+def _told(file: Path) -> Iterator[None]:
+    """What the disk refuses, told in one sentence."""
+    try:
+        yield
+    except OSError as error:
+        raise RunError(
+            f"{file} cannot be written ({error.strerror}): free some space or make it writable, "
+            "then continue with --resume; nothing saved before is lost."
+        ) from error
 
 
 def train(run: Run, training: Training) -> Iterator[Progress]:

@@ -1,7 +1,9 @@
-"""Drivers by name, and learned drivers from a run, a policy file or this package."""
+"""Drivers by name: those by rule, the one that ships, and learned ones from a run's folder."""
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from drl_av.config import Config, nearest_name
 from drl_av.driving.drivers import Driver
@@ -16,17 +18,90 @@ RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "idm-sumo": lambda config: IdmSumoDriver(config.safety),
     "random": lambda config: RandomDriver(),
 }
+DRIVERS = (*RULE_DRIVERS, "pretrained")
+
+
+class Choice(NamedTuple):
+    """A driver somebody asked for."""
+
+    name: str
+    """What the results call it; no two are called the same."""
+    run: Path | None
+    """A run's folder or a policy file; None for a driver by rule, which ``name`` names."""
+
+
+def choose(words: Iterable[str]) -> tuple[Choice, ...]:
+    """What each word means: one of ``DRIVERS``, a run's folder, or a policy file.
+
+    Runs are called by the last part of their path, or by the whole path where others end alike.
+
+    Raises:
+        ConfigError: a word is neither; tells the nearest driver.
+    """
+    runs: dict[str, Path | None] = {}
+    for word in dict.fromkeys(words):
+        if word in RULE_DRIVERS:
+            runs[word] = None
+        elif word == "pretrained":
+            runs[word] = PRETRAINED
+        elif Path(word).exists():
+            runs[word] = Path(word)
+        else:
+            raise _unknown(word)
+    short = {word: word if word in DRIVERS else Path(word).absolute().name for word in runs}
+    count = Counter(short.values())
+    return tuple(Choice(short[w] if count[short[w]] == 1 else w, run) for w, run in runs.items())
+
+
+def _unknown(word: str) -> ConfigError:
+    near = nearest_name(word, DRIVERS)
+    hint = f" (did you mean {near!r}?)" if near else ""
+    return ConfigError(
+        f"There is no driver or run folder {word!r}{hint}; the drivers are: {', '.join(DRIVERS)}."
+    )
+
+
+def config_of(choices: Sequence[Choice]) -> Config:
+    """The config of the first learned driver, or the paper's where all drive by rule.
+
+    Raises:
+        RunError: there is no such run, or it has saved no policy yet.
+        CheckpointError: the policy file is damaged.
+    """
+    run = next((choice.run for choice in choices if choice.run), None)
+    return learned_driver(run)[1] if run else Config()
+
+
+def build(choices: Iterable[Choice], config: Config) -> dict[str, Driver]:
+    """The drivers by name, for an environment of that config.
+
+    Raises:
+        RunError, CheckpointError: as ``config_of``; or a learned driver sees the road otherwise.
+    """
+    drivers: dict[str, Driver] = {}
+    for name, run in choices:
+        if run is None:
+            drivers[name] = rule_driver(name, config)
+            continue
+        drivers[name], own = learned_driver(run)
+        if _eyes(own) != _eyes(config):
+            raise RunError(
+                f"{run} was trained with other [observation] settings or another "
+                "ego.max_speed_m_s than it would drive with here: let it drive by itself, "
+                "without a --config that changes them."
+            )
+    return drivers
+
+
+def _eyes(config: Config) -> tuple[object, ...]:
+    """What the numbers that a learned driver sees depend on."""
+    return config.observation, config.ego.max_speed_m_s
 
 
 def rule_driver(name: str, config: Config) -> Driver:
     """The driver of that name; raises ConfigError with the nearest one."""
     if name not in RULE_DRIVERS:
-        near = nearest_name(name, (*RULE_DRIVERS, "pretrained"))
-        hint = f" (did you mean {near!r}?)" if near else ""
-        raise ConfigError(
-            f"There is no driver {name!r}{hint}; "
-            f"the drivers are: {', '.join((*RULE_DRIVERS, 'pretrained'))}."
-        )
+        raise _unknown(name)
     return RULE_DRIVERS[name](config)
 
 
@@ -41,6 +116,11 @@ def learned_driver(path: Path) -> tuple[Driver, Config]:
     from drl_av.learning.training import GreedyDriver
 
     file = path / "policy.safetensors" if path.is_dir() else path
+    if path == PRETRAINED and not file.is_file():
+        raise RunError(
+            f"This installation lacks the driver that ships with drl-av ({file}): train one with "
+            "drl-av train --out RUN and name its folder, or name another driver."
+        )
     if not file.is_file():
         raise RunError(
             f"{path} holds no trained driver: give a run's folder that has a policy.safetensors, "

@@ -1,31 +1,150 @@
 """Drivers compared on the same seeded traffic."""
 
 import csv
-import os
-from collections.abc import Iterable, Iterator, Sequence
+import io
+import json
+import math
+import multiprocessing
+import signal
+import threading
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager
 from dataclasses import asdict, fields
+from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.config import Config
 from drl_av.driving.drivers import Driver
-from drl_av.env import HighwayEnv
+from drl_av.env import TRAINING_SEEDS, HighwayEnv
 from drl_av.episode import EpisodeResult, drive
-from drl_av.errors import DrlAvError
+from drl_av.errors import ConfigError, SimulationError
+from drl_av.studies import DENSITIES
+from drl_av.studies.drivers import Choice, build
+from drl_av.studies.files import write_whole
 
 
 def drive_all(
     env: HighwayEnv,
-    drivers: dict[str, Driver],
+    drivers: Mapping[str, Driver],
     vehicles: Sequence[int],
     seeds: Sequence[int],
 ) -> Iterator[EpisodeResult]:
     """Drive every driver through every number of vehicles and every seed, a row an episode."""
-    for number in vehicles:
-        for seed in seeds:
-            for name, driver in drivers.items():
-                yield drive(env, driver, name, seed, number)
+    for number, seed, name in product(vehicles, seeds, drivers):
+        yield drive(env, drivers[name], name, seed, number)
+
+
+class Evaluation:
+    """Which drivers are to be driven, among how many vehicles, and on which seeds.
+
+    Without numbers of vehicles they are those of the published tables, or what the scenario
+    places.
+
+    Raises:
+        RunError, CheckpointError: a learned driver is not to be had.
+        ConfigError, ScenarioError: so many vehicles are not to be had, or training's own seeds.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        choices: Sequence[Choice],
+        vehicles: Sequence[int],
+        seeds: Sequence[int],
+    ) -> None:
+        self._config, self._choices = config, tuple(choices)
+        if max(seeds) >= TRAINING_SEEDS[0]:
+            raise ConfigError(
+                f"The last episode's seed would be {max(seeds)}, but those from "
+                f"{TRAINING_SEEDS[0]} on belong to training: begin with a smaller one."
+            )
+        build(choices, config)
+        with closing(HighwayEnv(config=config)) as env:
+            placed = env.simulation.placed_vehicles
+            default = DENSITIES if placed is None else (placed,)
+            self._vehicles = tuple(dict.fromkeys(vehicles)) or default
+            for number in {min(self._vehicles), max(self._vehicles)}:
+                env.reset(seed=0, options={"vehicles": number})
+        self._seeds = seeds
+
+    def __len__(self) -> int:
+        return len(self._choices) * len(self._vehicles) * len(self._seeds)
+
+    def rows(self, jobs: int = 1) -> Generator[EpisodeResult, None, None]:
+        """A row an episode; in the same order and the same whatever the number of processes.
+
+        Raises:
+            SimulationError: SUMO ended on its own, and its process with it where there are several.
+        """
+        if jobs > 1:
+            yield from self._rows_of_processes(min(jobs, len(self)))
+            return
+        with closing(HighwayEnv(config=self._config)) as env:
+            drivers = build(self._choices, self._config)
+            yield from drive_all(env, drivers, self._vehicles, self._seeds)
+
+    def _rows_of_processes(self, jobs: int) -> Iterator[EpisodeResult]:
+        names = [choice.name for choice in self._choices]
+        episodes = list(product(self._vehicles, self._seeds, names))
+        pool = ProcessPoolExecutor(
+            jobs,
+            multiprocessing.get_context("spawn"),
+            initializer=_begin,
+            initargs=(self._config, self._choices),
+        )
+        done = 0
+        try:
+            with _interrupts_ignored():
+                rows = pool.map(_drive, episodes)
+            for row in rows:
+                yield row
+                done += 1
+        except BrokenProcessPool as error:
+            number, seed, name = episodes[done]
+            raise SimulationError(
+                "A process of the evaluation ended on its own, as it does when SUMO aborts: try "
+                f"again with --jobs 1; the first row missing is that of {name}, "
+                f"{number} vehicles, seed {seed}."
+            ) from error
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Processes begun inside ignore Ctrl-C, which the terminal sends to all, for good."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    former = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, former)
+
+
+class _Worker(NamedTuple):
+    env: HighwayEnv
+    drivers: dict[str, Driver]
+
+
+_worker: list[_Worker] = []
+"""What this process drives with, where it is one of an evaluation's."""
+
+
+def _begin(config: Config, choices: Sequence[Choice]) -> None:
+    _worker.append(_Worker(HighwayEnv(config=config), build(choices, config)))
+
+
+def _drive(episode: tuple[int, int, str]) -> EpisodeResult:
+    [(env, drivers)], (number, seed, name) = _worker, episode
+    return drive(env, drivers[name], name, seed, number)
 
 
 class Mean(NamedTuple):
@@ -40,13 +159,31 @@ class Mean(NamedTuple):
 
 def mean_with_interval(values: Iterable[float]) -> Mean:
     """Student's t interval over independent episodes; infinite half-width for a single one."""
-    from scipy import stats
-
     sample = np.array(list(values), dtype=float)
     if len(sample) < 2:
-        return Mean(float(sample.mean()), float("inf"))
-    quantile = float(stats.t.ppf(0.975, len(sample) - 1))
-    return Mean(float(sample.mean()), quantile * float(sample.std(ddof=1)) / len(sample) ** 0.5)
+        return Mean(float(sample.mean()), math.inf)
+    error = float(sample.std(ddof=1)) / math.sqrt(len(sample))
+    return Mean(float(sample.mean()), student_t_quantile(len(sample) - 1) * error)
+
+
+@cache
+def student_t_quantile(freedom: int) -> float:
+    """The t that |T| stays below with probability 0.95, T of ``freedom`` degrees; by bisection."""
+    low, high = 0.0, math.pi / 2
+    while low < (middle := (low + high) / 2) < high:
+        low, high = (middle, high) if _student_t_within(middle, freedom) < 0.95 else (low, middle)
+    return math.sqrt(freedom) * math.tan(low)
+
+
+def _student_t_within(theta: float, freedom: int) -> float:
+    """P(|T| <= sqrt(freedom) tan(theta)): Abramowitz and Stegun, 26.7.3 and 26.7.4."""
+    odd = freedom % 2
+    term, total = math.cos(theta) if odd else 1.0, 0.0
+    for k in range(1 + odd, freedom, 2):
+        total += term
+        term *= k / (k + 1) * math.cos(theta) ** 2
+    total *= math.sin(theta)
+    return 2 / math.pi * (theta + total) if odd else total
 
 
 class Summary(NamedTuple):
@@ -88,20 +225,24 @@ def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
 
 def write_rows(path: Path, rows: Iterable[EpisodeResult]) -> None:
     """Write the CSV file whole or not at all; raises DrlAvError where the disk refuses."""
-    temporary = path.with_name(path.name + ".tmp")
-    try:
-        try:
-            with temporary.open("w", newline="", encoding="utf-8") as file:
-                writer = csv.DictWriter(file, [field.name for field in fields(EpisodeResult)])
-                writer.writeheader()
-                writer.writerows(asdict(row) for row in rows)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise DrlAvError(
-            f"The table {path} cannot be written ({error.strerror}): free some space or choose "
-            "another file with --out; what was there before is unchanged."
-        ) from error
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, [field.name for field in fields(EpisodeResult)])
+    writer.writeheader()
+    writer.writerows(asdict(row) for row in rows)
+    write_whole(path, text.getvalue().encode())
+
+
+def write_summaries(path: Path, summaries: Iterable[Summary]) -> None:
+    """Write a JSON list, an object a summary; raises DrlAvError where the disk refuses."""
+    objects = [
+        {name: _plain(value) for name, value in summary._asdict().items()} for summary in summaries
+    ]
+    write_whole(path, json.dumps(objects, indent=2).encode() + b"\n")
+
+
+def _plain(value: object) -> object:
+    """JSON has no infinity: the half-width of a single episode is null."""
+    if not isinstance(value, Mean):
+        return value
+    known = math.isfinite(value.half_width)
+    return {"mean": value.value, "ci95_half_width": value.half_width if known else None}

@@ -1,12 +1,13 @@
 """Watching an episode again: recorded, and followed to the last bit."""
 
 import hashlib
-import os
+import io
 import time
-import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,12 +15,19 @@ import numpy.typing as npt
 from drl_av.config import Config, from_toml
 from drl_av.drawing import Caption, Picture, draw
 from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.drivers import Driver
 from drl_av.driving.maneuver import Scene
 from drl_av.env import HighwayEnv
-from drl_av.errors import ConfigError, RecordingError
+from drl_av.episode import EpisodeResult, drive
+from drl_av.errors import RecordingError
+from drl_av.studies.files import write_whole
 from drl_av.traffic.ring import FloatArray, Road
 from drl_av.traffic.snapshot import Snapshot
 from drl_av.video import interpolated, write_video
+
+Watcher = Callable[[HighwayEnv], None]
+"""Called after the reset and after each decision."""
+USUAL_VEHICLES = 15
 
 
 @dataclass(frozen=True)
@@ -40,50 +48,54 @@ class Recording:
         return hashlib.sha256(np.ascontiguousarray(self.states).tobytes()).hexdigest()
 
     def save(self, path: Path) -> None:
-        """Write the recording whole or not at all; raises RecordingError."""
-        temporary = path.with_name(path.name + ".tmp")
-        try:
-            try:
-                with temporary.open("wb") as file:
-                    np.savez_compressed(
-                        file,
-                        config=self.config.to_toml(),
-                        driver=self.driver,
-                        seed=self.seed,
-                        vehicles=self.vehicles,
-                        proposed=self.proposed,
-                        states=self.states,
-                    )
-                    file.flush()
-                    os.fsync(file.fileno())
-                os.replace(temporary, path)
-            finally:
-                temporary.unlink(missing_ok=True)
-        except OSError as error:
-            raise RecordingError(
-                f"The recording {path} cannot be written ({error.strerror}): "
-                "free some space or choose another file."
-            ) from error
+        """Write the recording whole or not at all; raises DrlAvError where the disk refuses."""
+        parts: dict[str, Any] = {
+            "config": np.array(self.config.to_toml()),
+            "driver": np.array(self.driver),
+            "seed": np.array(self.seed),
+            "vehicles": np.array(self.vehicles),
+            "proposed": self.proposed,
+            "states": self.states,
+        }
+        data = io.BytesIO()
+        np.savez_compressed(data, **parts, sha256=np.array(_checksum(parts)))
+        write_whole(path, data.getvalue())
+
+
+def _checksum(parts: Mapping[str, npt.NDArray[Any]]) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(parts):
+        digest.update(repr((name, parts[name].dtype.str, parts[name].shape)).encode())
+        digest.update(np.ascontiguousarray(parts[name]).tobytes())
+    return digest.hexdigest()
 
 
 def load_recording(path: Path) -> Recording:
     """Read a recording; raises RecordingError where it is missing, damaged or none."""
+    if not path.is_file():
+        raise RecordingError(f"There is no recording {path}: check the path.")
     try:
         with np.load(path, allow_pickle=False) as data:
-            recording = Recording(
-                from_toml(str(data["config"]), name=f"the config in {path}"),
-                str(data["driver"]),
-                int(data["seed"]),
-                int(data["vehicles"]),
-                data["proposed"],
-                data["states"],
-            )
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, ConfigError) as error:
+            parts = dict(data)
+        expected = str(parts.pop("sha256"))
+        recording = Recording(
+            from_toml(str(parts["config"]), name="its config"),
+            str(parts["driver"]),
+            int(parts["seed"]),
+            int(parts["vehicles"]),
+            parts["proposed"],
+            parts["states"],
+        )
+    except Exception as error:  # whatever the readers of zip, zlib and npy stumble over
         raise RecordingError(
-            f"{path} is no recording, or is damaged ({error}): record the episode again."
+            f"{path} is no recording of this version, or is damaged "
+            f"({str(error).rstrip('.') or type(error).__name__}): record the episode again."
         ) from error
-    if recording.states.shape != (len(recording.proposed) + 1, recording.vehicles + 1, 4):
-        raise RecordingError(f"{path} is damaged, its parts do not fit: record the episode again.")
+    if _checksum(parts) != expected:
+        raise RecordingError(
+            f"{path} was changed after it was recorded, its checksum does not match: "
+            "record the episode again."
+        )
     return recording
 
 
@@ -142,10 +154,18 @@ class Follower:
         """Raises RecordingError at the first position or speed that differs."""
         expected = next(self._expected, None)
         if expected is None or not np.array_equal(states_of(env.scene.snapshot), expected):
-            raise RecordingError(
-                f"The replay left the recording at decision {env.decisions}: it was made with "
-                "another version of SUMO or of this package, or on another platform."
-            )
+            raise self._parted(env)
+
+    def end(self, env: HighwayEnv) -> None:
+        """Raises RecordingError where the recording goes on after the episode's end."""
+        if next(self._expected, None) is not None:
+            raise self._parted(env)
+
+    def _parted(self, env: HighwayEnv) -> RecordingError:
+        return RecordingError(
+            f"The replay left the recording at decision {env.decisions}: it was made with another "
+            "scenario, another version of SUMO or of drl-av, or on another platform."
+        )
 
 
 def states_of(snapshot: Snapshot) -> FloatArray:
@@ -197,3 +217,50 @@ class Film:
                 scene = interpolated(before, after, step / per_decision, self._road)
                 yield draw(scene, self._road, caption)
             told()
+
+
+@dataclass(frozen=True)
+class Ride:
+    """An episode that is about to be watched; ``recording`` is what it must follow, if anything."""
+
+    config: Config
+    driver: Driver
+    name: str
+    seed: int
+    vehicles: int | None
+    """None: as many as the scenario places, or 15."""
+    recording: Recording | None = None
+
+    def drive(self, render_mode: str | None, *watchers: Watcher) -> tuple[Recording, EpisodeResult]:
+        """Drive it, shown to the watchers at every decision, and record it.
+
+        Raises:
+            RecordingError: it left the recording that it must follow.
+        """
+        recorder = Recorder()
+        follower = Follower(self.recording) if self.recording else None
+        with closing(HighwayEnv(config=self.config, render_mode=render_mode)) as env:
+            placed = env.simulation.placed_vehicles
+            usual = USUAL_VEHICLES if placed is None else placed
+            vehicles = usual if self.vehicles is None else self.vehicles
+
+            every: list[Watcher] = [recorder, *watchers]
+            if follower:
+                every.insert(0, follower)
+
+            def watch(env: HighwayEnv) -> None:
+                for watcher in every:
+                    watcher(env)
+
+            result = drive(env, self.driver, self.name, self.seed, vehicles, watch)
+            if follower:
+                follower.end(env)
+            return recorder.recording(env, self.name), result
+
+
+def ride_again(recording: Recording) -> Ride:
+    """The recorded episode, to the last bit."""
+    driver = RecordedDriver(recording)
+    return Ride(
+        recording.config, driver, recording.driver, recording.seed, recording.vehicles, recording
+    )

@@ -1,0 +1,158 @@
+"""What ``drl-av`` shows while it works and in the end, and how Ctrl-C is heard."""
+
+import math
+import os
+import signal
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from drl_av.learning.training import EpisodeRow, EvaluationRow
+    from drl_av.studies.evaluation import Mean, Summary
+
+WIDTH = 110
+"""Columns of a table where the output is no terminal."""
+
+
+def _console() -> Console:
+    console = Console(highlight=False, markup=False)
+    return console if console.is_terminal else Console(width=WIDTH, highlight=False, markup=False)
+
+
+class Bar:
+    """A progress bar with the time left; without a terminal only what is said is shown."""
+
+    def __init__(self, progress: Progress, task: TaskID) -> None:
+        self._progress, self._task = progress, task
+        self._decisions, self._begun_s = 0, time.monotonic()
+
+    def advance(self, told: str, decisions: int) -> None:
+        """One more episode is driven; ``told`` stands beside the bar, and decisions a second."""
+        self._decisions += decisions
+        rate = self._decisions / (time.monotonic() - self._begun_s)
+        self._progress.update(self._task, advance=1, told=f"{told}  {rate:.0f} decisions/s")
+
+    def say(self, line: str) -> None:
+        """Print a line above the bar."""
+        self._progress.console.print(line, soft_wrap=True)
+
+
+@contextmanager
+def progress_bar(what: str, total: int, done: int = 0) -> Iterator[Bar]:
+    """Show a bar while the block runs."""
+    console = _console()
+    progress = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=20),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[told]}", markup=False),
+        console=console,
+        disable=not console.is_terminal,
+    )
+    with progress:
+        yield Bar(progress, progress.add_task(what, total=total, completed=done, told=""))
+
+
+def told_of_episode(row: "EpisodeRow") -> str:
+    """The episode that training has just had, in short."""
+    return (
+        f"reward {row.mean_reward:.3f}  {row.mean_speed_m_s:.1f} m/s  "
+        f"triggers {row.safety_triggers}  epsilon {row.epsilon:.2f}"
+    )
+
+
+def told_of_evaluation(row: "EvaluationRow") -> str:
+    """What the driver is worth so far, in one line."""
+    return (
+        f"episode {row.episode}: greedy reward {row.mean_reward:.3f}, "
+        f"{row.mean_speed_m_s:.2f} m/s, {row.ego_hits} times hit something, "
+        f"{row.safety_triggers:.1f} triggers an episode"
+    )
+
+
+class StopRequest:
+    """Whether somebody pressed Ctrl-C."""
+
+    made = False
+
+
+@contextmanager
+def stop_request() -> Iterator[StopRequest]:
+    """The first Ctrl-C (or SIGTERM) only asks to stop; the second raises KeyboardInterrupt."""
+    request = StopRequest()
+
+    def ask(number: int, frame: object) -> None:
+        if request.made:
+            raise KeyboardInterrupt
+        request.made = True
+        os.write(2, b"drl-av: stopping after this episode; Ctrl-C again stops at once.\n")
+
+    former = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield request
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
+
+
+def print_summaries(summaries: Sequence["Summary"]) -> None:
+    """Print a table with a row for each driver at each number of vehicles."""
+    several_checks = len({summary.safety_check for summary in summaries}) > 1
+    table = Table(
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        caption=_caption(summaries, several_checks),
+        caption_justify="left",
+    )
+    table.add_column("vehicles", justify="right", no_wrap=True)
+    table.add_column("driver", overflow="fold")
+    if several_checks:
+        table.add_column("check", no_wrap=True)
+    for heading in ("speed\nm/s", "reward", "ego\nhit", "was\nhit", "safety\ntriggers"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("lane\nchanges", justify="right", no_wrap=True)
+    former = None
+    for summary in summaries:
+        if former not in (None, summary.vehicles):
+            table.add_section()
+        former = summary.vehicles
+        table.add_row(
+            str(summary.vehicles),
+            summary.driver,
+            *([summary.safety_check] if several_checks else []),
+            _cell(summary.speed_m_s),
+            _cell(summary.reward),
+            str(summary.ego_hits),
+            str(summary.collisions - summary.ego_hits),
+            _cell(summary.triggers),
+            _cell(summary.lane_changes),
+        )
+    _console().print(table)
+
+
+def _caption(summaries: Sequence["Summary"], several_checks: bool) -> str:
+    fewest, most = (pick(summary.episodes for summary in summaries) for pick in (min, max))
+    number = str(most) if fewest == most else f"{fewest} to {most}"
+    check = "" if several_checks else f", check {summaries[0].safety_check}"
+    return f"{number} episodes each, ± half of the 95 % interval{check}"
+
+
+def _cell(mean: "Mean") -> str:
+    if math.isinf(mean.half_width):
+        return f"{mean.value:.2f}"
+    return f"{mean.value:.2f}±{mean.half_width:.2f}"

@@ -1,0 +1,207 @@
+"""What can be said to ``drl-av``: every verb's options, with their units and defaults."""
+
+import argparse
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from drl_av import __version__
+from drl_av.config import PRESETS, REPLAYS, SAFETY_CHECKS
+from drl_av.studies import DENSITIES
+
+Verb = Callable[[argparse.Namespace], int]
+
+
+def command_line(verbs: Mapping[str, Verb]) -> argparse.ArgumentParser:
+    """The parser; what it returns holds the verb that was asked for as ``verb``."""
+    parser = argparse.ArgumentParser(
+        prog="drl-av",
+        description="Learn to drive on a highway, safely, in SUMO.",
+        epilog="Every verb has its own --help.",
+    )
+    parser.add_argument("--version", action="version", version=f"drl-av {__version__}")
+    parsers = parser.add_subparsers(required=True, metavar="VERB")
+    for name, verb in verbs.items():
+        meaning, add_options = _VERBS[name]
+        own = parsers.add_parser(
+            name,
+            help=meaning,
+            description=f"{meaning[0].upper()}{meaning[1:]}.",
+            formatter_class=_Help,
+        )
+        own.set_defaults(verb=verb)
+        add_options(own)
+    return parser
+
+
+class _Help(argparse.ArgumentDefaultsHelpFormatter):
+    """Tells the defaults, but those that are none."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        none = action.default is None or action.default is False or action.default == []
+        told = "default" in (action.help or "")
+        return action.help if none or told else super()._get_help_string(action)
+
+
+def _positive(text: str) -> float:
+    number = float(text)
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
+    return number
+
+
+_positive.__name__ = "number"
+
+
+def _whole(low: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        number = int(text)
+        if number < low:
+            raise argparse.ArgumentTypeError(f"{number} is less than {low}")
+        return number
+
+    parse.__name__ = "whole number"
+    return parse
+
+
+def _driving(parser: argparse.ArgumentParser, whose: str) -> None:
+    parser.add_argument(
+        "--scenario",
+        metavar="DIR",
+        help=f"scenario folder, or the name of a shipped one (default: {whose})",
+    )
+    parser.add_argument(
+        "--safety-check",
+        metavar="NAME",
+        help=f"one of: {', '.join(SAFETY_CHECKS)} (default: {whose})",
+    )
+    parser.add_argument(
+        "--config", metavar="FILE.toml", help=f"settings as TOML, laid over {whose}"
+    )
+
+
+def _scenario(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder to write; must be new")
+    parser.add_argument(
+        "--circumference-m", type=float, default=500.0, metavar="M", help="every lane's, in metres"
+    )
+    parser.add_argument("--lanes", type=_whole(1), default=3, metavar="N", help="number of lanes")
+    parser.add_argument(
+        "--lane-width-m", type=float, default=3.8, metavar="M", help="every lane's, in metres"
+    )
+    parser.add_argument(
+        "--barricade",
+        type=_whole(0),
+        nargs="+",
+        default=(),
+        metavar="LANE",
+        help="lanes to close, 0 the rightmost (default: none)",
+    )
+
+
+def _train(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="RUN", help="the run's folder; must be new"
+    )
+    parser.add_argument(
+        "--preset", metavar="NAME", help=f"one of: {', '.join(PRESETS)} (default: paper)"
+    )
+    numbers = ", ".join(f"{name} {found.learning.episodes}" for name, found in PRESETS.items())
+    parser.add_argument(
+        "--episodes",
+        type=_whole(1),
+        metavar="N",
+        help=f"of at most 200 s each (default: the preset's, {numbers})",
+    )
+    parser.add_argument(
+        "--seed", type=_whole(0), metavar="S", help="of all that is random (default: the preset's)"
+    )
+    parser.add_argument(
+        "--replay", metavar="KIND", help=f"one of: {', '.join(REPLAYS)} (default: the preset's)"
+    )
+    _driving(parser, "the preset's")
+    parser.add_argument("--resume", action="store_true", help="go on where the run was stopped")
+    parser.add_argument(
+        "--tensorboard", action="store_true", help="also write TensorBoard events into the run"
+    )
+
+
+def _evaluate(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "runs", nargs="*", metavar="RUN", help="runs' folders (default: the driver that ships)"
+    )
+    parser.add_argument(
+        "--driver",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="also these: idm, idm-sumo, random, pretrained (the one that ships), or RUNs",
+    )
+    parser.add_argument(
+        "--vehicles",
+        nargs="+",
+        type=_whole(0),
+        metavar="N",
+        help=f"numbers of vehicles around the ego (default: {' '.join(map(str, DENSITIES))})",
+    )
+    parser.add_argument(
+        "--episodes", type=_whole(1), default=50, metavar="N", help="for each number of vehicles"
+    )
+    parser.add_argument(
+        "--seed",
+        type=_whole(0),
+        default=0,
+        metavar="S",
+        help="of the first episode's traffic, below 1000000",
+    )
+    parser.add_argument("--jobs", type=_whole(1), default=1, metavar="N", help="processes")
+    parser.add_argument("--out", type=Path, metavar="FILE.csv", help="write a row an episode")
+    parser.add_argument("--json", type=Path, metavar="FILE.json", help="write the summary")
+    _driving(parser, "the first RUN's")
+
+
+def _replay(parser: argparse.ArgumentParser) -> None:
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        "source",
+        nargs="?",
+        metavar="RUN | RECORDING",
+        help="a run's folder, or what --record kept (default: the driver that ships)",
+    )
+    which.add_argument("--driver", metavar="NAME", help="idm, idm-sumo, random or pretrained")
+    parser.add_argument("--seed", type=_whole(0), default=0, metavar="S", help="of the traffic")
+    parser.add_argument(
+        "--vehicles", type=_whole(0), metavar="N", help="vehicles around the ego (default: 15)"
+    )
+    parser.add_argument(
+        "--decisions",
+        type=_whole(1),
+        metavar="N",
+        help="at most so many, one a second (default: the RUN's, 200)",
+    )
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--gui", action="store_true", help="in sumo-gui (default)")
+    how.add_argument("--video", type=Path, metavar="FILE.mp4", help="as .mp4 or .gif, no screen")
+    parser.add_argument("--rate", type=_positive, default=2.0, metavar="X", help="times real time")
+    parser.add_argument("--record", type=Path, metavar="FILE.npz", help="keep the episode")
+    _driving(parser, "the RUN's")
+
+
+def _figures(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "sources",
+        nargs="+",
+        type=Path,
+        metavar="FILE.csv | RUN",
+        help="tables that evaluate wrote, in m/s, and folders of runs",
+    )
+    parser.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for them")
+
+
+_VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
+    "scenario": ("write a scenario folder for SUMO and drl-av", _scenario),
+    "train": ("train a driver (Algorithm 1)", _train),
+    "evaluate": ("compare drivers on the same seeded traffic", _evaluate),
+    "replay": ("watch a driver, or a recorded episode again", _replay),
+    "figures": ("draw the paper's figures as PNG files", _figures),
+}

@@ -1,0 +1,51 @@
+"""Result files, written whole or not at all."""
+
+import os
+from pathlib import Path
+
+from drl_av.errors import DrlAvError
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Put ``data`` in the file; whatever interrupts it, what was there before stays or is replaced.
+
+    Raises:
+        DrlAvError: the disk is full, or the folder is missing or may not be written to.
+    """
+    temporary = _beside(path)
+    try:
+        try:
+            with temporary.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, path)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise _refused(path, error) from error
+
+
+def require_writable(path: Path) -> None:
+    """Try whether ``write_whole`` could; raises DrlAvError before any long work is done for it."""
+    if path.is_dir():
+        raise DrlAvError(f"{path} is a folder: name a file in it.")
+    probe = _beside(path)
+    try:
+        try:
+            probe.touch()
+        finally:
+            probe.unlink(missing_ok=True)
+    except OSError as error:
+        raise _refused(path, error) from error
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{os.getpid()}.unfinished")
+
+
+def _refused(path: Path, error: OSError) -> DrlAvError:
+    return DrlAvError(
+        f"{path} cannot be written ({error.strerror or error}): free some space, or choose a "
+        "folder that exists and may be written to; what was there before is unchanged."
+    )
