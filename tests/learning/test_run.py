@@ -1,0 +1,312 @@
+"""A run's folder: killed, stopped, starved and spoilt, it loses nothing that was saved."""
+
+import errno
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drl_av.cli import main
+from drl_av.config import load_config
+from drl_av.errors import RunError
+from drl_av.learning import run as module
+from drl_av.learning.checkpoint import load, load_policy
+from drl_av.learning.run import Run
+
+EPISODES = 9
+SETTINGS = f"""
+[simulation]
+decisions_per_episode = 20
+[learning]
+episodes = {EPISODES}
+evaluate_every = 3
+checkpoint_every = 2
+evaluation_episodes = 2
+"""
+RESULTS = ("episodes.csv", "evaluations.csv", "checkpoint.safetensors", "policy.safetensors")
+HARNESS = """
+import os, signal, sys, threading
+from drl_av.cli import main
+from drl_av.env import HighwayEnv
+from drl_av.learning import run
+
+def die(number):
+    os.kill(os.getpid(), number)
+
+def at_call(owner, name, call, then, after=False):
+    method, calls = getattr(owner, name), 0
+    def armed(*arguments, **options):
+        nonlocal calls
+        calls += 1
+        if calls == call and not after:
+            then()
+        result = method(*arguments, **options)
+        if calls == call and after:
+            then()
+        return result
+    setattr(owner, name, armed)
+
+def without_root_rights():
+    import ctypes
+    header, data = (ctypes.c_uint32 * 2)(0x20080522, 0), (ctypes.c_uint32 * 6)()
+    assert ctypes.CDLL(None).capset(header, data) == 0
+"""
+KILL = "lambda: die(signal.SIGKILL)"
+INTERRUPT = "lambda: die(signal.SIGINT)"
+MOMENTS = {
+    "before the run is there": f"at_call(run.Path, 'replace', 1, {KILL})",
+    "in the first episode": f"at_call(HighwayEnv, 'step', 7, {KILL})",
+    "before the policy is named": f"at_call(os, 'replace', 1, {KILL})",
+    "between policy and checkpoint": f"at_call(os, 'replace', 2, {KILL})",
+    "before the checkpoint is on disk": f"at_call(os, 'fsync', 7, {KILL})",
+    "after a row, before its evaluation": f"at_call(run.Run, 'append', 3, {KILL}, after=True)",
+    "in an evaluation": f"at_call(HighwayEnv, 'reset', 5, {KILL})",
+}
+
+
+def command(folder: Path, *options: str) -> list[str]:
+    return ["train", "--out", str(folder), *options]
+
+
+def trained(
+    prelude: str, arguments: list[str], limit: int | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run ``drl-av`` in a process of its own, after the prelude."""
+
+    def starve() -> None:
+        if limit is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    program = f"{HARNESS}\n{prelude}\nsys.exit(main({arguments!r}))"
+    return subprocess.run(
+        [sys.executable, "-B", "-c", program],
+        preexec_fn=starve,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
+
+
+def one_sentence(text: str) -> str:
+    assert text.startswith("drl-av: ")
+    assert text.count("\n") == 1
+    assert "Traceback" not in text
+    return text
+
+
+@pytest.fixture(scope="module")
+def settings(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("settings") / "tiny.toml"
+    path.write_text(SETTINGS)
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def left_alone(settings: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that nobody disturbed; not to be changed."""
+    folder = tmp_path_factory.mktemp("runs") / "left_alone"
+    assert main(command(folder, "--config", settings)) == 0
+    return folder
+
+
+@pytest.fixture
+def copy(left_alone: Path, tmp_path: Path) -> Path:
+    """The same run, to spoil."""
+    return Path(shutil.copytree(left_alone, tmp_path / "copy"))
+
+
+def test_run_killed_at_many_moments_ends_in_the_same_bytes(
+    settings: str, left_alone: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "killed"
+    for moment, prelude in MOMENTS.items():
+        options = ["--resume"] if folder.exists() else ["--config", settings]
+        ended = trained(prelude, command(folder, *options))
+        assert ended.returncode == -signal.SIGKILL, (moment, ended.stderr)
+    assert trained("", command(folder, "--resume")).returncode == 0
+    assert files_of(folder) == files_of(left_alone)
+
+
+def test_run_killed_at_random_moments_ends_in_the_same_bytes(
+    settings: str, left_alone: Path, tmp_path: Path
+) -> None:
+    folder, rng = tmp_path / "killed", random.Random(5)
+    options = ["--config", settings]
+    for _ in range(4):
+        seconds = rng.uniform(0.02, 0.5)
+        timer = f"threading.Timer({seconds}, {KILL}).start()"
+        timed = f"at_call(run.Run, 'restore', 1, lambda: {timer})"
+        ended = trained(timed, command(folder, *options))
+        options = ["--resume"]
+        assert ended.returncode in (-signal.SIGKILL, 0)
+    assert trained("", command(folder, "--resume")).returncode == 0
+    assert files_of(folder) == files_of(left_alone)
+
+
+def test_first_ctrl_c_saves_after_the_episode_and_says_how_to_go_on(
+    settings: str, left_alone: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "stopped"
+    prelude = f"at_call(HighwayEnv, 'step', 50, {INTERRUPT})"
+    ended = trained(prelude, command(folder, "--config", settings))
+    assert ended.returncode == 130
+    assert f"drl-av train --out {folder} --resume" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert len((folder / "episodes.csv").read_bytes().splitlines()) == 1 + 3
+    assert load(folder / "checkpoint.safetensors")[1]["episodes_done"] == 3
+    assert trained("", command(folder, "--resume")).returncode == 0
+    assert files_of(folder) == files_of(left_alone)
+
+
+def test_second_ctrl_c_stops_at_once(settings: str, left_alone: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "stopped"
+    prelude = "\n".join(f"at_call(HighwayEnv, 'step', {n}, {INTERRUPT})" for n in (45, 47))
+    ended = trained(prelude, command(folder, "--config", settings))
+    assert ended.returncode == 130
+    assert f"drl-av train --out {folder} --resume" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert len((folder / "episodes.csv").read_bytes().splitlines()) == 1 + 2
+    assert trained("", command(folder, "--resume")).returncode == 0
+    assert files_of(folder) == files_of(left_alone)
+
+
+def test_resuming_a_finished_run_does_nothing(copy: Path) -> None:
+    before = {path.name: path.stat().st_mtime_ns for path in copy.iterdir()}
+    assert main(command(copy, "--resume")) == 0
+    assert {path.name: path.stat().st_mtime_ns for path in copy.iterdir()} == before
+
+
+@pytest.mark.parametrize("limit", [30_000, 100_000])
+def test_full_disk_keeps_what_was_saved(
+    limit: int, settings: str, left_alone: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "starved"
+    stopped = trained(
+        f"at_call(HighwayEnv, 'step', 70, {INTERRUPT})", command(folder, "--config", settings)
+    )
+    assert stopped.returncode == 130
+    saved = {name: (folder / name).read_bytes() for name in RESULTS}
+    ended = trained("", command(folder, "--resume"), limit)
+    assert ended.returncode == 1
+    assert "cannot be written (File too large)" in one_sentence(ended.stderr)
+    assert (folder / "checkpoint.safetensors").read_bytes() == saved["checkpoint.safetensors"]
+    assert load_policy(folder / "policy.safetensors")
+    assert not list(folder.glob("*.tmp"))
+    assert trained("", command(folder, "--resume")).returncode == 0
+    assert files_of(folder) == files_of(left_alone)
+
+
+def test_row_that_finds_the_disk_full_is_told_in_one_sentence(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(values: object) -> bytes:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(module, "_line", full)
+    monkeypatch.setattr(module, "astuple", lambda row: row)
+    run = Run(copy)
+    with pytest.raises(RunError, match=r"No space left on device.*--resume"):
+        run.append(run.episodes_file, ())  # type: ignore[arg-type]
+
+
+def test_folder_that_may_not_be_written_to_keeps_what_was_saved(
+    settings: str, left_alone: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "locked"
+    prelude = f"at_call(HighwayEnv, 'step', 70, {INTERRUPT})"
+    assert trained(prelude, command(folder, "--config", settings)).returncode == 130
+    saved = files_of(folder)
+    folder.chmod(0o555)
+    ended = trained("without_root_rights()", command(folder, "--resume"))
+    folder.chmod(0o755)
+    assert ended.returncode == 1
+    assert "cannot be written (Permission denied)" in one_sentence(ended.stderr)
+    assert (folder / "checkpoint.safetensors").read_bytes() == saved["checkpoint.safetensors"]
+    assert trained("", command(folder, "--resume")).returncode == 0
+    assert files_of(folder) == files_of(left_alone)
+
+
+@pytest.mark.parametrize("spoilt", ["cut short", "flipped", "empty", "a policy"])
+def test_damaged_checkpoint_is_refused_and_left_as_it_is(
+    spoilt: str, copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = copy / "checkpoint.safetensors"
+    data = bytearray(file.read_bytes())
+    if spoilt == "flipped":
+        data[len(data) // 2] ^= 1
+    elif spoilt == "a policy":
+        data = bytearray((copy / "policy.safetensors").read_bytes())
+    else:
+        data = data[: len(data) // 2 if spoilt == "cut short" else 0]
+    file.write_bytes(data)
+    before = files_of(copy)
+    assert main(command(copy, "--resume")) == 1
+    assert str(file) in one_sentence(capsys.readouterr().err)
+    assert files_of(copy) == before
+
+
+def test_checkpoint_of_another_config_is_refused(
+    copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = load_config(copy / "config.toml").updated("learning", seed=3)
+    (copy / "config.toml").write_text(config.to_toml())
+    assert main(command(copy, "--resume")) == 1
+    assert "belongs to other settings" in one_sentence(capsys.readouterr().err)
+
+
+def test_lost_rows_are_missed(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    os.truncate(copy / "episodes.csv", 100)
+    assert main(command(copy, "--resume")) == 1
+    assert "has lost rows" in one_sentence(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ([], "exists already: continue it with --resume"),
+        (["--resume", "--seed", "3"], "was begun with other settings"),
+        (["--resume", "--safety-check", "permit_all"], "was begun with other settings"),
+        (["--resume", "--preset", "fast"], "was begun with other settings"),
+    ],
+)
+def test_run_that_exists_is_not_trained_otherwise(
+    options: list[str], told: str, copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = files_of(copy)
+    assert main(command(copy, *options)) == 1
+    assert told in one_sentence(capsys.readouterr().err)
+    assert files_of(copy) == before
+
+
+def test_resume_may_repeat_what_the_run_was_begun_with(settings: str, copy: Path) -> None:
+    before = files_of(copy)
+    assert main(command(copy, "--resume", "--preset", "paper", "--config", settings)) == 0
+    assert files_of(copy) == before
+
+
+def test_resume_without_a_run_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(command(tmp_path / "nowhere", "--resume")) == 1
+    assert "is not a run" in one_sentence(capsys.readouterr().err)
+
+
+def test_tensorboard_events_are_written_when_asked_for(settings: str, tmp_path: Path) -> None:
+    folder = tmp_path / "shown"
+    arguments = command(folder, "--config", settings, "--episodes", "3", "--tensorboard")
+    assert main(arguments) == 0
+    [events] = (folder / "tensorboard").glob("events.out.tfevents.*")
+    written = events.read_bytes()
+    for name in (b"episode/mean_reward", b"episode/epsilon", b"evaluation/mean_speed_m_s"):
+        assert name in written
