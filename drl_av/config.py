@@ -140,6 +140,9 @@ class TrafficConfig(_Section):
     random_lane_changes_per_s: float = _setting(
         0.005, "ours", "rate at which a vehicle asks for a random lane change", low=0, high=1
     )
+    lane_evenness: float = _setting(
+        2.0, "ours", "how evenly the lanes are used; large is even", low=0.01, high=1000
+    )
     start_gap_m: float = _setting(
         8.0, "ours", "smallest net gap between vehicles at the start", low=2.5, high=100
     )
@@ -203,9 +206,6 @@ class RewardConfig(_Section):
     safe_headway_s: float = _setting(1.3, "Sec. IV-C", "headway behind d_safe", low=0.1, high=10)
     catch_up_time_s: float = _setting(
         8.0, "ours", "time in which a gap ahead may be closed", low=1, high=60
-    )
-    lane_horizon_s: float = _setting(
-        40.0, "ours", "time over which lanes are compared", low=1, high=1000
     )
     worthwhile_gain_m_s: float = _setting(
         1.0, "ours", "speed another lane must offer above the own one", low=0, high=30

@@ -65,25 +65,6 @@ def attainable_speed(
     return min(config.desired_speed_m_s, leader_m_s + max(0.0, spare_m) / config.catch_up_time_s)
 
 
-def lane_speed(
-    seen: Affordances, sign: int, config: RewardConfig, minimum_gap_m: float
-) -> float:
-    """Speed that a lane promises over the next ``lane_horizon_s``, m/s (ours).
-
-    The mean speed of its vehicles ahead and behind, which tells the pace of the lane better than
-    either alone, and what the free road ahead adds; never above the desired speed of a free road.
-    """
-    front, rear = seen.front(sign), seen.rear(sign)
-    if front is None:
-        return config.desired_speed_m_s
-    relative = front.relative_speed_m_s
-    if rear is not None:
-        relative = (relative + rear.relative_speed_m_s) / 2
-    pace = seen.ego_speed_m_s + relative
-    spare_m = front.gap_m - safe_gap(pace, config.safe_headway_s, minimum_gap_m)
-    return min(config.desired_speed_m_s, pace + max(0.0, spare_m) / config.lane_horizon_s)
-
-
 def desired(seen: Affordances, config: RewardConfig, minimum_gap_m: float) -> Desired:
     """The desired speed and lateral position in this traffic, a function of the indicators.
 
@@ -92,13 +73,13 @@ def desired(seen: Affordances, config: RewardConfig, minimum_gap_m: float) -> De
     """
     if config.desired == "fixed":
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)
-    best, sign = lane_speed(seen, 0, config, minimum_gap_m) + config.worthwhile_gain_m_s, 0
+    own = attainable_speed(seen, 0, config, minimum_gap_m)
+    best, sign = own + config.worthwhile_gain_m_s, 0
     for side in (1, -1):
         if seen.has_lane(side):
-            there = lane_speed(seen, side, config, minimum_gap_m)
+            there = attainable_speed(seen, side, config, minimum_gap_m)
             if there > best:
                 best, sign = there, side
-    own = attainable_speed(seen, 0, config, minimum_gap_m)
     return Desired(own, seen.lane_center_m + sign * seen.lane_width_m)
 
 

@@ -59,7 +59,8 @@ def draw_population(
             f"{vehicles} vehicles do not fit on this road: its {sum(road.open_lanes)} open lanes "
             f"take {max(room - 1, 0)} beside the ego; ask for fewer or make the loop longer."
         )
-    lane, front_m, gap_m, leader = _places(rng, n, road, length_m, traffic.start_gap_m)
+    lane = _lanes(rng, n, road, room, traffic.lane_evenness)
+    front_m, gap_m, leader = _places(rng, lane, road, length_m, traffic.start_gap_m)
     desired = rng.uniform(traffic.desired_speed_min_m_s, traffic.desired_speed_max_m_s, n)
     desired[0] = ego.max_speed_m_s
     headway = rng.uniform(traffic.headway_min_s, traffic.headway_max_s, n)
@@ -104,13 +105,32 @@ def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig)
     )
 
 
+def _lanes(
+    rng: np.random.Generator, n: int, road: Road, room: int, evenness: float
+) -> npt.NDArray[np.intp]:
+    """A lane for the ego, any with equal chance, and for the others by shares drawn anew."""
+    open_lanes = np.flatnonzero(road.open_lanes)
+    berths = np.full(len(open_lanes), room // len(open_lanes))
+    shares = rng.dirichlet(np.full(len(open_lanes), evenness))
+    chosen = np.empty(n, dtype=np.intp)
+    for row in range(n):
+        chances = np.where(berths > 0, shares if row else 1.0, 0.0)
+        chosen[row] = rng.choice(len(open_lanes), p=chances / chances.sum())
+        berths[chosen[row]] -= 1
+    return open_lanes[chosen]
+
+
 def _places(
-    rng: np.random.Generator, n: int, road: Road, length_m: float, start_gap_m: float
-) -> tuple[npt.NDArray[np.intp], FloatArray, FloatArray, npt.NDArray[np.intp]]:
+    rng: np.random.Generator,
+    lane: npt.NDArray[np.intp],
+    road: Road,
+    length_m: float,
+    start_gap_m: float,
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.intp]]:
+    """Front bumpers, net gaps to the vehicle ahead, and which vehicle that is."""
+    n = len(lane)
     ring_m = min(road.circumference_m, 2 * SPREAD_M)
     pitch_m = length_m + start_gap_m
-    berths = np.repeat(np.flatnonzero(road.open_lanes), int(ring_m // pitch_m))
-    lane = rng.permutation(berths)[:n]
     front_m, gap_m, leader = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.intp)
     for index in np.unique(lane):
         members = np.flatnonzero(lane == index)
@@ -121,7 +141,7 @@ def _places(
         gap_m[members] = np.roll(spare_m, -1) + start_gap_m
     around_ego = (front_m - front_m[0] + ring_m / 2) % ring_m - ring_m / 2
     start_m = rng.uniform(0, road.circumference_m)
-    return lane, (start_m + around_ego) % road.circumference_m, gap_m, leader
+    return (start_m + around_ego) % road.circumference_m, gap_m, leader
 
 
 def _safe_speeds(
