@@ -22,23 +22,24 @@ def overlapping(snapshot: Snapshot, road: Road) -> Collision | None:
 def classify(snapshot: Snapshot, road: Road, other: int) -> Collision:
     """Who hit whom, from positions and velocities at the first moment of contact.
 
-    The bodies met on the axis on which their overlap is younger. Lengthwise the one behind hit
-    the one ahead; sideways the ego hit if it was moving towards the other.
+    The bodies met on the axis on which their overlap is younger, and sideways only if they were
+    drawing near. Lengthwise the faster one hit the other, however far it came past it in one SUMO
+    step; sideways the ego hit if it was moving towards the other.
     """
     ahead_m = float(road.ahead_m(float(snapshot.s_m[EGO]), snapshot.s_m[other : other + 1])[0])
     left_m = float(snapshot.y_m[other] - snapshot.y_m[EGO])
-    lengthwise_m = (snapshot.length_m[other] + snapshot.length_m[EGO]) / 2 - abs(ahead_m)
     sideways_m = (snapshot.width_m[other] + snapshot.width_m[EGO]) / 2 - abs(left_m)
     ego_lateral = float(snapshot.lateral_speed_m_s[EGO])
     speed = snapshot.speed_m_s[EGO] - snapshot.speed_m_s[other]
     lateral_speed = ego_lateral - snapshot.lateral_speed_m_s[other]
-    if _age(sideways_m, lateral_speed) < _age(lengthwise_m, speed):
+    met_ahead = speed > 0 or (speed == 0 and ahead_m >= 0)
+    past_m = -ahead_m if met_ahead else ahead_m
+    lengthwise_m = (snapshot.length_m[other] + snapshot.length_m[EGO]) / 2 + past_m
+    sideways_s = sideways_m / abs(lateral_speed) if lateral_speed * left_m > 0 else math.inf
+    lengthwise_s = lengthwise_m / abs(speed) if speed else math.inf
+    if sideways_s < lengthwise_s:
         ego_moved_in = ego_lateral * left_m > 0
         kind = CollisionKind.HIT_BESIDE if ego_moved_in else CollisionKind.HIT_FROM_BESIDE
     else:
-        kind = CollisionKind.HIT_AHEAD if ahead_m >= 0 else CollisionKind.HIT_FROM_BEHIND
+        kind = CollisionKind.HIT_AHEAD if met_ahead else CollisionKind.HIT_FROM_BEHIND
     return Collision(kind, snapshot.ids[other])
-
-
-def _age(overlap_m: float, relative_speed_m_s: float) -> float:
-    return overlap_m / abs(relative_speed_m_s) if relative_speed_m_s else math.inf
