@@ -1,0 +1,155 @@
+"""Who is on the road at the start."""
+
+import itertools
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from worlds import BARRICADED_ROAD, LANE_M, LENGTH_M, LONG_ROAD, ROAD
+
+from drl_av.config import EgoConfig, TrafficConfig
+from drl_av.errors import ScenarioError
+from drl_av.traffic.description import PlacedVehicle
+from drl_av.traffic.population import Population, capacity, draw_population, placed_population
+from drl_av.traffic.ring import Road
+
+TRAFFIC, EGO = TrafficConfig(), EgoConfig()
+ROADS = st.sampled_from(
+    [
+        ROAD,
+        BARRICADED_ROAD,
+        LONG_ROAD,
+        Road(600.0, LANE_M, (True,) * 3),
+        Road(150.0, LANE_M, (True,)),
+    ]
+)
+
+
+def draw(vehicles: int, seed: int = 0, road: Road = ROAD) -> Population:
+    return draw_population(np.random.default_rng(seed), vehicles, road, LENGTH_M, TRAFFIC, EGO)
+
+
+def net_gap_m(population: Population, a: int, b: int, road: Road) -> float:
+    """Worked out from the two ways round, without the ring's own arithmetic."""
+    between_m = abs(population.front_m[a] - population.front_m[b])
+    return float(min(between_m, road.circumference_m - between_m) - LENGTH_M)
+
+
+@given(ROADS, st.integers(0, 30), st.integers(0, 2**32))
+def test_everyone_is_on_an_open_lane_with_the_start_gap_around_it(
+    road: Road, vehicles: int, seed: int
+) -> None:
+    vehicles = min(vehicles, capacity(road, LENGTH_M, TRAFFIC.start_gap_m) - 1)
+    population = draw(vehicles, seed, road)
+    n = vehicles + 1
+    assert population.ids == ("ego", *(f"vehicle{i}" for i in range(1, n)))
+    assert all(road.is_open(lane) for lane in population.lane.tolist())
+    assert ((population.front_m >= 0) & (population.front_m <= road.circumference_m)).all()
+    for a, b in itertools.combinations(range(n), 2):
+        if population.lane[a] == population.lane[b]:
+            assert net_gap_m(population, a, b, road) >= TRAFFIC.start_gap_m - 1e-9
+
+
+@given(st.integers(0, 60), st.integers(0, 2**32))
+def test_everyone_starts_within_250_m_of_the_ego_on_a_loop_of_2_km(n: int, seed: int) -> None:
+    population = draw(n, seed, LONG_ROAD)
+    offset_m = LONG_ROAD.ahead_m(float(population.front_m[0]), population.front_m)
+    assert np.abs(offset_m).max() <= 250 + 1e-9
+
+
+def test_starts_are_spread_over_the_whole_loop_and_over_both_sides_of_the_ego() -> None:
+    populations = [draw(10, seed, LONG_ROAD) for seed in range(100)]
+    ego_m = np.array([population.front_m[0] for population in populations])
+    assert np.histogram(ego_m, bins=4, range=(0, 2000))[0].min() > 10
+    offset_m = np.concatenate(
+        [LONG_ROAD.ahead_m(float(p.front_m[0]), p.front_m[1:]) for p in populations]
+    )
+    assert 0.35 < (offset_m > 0).mean() < 0.65
+    assert np.abs(offset_m).max() > 200
+
+
+@given(ROADS, st.integers(0, 30), st.integers(0, 2**32))
+def test_everyone_can_still_stop_behind_its_leader(road: Road, vehicles: int, seed: int) -> None:
+    vehicles = min(vehicles, capacity(road, LENGTH_M, TRAFFIC.start_gap_m) - 1)
+    population = draw(vehicles, seed, road)
+    assert (population.speed_m_s >= 0).all()
+    assert (population.speed_m_s <= population.desired_speed_m_s + 1e-9).all()
+    for follower in range(vehicles + 1):
+        members = np.flatnonzero(population.lane == population.lane[follower])
+        others = members[members != follower]
+        if not len(others):
+            continue
+        way_m = (population.front_m[others] - population.front_m[follower]) % road.circumference_m
+        leader, gap_m = others[way_m.argmin()], float(way_m.min()) - LENGTH_M
+        # 2 m/s2 for both: what the follower needs, less what the leader still covers
+        needed_m = (population.speed_m_s[follower] ** 2 - population.speed_m_s[leader] ** 2) / 4
+        assert needed_m <= gap_m + 1e-6
+
+
+def test_characters_are_drawn_for_each_from_the_ranges_of_the_config() -> None:
+    population = draw(30)
+    for values, low, high in [
+        (population.desired_speed_m_s[1:], 20, 32),
+        (population.headway_s[1:], 1, 2),
+        (population.acceleration_m_s2[1:], 1, 2),
+        (population.speed_gain[1:], 0, 2),
+    ]:
+        assert low <= values.min() < values.max() <= high
+        assert len(set(values.tolist())) == 30
+    assert population.desired_speed_m_s[0] == 30.0
+
+
+def test_a_seed_draws_the_same_population_and_another_seed_another() -> None:
+    same, other = draw(30, 5), draw(30, 6)
+    assert np.array_equal(draw(30, 5).front_m, same.front_m)
+    assert np.array_equal(draw(30, 5).speed_m_s, same.speed_m_s)
+    assert not np.array_equal(other.front_m, same.front_m)
+
+
+def test_113_fit_beside_the_ego_on_the_default_loop_and_114_do_not() -> None:
+    # 500 m hold 38 times 5 m of vehicle and 8 m of gap; three lanes; the ego takes one place
+    assert capacity(ROAD, LENGTH_M, 8.0) == 3 * 38
+    assert len(draw(113).ids) == 114
+    with pytest.raises(ScenarioError, match=r"^114 vehicles .* 3 open lanes take 113 beside"):
+        draw(114)
+
+
+def test_a_barricaded_lane_has_no_room_and_a_long_loop_only_that_near_the_ego() -> None:
+    with pytest.raises(ScenarioError, match=r"^76 vehicles .* 2 open lanes take 75 beside"):
+        draw(76, road=BARRICADED_ROAD)
+    assert capacity(LONG_ROAD, LENGTH_M, 8.0) == 3 * 38  # 250 m each way, not 2 km
+
+
+@given(ROADS, st.integers(1, 500), st.integers(0, 100))
+def test_too_many_are_refused_with_their_number_and_as_many_as_fit_are_not(
+    road: Road, beyond: int, seed: int
+) -> None:
+    most = capacity(road, LENGTH_M, TRAFFIC.start_gap_m) - 1
+    assert len(draw(most, seed, road).ids) == most + 1
+    with pytest.raises(ScenarioError, match=rf"^{most + beyond} vehicles do not fit") as caught:
+        draw(most + beyond, seed, road)
+    assert re.search(rf"\b{most}\b", str(caught.value))
+
+
+def test_placed_vehicles_keep_their_places_with_the_ego_first() -> None:
+    placed = (
+        PlacedVehicle("slow", 2, 40.0, 10.0, 12.0),
+        PlacedVehicle("ego", 1, 20.0, 25.0, 30.0),
+        PlacedVehicle("fast", 0, 5.0, 30.0, 31.0),
+    )
+    population = placed_population(placed, TRAFFIC)
+    assert population.ids == ("ego", "slow", "fast")
+    assert population.lane.tolist() == [1, 2, 0]
+    assert population.front_m.tolist() == [20.0, 40.0, 5.0]
+    assert population.speed_m_s.tolist() == [25.0, 10.0, 30.0]
+    assert population.desired_speed_m_s.tolist() == [30.0, 12.0, 31.0]
+    assert population.headway_s.tolist() == [1.5] * 3
+
+
+def test_placed_vehicles_without_an_ego_are_refused() -> None:
+    with pytest.raises(
+        ScenarioError, match=r'places 1 vehicles but not the ego: place one .* "ego"'
+    ):
+        placed_population((PlacedVehicle("slow", 2, 40.0, 10.0, 12.0),), TRAFFIC)

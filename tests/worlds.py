@@ -1,0 +1,142 @@
+"""Worlds built by hand: a road, an ego, and whoever is around it.
+
+Distances between vehicles are net gaps, as in the stories that the tests tell: ``ahead(20)`` has
+20 m between the ego's front bumper and its rear bumper.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from hypothesis import strategies as st
+
+from drl_av.driving.affordances import affordances
+from drl_av.driving.maneuver import LaneChange, Scene
+from drl_av.traffic.ring import Road
+from drl_av.traffic.snapshot import Snapshot
+
+LENGTH_M, WIDTH_M, LANE_M = 5.0, 1.8, 3.8
+RIGHT, CENTER, LEFT = 0.0, 3.8, 7.6
+"""Centres of the three lanes."""
+ROAD = Road(500.0, LANE_M, (True, True, True))
+LONG_ROAD = Road(2000.0, LANE_M, (True, True, True))
+BARRICADED_ROAD = Road(500.0, LANE_M, (False, True, True))
+
+
+class Car(NamedTuple):
+    """A vehicle; ``offset_m`` is from the ego's centre to its own, ahead positive."""
+
+    offset_m: float
+    y_m: float = CENTER
+    speed_m_s: float = 20.0
+    lateral_speed_m_s: float = 0.0
+    length_m: float = LENGTH_M
+    width_m: float = WIDTH_M
+
+
+def ahead(gap_m: float, y_m: float = CENTER, speed_m_s: float = 20.0, v_y: float = 0.0) -> Car:
+    """A car that many metres ahead, bumper to bumper."""
+    return Car(gap_m + LENGTH_M, y_m, speed_m_s, v_y)
+
+
+def behind(gap_m: float, y_m: float = CENTER, speed_m_s: float = 20.0, v_y: float = 0.0) -> Car:
+    """A car that many metres behind, bumper to bumper."""
+    return Car(-gap_m - LENGTH_M, y_m, speed_m_s, v_y)
+
+
+def snapshot(
+    *others: Car,
+    s_m: float = 100.0,
+    y_m: float = CENTER,
+    speed_m_s: float = 20.0,
+    v_y: float = 0.0,
+    road: Road = ROAD,
+    wish: int = 0,
+) -> Snapshot:
+    """The ego at ``s_m``, ``y_m`` with others placed relative to it."""
+    cars = (Car(0.0, y_m, speed_m_s, v_y), *others)
+    offset_m, y, speed, lateral, length, width = np.array(cars, dtype=np.float64).T
+    return Snapshot(
+        time_s=0.0,
+        ids=("ego", *(f"vehicle{row}" for row in range(1, len(cars)))),
+        s_m=(s_m + offset_m) % road.circumference_m,
+        y_m=y,
+        speed_m_s=speed,
+        lateral_speed_m_s=lateral,
+        length_m=length,
+        width_m=width,
+        lane_change_wish=wish,
+    )
+
+
+def scene(
+    *others: Car,
+    s_m: float = 100.0,
+    y_m: float = CENTER,
+    speed_m_s: float = 20.0,
+    v_y: float = 0.0,
+    road: Road = ROAD,
+    wish: int = 0,
+    lane_change: LaneChange | None = None,
+    range_m: float = 250.0,
+) -> Scene:
+    """A snapshot, what the ego sees of it, and the lane change it is in."""
+    shot = snapshot(*others, s_m=s_m, y_m=y_m, speed_m_s=speed_m_s, v_y=v_y, road=road, wish=wish)
+    return Scene(shot, affordances(shot, road, range_m), lane_change)
+
+
+def changing(*others: Car, origin: int, target: int, seconds: int, road: Road = ROAD) -> Scene:
+    """The ego so many seconds into a lane change, at 20 m/s."""
+    sign = 1 if target > origin else -1
+    return scene(
+        *others,
+        y_m=origin * LANE_M + sign * 0.76 * seconds,
+        v_y=sign * 0.76,
+        lane_change=LaneChange(origin, target),
+        road=road,
+    )
+
+
+ALONE = scene()
+SLOW_LEADER = scene(ahead(20.0, speed_m_s=15.0))
+"""20 m ahead, closing 5 m/s: T_C is 4 s, and 20 - 3 * 5 = 5 is less than 15."""
+BOXED_IN = scene(
+    ahead(20.0, speed_m_s=15.0),
+    behind(20.0),
+    Car(0.0, RIGHT),
+    Car(0.0, LEFT),
+)
+"""Slow ahead, close behind, one alongside at either side."""
+ACROSS_THE_SEAM = scene(ahead(5.0), behind(9.0), s_m=498.0)
+"""The vehicle ahead is at 8 m of the loop, the ego at 498 m."""
+
+CARS = st.builds(
+    Car,
+    offset_m=st.floats(-250, 249),
+    y_m=st.sampled_from([k * 0.76 for k in range(11)]),
+    speed_m_s=st.floats(0, 40, width=16),
+    lateral_speed_m_s=st.sampled_from([-0.76, 0.0, 0.76]),
+    length_m=st.just(LENGTH_M),
+    width_m=st.just(WIDTH_M),
+)
+"""Anywhere on a loop of 500 m, in a lane or on the way between two."""
+
+
+@st.composite
+def scenes(draw: st.DrawFn) -> Scene:
+    """Any traffic around an ego that keeps its lane or is 1 to 4 s into a lane change."""
+    road = draw(st.sampled_from([ROAD, BARRICADED_ROAD]))
+    lanes = [lane for lane in range(3) if road.is_open(lane)]
+    origin = draw(st.sampled_from(lanes))
+    targets = [lane for lane in lanes if abs(lane - origin) == 1]
+    seconds = draw(st.integers(0, 4))
+    lane_change = LaneChange(origin, draw(st.sampled_from(targets))) if seconds else None
+    sign = lane_change.sign if lane_change else 0
+    return scene(
+        *draw(st.lists(CARS, max_size=10)),
+        s_m=draw(st.floats(0, 499)),
+        y_m=origin * LANE_M + sign * 0.76 * seconds,
+        speed_m_s=draw(st.floats(0, 30)),
+        v_y=0.76 * sign,
+        road=road,
+        lane_change=lane_change,
+    )
