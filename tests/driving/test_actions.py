@@ -1,0 +1,59 @@
+"""The 12 decisions, in the order of their numbers."""
+
+import pytest
+
+from drl_av.config import EgoConfig
+from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, toward
+
+
+def test_the_twelve_decisions_are_numbered_lateral_first() -> None:
+    assert [str(action) for action in ACTIONS] == [
+        "maintain, keep lane",
+        "accelerate, keep lane",
+        "brake, keep lane",
+        "hard brake, keep lane",
+        "maintain, change right",
+        "accelerate, change right",
+        "brake, change right",
+        "hard brake, change right",
+        "maintain, change left",
+        "accelerate, change left",
+        "brake, change left",
+        "hard brake, change left",
+    ]
+
+
+def test_a_number_and_a_pair_are_the_same_decision() -> None:
+    assert [action.number for action in ACTIONS] == list(range(12))
+    assert ACTIONS[6] == Action(Lateral.RIGHT, Longitudinal.BRAKE)  # not (2, 1), left
+    assert Action(Lateral.LEFT, Longitudinal.ACCELERATE).number == 9
+
+
+@pytest.mark.parametrize(
+    ("longitudinal", "acceleration"),
+    [
+        (Longitudinal.MAINTAIN, 0.0),
+        (Longitudinal.ACCELERATE, 2.0),
+        (Longitudinal.BRAKE, -2.0),
+        (Longitudinal.HARD_BRAKE, -4.0),
+    ],
+)
+def test_accelerations_are_those_of_the_paper(
+    longitudinal: Longitudinal, acceleration: float
+) -> None:
+    assert longitudinal.acceleration_m_s2(EgoConfig()) == acceleration
+
+
+def test_accelerations_follow_the_config() -> None:
+    ego = EgoConfig(accelerate_m_s2=1.0, brake_m_s2=3.0, hard_brake_m_s2=8.0)
+    assert [how.acceleration_m_s2(ego) for how in Longitudinal] == [0.0, 1.0, -3.0, -8.0]
+
+
+def test_left_is_positive_and_right_is_negative() -> None:
+    assert [lateral.sign for lateral in (Lateral.KEEP, Lateral.RIGHT, Lateral.LEFT)] == [0, -1, 1]
+
+
+@pytest.mark.parametrize("lateral", Lateral)
+def test_the_action_toward_a_side_leads_there_and_that_away_from_it_back(lateral: Lateral) -> None:
+    assert toward(lateral.sign) is lateral
+    assert toward(-lateral.sign).sign == -lateral.sign

@@ -1,0 +1,114 @@
+"""The road seen in a mirror: left is right, and nothing else changes."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from worlds import LEFT, RIGHT, ROAD, ahead, behind, scene, scenes
+
+from drl_av.config import EgoConfig, ObservationConfig, SafetyConfig, SimulationConfig
+from drl_av.driving.actions import ACTIONS, Action, Lateral
+from drl_av.driving.affordances import INDICATORS, ObservationScale, affordances
+from drl_av.driving.maneuver import LaneChange, Scene, plan
+from drl_av.driving.mirror import MIRROR
+from drl_av.driving.safety import paper
+from drl_av.traffic.ring import Road
+from drl_av.traffic.snapshot import Snapshot
+
+WIDTH_M = 7.6
+"""From the centre of the rightmost lane to that of the leftmost."""
+
+
+def mirrored(world: Scene) -> Scene:
+    """The same scene on a road whose right is its left; worked out from the snapshot."""
+    shot = world.snapshot
+    swapped = Snapshot(
+        shot.time_s,
+        shot.ids,
+        shot.s_m,
+        WIDTH_M - shot.y_m,
+        shot.speed_m_s,
+        -shot.lateral_speed_m_s,
+        shot.length_m,
+        shot.width_m,
+        -shot.lane_change_wish,
+    )
+    running = world.lane_change
+    if running is not None:
+        running = LaneChange(2 - running.origin, 2 - running.target)
+    road = Road(ROAD.circumference_m, ROAD.lane_width_m, open_lanes(world)[::-1])
+    return Scene(swapped, affordances(swapped, road, 250.0), running)
+
+
+def open_lanes(world: Scene) -> tuple[bool, ...]:
+    barricaded = world.seen.lane == 1 and not world.seen.right_lane
+    return (not barricaded, True, True)
+
+
+def in_the_mirror(vector: np.ndarray) -> np.ndarray:
+    return vector[MIRROR.observation_permutation] * MIRROR.observation_sign
+
+
+def mirrored_action(action: Action) -> Action:
+    return ACTIONS[MIRROR.action_permutation[action.number]]
+
+
+def test_a_mirror_of_a_mirror_is_the_road_itself() -> None:
+    observation = np.arange(1, 28, dtype=np.float32)
+    assert not np.array_equal(in_the_mirror(observation), observation)
+    assert np.array_equal(in_the_mirror(in_the_mirror(observation)), observation)
+    assert [mirrored_action(mirrored_action(action)) for action in ACTIONS] == list(ACTIONS)
+
+
+def test_right_and_left_actions_change_places_and_accelerations_stay() -> None:
+    assert MIRROR.action_permutation.tolist() == [0, 1, 2, 3, 8, 9, 10, 11, 4, 5, 6, 7]
+    for action in ACTIONS:
+        assert mirrored_action(action).longitudinal is action.longitudinal
+        assert mirrored_action(action).lateral.sign == -action.lateral.sign
+
+
+def test_indicators_change_places_by_name_and_lateral_ones_their_sign() -> None:
+    swap = {"right": "left", "left": "right"}
+    for place, name in enumerate(INDICATORS):
+        side, _, rest = name.partition("_")
+        source = f"{swap.get(side, side)}_{rest}"
+        assert INDICATORS[MIRROR.observation_permutation[place]] == source
+        assert MIRROR.observation_sign[place] == (-1 if name.endswith("_y") else 1)
+
+
+def test_a_slow_vehicle_at_the_left_becomes_one_at_the_right() -> None:
+    scale = ObservationScale(ObservationConfig(), 30.0, ROAD)
+    left = scene(ahead(30, LEFT, 10.0, v_y=-0.76), behind(12, RIGHT), y_m=4.56, v_y=0.76)
+    right = scene(ahead(30, RIGHT, 10.0, v_y=0.76), behind(12, LEFT), y_m=3.04, v_y=-0.76)
+    seen = scale(left.seen.vector())
+    assert in_the_mirror(seen) == pytest.approx(scale(right.seen.vector()), abs=1e-6)
+
+
+@given(scenes())
+def test_a_mirrored_snapshot_gives_the_mirrored_observation(world: Scene) -> None:
+    scale = ObservationScale(ObservationConfig(), 30.0, ROAD)
+    seen, other = scale(world.seen.vector()), scale(mirrored(world).seen.vector())
+    assert in_the_mirror(seen) == pytest.approx(other, abs=1e-5)
+
+
+@given(scenes(), st.sampled_from(ACTIONS))
+def test_the_safety_check_judges_alike_in_the_mirror(world: Scene, proposed: Action) -> None:
+    action, rule = paper(world, proposed, SafetyConfig())
+    verdict = paper(mirrored(world), mirrored_action(proposed), SafetyConfig())
+    assert verdict == (mirrored_action(action), rule)
+
+
+@given(scenes(), st.sampled_from(ACTIONS))
+def test_a_plan_moves_alike_in_the_mirror(world: Scene, action: Action) -> None:
+    here = plan(world, action, EgoConfig(), SimulationConfig())
+    there = plan(mirrored(world), mirrored_action(action), EgoConfig(), SimulationConfig())
+    for command, other in zip(here.commands, there.commands, strict=True):
+        assert other.y_m == pytest.approx(WIDTH_M - command.y_m, abs=1e-9)
+        assert other.lateral_speed_m_s == pytest.approx(-command.lateral_speed_m_s)
+        assert other.speed_m_s == command.speed_m_s
+    assert (here.lane_change is None) is (there.lane_change is None)
+
+
+def test_keeping_the_lane_is_its_own_mirror_image() -> None:
+    kept = [action for action in ACTIONS if mirrored_action(action) == action]
+    assert kept == [action for action in ACTIONS if action.lateral is Lateral.KEEP]
