@@ -1,0 +1,178 @@
+"""The fences: which room may look into which, and what an import may load."""
+
+import ast
+import re
+import subprocess
+import sys
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "drl_av"
+ROOMS = (
+    {"config", "errors"},
+    {"traffic"},
+    {"driving"},
+    {"drawing", "video"},
+    {"env", "episode"},
+    {"learning"},
+    {"studies"},
+    {"cli", "console", "options", "__main__"},
+)
+"""Each may import itself and those before it."""
+ONLY_IN = {
+    "libsumo": {"traffic"},
+    "traci": {"traffic"},
+    "sumolib": {"traffic"},
+    "torch": {"learning"},
+    "safetensors": {"learning"},
+    "matplotlib": {"studies"},
+}
+LONG_MODULES = {"drl_av.config", "drl_av.cli"}
+
+
+@cache
+def modules() -> dict[str, Path]:
+    """Every module of the package by its dotted name."""
+    found = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = ("drl_av", *path.relative_to(PACKAGE).with_suffix("").parts)
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imported(path: Path) -> set[str]:
+    """What a module imports anywhere, inside functions too: its statements and its importlib."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} imports relatively: say drl_av"
+            names.add(str(node.module))
+            names.update(f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Call) and "import_module" in ast.unparse(node.func):
+            names.update(str(argument.value) for argument in node.args if is_text(argument))
+    return names
+
+
+def is_text(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, str)
+
+
+@cache
+def graph() -> dict[str, set[str]]:
+    """Which modules of the package each of them imports."""
+    return {name: (imported(path) & set(modules())) - {name} for name, path in modules().items()}
+
+
+def room(module: str) -> int:
+    """Place of a module's room from left to right."""
+    name = module.split(".")[1]
+    places = [place for place, names in enumerate(ROOMS) if name in names]
+    assert places, f"{module} is in no room: name its place in ROOMS"
+    return places[0]
+
+
+def test_the_graph_sees_what_is_there() -> None:
+    # were it empty, every fence would stand
+    assert "drl_av.traffic.simulation" in graph()["drl_av.env"]
+    assert "drl_av.driving.safety" in graph()["drl_av.driving.drivers.rules"]
+    assert "drl_av.env" in graph()["drl_av.cli"]  # inside a function
+    assert "torch" in imported(modules()["drl_av.learning.qnetwork"])
+    assert len(modules()) > 35
+
+
+def test_no_import_cycle() -> None:
+    try:
+        TopologicalSorter(graph()).prepare()
+    except CycleError as error:
+        pytest.fail(f"modules import each other: {' -> '.join(error.args[1])}")
+
+
+@pytest.mark.parametrize("module", sorted(set(modules()) - {"drl_av"}))
+def test_a_room_imports_only_from_rooms_to_its_left(module: str) -> None:
+    wrong = {other for other in graph()[module] - {"drl_av"} if room(other) > room(module)}
+    assert not wrong
+
+
+def test_the_package_itself_imports_no_room() -> None:
+    assert graph()["drl_av"] == set()
+
+
+@pytest.mark.parametrize("library", ONLY_IN)
+def test_a_library_is_touched_in_its_own_room_only(library: str) -> None:
+    users = set()
+    for module, path in modules().items():
+        if any(name.split(".")[0] == library for name in imported(path)):
+            users.add(module.split(".")[1])
+    assert users <= ONLY_IN[library]
+
+
+def test_only_traffic_names_sumo_modules_even_in_a_string() -> None:
+    for module, path in modules().items():
+        if not module.startswith("drl_av.traffic"):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            words = {node.value for node in ast.walk(tree) if is_text(node)}  # type: ignore[arg-type]
+            assert not words & {"libsumo", "traci", "sumolib"}, module
+
+
+def test_driving_is_pure() -> None:
+    allowed = {"numpy", "drl_av", "math", "enum", "typing", "dataclasses", "collections"}
+    allowed |= {"functools"}
+    for module, path in modules().items():
+        if module.startswith("drl_av.driving"):
+            assert {name.split(".")[0] for name in imported(path)} <= allowed, module
+
+
+def test_no_room_is_a_drawer() -> None:
+    names = {part for module in modules() for part in module.split(".")}
+    assert not names & {"utils", "util", "common", "helpers", "helper", "manager", "misc", "parts"}
+
+
+@pytest.mark.parametrize("module", sorted(set(modules()) - LONG_MODULES))
+def test_a_module_can_be_held_whole(module: str) -> None:
+    assert len(modules()[module].read_text(encoding="utf-8").splitlines()) <= 300
+
+
+@pytest.mark.parametrize("module", modules())
+def test_a_module_says_in_its_first_line_what_it_is(module: str) -> None:
+    text = modules()[module].read_text(encoding="utf-8")
+    if text:
+        assert ast.get_docstring(ast.parse(text))
+    if module.startswith("drl_av.traffic") or module.startswith("drl_av.driving"):
+        assert not re.search(r"\bprint\(", text)
+
+
+HEAVY = ("libsumo", "traci", "sumolib", "torch", "matplotlib", "stable_baselines3")
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import drl_av",
+        "import drl_av.cli",
+        "import drl_av.cli; drl_av.cli.main(['--help'])",
+        "import drl_av.cli; drl_av.cli.main(['train', '--help'])",
+        "import drl_av.env",
+        "import drl_av.driving.safety, drl_av.driving.drivers.rules",
+    ],
+)
+def test_importing_and_help_load_neither_sumo_nor_torch(statement: str) -> None:
+    program = f"""
+import os, sys
+before = dict(os.environ), list(sys.path)
+try:
+    {statement}
+except SystemExit as end:
+    assert end.code == 0, end.code
+assert (dict(os.environ), list(sys.path)) == before, "an import changed the surroundings"
+print("loaded:", *[name for name in {HEAVY} if name in sys.modules])
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "loaded:"
