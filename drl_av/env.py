@@ -119,8 +119,11 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
         """Carry out one decision, as far as the safety check permits it.
 
         Raises:
+            ConfigError: no such action.
             SimulationError: SUMO ended, or belongs to another environment of this process.
         """
+        if not 0 <= action < len(ACTIONS):
+            raise ConfigError(f"The action is {action}, but must be from 0 to {len(ACTIONS) - 1}.")
         proposed = ACTIONS[action]
         self.proposed = proposed
         verdict = self.safety_check(self.scene, proposed)
@@ -189,7 +192,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
             draw_number = np.random.default_rng([self.seed, 1])
             return int(draw_number.integers(traffic.vehicles_min, traffic.vehicles_max + 1))
         vehicles = options["vehicles"]
-        if not isinstance(vehicles, int | np.integer) or vehicles < 0:
+        if isinstance(vehicles, bool) or not isinstance(vehicles, int | np.integer) or vehicles < 0:
             raise ConfigError(f"vehicles is {vehicles!r}, but must be a whole number from 0 on.")
         return int(vehicles)
 

@@ -69,13 +69,15 @@ def desired(seen: Affordances, config: RewardConfig, minimum_gap_m: float) -> De
     """The desired speed and lateral position in this traffic, a function of the indicators.
 
     ``fixed``: the two numbers of the config. ``traffic``: the speed that the own lane allows, and
-    the centre of the best lane; another lane is better only from ``worthwhile_gain_m_s`` on.
+    the centre of the best lane, the nearest of equally good ones; another lane than the own is
+    better only from ``worthwhile_gain_m_s`` on.
     """
     if config.desired == "fixed":
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)
     own = attainable_speed(seen, 0, config, minimum_gap_m)
     best, sign = own + config.worthwhile_gain_m_s, 0
-    for side in (1, -1):
+    nearer = 1 if seen.ego_y_m >= seen.lane_center_m else -1
+    for side in (nearer, -nearer):
         if seen.has_lane(side):
             there = attainable_speed(seen, side, config, minimum_gap_m)
             if there > best:

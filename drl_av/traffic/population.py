@@ -115,6 +115,8 @@ def _lanes(
     chosen = np.empty(n, dtype=np.intp)
     for row in range(n):
         chances = np.where(berths > 0, shares if row else 1.0, 0.0)
+        if not chances.any():
+            chances = (berths > 0).astype(float)
         chosen[row] = rng.choice(len(open_lanes), p=chances / chances.sum())
         berths[chosen[row]] -= 1
     return open_lanes[chosen]

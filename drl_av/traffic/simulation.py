@@ -215,12 +215,15 @@ class Simulation:
             return Collision(CollisionKind.HIT_EDGE, None)
         vehicle = self._sumo.vehicle
         vehicle.setSpeed(EGO_ID, command.speed_m_s)
-        vehicle.changeSublane(EGO_ID, command.y_m - self._lateral_m(EGO_ID))
+        sideways_m = command.y_m - self._lateral_m(EGO_ID)
+        vehicle.changeSublane(EGO_ID, sideways_m)
         self._sumo.simulationStep()
-        self._ego_lateral_speed_m_s = command.lateral_speed_m_s
+        self._ego_lateral_speed_m_s = sideways_m / self._config.simulation.step_length_s
+        collision = None
         if self._sumo.simulation.getCollidingVehiclesNumber():
-            return self._collision_of_ego()
-        return None
+            collision = self._collision_of_ego()
+        self._ego_lateral_speed_m_s = command.lateral_speed_m_s
+        return collision
 
     def _collision_of_ego(self) -> Collision | None:
         for record in self._sumo.simulation.getCollisions():
