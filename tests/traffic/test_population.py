@@ -92,7 +92,7 @@ def test_characters_are_drawn_for_each_from_the_ranges_of_the_config() -> None:
     population = draw(30)
     for values, low, high in [
         (population.desired_speed_m_s[1:], 20, 32),
-        (population.headway_s[1:], 1, 2),
+        (population.headway_s[1:], 0.8, 1.4),
         (population.acceleration_m_s2[1:], 1, 2),
         (population.speed_gain[1:], 0, 2),
     ]:
@@ -145,7 +145,7 @@ def test_placed_vehicles_keep_their_places_with_the_ego_first() -> None:
     assert population.front_m.tolist() == [20.0, 40.0, 5.0]
     assert population.speed_m_s.tolist() == [25.0, 10.0, 30.0]
     assert population.desired_speed_m_s.tolist() == [30.0, 12.0, 31.0]
-    assert population.headway_s.tolist() == [1.5] * 3
+    assert population.headway_s.tolist() == pytest.approx([1.1] * 3)
 
 
 def test_placed_vehicles_without_an_ego_are_refused() -> None:
