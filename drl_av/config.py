@@ -202,13 +202,13 @@ class RewardConfig(_Section):
     )
     desired_speed_m_s: float = _setting(30.0, "Sec. IV-C", "v_des on a free road", low=1, high=60)
     desired_lateral_m: float = _setting(3.8, "Sec. IV-C", "y_des when fixed", low=0, high=50)
-    collision_reward: float = _setting(-5.0, "ours", "r_col", low=-1000, high=0)
+    collision_reward: float = _setting(-3.0, "ours", "r_col", low=-1000, high=0)
     safe_headway_s: float = _setting(1.3, "Sec. IV-C", "headway behind d_safe", low=0.1, high=10)
     catch_up_time_s: float = _setting(
-        8.0, "ours", "time in which a gap ahead may be closed", low=1, high=60
+        3.0, "ours", "time in which a gap ahead may be closed", low=1, high=60
     )
     worthwhile_gain_m_s: float = _setting(
-        1.0, "ours", "speed another lane must offer above the own one", low=0, high=30
+        1.5, "ours", "speed another lane must offer above the own one", low=0, high=30
     )
 
 
@@ -245,7 +245,7 @@ class LearningConfig(_Section):
     replay: str = _setting("two-buffer", "Alg. 1", "experience replay", choices=REPLAYS)
     batch_size: int = _setting(64, "ours", "rows in a minibatch", low=2, high=100_000)
     collision_fraction: float = _setting(
-        0.5, "ours", "share of the minibatch from the collision buffer", low=0, high=1
+        0.25, "ours", "share of the minibatch from the collision buffer", low=0, high=1
     )
     safe_capacity: int = _setting(100_000, "ours", "rows of Buf_S", low=1, high=100_000_000)
     collision_capacity: int = _setting(50_000, "ours", "rows of Buf_C", low=1, high=100_000_000)
