@@ -4,7 +4,6 @@ import hashlib
 import io
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -234,16 +233,19 @@ class Ride:
     def drive(self, render_mode: str | None, *watchers: Watcher) -> tuple[Recording, EpisodeResult]:
         """Drive it, shown to the watchers at every decision, and record it.
 
+        The window of sumo-gui goes with the process: libsumo's close would wait until something
+        moves over it, and for ever on a screen where nothing does.
+
         Raises:
             RecordingError: it left the recording that it must follow.
         """
         recorder = Recorder()
         follower = Follower(self.recording) if self.recording else None
-        with closing(HighwayEnv(config=self.config, render_mode=render_mode)) as env:
+        env = HighwayEnv(config=self.config, render_mode=render_mode)
+        try:
             placed = env.simulation.placed_vehicles
             usual = USUAL_VEHICLES if placed is None else placed
             vehicles = usual if self.vehicles is None else self.vehicles
-
             every: list[Watcher] = [recorder, *watchers]
             if follower:
                 every.insert(0, follower)
@@ -256,6 +258,9 @@ class Ride:
             if follower:
                 follower.end(env)
             return recorder.recording(env, self.name), result
+        finally:
+            if render_mode != "human":
+                env.close()
 
 
 def ride_again(recording: Recording) -> Ride:

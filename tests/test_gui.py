@@ -1,0 +1,159 @@
+"""sumo-gui on a virtual screen; Xvfb must be there: these tests fail without it, never skip."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from drl_av.config import Config
+from drl_av.driving.drivers.rules import IdmSumoDriver
+from drl_av.studies.replay import Recording, Ride
+
+WATCH = """
+import json, sys, time
+from pathlib import Path
+import libsumo
+from drl_av.studies.replay import load_recording, ride_again
+recording, told = load_recording(Path(sys.argv[1])), []
+
+def watch(env):
+    gui = libsumo.gui
+    time.sleep(0.2)
+    if env.decisions == 5:
+        gui.screenshot("View #0", sys.argv[2])
+    if env.decisions:
+        told.append({
+            "tracked": gui.getTrackedVehicle("View #0"),
+            "caption": libsumo.vehicle.getParameter("ego", "caption"),
+            "box": gui.getBoundary("View #0"),
+            "ego": libsumo.vehicle.getPosition("ego"),
+        })
+
+again, result = ride_again(recording).drive("human", watch)
+print(json.dumps({"hash": again.hash(), "decisions": told}))
+"""
+
+
+@pytest.fixture(scope="session")
+def screen() -> Iterator[str]:
+    """A virtual screen of this session's own."""
+    program = shutil.which("Xvfb")
+    if program is None:
+        pytest.fail("Xvfb is missing: install it with apt-get install xvfb.", pytrace=False)
+    reader, writer = os.pipe()
+    arguments = [program, "-displayfd", str(writer), "-screen", "0", "1280x900x24"]
+    arguments += ["-nolisten", "tcp"]
+    with subprocess.Popen(arguments, pass_fds=(writer,), stderr=subprocess.DEVNULL) as server:
+        os.close(writer)
+        try:
+            with os.fdopen(reader) as told:
+                number = told.readline().strip()
+            if not number:
+                pytest.fail("Xvfb started, but opened no screen.", pytrace=False)
+            yield f":{number}"
+        finally:
+            server.terminate()
+
+
+def environment(screen: str | None) -> dict[str, str]:
+    kept = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
+    shown = {"DISPLAY": screen, "LIBGL_ALWAYS_SOFTWARE": "1"} if screen else {}
+    return kept | shown
+
+
+def run(screen: str | None, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments],
+        env=environment(screen),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    config = Config().updated("simulation", decisions_per_episode=10)
+    return Ride(config, IdmSumoDriver(config.safety), "idm-sumo", 4, 30).drive(None)[0]
+
+
+@pytest.fixture(scope="module")
+def folder(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("gui")
+    recording.save(folder / "episode.npz")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def watched(screen: str, folder: Path) -> dict:  # type: ignore[type-arg]
+    """What sumo-gui told while it replayed the recording."""
+    picture = str(folder / "sumo_gui.png")
+    ended = run(screen, "-c", WATCH, str(folder / "episode.npz"), picture)
+    assert ended.returncode == 0, ended.stderr
+    return json.loads(ended.stdout.splitlines()[-1])  # type: ignore[no-any-return]
+
+
+def test_replay_in_sumo_gui_is_the_headless_episode_to_the_last_bit(
+    watched: dict,
+    recording: Recording,  # type: ignore[type-arg]
+) -> None:
+    assert watched["hash"] == recording.hash()
+    assert len(watched["decisions"]) == 10
+
+
+def test_ego_is_followed_with_about_120_m_of_road_around_it(watched: dict) -> None:  # type: ignore[type-arg]
+    for decision in watched["decisions"]:
+        (left, low), (right, high) = decision["box"]
+        x, y = decision["ego"]
+        assert decision["tracked"] == "ego"
+        assert 100 < right - left < 150
+        assert left < x < right
+        assert low < y < high
+
+
+def test_caption_tells_decision_rule_speed_and_reward(watched: dict) -> None:  # type: ignore[type-arg]
+    for decision in watched["decisions"]:
+        for word in ("rule: ", "m/s", "reward -"):
+            assert word in decision["caption"]
+
+
+def test_screenshot_shows_road_vehicles_and_caption(watched: dict, folder: Path) -> None:  # type: ignore[type-arg]
+    with Image.open(folder / "sumo_gui.png") as picture:
+        pixels = np.asarray(picture.convert("RGB")).reshape(-1, 3).astype(int)
+    share = {
+        "grass": ((pixels - (51, 128, 51)) ** 2).sum(1) < 600,
+        "road": pixels.max(1) < 30,
+        "ego": ((pixels - (60, 160, 255)) ** 2).sum(1) < 3000,
+        "traffic": ((pixels - (240, 190, 40)) ** 2).sum(1) < 3000,
+        "letters": pixels.min(1) > 240,
+    }
+    assert share["grass"].mean() > 0.2
+    assert share["road"].mean() > 0.05
+    for name in ("ego", "traffic", "letters"):
+        assert share[name].sum() > 50, name
+
+
+def test_command_replays_a_recording_in_sumo_gui(screen: str, folder: Path) -> None:
+    words = ("-m", "drl_av", "replay", str(folder / "episode.npz"), "--gui", "--rate", "50")
+    ended = run(screen, *words)
+    assert (ended.returncode, "exactly as recorded" in ended.stdout) == (0, True), ended.stderr
+
+
+@pytest.mark.parametrize("display", [None, ":987"])
+def test_without_a_screen_one_sentence_and_the_interpreter_lives(
+    display: str | None, folder: Path
+) -> None:
+    words = "['replay', sys.argv[1], '--gui']"
+    program = f"import sys; from drl_av.cli import main; print('status', main({words}))"
+    ended = run(display, "-c", program, str(folder / "episode.npz"))
+    assert ended.stdout == "status 1\n"
+    assert ended.stderr.startswith("drl-av: sumo-gui has no screen to open on: set DISPLAY")
+    assert ended.stderr.count("\n") == 1
