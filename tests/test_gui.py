@@ -19,21 +19,21 @@ from drl_av.studies.replay import Recording, Ride
 WATCH = """
 import json, sys, time
 from pathlib import Path
-import libsumo
+import traci
 from drl_av.studies.replay import load_recording, ride_again
 recording, told = load_recording(Path(sys.argv[1])), []
 
 def watch(env):
-    gui = libsumo.gui
+    gui = traci.gui
     time.sleep(0.2)
     if env.decisions == 5:
         gui.screenshot("View #0", sys.argv[2])
     if env.decisions:
         told.append({
             "tracked": gui.getTrackedVehicle("View #0"),
-            "caption": libsumo.vehicle.getParameter("ego", "caption"),
+            "caption": traci.vehicle.getParameter("ego", "caption"),
             "box": gui.getBoundary("View #0"),
-            "ego": libsumo.vehicle.getPosition("ego"),
+            "ego": traci.vehicle.getPosition("ego"),
         })
 
 again, result = ride_again(recording).drive("human", watch)

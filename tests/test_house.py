@@ -163,6 +163,7 @@ HEAVY = ("libsumo", "traci", "sumolib", "torch", "matplotlib", "stable_baselines
 def test_importing_and_help_load_neither_sumo_nor_torch(statement: str) -> None:
     program = f"""
 import os, sys
+import gymnasium
 before = dict(os.environ), list(sys.path)
 try:
     {statement}

@@ -12,7 +12,6 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import asdict, fields
-from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -159,31 +158,14 @@ class Mean(NamedTuple):
 
 def mean_with_interval(values: Iterable[float]) -> Mean:
     """Student's t interval over independent episodes; infinite half-width for a single one."""
+    from scipy import stats
+
     sample = np.array(list(values), dtype=float)
     if len(sample) < 2:
         return Mean(float(sample.mean()), math.inf)
     error = float(sample.std(ddof=1)) / math.sqrt(len(sample))
-    return Mean(float(sample.mean()), student_t_quantile(len(sample) - 1) * error)
-
-
-@cache
-def student_t_quantile(freedom: int) -> float:
-    """The t that |T| stays below with probability 0.95, T of ``freedom`` degrees; by bisection."""
-    low, high = 0.0, math.pi / 2
-    while low < (middle := (low + high) / 2) < high:
-        low, high = (middle, high) if _student_t_within(middle, freedom) < 0.95 else (low, middle)
-    return math.sqrt(freedom) * math.tan(low)
-
-
-def _student_t_within(theta: float, freedom: int) -> float:
-    """P(|T| <= sqrt(freedom) tan(theta)): Abramowitz and Stegun, 26.7.3 and 26.7.4."""
-    odd = freedom % 2
-    term, total = math.cos(theta) if odd else 1.0, 0.0
-    for k in range(1 + odd, freedom, 2):
-        total += term
-        term *= k / (k + 1) * math.cos(theta) ** 2
-    total *= math.sin(theta)
-    return 2 / math.pi * (theta + total) if odd else total
+    quantile = float(stats.t.ppf(0.975, len(sample) - 1))
+    return Mean(float(sample.mean()), quantile * error)
 
 
 class Summary(NamedTuple):

@@ -13,6 +13,7 @@ from drl_av.config import Config
 from drl_av.driving.reward import gap_reward, lateral_reward, safe_gap, speed_reward
 from drl_av.errors import DrlAvError
 from drl_av.studies.evaluation import mean_with_interval
+from drl_av.traffic.ring import FloatArray
 
 matplotlib.use("Agg")
 
@@ -70,9 +71,7 @@ def learning_figure(runs: Sequence[Path]) -> Figure:
 def reward_figure(config: Config) -> Figure:
     """The three reward functions at the paper's desired values (Fig. 6)."""
     reward = config.reward
-    safe_m = safe_gap(
-        reward.desired_speed_m_s, reward.safe_headway_s, config.safety.minimum_gap_m
-    )
+    safe_m = safe_gap(reward.desired_speed_m_s, reward.safe_headway_s, config.safety.minimum_gap_m)
     figure = Figure(figsize=(11, 3.2), layout="constrained")
     panels = figure.subplots(1, 3, sharey=True)
     gaps = np.linspace(0, 60, 241)
@@ -126,7 +125,7 @@ def _axes(x: str, y: str) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _panel(axes: Axes, x: str, places: Sequence[float], values: Sequence[float]) -> None:
+def _panel(axes: Axes, x: str, places: FloatArray, values: list[float]) -> None:
     axes.plot(places, values)
     axes.set_xlabel(x)
     axes.grid(alpha=0.3)

@@ -233,9 +233,6 @@ class Ride:
     def drive(self, render_mode: str | None, *watchers: Watcher) -> tuple[Recording, EpisodeResult]:
         """Drive it, shown to the watchers at every decision, and record it.
 
-        The window of sumo-gui goes with the process: libsumo's close would wait until something
-        moves over it, and for ever on a screen where nothing does.
-
         Raises:
             RecordingError: it left the recording that it must follow.
         """
@@ -259,8 +256,7 @@ class Ride:
                 follower.end(env)
             return recorder.recording(env, self.name), result
         finally:
-            if render_mode != "human":
-                env.close()
+            env.close()
 
 
 def ride_again(recording: Recording) -> Ride:

@@ -2,8 +2,10 @@
 
 import ctypes
 import importlib
+import importlib.util
 import platform
 import re
+from pathlib import Path
 from types import ModuleType
 
 from drl_av.errors import DisplayError, SimulationError
@@ -31,14 +33,32 @@ def require_display() -> None:
 
 
 def connection(gui: bool) -> ModuleType:
-    """libsumo, or traci for sumo-gui on Windows; raises SimulationError, naming what lacks."""
-    name = "traci" if gui and platform.system() == "Windows" else "libsumo"
+    """libsumo, or traci for sumo-gui; raises SimulationError, naming what lacks.
+
+    libsumo can show sumo-gui too, but not load a second episode into it, and closing it hangs.
+    """
+    name = "traci" if gui else "libsumo"
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        missing = re.search(r"lib[\w.+-]+\.so[.\d]*", str(error))
-        what = missing.group() if missing else str(error)
-        raise SimulationError(
-            f"{name} needs the system library {what}, which this machine lacks: install it, "
-            "on Debian or Ubuntu with: apt-get install libgl1 libx11-6 libxext6 libxrender1."
-        ) from error
+        raise SimulationError(missing_library(name, str(error))) from error
+
+
+def program(name: str) -> Path:
+    """A program of the installed package eclipse-sumo; raises SimulationError."""
+    package = importlib.util.find_spec("sumo")
+    for folder in (package and package.submodule_search_locations) or ():
+        for file in (name, f"{name}.exe"):
+            if (path := Path(folder, "bin", file)).is_file():
+                return path
+    raise SimulationError(f"SUMO's {name} is not installed: run pip install eclipse-sumo.")
+
+
+def missing_library(what: str, message: str) -> str:
+    """One sentence naming the shared library that a loader's message says is missing."""
+    found = re.search(r"lib[\w.+-]+?\.so[.\d]*", message)
+    library = found.group() if found else "named here: " + " ".join(message.split())
+    return (
+        f"{what} needs the system library {library}, which this machine lacks: install it, "
+        "on Debian or Ubuntu with: apt-get install libgl1 libx11-6 libxext6 libxrender1."
+    )

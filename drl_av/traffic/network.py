@@ -1,6 +1,5 @@
 """The road of a scenario as SUMO's network file, built by netconvert."""
 
-import importlib.util
 import math
 import os
 import re
@@ -10,6 +9,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from drl_av.errors import ScenarioError, SimulationError
+from drl_av.traffic.connection import missing_library, program
 from drl_av.traffic.description import ScenarioDescription
 
 EDGES = 4
@@ -86,28 +86,18 @@ def _edges(description: ScenarioDescription) -> ET.Element:
     return root
 
 
-def netconvert_program() -> Path:
-    """The netconvert of the installed package eclipse-sumo; raises SimulationError."""
-    package = importlib.util.find_spec("sumo")
-    for folder in (package and package.submodule_search_locations) or ():
-        for name in ("netconvert", "netconvert.exe"):
-            if (program := Path(folder, "bin", name)).is_file():
-                return program
-    raise SimulationError("SUMO's netconvert is not installed: run pip install eclipse-sumo.")
-
-
 def _run_netconvert(nodes: Path, edges: Path, network: Path) -> None:
-    program = netconvert_program()
+    netconvert = program("netconvert")
     arguments = [
         *("--node-files", str(nodes), "--edge-files", str(edges)),
         *("--output-file", str(network)),
         *("--no-internal-links", "true", "--no-turnarounds", "true"),
         *("--offset.disable-normalization", "true", "--precision", str(PRECISION)),
     ]
-    environment = os.environ | {"SUMO_HOME": str(program.parents[1])}
+    environment = os.environ | {"SUMO_HOME": str(netconvert.parents[1])}
     try:
         done = subprocess.run(
-            [program, *arguments], capture_output=True, text=True, check=False, env=environment
+            [netconvert, *arguments], capture_output=True, text=True, check=False, env=environment
         )
     except OSError as error:
         raise SimulationError(f"SUMO's netconvert cannot be run: {error}.") from error
@@ -116,13 +106,3 @@ def _run_netconvert(nodes: Path, edges: Path, network: Path) -> None:
     if done.returncode != 0 or not network.is_file():
         reason = " ".join(done.stderr.split()) or f"exit status {done.returncode}"
         raise ScenarioError(f"SUMO's netconvert cannot build this road: {reason}")
-
-
-def missing_library(program: str, message: str) -> str:
-    """One sentence naming the shared library that a loader's message says is missing."""
-    found = re.search(r"lib[\w.+-]+?\.so[.\d]*", message)
-    library = found.group() if found else "named here: " + " ".join(message.split())
-    return (
-        f"{program} needs the system library {library}, which this machine lacks: install it, "
-        "on Debian or Ubuntu with: apt-get install libgl1 libx11-6 libxext6 libxrender1."
-    )

@@ -1,5 +1,6 @@
 """One running SUMO: load, place the traffic, advance by one decision, take a snapshot, close."""
 
+import subprocess
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -8,7 +9,7 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.errors import SimulationError
 from drl_av.traffic.collisions import classify, overlapping
-from drl_av.traffic.connection import connection, require_display
+from drl_av.traffic.connection import connection, program, require_display
 from drl_av.traffic.population import (
     EGO_ID,
     Population,
@@ -30,7 +31,7 @@ WISHES_LEFT, WISHES_RIGHT = 2, 4
 
 
 class Simulation:
-    """SUMO in this process through libsumo; in sumo-gui through libsumo, or traci on Windows.
+    """SUMO in this process through libsumo, or in sumo-gui through traci.
 
     libsumo holds one simulation a process: the Simulation that was reset last owns it.
     """
@@ -142,14 +143,15 @@ class Simulation:
             *("--no-warnings", "true"),
             *("--xml-validation", "never"),
         ]
+        errors = self._sumo.exceptions
         try:
-            if Simulation._owner is self:
+            if Simulation._owner is self and not self._gui:
                 self._sumo.load(arguments)
             else:
                 if Simulation._owner is not None:
                     Simulation._owner.close()
                 self._start(arguments)
-        except self._sumo.exceptions.TraCIException as error:
+        except (errors.TraCIException, errors.FatalTraCIError) as error:
             raise SimulationError(
                 f"SUMO cannot load the scenario {self.scenario.folder}: {error}"
             ) from error
@@ -162,12 +164,8 @@ class Simulation:
             return
         view = str(self.scenario.view_file)
         gui = ["--gui-settings-file", view, "--start", "true", "--quit-on-end", "true"]
-        program = "sumo-gui"
-        if self._sumo.__name__ == "traci":
-            import sumolib
-
-            program = sumolib.checkBinary("sumo-gui")
-        self._sumo.start([program, *arguments, *gui])
+        sumo_gui = [str(program("sumo-gui")), *arguments, *gui]
+        self._sumo.start(sumo_gui, stdout=subprocess.DEVNULL)
 
     def _populate(self, population: Population) -> None:
         vehicle = self._sumo.vehicle

@@ -28,7 +28,6 @@ from drl_av.studies.evaluation import (
     Mean,
     drive_all,
     mean_with_interval,
-    student_t_quantile,
     summarize,
     write_rows,
     write_summaries,
@@ -154,18 +153,6 @@ def test_interval_of_a_known_sample() -> None:
     assert mean.value == 5.0
     assert mean.half_width == pytest.approx(3.724992, abs=1e-6)
     assert str(mean) == "5.00 ± 3.72"
-
-
-@pytest.mark.parametrize(
-    ("freedom", "t"),
-    [(1, 12.7062), (2, 4.3027), (3, 3.1824), (9, 2.2622), (10, 2.2281), (49, 2.0096), (99, 1.9842)],
-)
-def test_quantiles_are_those_of_the_printed_table(freedom: int, t: float) -> None:
-    assert student_t_quantile(freedom) == pytest.approx(t, abs=5e-5)
-
-
-def test_quantile_of_many_is_that_of_the_normal_distribution() -> None:
-    assert student_t_quantile(100_000) == pytest.approx(1.959988, abs=1e-6)
 
 
 def test_one_episode_has_no_interval(tmp_path: Path) -> None:

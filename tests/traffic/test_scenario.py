@@ -40,7 +40,7 @@ PLACED_TOML = PLACED.to_toml()
 
 
 def run_sumo(folder: Path, end_s: int, *options: str) -> subprocess.CompletedProcess[str]:
-    program = network.netconvert_program().with_name("sumo")
+    program = network.program("netconvert").with_name("sumo")
     arguments = ["-c", folder / "highway.sumocfg", "--end", str(end_s), "--no-step-log", *options]
     return subprocess.run([program, *arguments], capture_output=True, text=True, check=False)
 
@@ -308,7 +308,7 @@ def fake_netconvert(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) 
     program = folder / "netconvert"
     program.write_text(f"#!/bin/sh\n{script}\n")
     program.chmod(0o755)
-    monkeypatch.setattr(network, "netconvert_program", lambda: program)
+    monkeypatch.setattr(network, "program", lambda name: program)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="shell scripts")
@@ -343,7 +343,7 @@ def test_failing_netconvert_is_told_and_leaves_nothing(
 def test_absent_netconvert_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(SimulationError, match="pip install eclipse-sumo"):
-        network.netconvert_program()
+        network.program("netconvert")
 
 
 def test_scenario_is_found_by_name_or_folder(folder: Path) -> None:
