@@ -15,7 +15,7 @@ setup: .venv/.installed
 
 demo: setup
 	$(BIN)/drl-av train --preset fast --out $(DEMO)/fast $(if $(wildcard $(DEMO)/fast/config.toml),--resume)
-	$(BIN)/drl-av evaluate $(DEMO)/fast --driver pretrained idm idm-sumo \
+	$(BIN)/drl-av evaluate $(DEMO)/fast pretrained idm idm-sumo \
 	    --vehicles $(DENSITIES) --episodes 20 --jobs 2 --out $(DEMO)/evaluation.csv
 	$(BIN)/drl-av figures $(DEMO)/evaluation.csv $(DEMO)/fast --out $(DEMO)
 	$(BIN)/drl-av replay $(DEMO)/fast --vehicles 15 --seed 1 --decisions 60 --video $(DEMO)/drive.mp4
@@ -36,13 +36,14 @@ pretrained: setup
 
 # Every number and table of the README (minutes).
 results: setup
-	$(BIN)/drl-av evaluate --driver pretrained idm idm-sumo --vehicles $(DENSITIES) \
+	$(BIN)/drl-av evaluate pretrained idm idm-sumo --vehicles $(DENSITIES) \
 	    --episodes 100 --seed 0 --jobs 2 --out docs/results/evaluation.csv
-	$(BIN)/drl-av evaluate --driver random --safety-check paper --vehicles $(DENSITIES) \
+	$(BIN)/drl-av evaluate random --safety-check paper --vehicles $(DENSITIES) \
 	    --episodes 50 --seed 0 --jobs 2 --out docs/results/check_paper.csv
-	$(BIN)/drl-av evaluate --driver random --safety-check permit_all --vehicles $(DENSITIES) \
+	$(BIN)/drl-av evaluate random idm-sumo --safety-check permit_all --vehicles $(DENSITIES) \
 	    --episodes 50 --seed 0 --jobs 2 --out docs/results/check_permit_all.csv
 	$(BIN)/python tools/compare_step_lengths.py --out docs/results/step_length.csv
+	$(BIN)/drl-av figures docs/results/evaluation.csv drl_av/pretrained --out docs/results
 	$(BIN)/python tools/refresh_tables.py
 
 clean:

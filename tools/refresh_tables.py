@@ -29,16 +29,19 @@ def collision_table() -> str:
 
 
 def check_table() -> str:
-    """The random driver with the check and without it."""
-    rows = read("check_paper.csv") + read("check_permit_all.csv")
+    """Drivers with the check and without it, over all densities."""
+    compared = [row for row in read("evaluation.csv") if row["driver"] == "idm-sumo"]
+    rows = read("check_paper.csv") + read("check_permit_all.csv") + compared
     lines = [
-        "| check | episodes | ego hit something | was hit | mean speed, m/s |",
-        "|" + " --- |" * 5,
+        "| driver | check | episodes | ego hit something | was hit | mean speed, m/s |",
+        "|" + " --- |" * 6,
     ]
-    for check in dict.fromkeys(row["safety_check"] for row in rows):
-        own = [row for row in rows if row["safety_check"] == check]
+    for driver, check in sorted({(row["driver"], row["safety_check"]) for row in rows}):
+        own = [r for r in rows if (r["driver"], r["safety_check"]) == (driver, check)]
         hits, hit = count(own, "ego_hit"), count(own, "collided") - count(own, "ego_hit")
-        lines.append(f"| `{check}` | {len(own)} | {hits} | {hit} | {mean_speed(own)} |")
+        lines.append(
+            f"| `{driver}` | `{check}` | {len(own)} | {hits} | {hit} | {mean_speed(own)} |"
+        )
     return "\n".join(lines)
 
 

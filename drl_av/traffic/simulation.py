@@ -26,8 +26,6 @@ RANDOM_LANE_CHANGE_S = 5.0
 VIEW = "View #0"
 GUI_ZOOM = 250.0
 """In percent of the whole loop's size, about: 120 m of road in a window of usual shape."""
-WISHES_LEFT, WISHES_RIGHT = 2, 4
-"""SUMO's LCA_LEFT and LCA_RIGHT bits of a lane-change state."""
 
 
 class Simulation:
@@ -263,8 +261,10 @@ class Simulation:
         )
 
     def _wish(self) -> int:
-        """What SUMO's model would do with the ego: +1 left, -1 right, 0 stay."""
-        for sign, bit in ((1, WISHES_LEFT), (-1, WISHES_RIGHT)):
-            if self._sumo.vehicle.getLaneChangeState(EGO_ID, sign)[0] & bit:
+        """What SUMO's model would do with the ego now: +1 left, -1 right, 0 stay."""
+        bits = self._sumo.constants
+        for sign, wish in ((1, bits.LCA_LEFT), (-1, bits.LCA_RIGHT)):
+            state = self._sumo.vehicle.getLaneChangeState(EGO_ID, sign)[0]
+            if state & wish and not state & bits.LCA_BLOCKED:
                 return sign
         return 0
