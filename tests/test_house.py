@@ -12,7 +12,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "drl_av"
 ROOMS = (
-    {"config", "errors"},
+    {"config", "settings", "errors"},
     {"traffic"},
     {"driving"},
     {"drawing", "video"},
@@ -30,7 +30,7 @@ ONLY_IN = {
     "safetensors": {"learning"},
     "matplotlib": {"studies"},
 }
-LONG_MODULES = {"drl_av.config", "drl_av.cli"}
+LONG_MODULES: set[str] = set()
 
 
 @cache

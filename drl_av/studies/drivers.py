@@ -5,10 +5,11 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import Config, nearest_name
+from drl_av.config import Config
 from drl_av.driving.drivers import Driver
 from drl_av.driving.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.errors import ConfigError, RunError
+from drl_av.settings import did_you_mean
 
 PRETRAINED = Path(__file__).parent.parent / "pretrained"
 """Folder of the driver that ships with the package; laid out as a run's."""
@@ -54,8 +55,7 @@ def choose(words: Iterable[str]) -> tuple[Choice, ...]:
 
 
 def _unknown(word: str) -> ConfigError:
-    near = nearest_name(word, DRIVERS)
-    hint = f" (did you mean {near!r}?)" if near else ""
+    hint = did_you_mean(word, DRIVERS)
     return ConfigError(
         f"There is no driver or run folder {word!r}{hint}; the drivers are: {', '.join(DRIVERS)}."
     )

@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 import tomli_w
 
-from drl_av.config import nearest_name
 from drl_av.errors import ScenarioError
+from drl_av.settings import did_you_mean
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "circumference_m": (100, 50_000),
@@ -177,8 +177,7 @@ def _build(kind: type[Described], values: Mapping[str, Any], what: str) -> Descr
     known = [field.name for field in fields(kind)]
     for key in values:
         if key not in known:
-            near = nearest_name(key, known)
-            hint = f" (did you mean {near!r}?)" if near else ""
+            hint = did_you_mean(key, known)
             raise ScenarioError(
                 f"There is no key {key!r}{hint} in {what}; its keys are: {', '.join(known)}."
             )

@@ -6,8 +6,8 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
-from drl_av.config import nearest_name
 from drl_av.errors import ScenarioError
+from drl_av.settings import did_you_mean
 from drl_av.traffic import scenario_files
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription, from_toml
 from drl_av.traffic.loop import read_loop
@@ -132,8 +132,7 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
         return Path(name_or_path)
     if name in shipped:
         return shipped[name]
-    near = nearest_name(name, list(shipped))
-    hint = f" (did you mean {near!r}?)" if near else ""
+    hint = did_you_mean(name, shipped)
     raise ScenarioError(
         f"There is no scenario {name!r}{hint}: name a folder, or one of: {', '.join(shipped)}."
     )

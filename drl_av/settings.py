@@ -1,0 +1,77 @@
+"""What a setting is: a field of a frozen dataclass with its source, meaning, bounds and choices."""
+
+import difflib
+import math
+from collections.abc import Iterable
+from dataclasses import field, fields
+from typing import Any
+
+from drl_av.errors import ConfigError
+
+
+def setting(
+    default: Any,
+    source: str,
+    meaning: str,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] | None = None,
+) -> Any:
+    """A field of a section: its default, where that comes from, what it means, and its bounds."""
+    return field(
+        default=default,
+        metadata={
+            "source": source,
+            "meaning": meaning,
+            "low": low,
+            "high": high,
+            "choices": choices,
+        },
+    )
+
+
+def did_you_mean(word: object, names: Iterable[str]) -> str:
+    """`` (did you mean 'NAME'?)`` with the known name closest to a misspelt one, or nothing."""
+    found = difflib.get_close_matches(str(word), list(names), n=1)
+    return f" (did you mean {found[0]!r}?)" if found else ""
+
+
+def section_name(section: type) -> str:
+    """The name of a section in TOML: ``TrafficConfig`` is ``traffic``."""
+    return section.__name__.removesuffix("Config").lower()
+
+
+class Section:
+    """Checks each field of a section against the type, bounds and choices in its metadata."""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, item.name)
+            meta = item.metadata
+            where = f"{section_name(type(self))}.{item.name}"
+            kind = type(item.default)
+            if kind is float and type(value) is int:
+                object.__setattr__(self, item.name, value := float(value))
+            if type(value) is not kind:
+                raise ConfigError(f"{where} is {value!r}, but must be of type {kind.__name__}.")
+            if meta["choices"] is not None and value not in meta["choices"]:
+                raise ConfigError(
+                    f"{where} is {value!r}{did_you_mean(value, meta['choices'])}, "
+                    f"but must be one of: {', '.join(meta['choices'])}."
+                )
+            if isinstance(value, float) and not math.isfinite(value):
+                raise ConfigError(f"{where} is {value}, but must be a finite number.")
+            low, high = meta["low"], meta["high"]
+            if (low is not None and value < low) or (high is not None and value > high):
+                bounds = f"at least {low}" if high is None else f"from {low} to {high}"
+                raise ConfigError(f"{where} is {value}, but must be {bounds}.")
+
+    def ordered(self, *names: str) -> None:
+        """Raise ConfigError unless the named fields do not fall in this order."""
+        values = [getattr(self, name) for name in names]
+        if values != sorted(values):
+            raise ConfigError(
+                f"{section_name(type(self))}: {' <= '.join(names)} must hold, "
+                f"but they are {', '.join(map(str, values))}."
+            )
