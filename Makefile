@@ -15,7 +15,7 @@ setup: .venv/.installed
 
 demo: setup
 	$(BIN)/drl-av train --preset fast --out $(DEMO)/fast $(if $(wildcard $(DEMO)/fast/config.toml),--resume)
-	$(BIN)/drl-av evaluate $(DEMO)/fast pretrained idm idm-sumo \
+	$(BIN)/drl-av evaluate $(DEMO)/fast pretrained idm idm-mobil idm-sumo \
 	    --vehicles $(DENSITIES) --episodes 20 --jobs 2 --out $(DEMO)/evaluation.csv
 	$(BIN)/drl-av figures $(DEMO)/evaluation.csv $(DEMO)/fast --out $(DEMO)
 	$(BIN)/drl-av replay $(DEMO)/fast --vehicles 15 --seed 1 --decisions 60 --video $(DEMO)/drive.mp4
@@ -36,7 +36,7 @@ pretrained: setup
 
 # Every number and table of the README (minutes).
 results: setup
-	$(BIN)/drl-av evaluate pretrained idm idm-sumo --vehicles $(DENSITIES) \
+	$(BIN)/drl-av evaluate pretrained idm idm-mobil idm-sumo --vehicles $(DENSITIES) \
 	    --episodes 100 --seed 0 --jobs 2 --out docs/results/evaluation.csv
 	$(BIN)/drl-av evaluate random --safety-check paper --vehicles $(DENSITIES) \
 	    --episodes 50 --seed 0 --jobs 2 --out docs/results/check_paper.csv

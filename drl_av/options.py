@@ -135,7 +135,7 @@ def _evaluate(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="NAME",
-        help="also these: idm, idm-sumo, random, pretrained (the one that ships), or RUNs",
+        help="also these: idm, idm-mobil, idm-sumo, random, pretrained (which ships), or RUNs",
     )
     parser.add_argument(
         "--vehicles",
@@ -168,7 +168,9 @@ def _replay(parser: argparse.ArgumentParser) -> None:
         metavar="RUN | RECORDING",
         help="a run's folder, or what --record kept (default: the driver that ships)",
     )
-    which.add_argument("--driver", metavar="NAME", help="idm, idm-sumo, random or pretrained")
+    which.add_argument(
+        "--driver", metavar="NAME", help="idm, idm-mobil, idm-sumo, random or pretrained"
+    )
     parser.add_argument("--seed", type=_whole(0), default=0, metavar="S", help="of the traffic")
     parser.add_argument(
         "--vehicles", type=_whole(0), metavar="N", help="vehicles around the ego (default: 15)"

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from drl_av.config import Config
 from drl_av.driving.drivers import Driver
+from drl_av.driving.drivers.mobil import MobilDriver
 from drl_av.driving.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.errors import ConfigError, RunError
 from drl_av.settings import did_you_mean
@@ -16,6 +17,7 @@ PRETRAINED = Path(__file__).parent.parent / "pretrained"
 
 RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "idm": lambda config: IdmDriver(config.safety),
+    "idm-mobil": lambda config: MobilDriver(config.safety, config.ego, config.mobil),
     "idm-sumo": lambda config: IdmSumoDriver(config.safety),
     "random": lambda config: RandomDriver(),
 }

@@ -20,6 +20,7 @@ matplotlib.use("Agg")
 STYLES = {
     "pretrained": ("#c2185b", "o"),
     "idm": ("#546e7a", "s"),
+    "idm-mobil": ("#388e3c", "v"),
     "idm-sumo": ("#1976d2", "^"),
     "random": ("#9e9e9e", "x"),
 }
