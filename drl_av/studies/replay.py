@@ -202,20 +202,17 @@ class Film:
         self._road = env.road
         self._moments.append((env.scene.snapshot, env.caption))
 
-    def write(
-        self, path: Path, fps: int = 20, rate: float = 2.0, told: Callable[[], None] = lambda: None
-    ) -> int:
+    def write(self, path: Path, fps: int = 20, rate: float = 2.0) -> int:
         """Write the video at ``rate`` times real time; returns the number of frames."""
-        return write_video(path, self._frames(max(1, round(fps / rate)), told), fps)
+        return write_video(path, self._frames(max(1, round(fps / rate))), fps)
 
-    def _frames(self, per_decision: int, told: Callable[[], None]) -> Iterator[Picture]:
+    def _frames(self, per_decision: int) -> Iterator[Picture]:
         assert self._road is not None
         for (before, _), (after, caption) in zip(self._moments, self._moments[1:], strict=False):
             caption = replace(caption, driver=self._driver)
             for step in range(1, per_decision + 1):
                 scene = interpolated(before, after, step / per_decision, self._road)
                 yield draw(scene, self._road, caption)
-            told()
 
 
 @dataclass(frozen=True)
