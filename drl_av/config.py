@@ -16,7 +16,6 @@ from drl_av.errors import ConfigError
 from drl_av.settings import Section, did_you_mean, setting
 
 SAFETY_CHECKS = ("permit_all", "paper")
-LATERAL_PLANTS = ("kinematic",)
 DESIRED_VALUES = ("traffic", "fixed")
 REPLAYS = ("two-buffer", "uniform")
 
@@ -94,9 +93,6 @@ class EgoConfig(Section):
     brake_m_s2: float = setting(2.0, "Sec. IV-A", "a_1, braking", low=0.1, high=10)
     hard_brake_m_s2: float = setting(4.0, "Sec. IV-A", "a_2, braking", low=0.1, high=10)
     lane_change_duration_s: float = setting(5.0, "Table I", "T_LC", low=1, high=20)
-    lateral_plant: str = setting(
-        "kinematic", "Sec. IV-A", "how the ego moves sideways", choices=LATERAL_PLANTS
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -177,8 +173,8 @@ class LearningConfig(Section):
     episodes: int = setting(10_000, "Sec. IV-C", "N_e", low=1, high=10_000_000)
     discount: float = setting(0.9, "Table I", "gamma", low=0, high=1)
     learning_rate: float = setting(1e-4, "Sec. IV-C", "Adam's step size", low=1e-8, high=1)
-    learning_rate_end: float = setting(
-        1e-4, "ours", "Adam's step size in the last episode, approached linearly", low=0, high=1
+    learning_rate_end_fraction: float = setting(
+        1.0, "ours", "share of it left in the last episode, approached linearly", low=0, high=1
     )
     hidden_units: int = setting(100, "Sec. IV-C", "units in each hidden layer", low=1, high=10_000)
     epsilon_start: float = setting(1.0, "Sec. IV-C", "exploration at first", low=0, high=1)
@@ -273,7 +269,7 @@ def load_config(path: str | Path | None, base: Config | None = None) -> Config:
         return base or Config()
     try:
         text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, TypeError) as error:
         raise ConfigError(f"The config file {path} cannot be read: {error}.") from error
     try:
         return from_toml(text, base, str(path))
@@ -300,7 +296,7 @@ PRESETS: dict[str, Config] = {
         episodes=300,
         epsilon_fraction=0.5,
         learning_rate=1e-3,
-        learning_rate_end=1e-5,
+        learning_rate_end_fraction=0.01,
         epsilon_end=0.1,
         gradient_steps=3,
         mirrored=True,

@@ -25,7 +25,7 @@ TRAINING_SEEDS = (1_000_000, 2**31)
 """Traffic seeds that an unseeded reset draws from; those below are left to evaluation."""
 
 
-class HighwayEnv(gymnasium.Env[Observation, np.int64]):
+class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle):
     """One decision a second for a vehicle among SUMO's traffic (Fig. 3 of the paper).
 
     ## Description
@@ -77,17 +77,27 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
         config: Config | str | Path | None = None,
         render_mode: str | None = None,
     ) -> None:
+        gymnasium.utils.EzPickle.__init__(self, scenario, safety_check, config, render_mode)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(
                 f"render_mode is {render_mode!r}, but must be None, 'human' or 'rgb_array'."
             )
         self.render_mode = render_mode
         config = config if isinstance(config, Config) else load_config(config)
-        if isinstance(safety_check, str):
+        if scenario is not None:
+            folder = Path(scenario)
+            name = str(folder.absolute() if folder.is_dir() else scenario)
+            config = config.updated("simulation", scenario=name)
+        if safety_check is not None and not callable(safety_check):
             config = config.updated("safety", check=safety_check)
         self.config = config
         self.safety_check = safety_check if callable(safety_check) else named_check(config.safety)
-        loaded = load_scenario(find_scenario(scenario or config.simulation.scenario))
+        self.check_name = (
+            getattr(safety_check, "__name__", "custom")
+            if callable(safety_check)
+            else config.safety.check
+        )
+        loaded = load_scenario(find_scenario(config.simulation.scenario))
         self.simulation = Simulation(loaded, config, gui=render_mode == "human")
         self.road = loaded.road
         self._scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
@@ -96,6 +106,16 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
         self.caption = Caption()
         self.proposed: Action | None = None
+        self._over = True
+
+    def require_room(self) -> None:
+        """Raise ConfigError where ``traffic.vehicles_max`` vehicles do not fit on the road."""
+        most = self.simulation.capacity
+        if self.config.traffic.vehicles_max > most and self.simulation.placed_vehicles is None:
+            raise ConfigError(
+                f"traffic.vehicles_max is {self.config.traffic.vehicles_max}, but this road takes "
+                f"{most} vehicles beside the ego: ask for fewer or make the loop longer."
+            )
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -112,6 +132,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
         self.caption = Caption(vehicles=vehicles, seed=self.seed)
         self.decisions = 0
         self.proposed = None
+        self._over = False
         self._look(self.simulation.reset(self.seed, vehicles), None)
         return self._observe(), self._info()
 
@@ -120,9 +141,12 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
 
         Raises:
             ConfigError: no such action.
+            gymnasium.error.ResetNeeded: there is no episode, or it is over.
             SimulationError: SUMO ended, or belongs to another environment of this process.
         """
-        if not 0 <= action < len(ACTIONS):
+        if self._over:
+            raise gymnasium.error.ResetNeeded("There is no episode to drive on in: call reset.")
+        if not self.action_space.contains(action):
             raise ConfigError(f"The action is {action}, but must be from 0 to {len(ACTIONS) - 1}.")
         proposed = ACTIONS[action]
         self.proposed = proposed
@@ -139,6 +163,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
         )
         reward = terms.total if collision is None else self.config.reward.collision_reward
         truncated = self.decisions >= self.config.simulation.decisions_per_episode
+        self._over = truncated or collision is not None
         info = self._info() | {
             "proposed_action": proposed.number,
             "executed_action": verdict.action.number,
@@ -154,10 +179,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
         """The scene as a picture (720, 1280, 3); None in sumo-gui, which draws by itself."""
         if self.render_mode != "rgb_array":
             return None
+        if self.caption == Caption():
+            raise gymnasium.error.ResetNeeded("There is nothing to draw yet: call reset.")
         return draw(self.scene.snapshot, self.road, self.caption)
 
     def close(self) -> None:
         """End SUMO."""
+        self._over = True
         self.simulation.close()
 
     def _look(self, snapshot: Snapshot, lane_change: LaneChange | None) -> None:

@@ -107,7 +107,7 @@ class _Tally:
         collision = self._collision
         return EpisodeResult(
             driver=name,
-            safety_check=self._env.config.safety.check,
+            safety_check=self._env.check_name,
             vehicles=vehicles,
             seed=seed,
             decisions=len(self._numbers),

@@ -30,7 +30,7 @@ ONLY_IN = {
     "safetensors": {"learning"},
     "matplotlib": {"studies"},
 }
-LONG_MODULES: set[str] = set()
+LONG_MODULES = {"drl_av.config"}
 
 
 @cache

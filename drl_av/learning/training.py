@@ -71,9 +71,14 @@ class GreedyDriver:
 
 
 class Training:
-    """Algorithm 1 at an episode boundary; all its randomness comes from ``learning.seed``."""
+    """Algorithm 1 at an episode boundary; all its randomness comes from ``learning.seed``.
+
+    Raises:
+        ConfigError: ``traffic.vehicles_max`` vehicles do not fit on the road.
+    """
 
     def __init__(self, env: HighwayEnv) -> None:
+        env.require_room()
         self._env = env
         self.config = env.config
         self._config = env.config.learning
@@ -100,8 +105,8 @@ class Training:
     @property
     def learning_rate(self) -> float:
         """Adam's step size in the coming episode."""
-        start, end = self._config.learning_rate, self._config.learning_rate_end
-        return start + (end - start) * self.episodes_done / self._config.episodes
+        lost = 1 - self._config.learning_rate_end_fraction
+        return self._config.learning_rate * (1 - lost * self.episodes_done / self._config.episodes)
 
     def run_episode(self) -> EpisodeRow:
         """Lines 3 to 17: one episode, learning after each decision."""
@@ -140,7 +145,10 @@ class Training:
     def evaluate(self) -> EvaluationRow:
         """The greedy driver on fixed traffic, from the fewest vehicles to the most."""
         traffic, count = self._env.config.traffic, self._config.evaluation_episodes
+        placed = self._env.simulation.placed_vehicles
         numbers = np.linspace(traffic.vehicles_min, traffic.vehicles_max, count).round()
+        if placed is not None:
+            numbers[:] = placed
         driver = GreedyDriver(self.network)
         results = [
             drive(self._env, driver, "ddqn", EVALUATION_SEEDS + i, int(vehicles))

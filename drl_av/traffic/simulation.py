@@ -1,7 +1,9 @@
 """One running SUMO: load, place the traffic, advance by one decision, take a snapshot, close."""
 
+import io
 import subprocess
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from typing import ClassVar
 
 import numpy as np
@@ -13,6 +15,7 @@ from drl_av.traffic.connection import connection, program, require_display
 from drl_av.traffic.population import (
     EGO_ID,
     Population,
+    capacity,
     draw_population,
     placed_population,
 )
@@ -31,10 +34,10 @@ GUI_ZOOM = 250.0
 class Simulation:
     """SUMO in this process through libsumo, or in sumo-gui through traci.
 
-    libsumo holds one simulation a process: the Simulation that was reset last owns it.
+    Either holds one simulation a process: the Simulation that was reset last owns it.
     """
 
-    _owner: ClassVar["Simulation | None"] = None
+    _owners: ClassVar[dict[str, "Simulation"]] = {}
 
     def __init__(self, scenario: Scenario, config: Config, gui: bool = False) -> None:
         if gui:
@@ -45,7 +48,6 @@ class Simulation:
         self._gui = gui
         self._sumo = connection(gui)
         self._ids: tuple[str, ...] = ()
-        self._started = False
 
     def reset(self, seed: int, vehicles: int) -> Snapshot:
         """Load SUMO anew with a seed and put all vehicles on the road.
@@ -59,12 +61,18 @@ class Simulation:
         """
         self._rng = np.random.default_rng(seed)
         population = self._population(vehicles)
-        self._load(seed)
         self._ids = population.ids
         description = self.scenario.description
         self._length_m = np.full(len(self._ids), description.vehicle_length_m)
         self._width_m = np.full(len(self._ids), description.vehicle_width_m)
-        self._populate(population)
+        errors = self._sumo.exceptions
+        try:
+            self._load(seed)
+            self._populate(population)
+        except (errors.TraCIException, errors.FatalTraCIError) as error:
+            raise SimulationError(
+                f"SUMO cannot load the scenario {self.scenario.folder}: {error}"
+            ) from error
         if self._gui:
             self._follow_ego()
         self._ego_lateral_speed_m_s = 0.0
@@ -76,7 +84,7 @@ class Simulation:
         Raises:
             SimulationError: another Simulation has taken SUMO over, or sumo-gui was closed.
         """
-        if Simulation._owner is not self:
+        if not self._owns_sumo():
             raise SimulationError(
                 "Another environment in this process has taken SUMO over, which libsumo holds "
                 "once a process: reset this one first, or run several with "
@@ -102,10 +110,18 @@ class Simulation:
 
     def close(self) -> None:
         """End SUMO; the next reset starts it again."""
-        if Simulation._owner is self and self._started:
+        if self._owns_sumo():
             self._sumo.close()
-            Simulation._owner = None
-        self._started = False
+            del Simulation._owners[self._sumo.__name__]
+
+    def _owns_sumo(self) -> bool:
+        return Simulation._owners.get(self._sumo.__name__) is self
+
+    @property
+    def capacity(self) -> int:
+        """Most vehicles beside the ego that can be placed at random."""
+        length_m = self.scenario.description.vehicle_length_m
+        return capacity(self.road, length_m, self._config.traffic.start_gap_m) - 1
 
     @property
     def placed_vehicles(self) -> int | None:
@@ -141,20 +157,14 @@ class Simulation:
             *("--no-warnings", "true"),
             *("--xml-validation", "never"),
         ]
-        errors = self._sumo.exceptions
-        try:
-            if Simulation._owner is self and not self._gui:
-                self._sumo.load(arguments)
-            else:
-                if Simulation._owner is not None:
-                    Simulation._owner.close()
-                self._start(arguments)
-        except (errors.TraCIException, errors.FatalTraCIError) as error:
-            raise SimulationError(
-                f"SUMO cannot load the scenario {self.scenario.folder}: {error}"
-            ) from error
-        Simulation._owner = self
-        self._started = True
+        owner = Simulation._owners.get(self._sumo.__name__)
+        if owner is self and not self._gui:
+            self._sumo.load(arguments)
+        else:
+            if owner is not None:
+                owner.close()
+            self._start(arguments)
+        Simulation._owners[self._sumo.__name__] = self
 
     def _start(self, arguments: list[str]) -> None:
         if not self._gui:
@@ -163,7 +173,8 @@ class Simulation:
         view = str(self.scenario.view_file)
         gui = ["--gui-settings-file", view, "--start", "true", "--quit-on-end", "true"]
         sumo_gui = [str(program("sumo-gui")), *arguments, *gui]
-        self._sumo.start(sumo_gui, stdout=subprocess.DEVNULL)
+        with redirect_stdout(io.StringIO()):
+            self._sumo.start(sumo_gui, stdout=subprocess.DEVNULL)
 
     def _populate(self, population: Population) -> None:
         vehicle = self._sumo.vehicle
