@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drl_av.config import Config, load_config, preset
-from drl_av.errors import DrlAvError, RunError
+from drl_av.errors import DrlAvError, RecordingError, RunError
 from drl_av.options import Verb, command_line
 
 if TYPE_CHECKING:
@@ -71,14 +71,15 @@ def _train(options: argparse.Namespace) -> int:
     run = Run(options.out)
     config = _training_config(options, run)
     with closing(HighwayEnv(config=config)) as env:
+        training = Training(env)
         if not options.resume:
             run.create(config)
-        training = Training(env)
-        run.restore(training)
-        try:
-            finished = _watch_training(run, training, options.tensorboard)
-        except KeyboardInterrupt:
-            finished = False
+        with run.alone():
+            run.restore(training)
+            try:
+                finished = _watch_training(run, training, options.tensorboard)
+            except KeyboardInterrupt:
+                finished = False
     if finished:
         print(f"{run.folder}: {config.learning.episodes} episodes; compare it with the driver idm:")
         print(f"drl-av evaluate {run.folder} idm")
@@ -164,11 +165,15 @@ def _replay(options: argparse.Namespace) -> int:
     from drl_av.studies.drivers import build, choose, config_of
     from drl_av.studies.files import require_writable
     from drl_av.studies.replay import Film, Pacer, Ride, load_recording, ride_again
+    from drl_av.video import require_film
 
     for path in filter(None, (options.record, options.video)):
         require_writable(path)
+    if options.video:
+        require_film(options.video, options.rate)
     source = options.source or options.driver or "pretrained"
     if Path(source).is_file() and Path(source).suffix != ".safetensors":
+        _refuse_settings(options)
         ride = ride_again(load_recording(Path(source)))
     else:
         choices = choose([source])
@@ -176,7 +181,7 @@ def _replay(options: argparse.Namespace) -> int:
         if options.decisions:
             config = config.updated("simulation", decisions_per_episode=options.decisions)
         [(name, driver)] = build(choices, config).items()
-        ride = Ride(config, driver, name, options.seed, options.vehicles)
+        ride = Ride(config, driver, name, options.seed or 0, options.vehicles)
     film = Film(ride.name)
     if options.video:
         recording, result = ride.drive("rgb_array", film)
@@ -193,6 +198,16 @@ def _replay(options: argparse.Namespace) -> int:
         f"{result.safety_triggers} safety triggers, {result.collision or 'no collision'}"
     )
     return 0
+
+
+def _refuse_settings(options: argparse.Namespace) -> None:
+    names = ("seed", "vehicles", "decisions", "scenario", "safety_check", "config")
+    given = [name for name in names if getattr(options, name) is not None]
+    if given:
+        raise RecordingError(
+            f"--{given[0].replace('_', '-')} cannot be changed in {options.source}: "
+            "a recording is replayed as it was recorded."
+        )
 
 
 def _figures(options: argparse.Namespace) -> int:

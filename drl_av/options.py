@@ -171,7 +171,7 @@ def _replay(parser: argparse.ArgumentParser) -> None:
     which.add_argument(
         "--driver", metavar="NAME", help="idm, idm-mobil, idm-sumo, random or pretrained"
     )
-    parser.add_argument("--seed", type=_whole(0), default=0, metavar="S", help="of the traffic")
+    parser.add_argument("--seed", type=_whole(0), metavar="S", help="of the traffic (default: 0)")
     parser.add_argument(
         "--vehicles", type=_whole(0), metavar="N", help="vehicles around the ego (default: 15)"
     )

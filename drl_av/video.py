@@ -65,8 +65,8 @@ def write_video(path: str | os.PathLike[str], frames: Iterable[Picture], fps: fl
     The file appears under its name only when it is complete. An .mp4 is written frame by frame
     (H.264, yuv420p, padded to even sizes); a .gif is held in memory and suits short clips.
     """
-    path = Path(path)
-    _check(path, fps)
+    path = Path(path).resolve()
+    require_film(path, fps)
     write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix.lower()}")
     try:
@@ -80,7 +80,8 @@ def write_video(path: str | os.PathLike[str], frames: Iterable[Picture], fps: fl
     return count
 
 
-def _check(path: Path, fps: float) -> None:
+def require_film(path: Path, fps: float) -> None:
+    """Raise RecordingError where ``write_video`` could not write, before anything is drawn."""
     if path.suffix.lower() not in (".mp4", ".gif"):
         given = f"not in {path.suffix}" if path.suffix else "and it has no suffix"
         raise RecordingError(f"Cannot write {path}: its name must end in .mp4 or .gif, {given}.")

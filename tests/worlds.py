@@ -132,7 +132,7 @@ def scenes(draw: st.DrawFn) -> Scene:
     lane_change = LaneChange(origin, draw(st.sampled_from(targets))) if seconds else None
     sign = lane_change.sign if lane_change else 0
     return scene(
-        *draw(st.lists(CARS, max_size=10)),
+        *draw(st.lists(CARS, max_size=10, unique_by=lambda car: round(abs(car.offset_m), 6))),
         s_m=draw(st.floats(0, 499)),
         y_m=origin * LANE_M + sign * 0.76 * seconds,
         speed_m_s=draw(st.floats(0, 30)),

@@ -16,12 +16,11 @@ from collections.abc import Callable
 
 import libsumo
 import numpy as np
+import torch
 
 from drl_av.config import Config, preset
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.env import HighwayEnv
-from drl_av.learning.buffers import make_buffer
-from drl_av.learning.learner import Learner
 from drl_av.learning.qnetwork import QNetwork
 from drl_av.learning.training import Training
 
@@ -71,7 +70,7 @@ def measure_env(vehicles: int, rounds: int, episodes: int) -> dict[str, float | 
 
 
 def measure_train(vehicles: int, rounds: int, episodes: int) -> dict[str, float | int]:
-    """Decisions a second of Algorithm 1, of the bare steps, and of autograd's gradient step."""
+    """Decisions a second of Algorithm 1, and of bare stepping plus PyTorch's own gradient step."""
     config = preset("paper").updated("traffic", vehicles_min=vehicles, vehicles_max=vehicles)
     config = config.updated("learning", epsilon_start=0.2, epsilon_end=0.2)
     env = HighwayEnv(config=config)
@@ -128,20 +127,25 @@ def learn(training: Training, episodes: int) -> float:
 
 
 def bare_gradient(config: Config) -> Callable[[], float]:
-    """Gradient steps a second on one batch again and again, no sampling."""
-    rng = np.random.default_rng(0)
-    learner = Learner(QNetwork(rng), config.learning.learning_rate)
-    buffer = make_buffer(config.learning, 27)
-    for _ in range(256):
-        state = rng.normal(size=27).astype(np.float32)
-        buffer.add_safe(state, int(rng.integers(12)), -0.1, state)
-        buffer.add_collision(state, int(rng.integers(12)), -5.0)
-    batch = buffer.sample(config.learning.batch_size, rng)
+    """Gradient steps a second of plain PyTorch, autograd and fused Adam, on one batch."""
+    torch.set_num_threads(1)
+    rng, rows = np.random.default_rng(0), config.learning.batch_size
+    online, target = QNetwork(rng), QNetwork(rng)
+    adam = torch.optim.Adam(online.parameters(), lr=config.learning.learning_rate, fused=True)
+    s_t, s_tp1 = (torch.from_numpy(rng.normal(size=(rows, 27)).astype("f4")) for _ in range(2))
+    a_t = torch.from_numpy(rng.integers(12, size=(rows, 1)))
+    r_tp1, discount = torch.full((rows,), -0.1), torch.full((rows,), config.learning.discount)
 
     def measure(steps: int = 2_000) -> float:
         begun = time.perf_counter()
         for _ in range(steps):
-            learner.update(batch)
+            with torch.no_grad():
+                a_next = online(s_tp1).argmax(1, keepdim=True)
+                y = r_tp1 + discount * target(s_tp1).gather(1, a_next)[:, 0]
+            loss = ((y - online(s_t).gather(1, a_t)[:, 0]) ** 2).mean()
+            adam.zero_grad()
+            loss.backward()
+            adam.step()
         return steps / (time.perf_counter() - begun)
 
     return measure

@@ -140,7 +140,7 @@ def _nearest(snapshot: Snapshot, distance_m: FloatArray, range_m: float) -> Neig
 
 
 class ObservationScale:
-    """Turns the 27 indicators into the network's input, about [-1, 1], and back (ours).
+    """Turns the 27 indicators into the network's input, about [-1, 1] (ours).
 
     Gaps, relative velocities, lateral offsets and lateral velocities are divided by constants
     of the config; the ego's speed and lateral position are centred first. Values beyond

@@ -72,6 +72,25 @@ class Run:
             raise RunError(f"{self.folder} is not a run: it has no config.toml; check the path.")
         return load_config(self.config_file)
 
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep other trainings out of the folder meanwhile; raises RunError where one is in it."""
+        if os.name != "posix":
+            yield
+            return
+        import fcntl
+
+        descriptor = os.open(self.folder, os.O_RDONLY)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield
+        except BlockingIOError as error:
+            raise RunError(
+                f"Another training is writing to {self.folder}: wait for it, or stop it first."
+            ) from error
+        finally:
+            os.close(descriptor)
+
     def restore(self, training: Training) -> None:
         """Go on from the last checkpoint, or from the beginning before the first one.
 

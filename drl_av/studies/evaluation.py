@@ -5,6 +5,7 @@ import io
 import json
 import math
 import multiprocessing
+import os
 import signal
 import threading
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
@@ -138,7 +139,15 @@ _worker: list[_Worker] = []
 
 
 def _begin(config: Config, choices: Sequence[Choice]) -> None:
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     _worker.append(_Worker(HighwayEnv(config=config), build(choices, config)))
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _drive(episode: tuple[int, int, str]) -> EpisodeResult:
@@ -208,7 +217,8 @@ def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
 def write_rows(path: Path, rows: Iterable[EpisodeResult]) -> None:
     """Write the CSV file whole or not at all; raises DrlAvError where the disk refuses."""
     text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, [field.name for field in fields(EpisodeResult)])
+    names = [field.name for field in fields(EpisodeResult)]
+    writer = csv.DictWriter(text, names, lineterminator="\n")
     writer.writeheader()
     writer.writerows(asdict(row) for row in rows)
     write_whole(path, text.getvalue().encode())

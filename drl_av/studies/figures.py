@@ -1,8 +1,9 @@
 """The paper's figures from the CSV files of the other verbs; the only user of matplotlib."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -17,6 +18,9 @@ from drl_av.traffic.ring import FloatArray
 
 matplotlib.use("Agg")
 
+Column = type[int] | type[float] | type[str]
+EPISODE_COLUMNS: dict[str, Column] = {"driver": str, "vehicles": int, "mean_speed_m_s": float}
+EVALUATION_COLUMNS: dict[str, Column] = {"episode": int, "mean_reward": float}
 STYLES = {
     "pretrained": ("#c2185b", "o"),
     "idm": ("#546e7a", "s"),
@@ -29,15 +33,13 @@ STYLES = {
 
 def speed_figure(tables: Sequence[Path]) -> Figure:
     """Mean speed against the number of vehicles, a curve a driver, with 95 % intervals (Fig. 8)."""
-    rows = [row for table in tables for row in read_table(table, ("driver", "vehicles"))]
+    rows = [row for table in tables for row in read_table(table, EPISODE_COLUMNS)]
     figure, axes = _axes("vehicles on the loop", "mean speed of the ego, m/s")
     for driver in dict.fromkeys(row["driver"] for row in rows):
         own = [row for row in rows if row["driver"] == driver]
-        numbers = sorted({int(row["vehicles"]) for row in own})
+        numbers = sorted({row["vehicles"] for row in own})
         means = [
-            mean_with_interval(
-                float(row["mean_speed_m_s"]) for row in own if int(row["vehicles"]) == number
-            )
+            mean_with_interval(row["mean_speed_m_s"] for row in own if row["vehicles"] == number)
             for number in numbers
         ]
         color, mark = STYLES.get(driver, (None, "D"))
@@ -58,10 +60,10 @@ def learning_figure(runs: Sequence[Path]) -> Figure:
     """Mean reward a decision of the greedy driver against training episodes (Fig. 7)."""
     figure, axes = _axes("training episode", "mean reward a decision")
     for run in runs:
-        rows = read_table(run / "evaluations.csv", ("episode", "mean_reward"))
+        rows = read_table(run / "evaluations.csv", EVALUATION_COLUMNS)
         axes.plot(
-            [int(row["episode"]) for row in rows],
-            [float(row["mean_reward"]) for row in rows],
+            [row["episode"] for row in rows],
+            [row["mean_reward"] for row in rows],
             marker=".",
             label=run.name,
         )
@@ -99,21 +101,38 @@ def save_figure(figure: Figure, path: Path) -> None:
         ) from error
 
 
-def read_table(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """Rows of a CSV file; raises DrlAvError where it is missing or lacks a column."""
+def read_table(path: Path, columns: Mapping[str, Column]) -> list[dict[str, Any]]:
+    """Those columns of a CSV file, each value read by its column's type.
+
+    Raises:
+        DrlAvError: the file is missing, empty, lacks a column, or holds a value of another type.
+    """
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
-            missing = set(columns) - set(reader.fieldnames or ())
-            rows = list(reader)
+            rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DrlAvError(f"The table {path} cannot be read: {error}.") from error
-    if missing:
+    if not rows:
+        raise DrlAvError(f"The table {path} has no rows: there is nothing to draw.")
+    for column in columns:
+        if column not in rows[0]:
+            raise DrlAvError(
+                f"{path} has no column {column!r}: give a file that drl-av evaluate wrote, "
+                "or the folder of a run."
+            )
+    return [
+        {column: _value(path, line, row, column, kind) for column, kind in columns.items()}
+        for line, row in enumerate(rows, start=2)
+    ]
+
+
+def _value(path: Path, line: int, row: dict[str, str], column: str, kind: Column) -> Any:
+    try:
+        return kind(row[column])
+    except (ValueError, TypeError) as error:
         raise DrlAvError(
-            f"{path} has no column {sorted(missing)[0]!r}: give a file that drl-av evaluate "
-            "wrote, or the folder of a run."
-        )
-    return rows
+            f"{path}, line {line}: {column} is {row[column]!r}, which is no {kind.__name__}."
+        ) from error
 
 
 def _axes(x: str, y: str) -> tuple[Figure, Axes]:

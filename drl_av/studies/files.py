@@ -12,6 +12,7 @@ def write_whole(path: Path, data: bytes) -> None:
     Raises:
         DrlAvError: the disk is full, or the folder is missing or may not be written to.
     """
+    path = path.resolve()
     temporary = _beside(path)
     try:
         try:
@@ -30,7 +31,9 @@ def require_writable(path: Path) -> None:
     """Try whether ``write_whole`` could; raises DrlAvError before any long work is done for it."""
     if path.is_dir():
         raise DrlAvError(f"{path} is a folder: name a file in it.")
-    probe = _beside(path)
+    if path.exists() and not path.is_file():
+        raise DrlAvError(f"{path} is there already and no regular file: name a file.")
+    probe = _beside(path.resolve())
     try:
         try:
             probe.touch()

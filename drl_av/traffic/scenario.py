@@ -99,6 +99,8 @@ def load_scenario(folder: str | Path) -> Scenario:
     folder = Path(folder).absolute()
     if not folder.is_dir():
         raise ScenarioError(f"There is no scenario folder {folder}: {WRITE_ANEW}.")
+    if "," in str(folder):
+        raise ScenarioError(f"SUMO cannot read {folder}, which has a comma in it: rename it.")
     name = scenario_files.DESCRIPTION_FILE
     description = from_toml(_text(folder / name), str(folder / name))
     additional = [folder / name for name in scenario_files.additional_files(description)]

@@ -34,7 +34,8 @@ from drl_av.driving.reward import (
     speed_reward,
 )
 
-TRAFFIC, FIXED = RewardConfig(), RewardConfig(desired="fixed")
+TRAFFIC = RewardConfig(catch_up_time_s=8.0, worthwhile_gain_m_s=1.0)
+FIXED = RewardConfig(desired="fixed")
 MINIMUM_GAP_M = 15.0
 SPEEDS = st.floats(0, 60)
 

@@ -37,6 +37,11 @@ class ScriptedEnv:
         self.script, self.config, self.tape = script, config, tape
         self.seeds: list[int] = []
 
+    simulation = SimpleNamespace(placed_vehicles=None)
+
+    def require_room(self) -> None:
+        """There is room for any number of vehicles on the script."""
+
     def reset(self, *, seed: int) -> tuple[np.ndarray, dict[str, Any]]:
         self.tape.append("reset")
         self.seeds.append(seed)

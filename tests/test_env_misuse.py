@@ -1,0 +1,76 @@
+"""What a gymnasium user does by mistake is told, and what one may do works."""
+
+import copy
+import pickle
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+from drl_av.config import Config
+from drl_av.driving.drivers.rules import IdmDriver
+from drl_av.driving.safety import permit_all
+from drl_av.env import HighwayEnv
+from drl_av.episode import drive
+from drl_av.errors import ConfigError
+
+SHORT = Config().updated("simulation", decisions_per_episode=3)
+
+
+def test_step_and_render_before_reset_after_the_end_and_after_close_ask_for_a_reset() -> None:
+    env = HighwayEnv(config=SHORT, render_mode="rgb_array")
+    for misuse in (lambda: env.step(0), env.render):
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            misuse()
+    env.reset(seed=1, options={"vehicles": 2})
+    for _ in range(3):
+        *_, truncated, _ = env.step(0)
+    assert truncated
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(0)
+    env.reset(seed=1)
+    env.close()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(0)
+
+
+@pytest.mark.parametrize("action", [-1, 12, 1.0, "left", None])
+def test_a_decision_that_is_none_is_refused(action: object) -> None:
+    env = HighwayEnv(config=SHORT)
+    env.reset(seed=1, options={"vehicles": 2})
+    with pytest.raises(ConfigError, match="must be from 0 to 11"):
+        env.step(action)  # type: ignore[arg-type]
+
+
+def test_copies_and_pickles_drive_the_same_episode() -> None:
+    env = HighwayEnv(config=SHORT, safety_check="permit_all")
+    others = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    first, _ = env.reset(seed=5)
+    for other in others:
+        assert other.check_name == "permit_all"
+        assert np.array_equal(other.reset(seed=5)[0], first)
+
+
+def test_the_config_of_an_environment_names_its_own_scenario(tmp_path: Path) -> None:
+    env = HighwayEnv(scenario="barricaded_right_lane", config=SHORT)
+    assert env.config.simulation.scenario == "barricaded_right_lane"
+
+
+def test_results_name_the_check_that_was_handed_in() -> None:
+    env = HighwayEnv(config=SHORT, safety_check=permit_all)
+    assert env.check_name == "permit_all"
+    driver = IdmDriver(SHORT.safety)
+    assert drive(env, driver, "idm", 1, 2).safety_check == "permit_all"
+
+
+@pytest.mark.parametrize("arguments", [{"safety_check": 5}, {"config": {"a": 1}}])
+def test_arguments_of_other_types_are_refused(arguments: dict[str, object]) -> None:
+    with pytest.raises(ConfigError):
+        HighwayEnv(**arguments)  # type: ignore[arg-type]
+
+
+def test_training_refuses_more_vehicles_than_fit_before_it_begins() -> None:
+    config = SHORT.updated("traffic", vehicles_max=500)
+    with pytest.raises(ConfigError, match=r"vehicles_max is 500, but this road takes 113"):
+        HighwayEnv(config=config).require_room()
