@@ -96,14 +96,16 @@ def affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
     clearance_m = np.abs(ahead_m) - (snapshot.length_m + snapshot.length_m[EGO]) / 2
     clearance_m[EGO] = np.inf
     is_ahead = ahead_m >= 0.0
-    in_front = np.where(is_ahead, clearance_m, np.inf)
-    behind = np.where(is_ahead, np.inf, clearance_m)
-    reach = width / 2 + road.lane_width_m / 2
-    found: list[Neighbor | None] = []
-    for sign in (0, -1, 1):
-        occupies = np.abs(y - road.center_m(lane + sign)) < reach
-        for distances in (in_front, behind):
-            found.append(_nearest(snapshot, np.where(occupies, distances, np.inf), range_m))
+    sides = np.array(
+        [np.where(is_ahead, clearance_m, np.inf), np.where(is_ahead, np.inf, clearance_m)]
+    )
+    centers = road.center_m(lane) + road.lane_width_m * np.array([[0], [-1], [1]])
+    occupies = np.abs(y - centers) < width / 2 + road.lane_width_m / 2
+    distances = np.where(occupies[:, None], sides, np.inf).reshape(6, -1)
+    found = [
+        _neighbor(snapshot, row, distances[slot, row], range_m)
+        for slot, row in enumerate(distances.argmin(axis=1).tolist())
+    ]
     own_front, own_rear, right_front, right_rear, left_front, left_rear = found
     return Affordances(
         own_front,
@@ -124,15 +126,13 @@ def affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
     )
 
 
-def _nearest(snapshot: Snapshot, distance_m: FloatArray, range_m: float) -> Neighbor | None:
-    row = int(distance_m.argmin())
-    gap_m = float(distance_m[row])
-    if gap_m > range_m:
+def _neighbor(snapshot: Snapshot, row: int, clearance_m: float, range_m: float) -> Neighbor | None:
+    if clearance_m > range_m:
         return None
     speed, y, lateral = snapshot.speed_m_s, snapshot.y_m, snapshot.lateral_speed_m_s
     return Neighbor(
         row,
-        max(gap_m, 0.0),
+        max(float(clearance_m), 0.0),
         float(speed[row] - speed[EGO]),
         float(y[row] - y[EGO]),
         float(lateral[row] - lateral[EGO]),

@@ -245,18 +245,12 @@ class Simulation:
         return float(self.road.center_m(lane) + vehicle.getLateralLanePosition(name))
 
     def _snapshot(self) -> Snapshot:
-        vehicle, places = self._sumo.vehicle, self.scenario.lane_positions
-        rows = [
-            (
-                *places[vehicle.getLaneID(name)],
-                vehicle.getLanePosition(name),
-                vehicle.getLateralLanePosition(name),
-                vehicle.getSpeed(name),
-                vehicle.getLateralSpeed(name),
-            )
-            for name in self._ids
-        ]
-        lane, start_m, position_m, offset_m, speed, lateral = np.array(rows).T
+        vehicle, lane_positions = self._sumo.vehicle, self.scenario.lane_positions
+        places = [lane_positions[lane] for lane in map(vehicle.getLaneID, self._ids)]
+        lane, start_m = np.array(places).T
+        position_m = np.array([*map(vehicle.getLanePosition, self._ids)])
+        offset_m = np.array([*map(vehicle.getLateralLanePosition, self._ids)])
+        lateral = np.array([*map(vehicle.getLateralSpeed, self._ids)])
         lateral[EGO] = self._ego_lateral_speed_m_s
         center_m: FloatArray = start_m + position_m - self._length_m / 2
         return Snapshot(
@@ -264,7 +258,7 @@ class Simulation:
             ids=self._ids,
             s_m=center_m % self.road.circumference_m,
             y_m=lane * self.road.lane_width_m + offset_m,
-            speed_m_s=speed,
+            speed_m_s=np.array([*map(vehicle.getSpeed, self._ids)]),
             lateral_speed_m_s=lateral,
             length_m=self._length_m,
             width_m=self._width_m,
