@@ -2,6 +2,7 @@
 
 import csv
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -29,22 +30,28 @@ STYLES = {
     "random": ("#9e9e9e", "x"),
 }
 """Colour and mark of the drivers that have one of their own."""
+OTHER_COLORS = ("#f57c00", "#7b1fa2", "#00897b", "#5d4037")
+BESIDE = 0.15
+"""Vehicles by which the marks of two drivers are set apart, so that their intervals are seen."""
 
 
 def speed_figure(tables: Sequence[Path]) -> Figure:
     """Mean speed against the number of vehicles, a curve a driver, with 95 % intervals (Fig. 8)."""
     rows = [row for table in tables for row in read_table(table, EPISODE_COLUMNS)]
     figure, axes = _axes("vehicles on the loop", "mean speed of the ego, m/s")
-    for driver in dict.fromkeys(row["driver"] for row in rows):
+    drivers = list(dict.fromkeys(row["driver"] for row in rows))
+    unknown = cycle(OTHER_COLORS)
+    for place, driver in enumerate(drivers):
         own = [row for row in rows if row["driver"] == driver]
         numbers = sorted({row["vehicles"] for row in own})
         means = [
             mean_with_interval(row["mean_speed_m_s"] for row in own if row["vehicles"] == number)
             for number in numbers
         ]
-        color, mark = STYLES.get(driver, (None, "D"))
+        color, mark = STYLES[driver] if driver in STYLES else (next(unknown), "D")
+        aside = BESIDE * (place - (len(drivers) - 1) / 2)
         axes.errorbar(
-            numbers,
+            [number + aside for number in numbers],
             [mean.value for mean in means],
             yerr=[mean.half_width if np.isfinite(mean.half_width) else 0.0 for mean in means],
             label=driver,
