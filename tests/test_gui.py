@@ -157,3 +157,27 @@ def test_without_a_screen_one_sentence_and_the_interpreter_lives(
     assert ended.stdout == "status 1\n"
     assert ended.stderr.startswith("drl-av: sumo-gui has no screen to open on: set DISPLAY")
     assert ended.stderr.count("\n") == 1
+
+
+CHECK = """
+import gymnasium, warnings
+from gymnasium.utils.env_checker import check_env
+warnings.simplefilter("error", UserWarning)
+import drl_av
+env = gymnasium.make("drl_av/Highway-v0", disable_env_checker=True)
+check_env(env.unwrapped)
+env.close()
+human = gymnasium.make("drl_av/Highway-v0", render_mode="human")
+for seed in (1, 2):
+    human.reset(seed=seed, options={"vehicles": 2})
+    human.step(0)
+human.close()
+print("checked")
+"""
+
+
+def test_environment_passes_gymnasium_s_check_with_its_window_and_opens_it_again(
+    screen: str,
+) -> None:
+    ended = run(screen, "-c", CHECK)
+    assert (ended.returncode, ended.stdout) == (0, "checked\n"), ended.stderr

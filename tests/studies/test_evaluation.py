@@ -221,13 +221,18 @@ def test_ctrl_c_keeps_the_rows_so_far(
 
     def drive(*arguments: object) -> EpisodeResult:
         if next(driven) == 3:
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
         return ROW
+
+    former = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in background jobs
 
     monkeypatch.setattr(module, "drive", drive)
     out = tmp_path / "rows.csv"
     words = ["evaluate", "idm", "--vehicles", "5", "--episodes", "9", "--out", str(out)]
-    assert cli.main(words) == 130
+    try:
+        assert cli.main(words) == 130
+    finally:
+        signal.signal(signal.SIGINT, former)
     assert len(out.read_text().splitlines()) == 1 + 3
     told = capsys.readouterr()
     assert told.err == "drl-av: interrupted after 3 episodes.\n"
