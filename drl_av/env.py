@@ -16,6 +16,7 @@ from drl_av.driving.maneuver import LaneChange, Scene, plan
 from drl_av.driving.reward import Rewards, desired, rewards
 from drl_av.driving.safety import SafetyCheck, Verdict, named_check
 from drl_av.errors import ConfigError
+from drl_av.traffic.collisions import overlapping
 from drl_av.traffic.scenario import find_scenario, load_scenario
 from drl_av.traffic.simulation import Simulation
 from drl_av.traffic.snapshot import Collision, Snapshot
@@ -156,6 +157,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         )
         snapshot, collision = self.simulation.advance(commands)
         self._look(snapshot, lane_change)
+        if collision is None and self.scene.seen.touched:
+            collision = overlapping(snapshot, self.road)
         self.decisions += 1
         target = desired(self.scene.seen, self.config.reward, self.config.safety.minimum_gap_m)
         terms = rewards(

@@ -19,12 +19,11 @@ import numpy as np
 import torch
 
 from drl_av.config import Config, preset
-from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.env import HighwayEnv
 from drl_av.learning.qnetwork import QNetwork
 from drl_av.learning.training import Training
+from drl_av.studies.drivers import PRETRAINED, learned_driver
 
-ACCELERATE = Action(Lateral.KEEP, Longitudinal.ACCELERATE).number
 SEEDS = 1_000
 """First traffic seed of the episodes that are timed."""
 
@@ -95,13 +94,16 @@ def measure_train(vehicles: int, rounds: int, episodes: int) -> dict[str, float 
 
 
 def drive(env: HighwayEnv, vehicles: int, episodes: int, number: int) -> float:
-    """Decisions a second while the ego keeps its lane and asks to accelerate."""
+    """Decisions a second of the shipped driver, which ends no episode early."""
+    learned, _ = learned_driver(PRETRAINED)
     begun, decisions = time.perf_counter(), 0
     for episode in range(episodes):
-        env.reset(seed=SEEDS + number * episodes + episode, options={"vehicles": vehicles})
+        seed = SEEDS + number * episodes + episode
+        observation, _ = env.reset(seed=seed, options={"vehicles": vehicles})
         over = False
         while not over:
-            _, _, terminated, truncated, _ = env.step(ACCELERATE)
+            action = learned.act(env.scene, observation)
+            observation, _, terminated, truncated, _ = env.step(action.number)
             over = terminated or truncated
             decisions += 1
     return decisions / (time.perf_counter() - begun)

@@ -19,6 +19,10 @@ INDICATORS: tuple[str, ...] = (
 """Names of the 27 indicators, in the order of ``Affordances.vector()``."""
 
 
+SIDES = np.array([[0], [-1], [1]])
+"""Own, right and left lane, in the order of SLOTS."""
+
+
 class Neighbor(NamedTuple):
     """The nearest vehicle in one direction of one lane, relative to the ego, SI units."""
 
@@ -52,6 +56,11 @@ class Affordances(NamedTuple):
     ego_speed_m_s: float
     ego_y_m: float
     ego_lateral_speed_m_s: float
+
+    @property
+    def touched(self) -> bool:
+        """Whether a vehicle is alongside, so that bodies may overlap."""
+        return any(neighbor is not None and neighbor.gap_m == 0.0 for neighbor in self[:6])
 
     def front(self, sign: int) -> Neighbor | None:
         """Nearest vehicle ahead in the own (0), left (+1) or right (-1) lane."""
@@ -99,7 +108,7 @@ def affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
     sides = np.array(
         [np.where(is_ahead, clearance_m, np.inf), np.where(is_ahead, np.inf, clearance_m)]
     )
-    centers = road.center_m(lane) + road.lane_width_m * np.array([[0], [-1], [1]])
+    centers = road.center_m(lane) + road.lane_width_m * SIDES
     occupies = np.abs(y - centers) < width / 2 + road.lane_width_m / 2
     distances = np.where(occupies[:, None], sides, np.inf).reshape(6, -1)
     found = [
@@ -166,9 +175,10 @@ class ObservationScale:
         ends = np.array([*limits * 6, half_speed, half_road_m, 4.0]) / self.scale
         self.bounds: npt.NDArray[np.float32] = ends.astype(np.float32)
         """Largest magnitude of each scaled indicator, shape (27,)."""
+        self._least = -self.bounds
 
     def __call__(self, vector: FloatArray) -> npt.NDArray[np.float32]:
         """Scale a vector of SI indicators, shape (27,) -> float32 (27,)."""
         scaled = ((vector - self.offset) / self.scale).astype(np.float32)
-        clipped: npt.NDArray[np.float32] = np.clip(scaled, -self.bounds, self.bounds)
+        clipped: npt.NDArray[np.float32] = np.minimum(np.maximum(scaled, self._least), self.bounds)
         return clipped

@@ -10,7 +10,7 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.errors import SimulationError
-from drl_av.traffic.collisions import classify, overlapping
+from drl_av.traffic.collisions import classify
 from drl_av.traffic.connection import connection, program, require_display
 from drl_av.traffic.population import (
     EGO_ID,
@@ -75,11 +75,12 @@ class Simulation:
             ) from error
         if self._gui:
             self._follow_ego()
+        self._ego_y_m = self.road.center_m(int(population.lane[EGO]))
         self._ego_lateral_speed_m_s = 0.0
         return self._snapshot()
 
     def advance(self, commands: Sequence[Command]) -> tuple[Snapshot, Collision | None]:
-        """Carry out one command a SUMO step; stops at the step in which the ego collides.
+        """Carry out one command a SUMO step; stops at the step in which SUMO sees the ego collide.
 
         Raises:
             SimulationError: another Simulation has taken SUMO over, or sumo-gui was closed.
@@ -100,8 +101,6 @@ class Simulation:
             snapshot = self._snapshot()
         except self._sumo.exceptions.FatalTraCIError as error:
             raise SimulationError(f"SUMO ended on its own ({error}): start again.") from error
-        if collision is None:
-            collision = overlapping(snapshot, self.road)
         return snapshot, collision
 
     def show(self, text: str) -> None:
@@ -210,8 +209,7 @@ class Simulation:
     def _change_lanes_at_random(self) -> None:
         rate = self._config.traffic.random_lane_changes_per_s
         rate *= self._config.simulation.decision_interval_s
-        draws = self._rng.random(len(self._ids))
-        sides = self._rng.random(len(self._ids))
+        draws, sides = self._rng.random((2, len(self._ids)))
         for row in np.flatnonzero(draws < rate):
             if row != EGO:
                 side = 1 if sides[row] < 0.5 else -1
@@ -222,8 +220,11 @@ class Simulation:
             return Collision(CollisionKind.HIT_EDGE, None)
         vehicle = self._sumo.vehicle
         vehicle.setSpeed(EGO_ID, command.speed_m_s)
-        sideways_m = command.y_m - self._lateral_m(EGO_ID)
-        vehicle.changeSublane(EGO_ID, sideways_m)
+        sideways_m = 0.0
+        if command.y_m != self._ego_y_m:
+            sideways_m = command.y_m - self._lateral_m(EGO_ID)
+            vehicle.changeSublane(EGO_ID, sideways_m)
+            self._ego_y_m = command.y_m
         self._sumo.simulationStep()
         self._ego_lateral_speed_m_s = sideways_m / self._config.simulation.step_length_s
         collision = None
@@ -247,10 +248,16 @@ class Simulation:
     def _snapshot(self) -> Snapshot:
         vehicle, lane_positions = self._sumo.vehicle, self.scenario.lane_positions
         places = [lane_positions[lane] for lane in map(vehicle.getLaneID, self._ids)]
-        lane, start_m = np.array(places).T
-        position_m = np.array([*map(vehicle.getLanePosition, self._ids)])
-        offset_m = np.array([*map(vehicle.getLateralLanePosition, self._ids)])
-        lateral = np.array([*map(vehicle.getLateralSpeed, self._ids)])
+        lane, start_m, position_m, offset_m, speed, lateral = np.array(
+            (
+                [place[0] for place in places],
+                [place[1] for place in places],
+                [*map(vehicle.getLanePosition, self._ids)],
+                [*map(vehicle.getLateralLanePosition, self._ids)],
+                [*map(vehicle.getSpeed, self._ids)],
+                [*map(vehicle.getLateralSpeed, self._ids)],
+            )
+        )
         lateral[EGO] = self._ego_lateral_speed_m_s
         center_m: FloatArray = start_m + position_m - self._length_m / 2
         return Snapshot(
@@ -258,7 +265,7 @@ class Simulation:
             ids=self._ids,
             s_m=center_m % self.road.circumference_m,
             y_m=lane * self.road.lane_width_m + offset_m,
-            speed_m_s=np.array([*map(vehicle.getSpeed, self._ids)]),
+            speed_m_s=speed,
             lateral_speed_m_s=lateral,
             length_m=self._length_m,
             width_m=self._width_m,
