@@ -99,8 +99,7 @@ def affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
     way round, never both; one exactly alongside counts as ahead.
     """
     y, width = snapshot.y_m, snapshot.width_m
-    ego_y = float(y[EGO])
-    lane = road.lane_of(ego_y)
+    lane = road.lane_of(float(y[EGO]))
     ahead_m = road.ahead_m(float(snapshot.s_m[EGO]), snapshot.s_m)
     clearance_m = np.abs(ahead_m) - (snapshot.length_m + snapshot.length_m[EGO]) / 2
     clearance_m[EGO] = np.inf
@@ -111,10 +110,23 @@ def affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
     centers = road.center_m(lane) + road.lane_width_m * SIDES
     occupies = np.abs(y - centers) < width / 2 + road.lane_width_m / 2
     distances = np.where(occupies[:, None], sides, np.inf).reshape(6, -1)
-    found = [
-        _neighbor(snapshot, row, distances[slot, row], range_m)
-        for slot, row in enumerate(distances.argmin(axis=1).tolist())
-    ]
+    speed, lateral, place = (
+        values.tolist() for values in (snapshot.speed_m_s, snapshot.lateral_speed_m_s, y)
+    )
+    found: list[Neighbor | None] = []
+    for slot, row in zip(distances, distances.argmin(axis=1).tolist(), strict=True):
+        gap_m = float(slot[row])
+        found.append(
+            None
+            if gap_m > range_m
+            else Neighbor(
+                row,
+                max(gap_m, 0.0),
+                speed[row] - speed[EGO],
+                place[row] - place[EGO],
+                lateral[row] - lateral[EGO],
+            )
+        )
     own_front, own_rear, right_front, right_rear, left_front, left_rear = found
     return Affordances(
         own_front,
@@ -129,22 +141,9 @@ def affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
         lane_center_m=road.center_m(lane),
         lane_width_m=road.lane_width_m,
         range_m=range_m,
-        ego_speed_m_s=float(snapshot.speed_m_s[EGO]),
-        ego_y_m=ego_y,
-        ego_lateral_speed_m_s=float(snapshot.lateral_speed_m_s[EGO]),
-    )
-
-
-def _neighbor(snapshot: Snapshot, row: int, clearance_m: float, range_m: float) -> Neighbor | None:
-    if clearance_m > range_m:
-        return None
-    speed, y, lateral = snapshot.speed_m_s, snapshot.y_m, snapshot.lateral_speed_m_s
-    return Neighbor(
-        row,
-        max(float(clearance_m), 0.0),
-        float(speed[row] - speed[EGO]),
-        float(y[row] - y[EGO]),
-        float(lateral[row] - lateral[EGO]),
+        ego_speed_m_s=speed[EGO],
+        ego_y_m=place[EGO],
+        ego_lateral_speed_m_s=lateral[EGO],
     )
 
 

@@ -1,5 +1,6 @@
 """Who is on the road at the start of an episode: places and characters, drawn at random."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ EGO_ID = "ego"
 SPREAD_M = 250.0
 """Vehicles start within this distance of the ego (Sec. IV-B)."""
 STANDSTILL_GAP_M = 2.5
+DECISIONS_AT_ONCE = 256
 COMFORTABLE_BRAKING_M_S2 = 2.0
 
 
@@ -103,6 +105,22 @@ def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig)
         ),
         speed_gain=np.full(n, (traffic.speed_gain_min + traffic.speed_gain_max) / 2),
     )
+
+
+def random_lane_changes(
+    rng: np.random.Generator, n: int, chance: float
+) -> Iterator[list[tuple[int, int]]]:
+    """For each decision the rows of vehicles that want a random lane change, and their sides.
+
+    Sides are left +1 and right -1; the ego, row 0, is left out. Never ends.
+    """
+    while True:
+        draws = rng.random((DECISIONS_AT_ONCE, 2, n))
+        wishes: list[list[tuple[int, int]]] = [[] for _ in range(DECISIONS_AT_ONCE)]
+        for decision, row in np.argwhere(draws[:, 0] < chance).tolist():
+            if row != 0:
+                wishes[decision].append((row, 1 if draws[decision, 1, row] < 0.5 else -1))
+        yield from wishes
 
 
 def _lanes(

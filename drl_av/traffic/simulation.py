@@ -18,6 +18,7 @@ from drl_av.traffic.population import (
     capacity,
     draw_population,
     placed_population,
+    random_lane_changes,
 )
 from drl_av.traffic.ring import FloatArray
 from drl_av.traffic.scenario import Scenario
@@ -59,8 +60,11 @@ class Simulation:
             ScenarioError: more vehicles than fit.
             SimulationError: SUMO refused the scenario.
         """
-        self._rng = np.random.default_rng(seed)
-        population = self._population(vehicles)
+        rng = np.random.default_rng(seed)
+        population = self._population(rng, vehicles)
+        rate = self._config.traffic.random_lane_changes_per_s
+        rate *= self._config.simulation.decision_interval_s
+        self._random_lane_changes = random_lane_changes(rng, len(population.ids), rate)
         self._ids = population.ids
         description = self.scenario.description
         self._length_m = np.full(len(self._ids), description.vehicle_length_m)
@@ -93,7 +97,9 @@ class Simulation:
             )
         collision = None
         try:
-            self._change_lanes_at_random()
+            for row, side in next(self._random_lane_changes):
+                vehicle = self._ids[row]
+                self._sumo.vehicle.changeLaneRelative(vehicle, side, RANDOM_LANE_CHANGE_S)
             for command in commands:
                 collision = self._step(command)
                 if collision is not None:
@@ -128,12 +134,12 @@ class Simulation:
         placed = self.scenario.description.vehicles
         return len(placed) - 1 if placed else None
 
-    def _population(self, vehicles: int) -> Population:
+    def _population(self, rng: np.random.Generator, vehicles: int) -> Population:
         description, config = self.scenario.description, self._config
         if description.vehicles:
             return placed_population(description.vehicles, config.traffic)
         length_m = description.vehicle_length_m
-        return draw_population(self._rng, vehicles, self.road, length_m, config.traffic, config.ego)
+        return draw_population(rng, vehicles, self.road, length_m, config.traffic, config.ego)
 
     def _follow_ego(self) -> None:
         self._sumo.gui.trackVehicle(VIEW, EGO_ID)
@@ -205,15 +211,6 @@ class Simulation:
             if index == lane and start_m <= front_m
         )
         return best[1], float(front_m - best[0])
-
-    def _change_lanes_at_random(self) -> None:
-        rate = self._config.traffic.random_lane_changes_per_s
-        rate *= self._config.simulation.decision_interval_s
-        draws, sides = self._rng.random((2, len(self._ids)))
-        for row in np.flatnonzero(draws < rate):
-            if row != EGO:
-                side = 1 if sides[row] < 0.5 else -1
-                self._sumo.vehicle.changeLaneRelative(self._ids[row], side, RANDOM_LANE_CHANGE_S)
 
     def _step(self, command: Command) -> Collision | None:
         if not self.road.holds(command.y_m, float(self._width_m[EGO])):
