@@ -65,9 +65,12 @@ def _scenario(options: argparse.Namespace) -> int:
 
 def _train(options: argparse.Namespace) -> int:
     from drl_av.env import HighwayEnv
+    from drl_av.learning.board import require_tensorboard
     from drl_av.learning.run import Run
     from drl_av.learning.training import Training
 
+    if options.tensorboard:
+        require_tensorboard()
     run = Run(options.out)
     config = _training_config(options, run)
     with closing(HighwayEnv(config=config)) as env:

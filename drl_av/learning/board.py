@@ -1,5 +1,6 @@
 """TensorBoard events of a training, where they are wanted."""
 
+import importlib.util
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -43,21 +44,24 @@ class TensorBoard:
         self._writer.close()
 
 
+def require_tensorboard() -> None:
+    """Raise DrlAvError where the package is not installed, before any training."""
+    if importlib.util.find_spec("tensorboard") is None:
+        raise DrlAvError(
+            "--tensorboard needs the package tensorboard: pip install 'drl-av[tensorboard]'."
+        )
+
+
 @contextmanager
 def board(folder: Path | None, episodes_done: int) -> Iterator[Board]:
-    """A board that writes into ``folder``, or none; raises DrlAvError without TensorBoard.
+    """A board that writes into ``folder``, or none.
 
     Later episodes that a stopped training wrote there are taken back.
     """
     if folder is None:
         yield NullBoard()
         return
-    try:
-        events = TensorBoard(folder, episodes_done)
-    except ImportError as error:
-        raise DrlAvError(
-            "--tensorboard needs the package tensorboard: pip install 'drl-av[tensorboard]'."
-        ) from error
+    events = TensorBoard(folder, episodes_done)
     try:
         yield events
     finally:

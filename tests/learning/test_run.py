@@ -310,3 +310,12 @@ def test_tensorboard_events_are_written_when_asked_for(settings: str, tmp_path: 
     written = events.read_bytes()
     for name in (b"episode/mean_reward", b"episode/epsilon", b"evaluation/mean_speed_m_s"):
         assert name in written
+
+
+def test_missing_tensorboard_is_told_before_a_run_is_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert main(command(tmp_path / "run", "--tensorboard")) == 1
+    assert "pip install 'drl-av[tensorboard]'" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
