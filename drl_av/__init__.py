@@ -2,7 +2,7 @@
 
 The rooms, each importing only from those before it:
 
-    config, errors   every number, and every error
+    config, errors   every number (settings, presets), and every error
     traffic          the road: the only room that touches SUMO
     driving          affordance indicators, actions, reward, safety check, maneuvers, rule drivers
     drawing          a scene as a picture

@@ -8,9 +8,10 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drl_av.config import Config, load_config, preset
+from drl_av.config import Config, load_config
 from drl_av.errors import DrlAvError, RecordingError, RunError
 from drl_av.options import Verb, command_line
+from drl_av.presets import preset
 
 if TYPE_CHECKING:
     from drl_av.learning.run import Run

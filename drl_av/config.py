@@ -277,29 +277,3 @@ def load_config(path: str | Path | None, base: Config | None = None) -> Config:
         raise ConfigError(
             str(error) if str(path) in str(error) else f"In {path}: {error}"
         ) from error
-
-
-def preset(name: str) -> Config:
-    """The settings of a named preset; raises ConfigError with the nearest name."""
-    if name not in PRESETS:
-        raise ConfigError(
-            f"There is no preset {name!r}{did_you_mean(name, PRESETS)}; "
-            f"the presets are: {', '.join(PRESETS)}."
-        )
-    return PRESETS[name]
-
-
-PRESETS: dict[str, Config] = {
-    "paper": Config(),
-    "fast": Config().updated(
-        "learning",
-        episodes=300,
-        epsilon_fraction=0.5,
-        learning_rate=1e-3,
-        learning_rate_end_fraction=0.01,
-        epsilon_end=0.1,
-        gradient_steps=3,
-        mirrored=True,
-        target_update_episodes=2,
-    ),
-}

@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from drl_av import __version__
-from drl_av.config import PRESETS, REPLAYS, SAFETY_CHECKS
+from drl_av.config import REPLAYS, SAFETY_CHECKS
+from drl_av.presets import PRESETS
 from drl_av.studies import DENSITIES
 
 Verb = Callable[[argparse.Namespace], int]

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from drl_av.config import load_config, preset
+from drl_av.config import load_config
 from drl_av.driving.drivers.rules import IdmDriver
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
+from drl_av.presets import preset
 from drl_av.studies.drivers import PRETRAINED, learned_driver
 
 

@@ -18,10 +18,11 @@ import libsumo
 import numpy as np
 import torch
 
-from drl_av.config import Config, preset
+from drl_av.config import Config
 from drl_av.env import HighwayEnv
 from drl_av.learning.qnetwork import QNetwork
 from drl_av.learning.training import Training
+from drl_av.presets import preset
 from drl_av.studies.drivers import PRETRAINED, learned_driver
 
 SEEDS = 1_000
