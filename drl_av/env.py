@@ -133,8 +133,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.caption = Caption(vehicles=vehicles, seed=self.seed)
         self.decisions = 0
         self.proposed = None
-        self._over = False
+        self._over = True
         self._look(self.simulation.reset(self.seed, vehicles), None)
+        self._over = False
         return self._observe(), self._info()
 
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:

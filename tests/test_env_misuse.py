@@ -13,7 +13,7 @@ from drl_av.driving.drivers.rules import IdmDriver
 from drl_av.driving.safety import permit_all
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, ScenarioError
 
 SHORT = Config().updated("simulation", decisions_per_episode=3)
 
@@ -74,3 +74,12 @@ def test_training_refuses_more_vehicles_than_fit_before_it_begins() -> None:
     config = SHORT.updated("traffic", vehicles_max=500)
     with pytest.raises(ConfigError, match=r"vehicles_max is 500, but this road takes 113"):
         HighwayEnv(config=config).require_room()
+
+
+def test_a_reset_that_fails_leaves_no_episode_to_drive_on_in() -> None:
+    env = HighwayEnv(config=SHORT)
+    env.reset(seed=1, options={"vehicles": 2})
+    with pytest.raises(ScenarioError):
+        env.reset(seed=1, options={"vehicles": 5_000})
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(0)
