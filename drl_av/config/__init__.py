@@ -1,0 +1,122 @@
+"""Every number of the paper and of our own choices, as frozen dataclasses that read and write TOML.
+
+Each setting names its source: a table or equation of the paper ("Table I", "eq. 2", "Sec. IV-B"),
+or "ours" where the paper is silent. Units stand in the names; bounds are inclusive.
+"""
+
+import tomllib
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from drl_av.config.drivers import MobilConfig
+from drl_av.config.driving import (
+    DESIRED_VALUES,
+    SAFETY_CHECKS,
+    EgoConfig,
+    ObservationConfig,
+    RewardConfig,
+    SafetyConfig,
+)
+from drl_av.config.learning import REPLAYS, LearningConfig
+from drl_av.config.road import SimulationConfig, TrafficConfig
+from drl_av.errors import ConfigError
+from drl_av.settings import Section, did_you_mean
+
+__all__ = [
+    "DESIRED_VALUES",
+    "REPLAYS",
+    "SAFETY_CHECKS",
+    "Config",
+    "EgoConfig",
+    "LearningConfig",
+    "MobilConfig",
+    "ObservationConfig",
+    "RewardConfig",
+    "SafetyConfig",
+    "SimulationConfig",
+    "TrafficConfig",
+    "from_toml",
+    "load_config",
+]
+
+_SECTIONS: dict[str, type[Section]] = {
+    "simulation": SimulationConfig,
+    "traffic": TrafficConfig,
+    "ego": EgoConfig,
+    "safety": SafetyConfig,
+    "mobil": MobilConfig,
+    "reward": RewardConfig,
+    "observation": ObservationConfig,
+    "learning": LearningConfig,
+}
+
+
+@dataclass(frozen=True)
+class Config:
+    """All settings of a run, one section a room; immutable, compared by value."""
+
+    simulation: SimulationConfig = SimulationConfig()
+    traffic: TrafficConfig = TrafficConfig()
+    ego: EgoConfig = EgoConfig()
+    safety: SafetyConfig = SafetyConfig()
+    mobil: MobilConfig = MobilConfig()
+    reward: RewardConfig = RewardConfig()
+    observation: ObservationConfig = ObservationConfig()
+    learning: LearningConfig = LearningConfig()
+
+    def updated(self, section: str, **settings: Any) -> "Config":
+        """This config with some settings of one section replaced; raises ConfigError."""
+        return replace(self, **{section: replace(getattr(self, section), **settings)})
+
+    def to_toml(self) -> str:
+        """All settings as TOML text; ``from_toml`` reads it back to an equal config."""
+        return tomli_w.dumps(asdict(self))
+
+
+def from_toml(text: str, base: Config | None = None, name: str = "config") -> Config:
+    """Lay the settings of a TOML text over ``base`` (default: the paper's).
+
+    Raises:
+        ConfigError: the text is no TOML, or a section or key is unknown, mistyped or out of bounds.
+    """
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{name} is not valid TOML: {error}.") from error
+    config = base if base is not None else Config()
+    for section, settings in document.items():
+        if section not in _SECTIONS:
+            raise ConfigError(
+                f"{name} has no section [{section}]{did_you_mean(section, _SECTIONS)}; "
+                f"the sections are: {', '.join(_SECTIONS)}."
+            )
+        if not isinstance(settings, dict):
+            raise ConfigError(f"{name}: {section} must be a section, written [{section}].")
+        known = [item.name for item in fields(_SECTIONS[section])]  # type: ignore[arg-type]
+        for key in settings:
+            if key not in known:
+                raise ConfigError(
+                    f"{name}: [{section}] has no key {key!r}{did_you_mean(key, known)}; "
+                    f"its keys are: {', '.join(known)}."
+                )
+        config = config.updated(section, **settings)
+    return config
+
+
+def load_config(path: str | Path | None, base: Config | None = None) -> Config:
+    """Read a TOML file over ``base``, or the base alone; raises ConfigError, naming the file."""
+    if path is None:
+        return base or Config()
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError, TypeError) as error:
+        raise ConfigError(f"The config file {path} cannot be read: {error}.") from error
+    try:
+        return from_toml(text, base, str(path))
+    except ConfigError as error:
+        raise ConfigError(
+            str(error) if str(path) in str(error) else f"In {path}: {error}"
+        ) from error

@@ -1,0 +1,74 @@
+"""Settings of the ego: what it can do and sees, how it is checked and rewarded."""
+
+from dataclasses import dataclass
+
+from drl_av.settings import Section, setting
+
+SAFETY_CHECKS = ("permit_all", "paper")
+DESIRED_VALUES = ("traffic", "fixed")
+
+
+@dataclass(frozen=True)
+class EgoConfig(Section):
+    """What the ego can do."""
+
+    max_speed_m_s: float = setting(30.0, "ours", "highest speed of the ego", low=1, high=60)
+    accelerate_m_s2: float = setting(2.0, "Sec. IV-A", "a_1", low=0.1, high=10)
+    brake_m_s2: float = setting(2.0, "Sec. IV-A", "a_1, braking", low=0.1, high=10)
+    hard_brake_m_s2: float = setting(4.0, "Sec. IV-A", "a_2, braking", low=0.1, high=10)
+    lane_change_duration_s: float = setting(5.0, "Table I", "T_LC", low=1, high=20)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.ordered("brake_m_s2", "hard_brake_m_s2")
+
+
+@dataclass(frozen=True)
+class SafetyConfig(Section):
+    """The short-horizon safety check (eq. 2 and 3)."""
+
+    check: str = setting("paper", "Sec. III", "which safety check", choices=SAFETY_CHECKS)
+    minimum_ttc_s: float = setting(3.0, "Table I", "T_min", low=0, high=60)
+    hard_brake_ttc_s: float = setting(2.0, "Table I", "T_HB", low=0, high=60)
+    brake_ttc_s: float = setting(3.0, "Table I", "T_B", low=0, high=60)
+    accelerate_ttc_s: float = setting(8.0, "Table I", "T_A", low=0, high=60)
+    minimum_gap_m: float = setting(15.0, "Table I", "d_TVmin", low=0, high=250)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.ordered("hard_brake_ttc_s", "brake_ttc_s", "accelerate_ttc_s")
+
+
+@dataclass(frozen=True)
+class RewardConfig(Section):
+    """The reward (eq. 6 to 8) and where its desired values come from."""
+
+    desired: str = setting(
+        "traffic",
+        "Sec. IV-C",
+        "desired values: follow the traffic, or stay fixed",
+        choices=DESIRED_VALUES,
+    )
+    desired_speed_m_s: float = setting(30.0, "Sec. IV-C", "v_des on a free road", low=1, high=60)
+    desired_lateral_m: float = setting(3.8, "Sec. IV-C", "y_des when fixed", low=0, high=50)
+    collision_reward: float = setting(-3.0, "ours", "r_col", low=-1000, high=0)
+    safe_headway_s: float = setting(1.3, "Sec. IV-C", "headway behind d_safe", low=0.1, high=10)
+    catch_up_time_s: float = setting(
+        3.0, "ours", "time in which a gap ahead may be closed", low=1, high=60
+    )
+    worthwhile_gain_m_s: float = setting(
+        1.5, "ours", "speed another lane must offer above the own one", low=0, high=30
+    )
+
+
+@dataclass(frozen=True)
+class ObservationConfig(Section):
+    """Constants that scale the 27 indicators to about [-1, 1]."""
+
+    range_m: float = setting(250.0, "Sec. IV-B", "how far the ego sees", low=10, high=2000)
+    gap_scale_m: float = setting(100.0, "ours", "gap that is observed as 1", low=1, high=2000)
+    speed_scale_m_s: float = setting(10.0, "ours", "relative velocity seen as 1", low=0.1, high=60)
+    lateral_scale_m: float = setting(3.8, "ours", "lateral offset observed as 1", low=0.1, high=50)
+    lateral_speed_scale_m_s: float = setting(
+        0.76, "ours", "lateral velocity observed as 1", low=0.01, high=10
+    )

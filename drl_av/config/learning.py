@@ -1,0 +1,41 @@
+"""Settings of Algorithm 1."""
+
+from dataclasses import dataclass
+
+from drl_av.settings import Section, setting
+
+REPLAYS = ("two-buffer", "uniform")
+
+
+@dataclass(frozen=True)
+class LearningConfig(Section):
+    """Algorithm 1."""
+
+    seed: int = setting(0, "ours", "seed of everything random in a training", low=0, high=2**32)
+    episodes: int = setting(10_000, "Sec. IV-C", "N_e", low=1, high=10_000_000)
+    discount: float = setting(0.9, "Table I", "gamma", low=0, high=1)
+    learning_rate: float = setting(1e-4, "Sec. IV-C", "Adam's step size", low=1e-8, high=1)
+    learning_rate_end_fraction: float = setting(
+        1.0, "ours", "share of it left in the last episode, approached linearly", low=0, high=1
+    )
+    hidden_units: int = setting(100, "Sec. IV-C", "units in each hidden layer", low=1, high=10_000)
+    epsilon_start: float = setting(1.0, "Sec. IV-C", "exploration at first", low=0, high=1)
+    epsilon_end: float = setting(0.2, "Sec. IV-C", "exploration at last", low=0, high=1)
+    epsilon_fraction: float = setting(
+        0.7, "Sec. IV-C", "share of the episodes over which it falls", low=0.001, high=1
+    )
+    replay: str = setting("two-buffer", "Alg. 1", "experience replay", choices=REPLAYS)
+    batch_size: int = setting(64, "ours", "rows in a minibatch", low=2, high=100_000)
+    collision_fraction: float = setting(
+        0.25, "ours", "share of the minibatch from the collision buffer", low=0, high=1
+    )
+    safe_capacity: int = setting(100_000, "ours", "rows of Buf_S", low=1, high=100_000_000)
+    collision_capacity: int = setting(50_000, "ours", "rows of Buf_C", low=1, high=100_000_000)
+    target_update_episodes: int = setting(5, "ours", "N_C", low=1, high=10_000)
+    gradient_steps: int = setting(1, "Alg. 1", "gradient steps a decision", low=0, high=100)
+    mirrored: bool = setting(
+        False, "ours", "half of each minibatch seen in a mirror, left and right swapped"
+    )
+    evaluate_every: int = setting(100, "Sec. IV-C", "episodes between evaluations", low=1)
+    evaluation_episodes: int = setting(10, "ours", "episodes in an evaluation", low=1, high=10_000)
+    checkpoint_every: int = setting(50, "ours", "episodes between checkpoints", low=1)

@@ -1,0 +1,71 @@
+"""Settings of the road: how SUMO steps, and who drives on it."""
+
+import math
+from dataclasses import dataclass
+
+from drl_av.errors import ConfigError
+from drl_av.settings import Section, setting
+
+
+@dataclass(frozen=True)
+class SimulationConfig(Section):
+    """Where and how SUMO steps."""
+
+    scenario: str = setting("circular_three_lane", "ours", "scenario folder, or a shipped name")
+    step_length_s: float = setting(
+        0.5, "ours", "length of a SUMO step; divides one second", low=0.01, high=1.0
+    )
+    decision_interval_s: float = setting(
+        1.0, "Table I", "sampling time: one decision a second", low=1.0, high=1.0
+    )
+    decisions_per_episode: int = setting(200, "Sec. IV-C", "N_s", low=1, high=100_000)
+    lateral_resolution_m: float = setting(
+        3.8, "ours", "strip width of SUMO's sublane model; one strip a lane", low=0.1, high=10.0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        steps = self.decision_interval_s / self.step_length_s
+        if not math.isclose(steps, round(steps), abs_tol=1e-9):
+            raise ConfigError(
+                f"simulation.step_length_s is {self.step_length_s}, but must divide the "
+                f"{self.decision_interval_s:g} s between decisions: try 1, 0.5, 0.25, 0.2 or 0.1."
+            )
+
+    @property
+    def steps_per_decision(self) -> int:
+        """Number of SUMO steps in one decision."""
+        return round(self.decision_interval_s / self.step_length_s)
+
+
+@dataclass(frozen=True)
+class TrafficConfig(Section):
+    """The vehicles around the ego; each draws its own character from these ranges."""
+
+    vehicles_min: int = setting(1, "Sec. IV-B", "fewest vehicles in an episode", low=0, high=1000)
+    vehicles_max: int = setting(30, "Sec. IV-B", "N_T, most vehicles", low=0, high=1000)
+    desired_speed_min_m_s: float = setting(20.0, "ours", "slowest desired speed", low=0, high=60)
+    desired_speed_max_m_s: float = setting(32.0, "ours", "fastest desired speed", low=0.1, high=60)
+    headway_min_s: float = setting(0.8, "ours", "shortest IDM headway", low=0.5, high=10)
+    headway_max_s: float = setting(1.4, "ours", "longest IDM headway", low=0.5, high=10)
+    acceleration_min_m_s2: float = setting(1.0, "ours", "weakest IDM accel", low=0.1, high=10)
+    acceleration_max_m_s2: float = setting(2.0, "ours", "strongest IDM accel", low=0.1, high=10)
+    speed_gain_min: float = setting(0.0, "ours", "least lane-change eagerness", low=0, high=100)
+    speed_gain_max: float = setting(2.0, "ours", "most lane-change eagerness", low=0, high=100)
+    random_lane_changes_per_s: float = setting(
+        0.005, "ours", "rate at which a vehicle asks for a random lane change", low=0, high=1
+    )
+    lane_evenness: float = setting(
+        2.0, "ours", "how evenly the lanes are used; large is even", low=0.01, high=1000
+    )
+    start_gap_m: float = setting(
+        8.0, "ours", "smallest net gap between vehicles at the start", low=2.5, high=100
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.ordered("vehicles_min", "vehicles_max")
+        self.ordered("desired_speed_min_m_s", "desired_speed_max_m_s")
+        self.ordered("headway_min_s", "headway_max_s")
+        self.ordered("acceleration_min_m_s2", "acceleration_max_m_s2")
+        self.ordered("speed_gain_min", "speed_gain_max")
