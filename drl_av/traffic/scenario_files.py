@@ -23,11 +23,7 @@ DEMO_START_SPEED_M_S = 15.0
 BLOCK_M, BLOCK_PITCH_M, BLOCK_WIDTH_M = 3.0, 6.0, 0.8
 PAVEMENT_COLOR = "70,70,70"
 BLOCK_COLORS = ("190,190,190", "220,90,30")
-IDM_AND_SUBLANE = {
-    "carFollowModel": "IDM",
-    "accel": "1.5",
-    "decel": "4.5",
-    "emergencyDecel": "9",
+VEHICLE = {
     "minGap": "2.5",
     "maxSpeed": "40",
     "speedFactor": "1",
@@ -38,6 +34,17 @@ IDM_AND_SUBLANE = {
     "lcKeepRight": "0",
     "guiShape": "passenger",
 }
+TRAFFIC = {"carFollowModel": "IDM", "accel": "1.5", "decel": "4.5", "emergencyDecel": "4.5"}
+EGO = {
+    "carFollowModel": "Krauss",
+    "accel": "2",
+    "decel": "4",
+    "emergencyDecel": "4",
+    "sigma": "0",
+    "tau": "1.5",
+}
+"""Never drives the ego. SUMO keeps others from cutting in closer than this model could brake
+for: its brakes, and 1.5 s for a decision in which it still accelerates."""
 
 
 def scenario_texts(description: ScenarioDescription) -> dict[str, str]:
@@ -72,8 +79,8 @@ def _vehicle_types(description: ScenarioDescription) -> ET.Element:
         "length": repr(description.vehicle_length_m),
         "width": repr(description.vehicle_width_m),
     }
-    for name, color in (("traffic", "240,190,40"), ("ego", "60,160,255")):
-        ET.SubElement(root, "vType", {"id": name, "color": color} | size | IDM_AND_SUBLANE)
+    for name, color, model in (("traffic", "240,190,40", TRAFFIC), ("ego", "60,160,255", EGO)):
+        ET.SubElement(root, "vType", {"id": name, "color": color} | size | model | VEHICLE)
     return root
 
 
