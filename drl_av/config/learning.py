@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from drl_av.settings import Section, setting
 
-REPLAYS = ("two-buffer", "uniform")
+REPLAYS = ("two-buffer", "prioritized", "uniform")
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,15 @@ class LearningConfig(Section):
     )
     safe_capacity: int = setting(100_000, "ours", "rows of Buf_S", low=1, high=100_000_000)
     collision_capacity: int = setting(50_000, "ours", "rows of Buf_C", low=1, high=100_000_000)
+    priority_exponent: float = setting(
+        0.6, "Schaul 2015, Table 3", "alpha of prioritized replay", low=0, high=1
+    )
+    importance_exponent_start: float = setting(
+        0.4, "Schaul 2015, Table 3", "beta at first; rises linearly to 1", low=0, high=1
+    )
+    priority_floor: float = setting(
+        1e-6, "ours", "what is added to each |TD error|", low=1e-12, high=1
+    )
     target_update_episodes: int = setting(5, "ours", "N_C", low=1, high=10_000)
     gradient_steps: int = setting(1, "Alg. 1", "gradient steps a decision", low=0, high=100)
     mirrored: bool = setting(

@@ -8,7 +8,6 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from drl_av.config import LearningConfig
 from drl_av.errors import CheckpointError
 
 FloatArray = NDArray[np.float32]
@@ -64,6 +63,10 @@ class Ring:
         drawn: FloatArray = self.rows.take(rng.integers(0, self.filled, count), axis=0)
         return drawn
 
+    def endings(self) -> int:
+        """How many of the stored rows have discount 0."""
+        return self.filled - int(np.count_nonzero(self.rows[: self.filled, -1]))
+
     def state(self) -> State:
         """A copy of the stored rows, slot by slot, and the slot that comes next."""
         return {"rows": self.rows[: self.filled].copy(), "next_slot": np.array(self.next_slot)}
@@ -109,14 +112,24 @@ class Buffer(Protocol):
     """What the training loop asks of any experience buffer."""
 
     def __len__(self) -> int: ...
+    @property
+    def collisions(self) -> int: ...
     def add_safe(self, s_t: FloatArray, a_t: int, r_tp1: float, s_tp1: FloatArray) -> None: ...
     def add_collision(self, s_t: FloatArray, a_t: int, r_col: float) -> None: ...
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch: ...
     def state(self) -> State: ...
     def restore(self, state: State) -> None: ...
 
+    def anneal(self, progress: float) -> None:
+        """Nothing changes over the training, ``progress`` from 0 to 1, unless a buffer says so."""
+        return None
 
-class TwoBuffers:
+    def learned_from(self, batch: Batch, td_errors: FloatArray) -> None:
+        """Errors change nothing, unless a buffer says so; of a batch ``sample`` gave, (rows,)."""
+        return None
+
+
+class TwoBuffers(Buffer):
     """Buf_S and Buf_C: a batch takes a fixed share of its rows from each, once both have any."""
 
     def __init__(
@@ -134,6 +147,11 @@ class TwoBuffers:
 
     def __len__(self) -> int:
         return len(self.safe) + len(self.collision)
+
+    @property
+    def collisions(self) -> int:
+        """Rows of Buf_C."""
+        return len(self.collision)
 
     def add_safe(self, s_t: FloatArray, a_t: int, r_tp1: float, s_tp1: FloatArray) -> None:
         """Algorithm 1, line 11: (s_t, a_t, s_tp1, r_tp1) into Buf_S."""
@@ -177,7 +195,7 @@ class TwoBuffers:
             ring.restore({k[len(prefix) :]: v for k, v in state.items() if k.startswith(prefix)})
 
 
-class UniformBuffer:
+class UniformBuffer(Buffer):
     """One ring for safe and collision rows alike, sampled uniformly: no second buffer."""
 
     def __init__(self, observation_size: int, capacity: int, discount: float) -> None:
@@ -186,6 +204,11 @@ class UniformBuffer:
 
     def __len__(self) -> int:
         return len(self.ring)
+
+    @property
+    def collisions(self) -> int:
+        """Stored rows of discount 0."""
+        return self.ring.endings()
 
     def add_safe(self, s_t: FloatArray, a_t: int, r_tp1: float, s_tp1: FloatArray) -> None:
         """Store (s_t, a_t, s_tp1, r_tp1) with discount gamma."""
@@ -206,17 +229,3 @@ class UniformBuffer:
     def restore(self, state: State) -> None:
         """Go on from ``state`` exactly; raises CheckpointError where it does not fit."""
         self.ring.restore(state)
-
-
-def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
-    """The empty buffer that ``config.replay`` names."""
-    if config.replay == "uniform":
-        capacity = config.safe_capacity + config.collision_capacity
-        return UniformBuffer(observation_size, capacity, config.discount)
-    return TwoBuffers(
-        observation_size,
-        config.safe_capacity,
-        config.collision_capacity,
-        config.discount,
-        config.collision_fraction,
-    )

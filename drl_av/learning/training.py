@@ -13,8 +13,9 @@ from drl_av.driving.maneuver import Scene
 from drl_av.driving.mirror import MIRROR
 from drl_av.env import TRAINING_SEEDS, HighwayEnv
 from drl_av.episode import drive
-from drl_av.learning.buffers import State, make_buffer
+from drl_av.learning.buffers import State
 from drl_av.learning.checkpoint import rng_from_json, rng_to_json
+from drl_av.learning.experience import make_buffer
 from drl_av.learning.exploration import epsilon_greedy, linear_epsilon
 from drl_av.learning.learner import Learner
 from drl_av.learning.mirroring import mirror_half
@@ -112,6 +113,7 @@ class Training:
         """Lines 3 to 17: one episode, learning after each decision."""
         epsilon = self.epsilon
         self._learner.learning_rate = self.learning_rate
+        self._buffer.anneal(self.episodes_done / self._config.episodes)
         seed = int(self._rng.integers(*TRAINING_SEEDS))
         s_t, info = self._env.reset(seed=seed)
         rewards, speeds, losses, triggers, over = [], [], [], 0, False
@@ -204,7 +206,9 @@ class Training:
     def _learn(self) -> float:
         """Lines 13 to 15."""
         batch = self._buffer.sample(self._config.batch_size, self._rng)
-        return self._learner.update(mirror_half(batch, MIRROR) if self._config.mirrored else batch)
+        loss = self._learner.update(mirror_half(batch, MIRROR) if self._config.mirrored else batch)
+        self._buffer.learned_from(batch, self._learner.td_errors)
+        return loss
 
 
 def _part(tensors: State, prefix: str) -> State:

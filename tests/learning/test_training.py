@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drl_av.config import Config
+from drl_av.config import REPLAYS, Config
 from drl_av.driving.affordances import INDICATORS
 from drl_av.env import TRAINING_SEEDS, HighwayEnv
 from drl_av.learning import training as module
-from drl_av.learning.buffers import TwoBuffers, UniformBuffer
+from drl_av.learning.buffers import Batch, TwoBuffers, UniformBuffer
 from drl_av.learning.run import Run, train
 from drl_av.learning.training import EVALUATION_SEEDS, Training
 from drl_av.traffic.snapshot import Collision, CollisionKind
@@ -167,6 +167,58 @@ def test_without_unsafe_proposals_and_collisions_it_is_plain_double_dqn() -> Non
     ours, plain = (twin._learner.state() for twin in twins)
     for name in ours:
         np.testing.assert_array_equal(ours[name], plain[name])
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_prioritized_rows_have_the_priority_of_their_last_error(mirrored: bool) -> None:
+    script = [QUIET, (HARD_BRAKE, "gap", -0.25, False), QUIET]
+    options = {"replay": "prioritized", "mirrored": mirrored, "priority_exponent": 1.0}
+    training, _, _ = scripted(script, **options)
+    sample, expected = training._buffer.sample, np.ones(4)
+
+    def watched(*arguments: Any) -> Batch:
+        errors = training._learner.td_errors.astype(float)
+        for slot, error in zip(batches[-1].slots if batches else (), errors, strict=True):  # type: ignore[arg-type]
+            expected[slot] = abs(error) + 1e-6
+        batches.append(sample(*arguments))
+        return batches[-1]
+
+    batches: list[Batch] = []
+    training._buffer.sample = watched  # type: ignore[method-assign]
+    training.run_episode()
+    watched(8, np.random.default_rng(0))
+    assert len(batches) == 4
+    assert expected.max() > 2.0 > expected.min()
+    weights = training._buffer.tree.weights  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(weights[:4], expected)
+
+
+def test_importance_exponent_rises_with_the_episodes() -> None:
+    training, _, _ = scripted([QUIET], replay="prioritized", importance_exponent_start=0.5)
+    found = []
+    for _ in range(10):
+        training.run_episode()
+        found.append(training._buffer.importance_exponent)  # type: ignore[attr-defined]
+    assert found == pytest.approx([0.5 + 0.05 * k for k in range(10)])
+
+
+@pytest.mark.parametrize("replay", REPLAYS)
+def test_state_of_every_replay_makes_the_round_trip(replay: str) -> None:
+    script = [QUIET, (HARD_BRAKE, "gap", -0.25, False), (None, "none", -7.0, True)]
+    options = {"replay": replay, "safe_capacity": 20, "collision_capacity": 5}
+    alone, _, _ = scripted(script, **options)
+    begun, _, _ = scripted(script, **options)
+    for _ in range(10):
+        alone.run_episode()
+    for _ in range(6):
+        begun.run_episode()
+    resumed, _, _ = scripted(script, **options)
+    resumed.restore(*begun.state())
+    for _ in range(4):
+        resumed.run_episode()
+    (ours, numbers), (theirs, their_numbers) = alone.state(), resumed.state()
+    assert numbers == their_numbers
+    assert {k: v.tobytes() for k, v in ours.items()} == {k: v.tobytes() for k, v in theirs.items()}
 
 
 def test_gradient_steps_follow_each_decision() -> None:

@@ -1,0 +1,168 @@
+"""Prioritized experience replay (Schaul et al. 2015), the proportional variant.
+
+Surprising rows are drawn more often, and count for less each time they are.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drl_av.errors import CheckpointError
+from drl_av.learning.buffers import Batch, Buffer, FloatArray, Ring, State, batch_of
+
+Numbers = NDArray[np.float64]
+Slots = NDArray[np.int64]
+
+BLOCK = 64
+
+
+def importance_weights(probability: Numbers, count: int, exponent: float) -> FloatArray:
+    """(N P(i))^-beta, divided by the greatest of them.
+
+    Schaul 2015, sec. 3.4. Shapes: (rows,), returns (rows,); ``count`` is N.
+    """
+    weights = (count * probability) ** -exponent
+    weights /= weights.max()
+    return weights.astype(np.float32)
+
+
+class SumTree:
+    """Weights of slots, to draw slots in proportion to them.
+
+    Two levels, because a call of numpy costs more than a block's additions. The sums depend on
+    the weights alone, not on the order in which those were set.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        blocks = -(-capacity // BLOCK)
+        self._leaves = np.zeros((blocks, BLOCK))
+        self._sums = np.zeros(blocks)
+        self.weights: Numbers = self._leaves.reshape(-1)[:capacity]
+        """(capacity,), 0 where none was set; to read only."""
+
+    def set(self, slots: Slots, weights: Numbers | float) -> None:
+        """Replace the weights of some slots; of a slot named twice, the last one stays."""
+        self.weights[slots] = weights
+        blocks = slots // BLOCK
+        self._sums[blocks] = self._leaves.take(blocks, axis=0).cumsum(axis=1)[:, -1]
+
+    def fill(self, weights: Numbers) -> None:
+        """Set the weights of the first slots, in a tree where none is set."""
+        self.weights[: len(weights)] = weights
+        self._sums[:] = self._leaves.cumsum(axis=1)[:, -1]
+
+    def find(self, fractions: Numbers) -> tuple[Slots, Numbers]:
+        """Where each fraction of the sum falls with the weights laid end to end: slot, probability.
+
+        Shapes: (rows,), in [0, 1); returns (rows,) twice. No slot of weight 0 is ever found.
+        """
+        edges = np.concatenate(([0.0], self._sums.cumsum()))
+        values = _below(fractions * edges[-1], edges[-1])
+        blocks = edges.searchsorted(values, side="right") - 1
+        values = _below(values - edges[blocks], self._sums[blocks])
+        ends = self._leaves.take(blocks, axis=0).cumsum(axis=1)
+        within = (ends > values[:, None]).argmax(axis=1)
+        slots = blocks * BLOCK + within
+        return slots, self.weights[slots] / edges[-1]
+
+
+def _below(values: Numbers, end: Numbers) -> Numbers:
+    """Values that rounding may have carried to the end of their range or past it, put back."""
+    below: Numbers = np.minimum(values, np.nextafter(end, 0.0))
+    return below
+
+
+class PrioritizedBuffer(Buffer):
+    """One ring for safe and collision rows alike, drawn by how wrong their values were.
+
+    P(i) = p_i^alpha / sum p^alpha with p_i = |td error| + floor; new rows have the greatest
+    priority so far. Sec. 3.3, and Algorithm 1 of Schaul 2015.
+    """
+
+    def __init__(
+        self,
+        observation_size: int,
+        capacity: int,
+        discount: float,
+        priority_exponent: float,
+        importance_exponent_start: float,
+        priority_floor: float,
+    ) -> None:
+        self.ring = Ring(capacity, observation_size)
+        self.discount = discount
+        self.priority_exponent = priority_exponent
+        self.importance_exponent_start = importance_exponent_start
+        self.importance_exponent = importance_exponent_start
+        self.priority_floor = priority_floor
+        self.tree = SumTree(capacity)
+        self._greatest = 1.0
+
+    def __len__(self) -> int:
+        return len(self.ring)
+
+    @property
+    def collisions(self) -> int:
+        """Stored rows of discount 0."""
+        return self.ring.endings()
+
+    def add_safe(self, s_t: FloatArray, a_t: int, r_tp1: float, s_tp1: FloatArray) -> None:
+        """Store (s_t, a_t, s_tp1, r_tp1) with discount gamma."""
+        self._new(self.ring.append(s_t, a_t, r_tp1, self.discount, s_tp1))
+
+    def add_collision(self, s_t: FloatArray, a_t: int, r_col: float) -> None:
+        """Store (s_t, a_t, *, r_col) with discount 0."""
+        self._new(self.ring.append(s_t, a_t, r_col, 0.0, 0.0))
+
+    def _new(self, slot: int) -> None:
+        self.tree.set(np.array([slot]), self._greatest)
+
+    def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
+        """A minibatch, one row from each of ``batch_size`` equal shares of the summed priorities.
+
+        Sec. 3.3 and app. B.2.1 of Schaul 2015. Raises ValueError when there are no rows.
+        """
+        if not self.ring:
+            raise ValueError("There are no rows to sample.")
+        fractions = (np.arange(batch_size) + rng.random(batch_size)) / batch_size
+        slots, probability = self.tree.find(fractions)
+        rows = self.ring.rows.take(slots, axis=0)
+        weights = importance_weights(probability, len(self.ring), self.importance_exponent)
+        return batch_of(rows, self.ring.observation_size)._replace(weights=weights, slots=slots)
+
+    def anneal(self, progress: float) -> None:
+        """Let beta rise linearly to 1 at the end of the training. Sec. 3.4 of Schaul 2015."""
+        start = self.importance_exponent_start
+        self.importance_exponent = start + (1.0 - start) * progress
+
+    def learned_from(self, batch: Batch, td_errors: FloatArray) -> None:
+        """Give the rows of a batch the priority that their errors before learning earn."""
+        assert batch.slots is not None
+        p = np.abs(td_errors, dtype=np.float64) + self.priority_floor
+        weights = p**self.priority_exponent
+        self.tree.set(batch.slots, weights)
+        self._greatest = max(self._greatest, float(weights.max()))
+
+    def state(self) -> State:
+        """The ring's, and p^alpha of each row and the greatest so far."""
+        priorities = self.tree.weights[: len(self.ring)].copy()
+        return self.ring.state() | {"priorities": priorities, "greatest": np.array(self._greatest)}
+
+    def restore(self, state: State) -> None:
+        """Go on from ``state`` exactly; raises CheckpointError where it does not fit."""
+        priorities = state.get("priorities", np.empty(0))
+        greatest = state.get("greatest", np.empty(0))
+        fits = (
+            priorities.dtype == greatest.dtype == np.float64
+            and greatest.shape == ()
+            and priorities.shape == state.get("rows", np.empty(0)).shape[:1]
+            and bool(((priorities > 0) & (priorities <= greatest)).all())
+            and bool(np.isfinite(greatest))
+        )
+        if not fits:
+            raise CheckpointError(
+                "The stored priorities do not fit the stored experience: go on with the "
+                "configuration the run was started with."
+            )
+        self.ring.restore(state)
+        self.tree = SumTree(len(self.ring.rows))
+        self.tree.fill(priorities)
+        self._greatest = float(greatest)
