@@ -6,18 +6,11 @@ import sys
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from drl_av.config import Config, load_config
-from drl_av.errors import DrlAvError, RecordingError, RunError
-from drl_av.options import Verb, command_line
-from drl_av.presets import preset
-
-if TYPE_CHECKING:
-    from drl_av.learning.run import Run
-    from drl_av.learning.training import Training
-
-INTERRUPTED = 130
+from drl_av.config import Config
+from drl_av.errors import DrlAvError, RecordingError
+from drl_av.learning_verbs import INTERRUPTED, adapt, train
+from drl_av.options import Verb, command_line, overridden
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -37,19 +30,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
 
 
-def _overridden(config: Config, options: argparse.Namespace) -> Config:
-    """Lay what the command line says over a config."""
-    config = load_config(options.config, config)
-    if options.scenario:
-        config = config.updated("simulation", scenario=options.scenario)
-    if options.safety_check:
-        config = config.updated("safety", check=options.safety_check)
-    folder = Path(config.simulation.scenario)
-    if folder.is_dir():
-        config = config.updated("simulation", scenario=str(folder.absolute()))
-    return config
-
-
 def _scenario(options: argparse.Namespace) -> int:
     from drl_av.traffic.scenario import ScenarioDescription, write_scenario
 
@@ -64,73 +44,6 @@ def _scenario(options: argparse.Namespace) -> int:
     return 0
 
 
-def _train(options: argparse.Namespace) -> int:
-    from drl_av.env import HighwayEnv
-    from drl_av.learning.board import require_tensorboard
-    from drl_av.learning.run import Run
-    from drl_av.learning.training import Training
-
-    if options.tensorboard:
-        require_tensorboard()
-    run = Run(options.out)
-    config = _training_config(options, run)
-    with closing(HighwayEnv(config=config)) as env:
-        training = Training(env)
-        if not options.resume:
-            run.create(config)
-        with run.alone():
-            run.restore(training)
-            try:
-                finished = _watch_training(run, training, options.tensorboard)
-            except KeyboardInterrupt:
-                finished = False
-    if finished:
-        print(f"{run.folder}: {config.learning.episodes} episodes; compare it with the driver idm:")
-        print(f"drl-av evaluate {run.folder} idm")
-        return 0
-    print(f"drl-av: stopped; go on with: drl-av train --out {run.folder} --resume", file=sys.stderr)
-    return INTERRUPTED
-
-
-def _training_config(options: argparse.Namespace, run: "Run") -> Config:
-    names = ("episodes", "seed", "replay")
-    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
-    base = preset(options.preset or "paper")
-    if options.resume:
-        stored = run.read_config()
-        base = base if options.preset else stored
-        if _overridden(base, options).updated("learning", **given) != stored:
-            raise RunError(
-                f"{run.folder} was begun with other settings than these options ask for: "
-                "resume it without them, or begin a new run."
-            )
-        return stored
-    return _overridden(base, options).updated("learning", **given)
-
-
-def _watch_training(run: "Run", training: "Training", tensorboard: bool) -> bool:
-    """Train to the end, or to the episode in which somebody asked to stop; True at the end."""
-    from drl_av.console import progress_bar, stop_request, told_of_episode, told_of_evaluation
-    from drl_av.learning.board import board
-    from drl_av.learning.run import train
-
-    total, done = training.config.learning.episodes, training.episodes_done
-    with (
-        stop_request() as stop,
-        board(run.folder / "tensorboard" if tensorboard else None, done) as events,
-        progress_bar("training", total, done) as bar,
-    ):
-        for progress in train(run, training):
-            events.add(progress)
-            bar.advance(told_of_episode(progress.episode), progress.episode.decisions)
-            if progress.evaluation:
-                bar.say(told_of_evaluation(progress.evaluation))
-            if stop.made and training.episodes_done < total:
-                run.save(training)
-                return False
-    return True
-
-
 def _evaluate(options: argparse.Namespace) -> int:
     from drl_av.console import print_summaries, progress_bar
     from drl_av.studies.drivers import choose, config_of
@@ -140,7 +53,7 @@ def _evaluate(options: argparse.Namespace) -> int:
     for path in filter(None, (options.out, options.json)):
         require_writable(path)
     choices = choose([*options.runs, *options.driver] or ["pretrained"])
-    config = _overridden(config_of(choices), options)
+    config = overridden(config_of(choices), options)
     seeds = range(options.seed, options.seed + options.episodes)
     evaluation = Evaluation(config, choices, tuple(options.vehicles or ()), seeds)
     rows, status = [], 0
@@ -181,7 +94,7 @@ def _replay(options: argparse.Namespace) -> int:
         ride = ride_again(load_recording(Path(source)))
     else:
         choices = choose([source])
-        config = _overridden(config_of(choices), options)
+        config = overridden(config_of(choices), options)
         if options.decisions:
             config = config.updated("simulation", decisions_per_episode=options.decisions)
         [(name, driver)] = build(choices, config).items()
@@ -232,8 +145,9 @@ def _figures(options: argparse.Namespace) -> int:
 
 VERBS: dict[str, Verb] = {
     "scenario": _scenario,
-    "train": _train,
+    "train": train,
     "evaluate": _evaluate,
+    "adapt": adapt,
     "replay": _replay,
     "figures": _figures,
 }

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from drl_av import __version__
-from drl_av.config import REPLAYS, SAFETY_CHECKS
+from drl_av.config import REPLAYS, SAFETY_CHECKS, Config, load_config
 from drl_av.presets import PRESETS
 from drl_av.studies import DENSITIES
 
@@ -79,6 +79,19 @@ def _driving(parser: argparse.ArgumentParser, whose: str) -> None:
     parser.add_argument(
         "--config", metavar="FILE.toml", help=f"settings as TOML, laid over {whose}"
     )
+
+
+def overridden(config: Config, options: argparse.Namespace) -> Config:
+    """Lay what the command line says over a config."""
+    config = load_config(options.config, config)
+    if options.scenario:
+        config = config.updated("simulation", scenario=options.scenario)
+    if options.safety_check:
+        config = config.updated("safety", check=options.safety_check)
+    folder = Path(config.simulation.scenario)
+    if folder.is_dir():
+        config = config.updated("simulation", scenario=str(folder.absolute()))
+    return config
 
 
 def _scenario(parser: argparse.ArgumentParser) -> None:
@@ -161,6 +174,37 @@ def _evaluate(parser: argparse.ArgumentParser) -> None:
     _driving(parser, "the first RUN's")
 
 
+def _adapt(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "run",
+        nargs="?",
+        metavar="RUN",
+        help="folder of the run to begin from (default: the driver that ships)",
+    )
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="RUN2", help="the new run's folder; must be new"
+    )
+    parser.add_argument(
+        "--episodes", type=_whole(1), metavar="N", help="of at most 200 s each (default: 30000)"
+    )
+    parser.add_argument(
+        "--learning-rate",
+        type=float,
+        metavar="X",
+        help="Adam's step size; 0 learns nothing, on the same traffic (default: 1e-05)",
+    )
+    parser.add_argument(
+        "--seed", type=_whole(0), metavar="S", help="of all that is random (default: the RUN's)"
+    )
+    _driving(parser, "the RUN's")
+    parser.add_argument(
+        "--resume", action="store_true", help="go on where RUN2 was stopped; needs no RUN"
+    )
+    parser.add_argument(
+        "--tensorboard", action="store_true", help="also write TensorBoard events into RUN2"
+    )
+
+
 def _replay(parser: argparse.ArgumentParser) -> None:
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
@@ -205,6 +249,7 @@ _VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "scenario": ("write a scenario folder for SUMO and drl-av", _scenario),
     "train": ("train a driver (Algorithm 1)", _train),
     "evaluate": ("compare drivers on the same seeded traffic", _evaluate),
+    "adapt": ("drive greedily, and go on learning (continuous adaptation)", _adapt),
     "replay": ("watch a driver, or a recorded episode again", _replay),
     "figures": ("draw the paper's figures as PNG files", _figures),
 }

@@ -1,4 +1,4 @@
-"""Whole configs by name."""
+"""Whole configs by name, and the one that continuous adaptation makes of another."""
 
 from drl_av.config import Config
 from drl_av.errors import ConfigError
@@ -28,3 +28,26 @@ def preset(name: str) -> Config:
             f"the presets are: {', '.join(PRESETS)}."
         )
     return PRESETS[name]
+
+
+def adaptation(config: Config) -> Config:
+    """The settings with which the driver trained with ``config`` goes on learning as it drives.
+
+    Sec. IV-D of the paper: greedily, over 30,000 episodes, at a lower learning rate. The rest is
+    ours: so much collision experience first that a batch does not repeat the same few rows, and
+    traffic that is the same whatever is learnt.
+    """
+    return config.updated(
+        "learning",
+        episodes=30_000,
+        epsilon_start=0.0,
+        epsilon_end=0.0,
+        learning_rate=1e-5,
+        learning_rate_end_fraction=1.0,
+        gradient_steps=1,
+        importance_exponent_start=1.0,
+        collisions_to_start=64,
+        traffic_by_episode=True,
+        evaluate_every=1_000,
+        checkpoint_every=200,
+    )

@@ -20,6 +20,7 @@ VERBS = {
     "scenario": ["metres", "default: 500", "default: 3)", "default: 3.8", "rightmost"],
     "train": ["paper 10000, fast", "two-buffer", "permit_all", "TOML", "--resume", "200 s"],
     "evaluate": ["default: 1 5 10 15 20 25 30", "default: 50", "default: 0", "default: 1)", "idm"],
+    "adapt": ["default: 30000", "default: 1e-05", "0 learns nothing", "default: the RUN's", "TOML"],
     "replay": ["default: 15", "times real time (default: 2.0)", "one a second", "200"],
     "figures": ["m/s", "default: ."],
 }

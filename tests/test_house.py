@@ -19,7 +19,7 @@ ROOMS = (
     {"env", "episode"},
     {"learning"},
     {"studies"},
-    {"cli", "console", "options", "__main__"},
+    {"cli", "console", "learning_verbs", "options", "__main__"},
 )
 """Each may import itself and those before it."""
 ONLY_IN = {

@@ -14,7 +14,7 @@ class LearningConfig(Section):
     seed: int = setting(0, "ours", "seed of everything random in a training", low=0, high=2**32)
     episodes: int = setting(10_000, "Sec. IV-C", "N_e", low=1, high=10_000_000)
     discount: float = setting(0.9, "Table I", "gamma", low=0, high=1)
-    learning_rate: float = setting(1e-4, "Sec. IV-C", "Adam's step size", low=1e-8, high=1)
+    learning_rate: float = setting(1e-4, "Sec. IV-C", "Adam's; 0 learns nothing", low=0, high=1)
     learning_rate_end_fraction: float = setting(
         1.0, "ours", "share of it left in the last episode, approached linearly", low=0, high=1
     )
@@ -42,6 +42,12 @@ class LearningConfig(Section):
     )
     target_update_episodes: int = setting(5, "ours", "N_C", low=1, high=10_000)
     gradient_steps: int = setting(1, "Alg. 1", "gradient steps a decision", low=0, high=100)
+    collisions_to_start: int = setting(
+        0, "ours", "rows of Buf_C to have before an episode, to learn in it", low=0
+    )
+    traffic_by_episode: bool = setting(
+        False, "ours", "traffic depends on the seed and the episode's number, not on the learning"
+    )
     mirrored: bool = setting(
         False, "ours", "half of each minibatch seen in a mirror, left and right swapped"
     )

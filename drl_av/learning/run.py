@@ -27,7 +27,8 @@ class Progress(NamedTuple):
 class Run:
     """A folder with ``config.toml, episodes.csv, evaluations.csv, checkpoint`` and ``policy``.
 
-    Every byte in it depends on the config alone, however often the training was interrupted.
+    Every byte in it depends on the config alone, and on what the run was begun with, however
+    often the training was interrupted.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -38,11 +39,12 @@ class Run:
         self.checkpoint_file = folder / "checkpoint.safetensors"
         self.policy_file = folder / "policy.safetensors"
 
-    def create(self, config: Config) -> None:
-        """Begin a run, in one rename.
+    def create(self, config: Config, training: Training | None = None) -> None:
+        """Begin a run, in one rename; where a training is given, with its state as a checkpoint.
 
         Raises:
             RunError: the folder exists already and is not empty, or cannot be written to.
+            CheckpointError: the disk refuses the checkpoint.
         """
         if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
             raise RunError(
@@ -57,6 +59,8 @@ class Run:
                 (new / self.config_file.name).write_text(config.to_toml(), encoding="utf-8")
                 (new / self.episodes_file.name).write_bytes(_header(EpisodeRow))
                 (new / self.evaluations_file.name).write_bytes(_header(EvaluationRow))
+                if training is not None:
+                    Run(new).save(training)
                 new.replace(self.folder)
             finally:
                 shutil.rmtree(new, ignore_errors=True)

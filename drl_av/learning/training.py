@@ -114,14 +114,15 @@ class Training:
         epsilon = self.epsilon
         self._learner.learning_rate = self.learning_rate
         self._buffer.anneal(self.episodes_done / self._config.episodes)
-        seed = int(self._rng.integers(*TRAINING_SEEDS))
+        seed = self._traffic_seed()
+        gradient_steps = self._config.gradient_steps if self._learns else 0
         s_t, info = self._env.reset(seed=seed)
         rewards, speeds, losses, triggers, over = [], [], [], 0, False
         while not over:
             a_t = epsilon_greedy(epsilon, len(ACTIONS), partial(self._greedy, s_t), self._rng)
             s_tp1, r_tp1, terminated, truncated, info = self._env.step(a_t)
             self._remember(s_t, a_t, r_tp1, s_tp1, terminated, info)
-            losses += [self._learn() for _ in range(self._config.gradient_steps)]
+            losses += [self._learn() for _ in range(gradient_steps)]
             rewards.append(r_tp1)
             speeds.append(info["speed_m_s"])
             triggers += info["rule"] != "none"
@@ -184,6 +185,18 @@ class Training:
         self._buffer.restore(_part(tensors, "buffer."))
         self._rng = rng_from_json(numbers["rng"])
         self.episodes_done = numbers["episodes_done"]
+
+    @property
+    def _learns(self) -> bool:
+        """Whether the coming episode is learnt in."""
+        known = self._buffer.collisions >= self._config.collisions_to_start
+        return known and self._config.learning_rate > 0
+
+    def _traffic_seed(self) -> int:
+        """Line 3: the coming episode's; from a generator of its own where learning is compared."""
+        own = [self._config.seed, self.episodes_done + 1]
+        rng = np.random.default_rng(own) if self._config.traffic_by_episode else self._rng
+        return int(rng.integers(*TRAINING_SEEDS))
 
     def _remember(
         self,

@@ -111,12 +111,21 @@ def learned_driver(path: Path) -> tuple[Driver, Config]:
     """The driver of a run's folder or of a policy file, and the config that built it.
 
     Raises:
-        RunError: there is no such run, or it has saved no policy yet.
-        CheckpointError: the policy file is damaged.
+        RunError, CheckpointError: as ``policy_file``; or the file is damaged.
     """
     from drl_av.learning.checkpoint import load_policy
     from drl_av.learning.training import GreedyDriver
 
+    network, config = load_policy(policy_file(path))
+    return GreedyDriver(network), config
+
+
+def policy_file(path: Path) -> Path:
+    """Where the policy of a run's folder is, or of a path that is a policy file itself.
+
+    Raises:
+        RunError: there is no such run, or it has saved no policy yet.
+    """
     file = path / "policy.safetensors" if path.is_dir() else path
     if path == PRETRAINED and not file.is_file():
         raise RunError(
@@ -128,5 +137,4 @@ def learned_driver(path: Path) -> tuple[Driver, Config]:
             f"{path} holds no trained driver: give a run's folder that has a policy.safetensors, "
             "or leave the run out for the driver that ships with drl-av."
         )
-    network, config = load_policy(file)
-    return GreedyDriver(network), config
+    return file

@@ -227,6 +227,34 @@ def test_gradient_steps_follow_each_decision() -> None:
     assert tape == ["reset", "act", "add_safe", *["sample", "update"] * 3]
 
 
+@pytest.mark.parametrize("replay", REPLAYS)
+def test_nothing_is_learnt_in_an_episode_that_begins_with_too_few_collisions(replay: str) -> None:
+    script = [(HARD_BRAKE, "gap", -0.5, False), QUIET]
+    training, tape, _ = scripted(script, replay=replay, collisions_to_start=2)
+    for _ in range(3):
+        training.run_episode()
+    episodes = "".join({"reset": "r", "update": "u"}.get(entry, "") for entry in tape)
+    assert episodes == "rrruu"
+
+
+def test_at_no_learning_rate_nothing_is_learnt() -> None:
+    training, tape, _ = scripted([QUIET], learning_rate=0)
+    assert training.run_episode().mean_loss == 0.0
+    assert tape == ["reset", "act", "add_safe"]
+
+
+def test_traffic_by_episode_does_not_depend_on_what_is_learnt_or_drawn() -> None:
+    learning, _, env = scripted([QUIET] * 3, traffic_by_episode=True)
+    frozen, _, other = scripted([QUIET], traffic_by_episode=True, learning_rate=0)
+    another, _, third = scripted([QUIET], traffic_by_episode=True, seed=1)
+    for training in (learning, frozen, another):
+        for _ in range(9):
+            training.run_episode()
+    assert env.seeds == other.seeds
+    assert len(set(env.seeds) | set(third.seeds)) == 18
+    assert min(env.seeds) >= TRAINING_SEEDS[0]
+
+
 def test_epsilon_falls_from_1_to_two_tenths_over_70_percent_of_the_episodes() -> None:
     training, _, _ = scripted([QUIET])
     rows = [training.run_episode() for _ in range(10)]

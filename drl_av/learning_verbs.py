@@ -1,0 +1,141 @@
+"""The verbs that learn: ``train`` from nothing, ``adapt`` from a trained driver on."""
+
+import argparse
+import sys
+from contextlib import closing
+from typing import TYPE_CHECKING, Any
+
+from drl_av.config import Config
+from drl_av.errors import ConfigError, RunError
+from drl_av.options import overridden
+from drl_av.presets import adaptation, preset
+
+if TYPE_CHECKING:
+    from drl_av.learning.run import Run
+    from drl_av.learning.training import Training
+    from drl_av.studies.drivers import Choice
+
+INTERRUPTED = 130
+
+
+def train(options: argparse.Namespace) -> int:
+    """Algorithm 1 into a run's folder."""
+    from drl_av.env import HighwayEnv
+    from drl_av.learning.board import require_tensorboard
+    from drl_av.learning.run import Run
+    from drl_av.learning.training import Training
+
+    if options.tensorboard:
+        require_tensorboard()
+    run = Run(options.out)
+    config = _training_config(options, run)
+    with closing(HighwayEnv(config=config)) as env:
+        training = Training(env)
+        if not options.resume:
+            run.create(config)
+        return _carry_on("train", run, training, options.tensorboard, "idm")
+
+
+def adapt(options: argparse.Namespace) -> int:
+    """Continuous adaptation (Sec. IV-D): the driver of a run goes on learning in another run."""
+    from drl_av.env import HighwayEnv
+    from drl_av.learning.adaptation import take_over
+    from drl_av.learning.board import require_tensorboard
+    from drl_av.learning.run import Run
+    from drl_av.learning.training import Training
+    from drl_av.studies.drivers import choose, policy_file
+
+    if options.tensorboard:
+        require_tensorboard()
+    run, word = Run(options.out), options.run or "pretrained"
+    [choice] = choose([word])
+    if choice.run is None:
+        raise ConfigError(
+            f"{word} drives by rule and cannot learn: give a run's folder, "
+            "or leave it out for the driver that ships with drl-av."
+        )
+    config = _adaptation_config(options, run, choice)
+    with closing(HighwayEnv(config=config)) as env:
+        training = Training(env)
+        if not options.resume:
+            take_over(training, policy_file(choice.run))
+            run.create(config, training)
+        return _carry_on("adapt", run, training, options.tensorboard, word)
+
+
+def _training_config(options: argparse.Namespace, run: "Run") -> Config:
+    given = _given(options, "episodes", "seed", "replay")
+    base = preset(options.preset or "paper")
+    if options.resume:
+        stored = run.read_config()
+        base = base if options.preset else stored
+        return _unchanged(run, stored, overridden(base, options).updated("learning", **given))
+    return overridden(base, options).updated("learning", **given)
+
+
+def _adaptation_config(options: argparse.Namespace, run: "Run", choice: "Choice") -> Config:
+    from drl_av.studies.drivers import build, config_of
+
+    given = _given(options, "episodes", "seed", "learning_rate")
+    if options.resume:
+        stored = run.read_config()
+        return _unchanged(run, stored, overridden(stored, options).updated("learning", **given))
+    base = adaptation(config_of([choice]))
+    config = overridden(base, options).updated("learning", **given)
+    build([choice], config)
+    return config
+
+
+def _given(options: argparse.Namespace, *names: str) -> dict[str, Any]:
+    """The settings that somebody asked for."""
+    return {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+
+
+def _unchanged(run: "Run", stored: Config, asked: Config) -> Config:
+    if asked != stored:
+        raise RunError(
+            f"{run.folder} was begun with other settings than these options ask for: "
+            "resume it without them, or begin a new run."
+        )
+    return stored
+
+
+def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: str) -> int:
+    """Learn from where the run stands; say how to go on, or with whom to compare the driver."""
+    with run.alone():
+        run.restore(training)
+        try:
+            finished = _watch(verb, run, training, tensorboard)
+        except KeyboardInterrupt:
+            finished = False
+    if not finished:
+        again = f"drl-av {verb} --out {run.folder} --resume"
+        print(f"drl-av: stopped; go on with: {again}", file=sys.stderr)
+        return INTERRUPTED
+    episodes = training.config.learning.episodes
+    print(f"{run.folder}: {episodes} episodes; compare it with the driver {rival}:")
+    print(f"drl-av evaluate {run.folder} {rival}")
+    return 0
+
+
+def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bool:
+    """Train to the end, or to the episode in which somebody asked to stop; True at the end."""
+    from drl_av.console import progress_bar, stop_request, told_of_episode, told_of_evaluation
+    from drl_av.learning.board import board
+    from drl_av.learning.run import train
+
+    total, done = training.config.learning.episodes, training.episodes_done
+    with (
+        stop_request() as stop,
+        board(run.folder / "tensorboard" if tensorboard else None, done) as events,
+        progress_bar(f"{verb}ing", total, done) as bar,
+    ):
+        for progress in train(run, training):
+            events.add(progress)
+            bar.advance(told_of_episode(progress.episode), progress.episode.decisions)
+            if progress.evaluation:
+                bar.say(told_of_evaluation(progress.evaluation))
+            if stop.made and training.episodes_done < total:
+                run.save(training)
+                return False
+    return True

@@ -1,0 +1,305 @@
+"""Continuous adaptation: a trained driver drives greedily and learns on, in a run of its own."""
+
+import csv
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drl_av.cli import main
+from drl_av.config import Config, load_config
+from drl_av.env import HighwayEnv
+from drl_av.errors import CheckpointError
+from drl_av.learning import checkpoint
+from drl_av.learning.qnetwork import GreedyPolicy
+from drl_av.presets import adaptation, preset
+from drl_av.studies.drivers import PRETRAINED
+
+TRAINED = """
+[simulation]
+decisions_per_episode = 15
+[learning]
+episodes = 4
+seed = 2
+evaluate_every = 4
+evaluation_episodes = 1
+"""
+QUICK = """
+[learning]
+episodes = 5
+collisions_to_start = 1
+evaluate_every = 3
+checkpoint_every = 2
+evaluation_episodes = 1
+"""
+R_COL = Config().reward.collision_reward
+KILLED = """
+import os, signal, sys
+from drl_av.cli import main
+from drl_av.env import HighwayEnv
+from drl_av.learning.run import Run
+
+def dies_at(owner, name, call):
+    method, calls = getattr(owner, name), 0
+    def armed(*arguments):
+        nonlocal calls
+        calls += 1
+        if calls == call:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return method(*arguments)
+    setattr(owner, name, armed)
+
+dies_at({moment})
+main(sys.argv[1:])
+"""
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run with a checkpoint, hardly trained: greedily, it proposes what is not safe."""
+    folder = tmp_path_factory.mktemp("runs") / "trained"
+    settings = folder.with_name("trained.toml")
+    settings.write_text(TRAINED)
+    assert main(["train", "--out", str(folder), "--config", str(settings)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("settings") / "quick.toml"
+    path.write_text(QUICK)
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def adapted(trained: Path, quick: str) -> Path:
+    """That run's driver, adapted; not to be changed."""
+    return adapt(trained, quick, "adapted", "--learning-rate", "1e-3")
+
+
+@pytest.fixture(scope="module")
+def frozen(trained: Path, quick: str) -> Path:
+    """The same traffic without learning."""
+    return adapt(trained, quick, "frozen", "--learning-rate", "0")
+
+
+def command(trained: Path, quick: str, name: str, *options: str) -> list[str]:
+    out = str(trained.with_name(name))
+    return ["adapt", str(trained), "--out", out, "--config", quick, *options]
+
+
+def adapt(trained: Path, quick: str, name: str, *options: str) -> Path:
+    assert main(command(trained, quick, name, *options)) == 0
+    return trained.with_name(name)
+
+
+def tensors(folder: Path) -> dict[str, np.ndarray]:
+    return checkpoint.load(folder / "checkpoint.safetensors")[0]
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / "episodes.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def one_sentence(capsys: pytest.CaptureFixture[str]) -> str:
+    text = capsys.readouterr().err
+    assert text.startswith("drl-av: ")
+    assert text.count("\n") == 1
+    return text
+
+
+def test_it_is_a_run_like_any_other(adapted: Path, trained: Path) -> None:
+    assert set(files_of(adapted)) == set(files_of(trained))
+    assert len(rows(adapted)) == 5
+    with (adapted / "evaluations.csv").open() as file:
+        assert [row["episode"] for row in csv.DictReader(file)] == ["3", "5"]
+
+
+def test_settings_are_the_runs_but_for_what_adaptation_is(adapted: Path, trained: Path) -> None:
+    found, before = (load_config(folder / "config.toml") for folder in (adapted, trained))
+    assert found.simulation == before.simulation
+    learning = found.learning
+    assert (learning.epsilon_start, learning.epsilon_end, learning.learning_rate) == (0, 0, 1e-3)
+    assert (learning.seed, learning.batch_size, learning.episodes) == (2, 64, 5)
+
+
+def test_a_fast_driver_is_adapted_slowly_too() -> None:
+    learning = adaptation(preset("fast")).learning
+    assert learning.learning_rate == 1e-5 < Config().learning.learning_rate
+    assert (learning.learning_rate_end_fraction, learning.gradient_steps) == (1.0, 1)
+    assert learning.episodes == 30_000
+
+
+def test_every_violation_lands_in_the_collision_buffer_beside_the_trainings_own(
+    adapted: Path, trained: Path
+) -> None:
+    before, after = tensors(trained)["buffer.collision.rows"], tensors(adapted)
+    violations = sum(int(row["safety_triggers"]) for row in rows(adapted))
+    crashes = sum(row["collided"] == "True" for row in rows(adapted))
+    assert violations > 0
+    collisions = after["buffer.collision.rows"]
+    np.testing.assert_array_equal(collisions[: len(before)], before)
+    assert len(collisions) == len(before) + violations + crashes
+    assert set(map(tuple, collisions[:, -2:])) == {(R_COL, 0.0)}
+    decisions = sum(int(row["decisions"]) for row in rows(adapted))
+    safe = len(tensors(trained)["buffer.safe.rows"])
+    assert len(after["buffer.safe.rows"]) == safe + decisions - crashes
+
+
+def test_what_it_proposes_is_what_the_trained_network_values_most(
+    frozen: Path, trained: Path
+) -> None:
+    network, _ = checkpoint.load_policy(trained / "policy.safetensors")
+    policy, known = GreedyPolicy(network), len(tensors(trained)["buffer.collision.rows"])
+    overruled = tensors(frozen)["buffer.collision.rows"][known:]
+    if any(row["collided"] == "True" for row in rows(frozen)):
+        pytest.fail("choose another seed: a collision blames what was executed")
+    assert len(overruled) > 0
+    for row in overruled:
+        assert policy(row[:27]) == row[-3]
+    assert {row["epsilon"] for row in rows(frozen)} == {"0.0"}
+
+
+def test_both_meet_the_same_traffic_and_only_one_learns(
+    adapted: Path, frozen: Path, trained: Path
+) -> None:
+    for name in ("seed", "vehicles"):
+        assert [row[name] for row in rows(adapted)] == [row[name] for row in rows(frozen)]
+    assert len({row["seed"] for row in rows(frozen)}) == 5
+    before, learnt, same = (tensors(folder) for folder in (trained, adapted, frozen))
+    for name in ("online", "first_moment", "second_moment", "step"):
+        np.testing.assert_array_equal(same[f"learner.{name}"], before[f"learner.{name}"])
+    decisions = sum(int(row["decisions"]) for row in rows(adapted))
+    assert learnt["learner.step"] == before["learner.step"] + decisions
+    assert not np.array_equal(learnt["learner.online"], before["learner.online"])
+    assert {row["mean_loss"] for row in rows(frozen)} == {"0.0"}
+
+
+def test_the_shipped_driver_brings_its_policy_and_waits_for_experience(tmp_path: Path) -> None:
+    settings = tmp_path / "short.toml"
+    settings.write_text(
+        "[simulation]\ndecisions_per_episode = 5\n[learning]\nevaluation_episodes = 1\n"
+    )
+    out = tmp_path / "adapted"
+    words = ["adapt", "--out", str(out), "--episodes", "2", "--config", str(settings)]
+    assert main(words) == 0
+    network, _ = checkpoint.load_policy(PRETRAINED / "policy.safetensors")
+    for name in ("online", "target"):
+        np.testing.assert_array_equal(tensors(out)[f"learner.{name}"], network.flat.detach())
+    assert tensors(out)["learner.step"] == 0
+    assert len(tensors(out)["buffer.safe.rows"]) == 10
+
+
+def test_killed_before_and_after_its_first_episodes_it_ends_in_the_same_bytes(
+    trained: Path, quick: str, adapted: Path
+) -> None:
+    folder = trained.with_name("killed")
+    words = command(trained, quick, "killed", "--learning-rate", "1e-3")
+    for moment in ("HighwayEnv, 'step', 7", "Run, 'append', 4"):
+        program = KILLED.replace("{moment}", moment)
+        ended = subprocess.run([sys.executable, "-B", "-c", program, *words], timeout=120)
+        assert ended.returncode == -signal.SIGKILL
+        words = ["adapt", "--out", str(folder), "--resume"]
+    assert len(rows(folder)) == 3
+    assert main(words) == 0
+    assert files_of(folder) == files_of(adapted)
+
+
+def test_ctrl_c_saves_and_says_how_to_go_on(
+    trained: Path,
+    quick: str,
+    adapted: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    folder, step, calls = trained.with_name("stopped"), HighwayEnv.step, []
+
+    def interrupted(env: HighwayEnv, action: int) -> object:
+        calls.append(action)
+        if len(calls) == 20:
+            os.kill(os.getpid(), signal.SIGINT)
+        return step(env, action)
+
+    monkeypatch.setattr(HighwayEnv, "step", interrupted)
+    assert main(command(trained, quick, "stopped", "--learning-rate", "1e-3")) == 130
+    assert f"go on with: drl-av adapt --out {folder} --resume\n" in capfd.readouterr().err
+    assert len(rows(folder)) == 2
+    # the verb that trains can finish it as well
+    assert main(["train", "--out", str(folder), "--resume"]) == 0
+    assert files_of(folder) == files_of(adapted)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["idm"], "idm drives by rule and cannot learn"),
+        (["imd"], "did you mean 'idm'"),
+        (["."], "holds no trained driver"),
+        (["--learning-rate", "2"], "learning.learning_rate is 2.0, but must be from 0 to 1"),
+        (["--learning-rate", "nan"], "learning.learning_rate is nan"),
+        (["--config", "narrow.toml"], "does not fit a network of 27 -> 7 -> 7 -> 12"),
+        (["--config", "blind.toml"], "was trained with other [observation] settings"),
+        (["--resume"], "is not a run: it has no config.toml"),
+    ],
+)
+def test_what_cannot_be_adapted_is_told_and_leaves_nothing_behind(
+    words: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "narrow.toml").write_text("[learning]\nhidden_units = 7\n")
+    (tmp_path / "blind.toml").write_text("[observation]\nrange_m = 100\n")
+    assert main(["adapt", *words, "--out", "out"]) == 1
+    assert told in one_sentence(capsys)
+    assert {path.name for path in tmp_path.iterdir()} == {"narrow.toml", "blind.toml"}
+
+
+def test_a_run_that_is_there_is_not_begun_again_nor_resumed_otherwise(
+    trained: Path, quick: str, adapted: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = files_of(adapted)
+    for options, told in (
+        ([], "exists already: continue it with --resume"),
+        (["--resume", "--learning-rate", "0"], "was begun with other settings"),
+        (["--resume", "--seed", "9"], "was begun with other settings"),
+    ):
+        assert main(command(trained, quick, "adapted", *options)) == 1
+        assert told in one_sentence(capsys)
+    assert files_of(adapted) == before
+    assert main(command(trained, quick, "adapted", "--resume")) == 0
+
+
+def test_experience_of_another_replay_is_not_dropped_in_silence(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings = tmp_path / "uniform.toml"
+    settings.write_text('[learning]\nreplay = "uniform"\n')
+    out = tmp_path / "out"
+    assert main(["adapt", str(trained), "--out", str(out), "--config", str(settings)]) == 1
+    assert "does not fit a buffer of 150000 rows" in one_sentence(capsys)
+    assert not out.exists()
+
+
+def test_a_checkpoint_that_is_none_is_refused(trained: Path, tmp_path: Path) -> None:
+    from drl_av.learning.adaptation import take_over
+    from drl_av.learning.training import Training
+
+    folder = Path(shutil.copytree(trained, tmp_path / "copy"))
+    shutil.copy(folder / "policy.safetensors", folder / "checkpoint.safetensors")
+    env = HighwayEnv(config=load_config(folder / "config.toml"))
+    with pytest.raises(CheckpointError, match="is not a training's"):
+        take_over(Training(env), folder / "policy.safetensors")
+    env.close()
