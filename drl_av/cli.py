@@ -143,6 +143,24 @@ def _figures(options: argparse.Namespace) -> int:
     return 0
 
 
+def _reproduce(options: argparse.Namespace) -> int:
+    from drl_av.console import progress_bar
+    from drl_av.studies.reproduction.experiments import EXPERIMENTS
+    from drl_av.studies.reproduction.scale import Scale
+
+    asked = {name: value for name, value in vars(options).items() if name in Scale._fields}
+    scale = Scale(**asked | {"config": load_config(options.config, preset("paper"))})
+    try:
+        for name in options.experiments or EXPERIMENTS:
+            with progress_bar(name, 0) as bar, closing(EXPERIMENTS[name](scale)) as experiment:
+                for progress in experiment:
+                    bar.reach(progress)
+    except KeyboardInterrupt:
+        print("drl-av: stopped; the same command goes on from here.", file=sys.stderr)
+        return INTERRUPTED
+    return 0
+
+
 VERBS: dict[str, Verb] = {
     "scenario": _scenario,
     "train": train,
@@ -150,4 +168,5 @@ VERBS: dict[str, Verb] = {
     "adapt": adapt,
     "replay": _replay,
     "figures": _figures,
+    "reproduce": _reproduce,
 }

@@ -23,6 +23,7 @@ from rich.table import Table
 if TYPE_CHECKING:
     from drl_av.learning.training import EpisodeRow, EvaluationRow
     from drl_av.studies.evaluation import Mean, Summary
+    from drl_av.studies.reproduction.scale import Progress as Reached
 
 WIDTH = 110
 """Columns of a table where the output is no terminal."""
@@ -45,6 +46,14 @@ class Bar:
         self._decisions += decisions
         rate = self._decisions / (time.monotonic() - self._begun_s)
         self._progress.update(self._task, advance=1, told=f"{told}  {rate:.0f} decisions/s")
+
+    def reach(self, progress: "Reached") -> None:
+        """So many of so many episodes are driven."""
+        self._progress.update(
+            self._task, completed=progress.done, total=progress.total, told=progress.told
+        )
+        if progress.line:
+            self.say(progress.line)
 
     def say(self, line: str) -> None:
         """Print a line above the bar."""

@@ -100,7 +100,7 @@ class Evaluation:
         )
         done = 0
         try:
-            with _interrupts_ignored():
+            with interrupts_ignored():
                 rows = pool.map(_drive, episodes)
             for row in rows:
                 yield row
@@ -117,7 +117,7 @@ class Evaluation:
 
 
 @contextmanager
-def _interrupts_ignored() -> Iterator[None]:
+def interrupts_ignored() -> Iterator[None]:
     """Processes begun inside ignore Ctrl-C, which the terminal sends to all, for good."""
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -1,0 +1,1 @@
+"""The paper's systems and figures, made anew by ``drl-av reproduce``."""

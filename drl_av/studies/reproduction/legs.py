@@ -1,0 +1,122 @@
+"""The trainings behind the learning curves, driven a leg at a time, each in its own process."""
+
+import csv
+import os
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import NamedTuple
+
+from drl_av.config import Config
+from drl_av.errors import RunError
+
+Row = dict[str, str]
+
+
+class Leg(NamedTuple):
+    """A training to be driven up to an episode of its schedule."""
+
+    variant: str
+    seed: int
+    stop: int
+    """Last episode to drive; the config's schedule may go on beyond it."""
+    config: Config
+    folder: Path
+
+    @property
+    def clock(self) -> Path:
+        """CSV file beside the folder: the wall time of the episodes up to each evaluation."""
+        return self.folder.with_suffix(".seconds.csv")
+
+
+def drive_leg(leg: Leg) -> None:
+    """Train up to the leg's last episode, from the last checkpoint on; nothing where it is done.
+
+    Where the process that asked for it has died, it saves and ends, too.
+
+    Raises:
+        RunError: the folder holds a training with other settings, or another process is in it.
+    """
+    from drl_av.env import HighwayEnv
+    from drl_av.learning.run import Run, train
+    from drl_av.learning.training import Training
+
+    run, parent = Run(leg.folder), os.getppid()
+    if not run.config_file.is_file():
+        run.create(leg.config)
+    if run.read_config() != leg.config:
+        raise RunError(
+            f"{leg.folder} was begun with other settings: choose another folder with --runs, "
+            "or move it away."
+        )
+    with run.alone(), closing(HighwayEnv(config=leg.config)) as env:
+        training = Training(env)
+        run.restore(training)
+        if training.episodes_done >= leg.stop:
+            return
+        begun_s = time.monotonic()
+        for progress in train(run, training):
+            if progress.evaluation:
+                now_s = time.monotonic()
+                _note(leg.clock, training.episodes_done, now_s - begun_s)
+                begun_s = now_s
+            if training.episodes_done >= leg.stop or os.getppid() != parent:
+                run.save(training)
+                return
+
+
+def _note(clock: Path, episode: int, seconds: float) -> None:
+    with clock.open("a", encoding="utf-8") as file:
+        file.write(f"{episode},{seconds:.1f}\n")
+
+
+def wall_time_s(clock: Path) -> float | None:
+    """Seconds that the training took, each episode counted once; None where nobody measured."""
+    if not clock.is_file():
+        return None
+    lines = [line.split(",") for line in clock.read_text(encoding="utf-8").splitlines()]
+    return sum({episode: float(seconds) for episode, seconds in lines}.values())
+
+
+def episodes_driven(folder: Path) -> int:
+    """Rows of the training's ``episodes.csv`` so far."""
+    file = folder / "episodes.csv"
+    return max(file.read_bytes().count(b"\n") - 1, 0) if file.is_file() else 0
+
+
+def rows_of(leg: Leg) -> list[Row]:
+    """What the training has brought so far, a row an evaluation.
+
+    Beside the greedy driver's means stand those of the training episodes since the evaluation
+    before, which explored.
+    """
+    evaluations = _whole_rows(leg.folder / "evaluations.csv")
+    episodes = _whole_rows(leg.folder / "episodes.csv")  # written before their evaluation
+    rows, before = [], 0
+    for evaluation in evaluations:
+        episode = int(evaluation["episode"])
+        since, before = episodes[before:episode], episode
+        rows.append(
+            {"variant": leg.variant, "seed": str(leg.seed), **evaluation, **_training(since)}
+        )
+    return rows
+
+
+def _training(episodes: list[Row]) -> Row:
+    count = len(episodes)
+    reward = sum(float(row["mean_reward"]) for row in episodes) / count
+    triggers = sum(int(row["safety_triggers"]) for row in episodes) / count
+    return {
+        "training_reward": f"{reward:.6g}",
+        "training_collisions": f"{sum(row['collided'] == 'True' for row in episodes) / count:.6g}",
+        "training_ego_hits": f"{sum(row['ego_hit'] == 'True' for row in episodes) / count:.6g}",
+        "training_safety_triggers": f"{triggers:.6g}",
+    }
+
+
+def _whole_rows(file: Path) -> list[Row]:
+    """The rows of a file that somebody may be writing to: not the one that is on its way."""
+    if not file.is_file():
+        return []
+    whole = file.read_text(encoding="utf-8").rpartition("\n")[0]
+    return list(csv.DictReader(whole.splitlines()))

@@ -1,0 +1,79 @@
+"""What made a results file: command, versions, SUMO's steps, machine, and the time it took."""
+
+import json
+import os
+import platform
+import shlex
+import sys
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from drl_av.config import Config, from_toml
+from drl_av.errors import DrlAvError
+from drl_av.studies.files import write_whole
+
+PACKAGES = ("drl-av", "libsumo", "torch", "numpy", "gymnasium")
+INTEGRATION = "semi-implicit Euler"
+"""SUMO's default, which no setting changes."""
+
+
+def provenance(config: Config, **facts: Any) -> dict[str, Any]:
+    """Everything about this process that a results file depends on, and the caller's own facts."""
+    return {
+        "command": shlex.join(["drl-av", *sys.argv[1:]]),
+        "date": datetime.now(UTC).date().isoformat(),
+        "python": platform.python_version(),
+        **{package: version(package) for package in PACKAGES},
+        "step_length_s": config.simulation.step_length_s,
+        "integration": INTEGRATION,
+        "machine": machine(),
+        **facts,
+    }
+
+
+def machine() -> str:
+    """Processor, number of cores, and operating system."""
+    model = platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.is_file():
+        lines = cpuinfo.read_text(encoding="utf-8").splitlines()
+        names = [line.partition(":")[2].strip() for line in lines if "model name" in line]
+        model = next(iter(names), model)
+    return f"{model}, {os.cpu_count()} cores, {platform.system()}"
+
+
+def sidecar(table: Path) -> Path:
+    """The file that says what made a table: ``curves.csv`` has ``curves.json`` beside it."""
+    return table.with_suffix(".json")
+
+
+def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
+    """Write it whole or not at all; raises DrlAvError where the disk refuses."""
+    write_whole(sidecar(table), json.dumps(facts, indent=2).encode() + b"\n")
+
+
+def read_sidecar(table: Path) -> dict[str, Any]:
+    """What made the table, nothing where there is none yet; raises DrlAvError."""
+    path = sidecar(table)
+    if not path.exists():
+        return {}
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise DrlAvError(f"{path} cannot be read ({error}): put back what was there.") from error
+    if not isinstance(facts, dict):
+        raise DrlAvError(f"{path} holds no provenance: put back what was there.")
+    return facts
+
+
+def stored_config(settings: dict[str, Any], name: str) -> Config:
+    """The config a table was made with; settings younger than the table take their defaults.
+
+    Raises:
+        ConfigError: it holds settings that this version does not know.
+    """
+    return from_toml(tomli_w.dumps(settings), name=name)

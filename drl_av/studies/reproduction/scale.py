@@ -1,0 +1,51 @@
+"""What ``drl-av reproduce`` is asked for, and what its experiments tell meanwhile."""
+
+from collections.abc import Callable, Generator
+from pathlib import Path
+from typing import NamedTuple
+
+from drl_av.config import Config
+
+EXPERIMENTS = {
+    "curves": "learning curves: with and without the check, two buffers and prioritized replay",
+}
+"""What there is to reproduce."""
+VARIANTS = ("paper", "permit_all", "prioritized")
+"""The trainings that the learning curves compare."""
+ENGINES = ("loky", "ray")
+"""What spreads the trainings over processes."""
+
+
+class Scale(NamedTuple):
+    """How much of it is made, with what, and where to."""
+
+    variants: tuple[str, ...] = VARIANTS
+    seeds: int = 5
+    """Trainings of each variant."""
+    episodes: int = 3000
+    """Episodes of each training, of a schedule of ``config.learning.episodes``."""
+    full_seeds: int = 1
+    """Trainings of each variant that go on to the end of the schedule."""
+    drives: int = 100
+    """Evaluation episodes of each driver at each number of vehicles."""
+    jobs: int = 2
+    engine: str = "loky"
+    runs: Path = Path("runs/reproduce")
+    """Folder of the trainings' own folders: working state, from which they go on."""
+    out: Path = Path("docs/results")
+    """Folder of the CSV files, their provenance and the figures."""
+    config: Config = Config()
+
+
+class Progress(NamedTuple):
+    """Where an experiment is."""
+
+    done: int
+    total: int
+    told: str = ""
+    """What stands beside the bar."""
+    line: str = ""
+    """What is said once; empty for nothing."""
+
+
+Experiment = Callable[[Scale], Generator[Progress, None, None]]
