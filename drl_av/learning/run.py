@@ -11,8 +11,8 @@ from dataclasses import astuple, fields
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import Config, load_config
-from drl_av.errors import CheckpointError, RunError
+from drl_av.config import Config, from_toml, load_config
+from drl_av.errors import CheckpointError, ConfigError, RunError
 from drl_av.learning import checkpoint
 from drl_av.learning.training import EpisodeRow, EvaluationRow, Training
 
@@ -109,7 +109,7 @@ class Run:
         }
         if self.checkpoint_file.exists():
             tensors, numbers = checkpoint.load(self.checkpoint_file)
-            if numbers.get("kind") != "training" or numbers["config"] != training.config.to_toml():
+            if numbers.get("kind") != "training" or not _fits(numbers["config"], training.config):
                 raise CheckpointError(
                     f"{self.checkpoint_file} belongs to other settings than {self.config_file}: "
                     "put back the config.toml of that training, or begin a new run."
@@ -148,6 +148,14 @@ class Run:
         """Add a row to one of the CSV files; raises RunError where the disk refuses."""
         with _told(file), file.open("ab") as stream:
             stream.write(_line(astuple(row)))
+
+
+def _fits(stored: str, config: Config) -> bool:
+    """Whether they are the same settings; those younger than the checkpoint had their defaults."""
+    try:
+        return from_toml(stored) == config
+    except ConfigError:
+        return False
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from drl_av.cli import main
 from drl_av.config import load_config
 from drl_av.errors import RunError
 from drl_av.learning import run as module
-from drl_av.learning.checkpoint import load, load_policy
+from drl_av.learning.checkpoint import load, load_policy, save
 from drl_av.learning.run import Run
 
 EPISODES = 9
@@ -261,6 +261,26 @@ def test_checkpoint_of_another_config_is_refused(
 ) -> None:
     config = load_config(copy / "config.toml").updated("learning", seed=3)
     (copy / "config.toml").write_text(config.to_toml())
+    assert main(command(copy, "--resume")) == 1
+    assert "belongs to other settings" in one_sentence(capsys.readouterr().err)
+
+
+def test_checkpoint_older_than_a_setting_goes_on_with_its_default(copy: Path) -> None:
+    file = copy / "checkpoint.safetensors"
+    tensors, numbers = load(file)
+    young = "collision_fraction = 0.25\n"
+    assert young in numbers["config"]
+    save(file, tensors, numbers | {"config": numbers["config"].replace(young, "")})
+    (copy / "config.toml").write_text((copy / "config.toml").read_text().replace(young, ""))
+    assert main(command(copy, "--resume")) == 0
+
+
+def test_checkpoint_with_a_setting_that_nobody_knows_is_refused(
+    copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = copy / "checkpoint.safetensors"
+    tensors, numbers = load(file)
+    save(file, tensors, numbers | {"config": numbers["config"] + "forgotten = 1\n"})
     assert main(command(copy, "--resume")) == 1
     assert "belongs to other settings" in one_sentence(capsys.readouterr().err)
 
