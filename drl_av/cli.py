@@ -149,7 +149,7 @@ def _reproduce(options: argparse.Namespace) -> int:
     from drl_av.studies.reproduction.scale import Scale
 
     asked = {name: value for name, value in vars(options).items() if name in Scale._fields}
-    scale = Scale(**asked | {"config": load_config(options.config, preset("paper"))})
+    scale = Scale(**asked)
     try:
         for name in options.experiments or EXPERIMENTS:
             with progress_bar(name, 0) as bar, closing(EXPERIMENTS[name](scale)) as experiment:

@@ -290,7 +290,9 @@ def _reproduce(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, default=usual.out, metavar="DIR", help="folder of the results"
     )
-    parser.add_argument("--config", metavar="FILE.toml", help="settings laid over the paper's")
+    parser.add_argument(
+        "--config", metavar="FILE.toml", help="settings as TOML, laid over the paper's"
+    )
 
 
 _VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {

@@ -1,7 +1,5 @@
 """Learning curves: Algorithm 1 with and without the check, and with another replay (Fig. 7, 9)."""
 
-import csv
-import io
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import asdict
@@ -11,11 +9,11 @@ from typing import Any
 
 from drl_av.config import Config
 from drl_av.errors import DrlAvError
-from drl_av.studies.files import require_writable, write_whole
+from drl_av.studies.files import require_writable
+from drl_av.studies.reproduction.convergence import convergence
 from drl_av.studies.reproduction.engines import ENGINES
 from drl_av.studies.reproduction.legs import (
     Leg,
-    Row,
     drive_leg,
     episodes_driven,
     rows_of,
@@ -29,6 +27,7 @@ from drl_av.studies.reproduction.provenance import (
     write_sidecar,
 )
 from drl_av.studies.reproduction.scale import VARIANTS, Progress, Scale
+from drl_av.studies.reproduction.tables import Row, read_rows, write_rows
 
 CHANGES: dict[str, dict[str, dict[str, Any]]] = {
     "paper": {},
@@ -36,7 +35,7 @@ CHANGES: dict[str, dict[str, dict[str, Any]]] = {
     "prioritized": {"learning": {"replay": "prioritized"}},
 }
 """What each variant changes in the config."""
-TABLE = "curves.csv"
+TABLE, SUMMARY = "curves.csv", "convergence.csv"
 Training = tuple[str, int]
 """A variant and a seed."""
 
@@ -107,32 +106,16 @@ def _by_training(rows: Iterable[Row]) -> dict[Training, list[Row]]:
     return {key: [group[e] for e in sorted(group)] for key, group in groups.items()}
 
 
-def read_rows(table: Path) -> list[Row]:
-    """The rows of a CSV file as text; none where there is no file."""
-    if not table.exists():
-        return []
-    with table.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
-def write_rows(table: Path, rows: Sequence[Row]) -> None:
-    """Write the CSV file whole or not at all; raises DrlAvError where the disk refuses."""
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_whole(table, text.getvalue().encode())
-
-
 def _legs(scale: Scale) -> list[Leg]:
     """Every training with the last episode that is asked of it."""
-    schedule = scale.config.learning.episodes
+    config = scale.over(Config())
+    schedule = config.learning.episodes
     return [
         Leg(
             variant,
             seed,
             schedule if seed < scale.full_seeds else min(scale.episodes, schedule),
-            variant_config(scale.config, variant, seed),
+            variant_config(config, variant, seed),
             scale.runs / f"{variant}-{seed}",
         )
         for seed, variant in product(range(scale.seeds), scale.variants)
@@ -171,9 +154,10 @@ def _progress(goals: Sequence[Leg], table: Path) -> Progress:
 
 
 def _require_same_settings(scale: Scale, table: Path) -> None:
+    config = scale.over(Config())
     for variant, settings in read_sidecar(table).get("settings", {}).items():
         made = stored_config(settings, str(sidecar(table)))
-        if variant not in VARIANTS or made != variant_config(scale.config, variant):
+        if variant not in VARIANTS or made != variant_config(config, variant):
             raise DrlAvError(
                 f"{table} holds {variant} trained with other settings: choose another folder "
                 "with --out, or move the file away to train all anew."
@@ -188,8 +172,11 @@ def _collect(scale: Scale, goals: Sequence[Leg], table: Path) -> None:
     if not rows or rows == stored:
         return
     write_rows(table, rows)
+    config = scale.over(Config())
+    each = config.learning.evaluation_episodes
+    write_rows(table.with_name(SUMMARY), convergence(rows, each))
     facts = read_sidecar(table)
-    write_sidecar(table, provenance(scale.config, **_facts(scale, goals, facts)))
+    write_sidecar(table, provenance(config, **_facts(scale, goals, facts)))
 
 
 def _facts(scale: Scale, goals: Sequence[Leg], facts: dict[str, Any]) -> dict[str, Any]:
@@ -197,7 +184,8 @@ def _facts(scale: Scale, goals: Sequence[Leg], facts: dict[str, Any]) -> dict[st
     for leg in goals:
         if (seconds := wall_time_s(leg.clock)) is not None:
             times[leg.folder.name] = max(times.get(leg.folder.name, 0.0), round(seconds, 1))
-    configs = {variant: variant_config(scale.config, variant) for variant in scale.variants}
+    config = scale.over(Config())
+    configs = {variant: variant_config(config, variant) for variant in scale.variants}
     return {
         "engine": scale.engine,
         "processes": scale.jobs,

@@ -2,6 +2,7 @@
 
 from drl_av.studies.reproduction.curves import curves
 from drl_av.studies.reproduction.scale import Experiment
+from drl_av.studies.reproduction.speeds import speeds
 
-EXPERIMENTS: dict[str, Experiment] = {"curves": curves}
+EXPERIMENTS: dict[str, Experiment] = {"curves": curves, "speeds": speeds}
 """Those of ``scale.EXPERIMENTS``, which tells what they are."""

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 from drl_av.config import Config
 from drl_av.errors import RunError
-
-Row = dict[str, str]
+from drl_av.studies.reproduction.tables import Row
 
 
 class Leg(NamedTuple):

@@ -4,10 +4,11 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import Config
+from drl_av.config import Config, load_config
 
 EXPERIMENTS = {
     "curves": "learning curves: with and without the check, two buffers and prioritized replay",
+    "speeds": "mean speed against the number of vehicles, to where the drivers meet",
 }
 """What there is to reproduce."""
 VARIANTS = ("paper", "permit_all", "prioritized")
@@ -34,7 +35,12 @@ class Scale(NamedTuple):
     """Folder of the trainings' own folders: working state, from which they go on."""
     out: Path = Path("docs/results")
     """Folder of the CSV files, their provenance and the figures."""
-    config: Config = Config()
+    config: str | None = None
+    """TOML file of settings that are laid over those of each experiment."""
+
+    def over(self, config: Config) -> Config:
+        """An experiment's settings as they are asked for; raises ConfigError."""
+        return load_config(self.config, config)
 
 
 class Progress(NamedTuple):

@@ -1,0 +1,110 @@
+"""What the learning curves come to: their ends, with intervals, and since when they are there."""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from drl_av.studies.evaluation import Mean, mean_with_interval
+from drl_av.studies.reproduction.tables import Row
+from drl_av.traffic.ring import FloatArray
+
+SMOOTHED_OVER = 5
+"""Evaluations in the moving mean that convergence is looked for in."""
+END = 0.1
+"""Share of a curve that is its end."""
+NEAR = 0.1
+"""Share of the way from its first value to its end, within which a curve has converged."""
+
+
+class Curve(NamedTuple):
+    """One column of one variant's evaluations, as far as every seed has got."""
+
+    episodes: list[int]
+    values: FloatArray
+    """A row a seed, a column an episode."""
+
+    @property
+    def means(self) -> list[Mean]:
+        """Mean over the seeds at each episode, with its 95 % interval."""
+        return [mean_with_interval(column) for column in self.values.T]
+
+    @property
+    def end(self) -> Mean:
+        """Mean over the seeds of what each comes to in the last tenth of the evaluations."""
+        count = _end_of(len(self.episodes))
+        return mean_with_interval(self.values[:, -count:].mean(axis=1))
+
+
+def curve(rows: Iterable[Row], variant: str, column: str) -> Curve:
+    """The curve of a variant; empty where there is none."""
+    seeds: dict[str, dict[int, float]] = {}
+    for row in rows:
+        if row["variant"] == variant:
+            seeds.setdefault(row["seed"], {})[int(row["episode"])] = float(row[column])
+    shared = set.intersection(*map(set, seeds.values())) if seeds else set()
+    episodes = sorted(shared)
+    return Curve(episodes, np.array([[seed[e] for e in episodes] for seed in seeds.values()]))
+
+
+def converged_at(episodes: Sequence[int], values: Sequence[float]) -> int:
+    """The first episode from which on the curve stays near its end.
+
+    The curve is smoothed by a centred moving mean over five evaluations, fewer at its ends; its
+    end is the mean of its last tenth; near is within 10 % of the way from its first value to its
+    end. Only the last tenth may stray again: it makes up the end.
+    """
+    smooth = smoothed(values)
+    count = _end_of(len(values))
+    end = float(np.mean(values[-count:]))
+    away = np.abs(smooth - end) > NEAR * abs(end - smooth[0])
+    strays = np.flatnonzero(away[: len(values) - count])
+    return episodes[int(strays[-1]) + 1] if len(strays) else episodes[0]
+
+
+def smoothed(values: Sequence[float], over: int = SMOOTHED_OVER) -> FloatArray:
+    """Centred moving mean over an odd number of values, over those there are at the ends."""
+    half = over // 2
+    return np.array(
+        [np.mean(values[max(0, place - half) : place + half + 1]) for place in range(len(values))]
+    )
+
+
+def _end_of(count: int) -> int:
+    return max(1, round(END * count))
+
+
+COLUMNS = {
+    "reward": "mean_reward",
+    "mean_speed_m_s": "mean_speed_m_s",
+    "collisions_an_episode": "collisions",
+    "ego_hits_an_episode": "ego_hits",
+    "training_collisions_an_episode": "training_collisions",
+}
+"""What ends are told of, and the column of ``curves.csv`` that holds it."""
+
+
+def convergence(rows: Sequence[Row], evaluation_episodes: int) -> list[Row]:
+    """A row a variant: since when it is near its end, and its end with the 95 % half-widths."""
+    return [
+        _summary(rows, variant, evaluation_episodes)
+        for variant in dict.fromkeys(row["variant"] for row in rows)
+    ]
+
+
+def _summary(rows: Sequence[Row], variant: str, evaluation_episodes: int) -> Row:
+    reward = curve(rows, variant, "mean_reward")
+    means = [mean.value for mean in reward.means]
+    summary = {
+        "variant": variant,
+        "seeds": str(len(reward.values)),
+        "episodes": str(reward.episodes[-1]),
+        "converged_at": str(converged_at(reward.episodes, means)),
+    }
+    for name, column in COLUMNS.items():
+        counted = column in ("collisions", "ego_hits")
+        end = curve(rows, variant, column).end
+        divisor = evaluation_episodes if counted else 1
+        summary[name] = f"{end.value / divisor:.6g}"
+        summary[f"{name}_ci95"] = f"{end.half_width / divisor:.6g}"
+    return summary
