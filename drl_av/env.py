@@ -161,7 +161,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         if collision is None and self.scene.seen.touched:
             collision = overlapping(snapshot, self.road)
         self.decisions += 1
-        target = desired(self.scene.seen, self.config.reward, self.config.safety.minimum_gap_m)
+        target = desired(self.scene.seen, self.config.reward, self.config.safety)
         terms = rewards(
             self.scene.seen, target, self.config.reward, self.config.safety.minimum_gap_m
         )

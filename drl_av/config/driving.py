@@ -54,10 +54,10 @@ class RewardConfig(Section):
     collision_reward: float = setting(-3.0, "ours", "r_col", low=-1000, high=0)
     safe_headway_s: float = setting(1.3, "Sec. IV-C", "headway behind d_safe", low=0.1, high=10)
     catch_up_time_s: float = setting(
-        3.0, "ours", "time in which a gap ahead may be closed", low=1, high=60
+        8.0, "ours", "time in which a gap ahead may be closed", low=1, high=60
     )
     worthwhile_gain_m_s: float = setting(
-        1.5, "ours", "speed another lane must offer above the own one", low=0, high=30
+        3.0, "ours", "speed another lane must offer above the own one", low=0, high=30
     )
 
 

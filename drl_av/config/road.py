@@ -51,9 +51,9 @@ class TrafficConfig(Section):
     acceleration_min_m_s2: float = setting(1.0, "ours", "weakest IDM accel", low=0.1, high=10)
     acceleration_max_m_s2: float = setting(2.0, "ours", "strongest IDM accel", low=0.1, high=10)
     speed_gain_min: float = setting(0.0, "ours", "least lane-change eagerness", low=0, high=100)
-    speed_gain_max: float = setting(2.0, "ours", "most lane-change eagerness", low=0, high=100)
+    speed_gain_max: float = setting(0.0, "ours", "most; 0: changes at random only", low=0, high=100)
     random_lane_changes_per_s: float = setting(
-        0.005, "ours", "rate at which a vehicle asks for a random lane change", low=0, high=1
+        0.002, "ours", "rate at which a vehicle asks for a random lane change", low=0, high=1
     )
     lane_evenness: float = setting(
         2.0, "ours", "how evenly the lanes are used; large is even", low=0.01, high=1000

@@ -3,8 +3,9 @@
 import math
 from typing import NamedTuple
 
-from drl_av.config import RewardConfig
+from drl_av.config import RewardConfig, SafetyConfig
 from drl_av.driving.affordances import Affordances
+from drl_av.driving.safety import lane_is_clear
 
 
 class Desired(NamedTuple):
@@ -65,22 +66,22 @@ def attainable_speed(
     return min(config.desired_speed_m_s, leader_m_s + max(0.0, spare_m) / config.catch_up_time_s)
 
 
-def desired(seen: Affordances, config: RewardConfig, minimum_gap_m: float) -> Desired:
+def desired(seen: Affordances, config: RewardConfig, safety: SafetyConfig) -> Desired:
     """The desired speed and lateral position in this traffic, a function of the indicators.
 
     ``fixed``: the two numbers of the config. ``traffic``: the speed that the own lane allows, and
     the centre of the best lane, the nearest of equally good ones; another lane than the own is
-    better only from ``worthwhile_gain_m_s`` on.
+    better only from ``worthwhile_gain_m_s`` on, and only where rule 3 lets the ego into it.
     """
     if config.desired == "fixed":
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)
-    own = attainable_speed(seen, 0, config, minimum_gap_m)
+    own = attainable_speed(seen, 0, config, safety.minimum_gap_m)
     best, sign = own + config.worthwhile_gain_m_s, 0
     nearer = 1 if seen.ego_y_m >= seen.lane_center_m else -1
     for side in (nearer, -nearer):
         if seen.has_lane(side):
-            there = attainable_speed(seen, side, config, minimum_gap_m)
-            if there > best:
+            there = attainable_speed(seen, side, config, safety.minimum_gap_m)
+            if there > best and lane_is_clear(seen, seen.lane + side, safety):
                 best, sign = there, side
     return Desired(own, seen.lane_center_m + sign * seen.lane_width_m)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from drl_av.config import SafetyConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
-from drl_av.driving.affordances import Neighbor
+from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.driving.maneuver import Scene, steered
 
 
@@ -100,17 +100,17 @@ def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> t
         return proposed, Rule.NONE
     if not seen.has_lane(wanted.target - seen.lane):
         return Lateral.KEEP, Rule.OFF_ROAD
-    if lane_is_clear(scene, wanted.target, config):
+    if lane_is_clear(seen, wanted.target, config):
         return proposed, Rule.NONE
     if scene.lane_change is None:
         return Lateral.KEEP, Rule.LANE_CHANGE
-    goes_back = lane_is_clear(scene, wanted.origin, config) or wanted.origin == seen.lane
+    goes_back = lane_is_clear(seen, wanted.origin, config) or wanted.origin == seen.lane
     return (toward(-wanted.sign), Rule.LANE_CHANGE) if goes_back else (proposed, Rule.NONE)
 
 
-def lane_is_clear(scene: Scene, lane: int, config: SafetyConfig) -> bool:
+def lane_is_clear(seen: Affordances, lane: int, config: SafetyConfig) -> bool:
     """Rule 3: eq. 2 holds for the vehicle ahead and for front and rear of the target lane."""
-    seen, sign = scene.seen, lane - scene.seen.lane
+    sign = lane - seen.lane
     rear = seen.rear(sign)
     fronts_clear = all(
         front is None or gap_condition(front.gap_m, closing_speed(front), config)

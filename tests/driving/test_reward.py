@@ -20,7 +20,7 @@ from worlds import (
     scenes,
 )
 
-from drl_av.config import RewardConfig
+from drl_av.config import RewardConfig, SafetyConfig
 from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.driving.maneuver import Scene
 from drl_av.driving.reward import (
@@ -36,13 +36,14 @@ from drl_av.driving.reward import (
 
 TRAFFIC = RewardConfig(catch_up_time_s=8.0, worthwhile_gain_m_s=1.0)
 FIXED = RewardConfig(desired="fixed")
-MINIMUM_GAP_M = 15.0
+SAFETY = SafetyConfig()
+MINIMUM_GAP_M = SAFETY.minimum_gap_m
 SPEEDS = st.floats(0, 60)
 
 
 def wanted_by(world: Scene) -> tuple[float, float]:
     """Speed and lateral position that the traffic lets the ego wish for."""
-    return tuple(desired(world.seen, TRAFFIC, MINIMUM_GAP_M))
+    return tuple(desired(world.seen, TRAFFIC, SAFETY))
 
 
 @pytest.mark.parametrize(
@@ -89,7 +90,7 @@ def test_safe_gap_is_1_3_s_of_headway_but_at_least_15_m(speed: float, gap: float
 
 @given(scenes(), st.sampled_from([TRAFFIC, FIXED]))
 def test_every_term_lies_between_minus_one_and_zero(world: Scene, config: RewardConfig) -> None:
-    target = desired(world.seen, config, MINIMUM_GAP_M)
+    target = desired(world.seen, config, SAFETY)
     terms = rewards(world.seen, target, config, MINIMUM_GAP_M)
     assert all(-1 <= term <= 0 for term in (*terms, terms.total))
     assert terms.total == pytest.approx(sum(terms) / 3)
@@ -125,7 +126,7 @@ def test_without_a_vehicle_ahead_the_gap_costs_nothing() -> None:
 
 def test_fixed_desired_values_are_30_m_s_in_the_centre_lane_whatever_the_traffic() -> None:
     world = scene(ahead(16, CENTER, 14.0), y_m=RIGHT)
-    assert desired(world.seen, FIXED, MINIMUM_GAP_M) == Desired(30.0, 3.8)
+    assert desired(world.seen, FIXED, SAFETY) == Desired(30.0, 3.8)
 
 
 @pytest.mark.parametrize(
@@ -188,11 +189,27 @@ def test_past_the_line_the_speed_of_the_new_lane_is_wanted() -> None:
 def test_a_lane_that_is_none_is_not_wanted_however_free() -> None:
     # 20 m behind a leader at 12 m/s: 15.6 m are safe, 4.4 m in 8 s are 0.55 m/s
     free_at_the_right = (ahead(20, CENTER, 12.0), ahead(20, LEFT, 12.0))
-    assert wanted_by(scene(*free_at_the_right)) == pytest.approx((12.55, RIGHT))
-    barricaded = scene(*free_at_the_right, road=BARRICADED_ROAD)
+    assert wanted_by(scene(*free_at_the_right, speed_m_s=12.0)) == pytest.approx((12.55, RIGHT))
+    barricaded = scene(*free_at_the_right, speed_m_s=12.0, road=BARRICADED_ROAD)
     assert wanted_by(barricaded) == pytest.approx((12.55, CENTER))
-    at_the_left_edge = scene(*free_at_the_right, y_m=LEFT)
+    at_the_left_edge = scene(*free_at_the_right, speed_m_s=12.0, y_m=LEFT)
     assert wanted_by(at_the_left_edge) == pytest.approx((12.55, LEFT))
+
+
+@pytest.mark.parametrize(
+    ("rear_m", "rear", "front_m", "lane"),
+    [
+        (22, 22, 30, LEFT),  # 22 - 3 * 2 = 16 m, and 15 are the least
+        (20, 22, 30, CENTER),  # 14 m
+        (20, 20, 30, LEFT),  # as near, but not closing
+        (22, 22, 15, CENTER),  # too near to the vehicle ahead to leave its lane
+    ],
+)
+def test_a_lane_that_rule_3_bars_is_not_wanted(
+    rear_m: float, rear: float, front_m: float, lane: float
+) -> None:
+    world = scene(ahead(front_m, CENTER, 20.0), behind(rear_m, LEFT, rear), ahead(5, RIGHT))
+    assert wanted_by(world)[1] == pytest.approx(lane)
 
 
 def seen_again(vector: np.ndarray) -> Affordances:
@@ -215,13 +232,14 @@ def test_desired_values_are_a_function_of_the_observation_alone(world: Scene) ->
     again = seen_again(world.seen.vector())
     for sign in (1, -1):
         assume(again.has_lane(sign) is world.seen.has_lane(sign))
-    wanted = desired(world.seen, TRAFFIC, MINIMUM_GAP_M)
+    wanted = desired(world.seen, TRAFFIC, SAFETY)
     for neighbor in world.seen[:6]:  # one alongside at the ego's own velocity looks like a wall
         assume(neighbor is None or any((neighbor[1], neighbor[2], neighbor[4])))
-    assert tuple(desired(again, TRAFFIC, MINIMUM_GAP_M)) == pytest.approx(tuple(wanted))
+    assert tuple(desired(again, TRAFFIC, SAFETY)) == pytest.approx(tuple(wanted))
 
 
 def test_desired_lane_is_within_reach_of_one_lane_change() -> None:
     # the left lane is free, two lanes over: from the right one the ego cannot see it
-    world = scene(ahead(20, RIGHT, 10.0), ahead(25, CENTER, 10.0), y_m=RIGHT)
+    slow = (ahead(20, RIGHT, 10.0), ahead(25, CENTER, 10.0))
+    world = scene(*slow, y_m=RIGHT, speed_m_s=10.0)
     assert wanted_by(world)[1] == pytest.approx(RIGHT)

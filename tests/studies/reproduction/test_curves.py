@@ -5,6 +5,7 @@ import os
 import shutil
 import signal
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -102,9 +103,7 @@ def test_killed_worker_is_begun_again_at_its_checkpoint_and_nothing_counts_twice
     for name in ("paper-0", "paper-1"):
         assert files_of(tmp_path / "runs" / name) == files_of(undisturbed / "runs" / name)
     assert (told[-1].done, told[-1].total) == (12 + 6, 12 + 6)
-    assert all(
-        earlier.done <= later.done + 1 for earlier, later in zip(told, told[1:], strict=False)
-    )
+    assert all(earlier.done <= later.done + 1 for earlier, later in pairwise(told))
 
 
 def test_the_table_has_every_evaluation_once_and_says_what_made_it(undisturbed: Path) -> None:
