@@ -6,6 +6,8 @@ from drl_av.settings import Section, setting
 
 SAFETY_CHECKS = ("permit_all", "paper")
 DESIRED_VALUES = ("traffic", "fixed")
+LATERAL_PLANTS = ("kinematic", "steering")
+LONGITUDINAL_REFERENCES = ("acceleration", "idm", "acc")
 
 
 @dataclass(frozen=True)
@@ -17,6 +19,39 @@ class EgoConfig(Section):
     brake_m_s2: float = setting(2.0, "Sec. IV-A", "a_1, braking", low=0.1, high=10)
     hard_brake_m_s2: float = setting(4.0, "Sec. IV-A", "a_2, braking", low=0.1, high=10)
     lane_change_duration_s: float = setting(5.0, "Table I", "T_LC", low=1, high=20)
+    lateral_plant: str = setting(
+        "kinematic",
+        "Sec. IV-A",
+        "how a lane change moves the ego: at a constant lateral speed, or steered (Sec. III)",
+        choices=LATERAL_PLANTS,
+    )
+    max_curvature_per_m: float = setting(
+        0.2, "ours", "steering: sharpest turn, one of 5 m radius", low=0.01, high=1
+    )
+    max_lateral_acceleration_m_s2: float = setting(
+        2.0, "ours", "steering: most that an abort may take", low=0.1, high=10
+    )
+    steering_interval_s: float = setting(
+        0.05, "ours", "steering: longest time between two curvature commands", low=0.001, high=0.1
+    )
+    longitudinal_reference: str = setting(
+        "acceleration",
+        "Sec. III",
+        "what maintain and accelerate mean: the numbers above, or a model that follows",
+        choices=LONGITUDINAL_REFERENCES,
+    )
+    reference_headway_s: float = setting(
+        1.3, "ours", "idm, acc: time gap; the headway behind d_safe", low=0.1, high=10
+    )
+    reference_standstill_gap_m: float = setting(
+        2.5, "ours", "idm, acc: gap at standstill, SUMO's minGap", low=0, high=20
+    )
+    acc_gap_gain_per_s: float = setting(
+        0.4, "ours", "acc: lambda, rate at which an error in the gap fades", low=0.01, high=10
+    )
+    acc_speed_gain_per_s: float = setting(
+        0.4, "ours", "acc: rate at which an error in the speed fades", low=0.01, high=10
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -8,24 +8,10 @@ import numpy.typing as npt
 from drl_av.config import EgoConfig, MobilConfig, SafetyConfig
 from drl_av.driving.actions import Action, Lateral, toward
 from drl_av.driving.affordances import Affordances, Neighbor
+from drl_av.driving.car_following import idm_acceleration
 from drl_av.driving.drivers.rules import idm_action
 from drl_av.driving.maneuver import Scene
 from drl_av.traffic.snapshot import EGO
-
-
-def idm_acceleration(
-    speed_m_s: float, desired_m_s: float, gap_m: float, closing_m_s: float, config: MobilConfig
-) -> float:
-    """The intelligent driver model (Treiber et al. 2000), m/s^2; ``gap_m`` inf on a free road."""
-    wanted_gap_m = config.standstill_gap_m + max(
-        0.0,
-        speed_m_s * config.headway_s
-        + speed_m_s
-        * closing_m_s
-        / (2 * math.sqrt(config.acceleration_m_s2 * config.comfortable_braking_m_s2)),
-    )
-    interaction = (wanted_gap_m / max(gap_m, 0.01)) ** 2
-    return config.acceleration_m_s2 * (1 - (speed_m_s / desired_m_s) ** 4 - interaction)
 
 
 class MobilDriver:

@@ -1,0 +1,119 @@
+"""Following the vehicle ahead: what carries out a longitudinal decision (Sec. III).
+
+The paper gives each longitudinal action a number, or takes "the reference for the throttle or
+brake controller" from the intelligent driver model or adaptive cruise control. Under either of
+them (ours, where the paper says no more) *accelerate* follows the model towards the ego's highest
+speed and *maintain* towards the speed at which the decision finds it, so that on a free road both
+mean what they say; *brake* and *hard brake*, which the safety check needs, keep their numbers.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from drl_av.config import EgoConfig, MobilConfig, SimulationConfig
+from drl_av.driving.actions import Longitudinal
+from drl_av.driving.affordances import Affordances
+
+
+class Idm(NamedTuple):
+    """Parameters of the intelligent driver model."""
+
+    headway_s: float
+    standstill_gap_m: float
+    acceleration_m_s2: float
+    comfortable_braking_m_s2: float
+
+
+def idm_acceleration(
+    speed_m_s: float,
+    desired_m_s: float,
+    gap_m: float,
+    closing_m_s: float,
+    config: Idm | MobilConfig,
+) -> float:
+    """The intelligent driver model (Treiber et al. 2000), m/s^2; ``gap_m`` inf on a free road."""
+    wanted_gap_m = config.standstill_gap_m + max(
+        0.0,
+        speed_m_s * config.headway_s
+        + speed_m_s
+        * closing_m_s
+        / (2 * math.sqrt(config.acceleration_m_s2 * config.comfortable_braking_m_s2)),
+    )
+    interaction = (wanted_gap_m / max(gap_m, 0.01)) ** 2
+    return config.acceleration_m_s2 * (1 - (speed_m_s / desired_m_s) ** 4 - interaction)
+
+
+def acc_acceleration(
+    speed_m_s: float, desired_m_s: float, gap_m: float, closing_m_s: float, ego: EgoConfig
+) -> float:
+    """Adaptive cruise control, m/s^2: the lesser of its two modes; ``gap_m`` inf on a free road.
+
+    Speed control k (v_des - v); gap control (-closing + lambda (d - d_0 - h v)) / h, the constant
+    time-gap law (Rajamani, Vehicle Dynamics and Control, ch. 6).
+    """
+    towards_desired = ego.acc_speed_gain_per_s * (desired_m_s - speed_m_s)
+    headway_s = ego.reference_headway_s
+    spare_m = gap_m - ego.reference_standstill_gap_m - headway_s * speed_m_s
+    towards_gap = (ego.acc_gap_gain_per_s * spare_m - closing_m_s) / headway_s
+    return min(towards_desired, towards_gap)
+
+
+def reference_speeds(
+    seen: Affordances, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
+) -> Iterator[float]:
+    """The ego's speed at the end of each SUMO step of a decision, within [0, max_speed_m_s].
+
+    A model looks again at each SUMO step, as far as the decision knows what is there: the vehicle
+    ahead keeps its speed. It never accelerates or brakes harder than the ego's own actions do.
+    """
+    braking = action in (Longitudinal.BRAKE, Longitudinal.HARD_BRAKE)
+    if braking or ego.longitudinal_reference == "acceleration":
+        return _by_number(seen.ego_speed_m_s, action, ego, simulation)
+    return _by_model(seen, action, ego, simulation)
+
+
+def _by_number(
+    speed_m_s: float, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
+) -> Iterator[float]:
+    """The point mass (eq. 4) at a constant acceleration."""
+    acceleration = action.acceleration_m_s2(ego)
+    for step in range(1, simulation.steps_per_decision + 1):
+        yield _bounded(speed_m_s + acceleration * step * simulation.step_length_s, ego)
+
+
+def _by_model(
+    seen: Affordances, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
+) -> Iterator[float]:
+    speed, step_s = seen.ego_speed_m_s, simulation.step_length_s
+    desired = ego.max_speed_m_s if action is Longitudinal.ACCELERATE else speed
+    front = seen.own_front
+    gap_m = math.inf if front is None else front.gap_m
+    front_speed = speed if front is None else speed + front.relative_speed_m_s
+    for _ in range(simulation.steps_per_decision):
+        wanted = model_acceleration(speed, desired, gap_m, speed - front_speed, ego)
+        acceleration = min(max(wanted, -ego.hard_brake_m_s2), ego.accelerate_m_s2)
+        speed = _bounded(speed + acceleration * step_s, ego)
+        gap_m = max(gap_m - (speed - front_speed) * step_s, 0.0)
+        yield speed
+
+
+def model_acceleration(
+    speed_m_s: float, desired_m_s: float, gap_m: float, closing_m_s: float, ego: EgoConfig
+) -> float:
+    """What ``ego.longitudinal_reference`` names, m/s^2; a standing ego that maintains stands."""
+    if desired_m_s <= 0.0:
+        return 0.0
+    if ego.longitudinal_reference == "acc":
+        return acc_acceleration(speed_m_s, desired_m_s, gap_m, closing_m_s, ego)
+    idm = Idm(
+        ego.reference_headway_s,
+        ego.reference_standstill_gap_m,
+        ego.accelerate_m_s2,
+        ego.brake_m_s2,
+    )
+    return idm_acceleration(speed_m_s, desired_m_s, gap_m, closing_m_s, idm)
+
+
+def _bounded(speed_m_s: float, ego: EgoConfig) -> float:
+    return min(max(speed_m_s, 0.0), ego.max_speed_m_s)
