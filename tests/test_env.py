@@ -309,7 +309,7 @@ def test_what_is_in_progress_is_readable_from_position_and_velocity(env: Highway
             assert y / LANE_M == pytest.approx(round(y / LANE_M), abs=1e-9)
         else:
             right = int(y // LANE_M)
-            assert running == (LaneChange(right, right + 1) if v_y > 0 else (right + 1, right))
+            assert running == LaneChange(*((right, right + 1) if v_y > 0 else (right + 1, right)))
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,13 @@
 """A lane change in progress, and a decision turned into one command a SUMO step."""
 
+import math
 from typing import NamedTuple
 
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral
 from drl_av.driving.affordances import Affordances
+from drl_av.driving.car_following import reference_speeds
+from drl_av.driving.steering import Pose, settled, steer
 from drl_av.traffic.snapshot import Command, Snapshot
 
 
@@ -17,6 +20,8 @@ class LaneChange(NamedTuple):
 
     origin: int
     target: int
+    heading_rad: float = 0.0
+    """Steering plant: angle between the ego and its lane, left positive; atan(v_y / v_x)."""
 
     @property
     def sign(self) -> int:
@@ -25,7 +30,7 @@ class LaneChange(NamedTuple):
 
     def turned(self) -> "LaneChange":
         """The same lane change aborted."""
-        return LaneChange(self.target, self.origin)
+        return LaneChange(self.target, self.origin, self.heading_rad)
 
 
 class Scene(NamedTuple):
@@ -50,27 +55,60 @@ def steered(lane_change: LaneChange | None, lane: int, lateral: Lateral) -> Lane
     return lane_change.turned() if lateral.sign == -lane_change.sign else lane_change
 
 
-def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationConfig) -> Plan:
-    """Turn a decision into commands with the point-mass model (eq. 4 and 5).
+class Sideways(NamedTuple):
+    """Where the ego is across the road after a SUMO step, and what is still in progress."""
 
-    The speed follows the acceleration step by step within [0, max_speed_m_s]; the lateral
-    position moves a lane width in ``lane_change_duration_s`` and stops on the lane's centre.
+    y_m: float
+    lateral_speed_m_s: float
+    lane_change: LaneChange | None
+
+
+def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationConfig) -> Plan:
+    """Turn a decision into commands, one a SUMO step.
+
+    The speed follows the longitudinal reference within [0, max_speed_m_s]; the lateral position
+    follows the lateral plant, and both plants end a lane change on the lane's centre exactly.
     """
-    seen = scene.seen
-    lane_change = steered(scene.lane_change, seen.lane, action.lateral)
-    acceleration = action.longitudinal.acceleration_m_s2(ego)
-    rate_m_s = seen.lane_width_m / ego.lane_change_duration_s
-    y_m, commands = seen.ego_y_m, []
-    for step in range(1, simulation.steps_per_decision + 1):
-        speed = seen.ego_speed_m_s + acceleration * step * simulation.step_length_s
-        lateral_speed = 0.0
-        if lane_change is not None:
-            target_m = lane_change.target * seen.lane_width_m
-            stride_m = rate_m_s * simulation.step_length_s
-            if abs(target_m - y_m) <= stride_m + 1e-6:
-                y_m, lane_change = target_m, None
-            else:
-                y_m += lane_change.sign * stride_m
-                lateral_speed = lane_change.sign * rate_m_s
-        commands.append(Command(min(max(speed, 0.0), ego.max_speed_m_s), y_m, lateral_speed))
-    return Plan(commands, lane_change)
+    lane_change = steered(scene.lane_change, scene.seen.lane, action.lateral)
+    move = _PLANTS[ego.lateral_plant]
+    at = Sideways(scene.seen.ego_y_m, 0.0, lane_change)
+    commands = []
+    for speed in reference_speeds(scene.seen, action.longitudinal, ego, simulation):
+        at = move(at, speed, scene.seen.lane_width_m, ego, simulation.step_length_s)
+        commands.append(Command(speed, at.y_m, at.lateral_speed_m_s))
+    return Plan(commands, at.lane_change)
+
+
+def _kinematic(
+    at: Sideways, speed_m_s: float, lane_width_m: float, ego: EgoConfig, step_s: float
+) -> Sideways:
+    """The paper's point mass (eq. 5): a lane width in T_LC, at a constant lateral speed."""
+    lane_change = at.lane_change
+    if lane_change is None:
+        return Sideways(at.y_m, 0.0, None)
+    target_m = lane_change.target * lane_width_m
+    rate_m_s = lane_width_m / ego.lane_change_duration_s
+    stride_m = rate_m_s * step_s
+    if abs(target_m - at.y_m) <= stride_m + 1e-6:
+        return Sideways(target_m, 0.0, None)
+    sign = lane_change.sign
+    return Sideways(at.y_m + sign * stride_m, sign * rate_m_s, lane_change)
+
+
+def _steering(
+    at: Sideways, speed_m_s: float, lane_width_m: float, ego: EgoConfig, step_s: float
+) -> Sideways:
+    """The steered vehicle (Sec. III); put on the centre as soon as it has settled there."""
+    lane_change = at.lane_change
+    if lane_change is None:
+        return Sideways(at.y_m, 0.0, None)
+    target_m = lane_change.target * lane_width_m
+    pose = Pose(at.y_m, lane_change.heading_rad)
+    pose = steer(pose, target_m, speed_m_s, step_s, lane_width_m, ego)
+    if settled(pose, target_m, speed_m_s, lane_width_m, ego):
+        return Sideways(target_m, 0.0, None)
+    lateral_speed = speed_m_s * math.tan(pose.heading_rad)
+    return Sideways(pose.y_m, lateral_speed, lane_change._replace(heading_rad=pose.heading_rad))
+
+
+_PLANTS = {"kinematic": _kinematic, "steering": _steering}

@@ -1,0 +1,110 @@
+"""The steering feedback law kappa_cmd = f(k_road, e_yoff, e_psi, T_LC, v_ex) of Sec. III, and the
+vehicle that it steers.
+
+The paper names the law's arguments and leaves f open (it cites a lane-change controller). Ours
+follows from two steps.
+
+1. In the frame of the lane, x along it and e = y_target - y to the left, a vehicle of curvature
+   kappa obeys dy/dx = tan(e_psi) and d2y/dx2 = (kappa - k_road) / cos^3(e_psi). With
+   u = d2y/dx2 the path is a double integrator in x, whatever the speed.
+2. Of all paths that end on the centre of the target lane, along it, a length l ahead, the one with
+   the least integral of u^2 is the cubic y(s) = W (3 s^2 - 2 s^3), and the feedback that drives it
+   is u = 6 e / l^2 - 4 tan(e_psi) / l (minimum-energy control of the double integrator). How much
+   of the lane change is left is read off the offset: 3 s^2 - 2 s^3 = 1 - e / W has the closed
+   solution s = 1/2 - sin(asin(2 e / W - 1) / 3), so l = (1 - s) L. Neither a clock nor a reference
+   path has to be remembered, and an abort is the same law towards the other lane.
+
+L = T_LC v_ex is the length of a whole lane change (m), but at least what the largest curvature
+allows: at its beginning, the cubic asks for 6 W / L^2.
+"""
+
+import math
+from typing import NamedTuple
+
+from drl_av.config import EgoConfig
+
+LEAST_LEFT = 0.1
+"""Share of a lane change from which on the law counts no further down: its gains stay finite."""
+SETTLED_OFFSET, SETTLED_SLOPE = 0.005, 0.1
+"""A lane change is over within this share of a lane width, and of the slope W / L (ours)."""
+STRAIGHT = 0.0
+"""k_road of the loop, which stands for an infinite straight road, 1/m."""
+
+
+class Pose(NamedTuple):
+    """Where the ego is across the road, and where it heads."""
+
+    y_m: float
+    heading_rad: float
+    """e_psi: angle between the ego and the lane, left positive."""
+
+
+def curvature_limit(speed_m_s: float, heading_rad: float, ego: EgoConfig) -> float:
+    """Largest curvature at a speed along the lane, 1/m: the steering's, or the lateral limit's."""
+    own_speed = speed_m_s / math.cos(heading_rad)
+    limit, lateral = ego.max_curvature_per_m, ego.max_lateral_acceleration_m_s2
+    return limit if own_speed**2 * limit <= lateral else lateral / own_speed**2
+
+
+def lane_change_length(speed_m_s: float, lane_width_m: float, ego: EgoConfig) -> float:
+    """L: metres along the lane that a lane change takes; T_LC v_ex where that can be steered."""
+    shortest_m = math.sqrt(6 * lane_width_m / curvature_limit(speed_m_s, 0.0, ego))
+    return max(ego.lane_change_duration_s * speed_m_s, shortest_m)
+
+
+def curvature_command(
+    road_curvature_per_m: float,
+    offset_m: float,
+    heading_rad: float,
+    speed_m_s: float,
+    lane_width_m: float,
+    ego: EgoConfig,
+) -> float:
+    """kappa_cmd, 1/m, left positive, within ``curvature_limit``.
+
+    ``offset_m`` is e_yoff, from the ego to the centre it steers to; T_LC is of ``ego``.
+    """
+    offset = min(abs(offset_m) / lane_width_m, 1.0)
+    share_left = 0.5 + math.sin(math.asin(2 * offset - 1) / 3)
+    left_m = max(share_left, LEAST_LEFT) * lane_change_length(speed_m_s, lane_width_m, ego)
+    bend = 6 * offset_m / left_m**2 - 4 * math.tan(heading_rad) / left_m
+    limit = curvature_limit(speed_m_s, heading_rad, ego)
+    wanted = road_curvature_per_m + bend * math.cos(heading_rad) ** 3
+    return min(max(wanted, -limit), limit)
+
+
+def steer(
+    pose: Pose,
+    target_m: float,
+    speed_m_s: float,
+    duration_s: float,
+    lane_width_m: float,
+    ego: EgoConfig,
+) -> Pose:
+    """Where the ego is after steering to a lane's centre for ``duration_s``.
+
+    The command is renewed every ``steering_interval_s``, and the vehicle follows it as a kinematic
+    one: de_psi/dt = v (kappa - k_road), dy/dt = v sin(e_psi), v = v_ex / cos(e_psi).
+    """
+    steps = math.ceil(duration_s / ego.steering_interval_s - 1e-9)
+    advance_m = speed_m_s * duration_s / steps
+    y_m, heading = pose
+    for _ in range(steps):
+        curvature = curvature_command(
+            STRAIGHT, target_m - y_m, heading, speed_m_s, lane_width_m, ego
+        )
+        turned = heading + (curvature - STRAIGHT) * advance_m / math.cos(heading)
+        y_m += math.tan((heading + turned) / 2) * advance_m
+        heading = turned
+    return Pose(y_m, heading)
+
+
+def settled(
+    pose: Pose, target_m: float, speed_m_s: float, lane_width_m: float, ego: EgoConfig
+) -> bool:
+    """Whether the ego is as good as on the centre and along the lane, so that it is put there."""
+    mean_slope = lane_width_m / lane_change_length(speed_m_s, lane_width_m, ego)
+    return (
+        abs(target_m - pose.y_m) <= SETTLED_OFFSET * lane_width_m
+        and abs(math.tan(pose.heading_rad)) <= SETTLED_SLOPE * mean_slope
+    )
