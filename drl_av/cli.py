@@ -129,10 +129,11 @@ def _refuse_settings(options: argparse.Namespace) -> None:
 
 def _figures(options: argparse.Namespace) -> int:
     from drl_av.studies.figures import learning_figure, reward_figure, save_figure, speed_figure
+    from drl_av.studies.lane_change_figure import lane_change_figure
 
     runs = [path for path in options.sources if path.is_dir()]
     tables = [path for path in options.sources if not path.is_dir()]
-    figures = {"reward": reward_figure(Config())}
+    figures = {"reward": reward_figure(Config()), "lane_change": lane_change_figure(Config())}
     if tables:
         figures["mean_speed"] = speed_figure(tables)
     if runs:
