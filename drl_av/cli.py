@@ -23,7 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (DrlAvError, OSError) as error:
-        print(f"drl-av: {error}", file=sys.stderr)
+        print("drl-av:", *str(error).split(), file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("drl-av: interrupted.", file=sys.stderr)

@@ -84,13 +84,13 @@ def from_toml(text: str, base: Config | None = None, name: str = "config") -> Co
     """
     try:
         document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f"{name} is not valid TOML: {error}.") from error
     config = base if base is not None else Config()
     for section, settings in document.items():
         if section not in _SECTIONS:
             raise ConfigError(
-                f"{name} has no section [{section}]{did_you_mean(section, _SECTIONS)}; "
+                f"{name} has no section [{repr(section)[1:-1]}]{did_you_mean(section, _SECTIONS)}; "
                 f"the sections are: {', '.join(_SECTIONS)}."
             )
         if not isinstance(settings, dict):

@@ -18,6 +18,8 @@ from drl_av.learning.qnetwork import QNetwork
 
 FORMAT = "drl_av/1"
 """The only key of the file's metadata: several would be written in an order that is random."""
+_DAMAGE = (SafetensorError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
+"""What reading a file that is not as ``save`` wrote it stumbles over."""
 
 
 def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
@@ -88,8 +90,9 @@ def load(path: Path) -> tuple[State, dict[str, Any]]:
         size = int.from_bytes(data[:8], "little")
         header = json.loads(data[8 : 8 + size]).get("__metadata__", {}).get(FORMAT)
         stored = {"metadata": "", "sha256": ""} if header is None else json.loads(header)
-        text, expected = stored["metadata"], stored["sha256"]
-    except (SafetensorError, ValueError, LookupError, TypeError, AttributeError) as error:
+        text, expected = str(stored["metadata"]), stored["sha256"]
+        metadata: dict[str, Any] = dict(json.loads(text or "{}"))
+    except _DAMAGE as error:
         raise CheckpointError(
             f"{path} is cut short, damaged, or no checkpoint at all ({error}): take an older copy "
             "or train again."
@@ -104,7 +107,6 @@ def load(path: Path) -> tuple[State, dict[str, Any]]:
             f"{path} is damaged, its checksum does not match its contents: take an older copy or "
             "train again."
         )
-    metadata: dict[str, Any] = json.loads(text)
     return tensors, metadata
 
 
@@ -129,7 +131,7 @@ def load_policy(
             f"{path} is a checkpoint, but holds no policy: give the policy.safetensors of a run."
         )
     try:
-        config = from_toml(metadata["config"], name=f"the config in {path}")
+        config = from_toml(str(metadata.get("config")), name=f"the config in {path}")
     except ConfigError as error:
         raise CheckpointError(
             f"{path} was written with other settings than this version knows: {error}"
@@ -137,8 +139,8 @@ def load_policy(
     hidden = (config.learning.hidden_units,) * 2
     network = QNetwork(np.random.default_rng(0), observation_size, action_size, hidden)
     parameters = dict(network.named_parameters())
-    expected = {name: tuple(parameter.shape) for name, parameter in parameters.items()}
-    found = {name: tensor.shape for name, tensor in tensors.items()}
+    expected = {name: ("float32", *parameter.shape) for name, parameter in parameters.items()}
+    found = {name: (str(tensor.dtype), *tensor.shape) for name, tensor in tensors.items()}
     if found != expected:
         raise CheckpointError(
             f"{path} does not fit a network of {' -> '.join(map(str, network.sizes))}: its "

@@ -109,13 +109,20 @@ class Run:
         }
         if self.checkpoint_file.exists():
             tensors, numbers = checkpoint.load(self.checkpoint_file)
-            if numbers.get("kind") != "training" or not _fits(numbers["config"], training.config):
+            settings = str(numbers.get("config"))
+            if numbers.get("kind") != "training" or not _fits(settings, training.config):
                 raise CheckpointError(
                     f"{self.checkpoint_file} belongs to other settings than {self.config_file}: "
                     "put back the config.toml of that training, or begin a new run."
                 )
-            training.restore(tensors, numbers)
-            sizes = numbers["sizes"]
+            try:
+                training.restore(tensors, numbers)
+                sizes = {name: int(numbers["sizes"][name]) for name in sizes}
+            except (LookupError, TypeError, ValueError, AttributeError) as error:
+                raise CheckpointError(
+                    f"{self.checkpoint_file} holds no training of this version ({error!r}): "
+                    "take an older copy, or begin a new run."
+                ) from error
         for name, size in sizes.items():
             file = self.folder / name
             found = file.stat().st_size if file.is_file() else -1

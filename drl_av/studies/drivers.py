@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import Config
+from drl_av.config import Config, load_config
 from drl_av.driving.drivers import Driver
 from drl_av.driving.drivers.mobil import MobilDriver
 from drl_av.driving.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
-from drl_av.errors import ConfigError, RunError
+from drl_av.errors import CheckpointError, ConfigError, RunError
 from drl_av.settings import did_you_mean
 
 PRETRAINED = Path(__file__).parent.parent / "pretrained"
@@ -111,12 +111,20 @@ def learned_driver(path: Path) -> tuple[Driver, Config]:
     """The driver of a run's folder or of a policy file, and the config that built it.
 
     Raises:
-        RunError, CheckpointError: as ``policy_file``; or the file is damaged.
+        RunError, CheckpointError: as ``policy_file``; or the file is damaged, or of another run
+            than the folder's config.
     """
     from drl_av.learning.checkpoint import load_policy
     from drl_av.learning.training import GreedyDriver
 
-    network, config = load_policy(policy_file(path))
+    file = policy_file(path)
+    network, config = load_policy(file)
+    settings = file.with_name("config.toml")
+    if path.is_dir() and settings.is_file() and load_config(settings) != config:
+        raise CheckpointError(
+            f"{file} belongs to other settings than {settings}: put back the policy of that run, "
+            "or name the policy file itself."
+        )
     return GreedyDriver(network), config
 
 

@@ -152,7 +152,7 @@ def from_toml(text: str, name: str = "scenario.toml") -> ScenarioDescription:
     """
     try:
         values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise ScenarioError(f"{name} is not valid TOML: {error}.") from error
     try:
         if isinstance(values.get("barricaded_lanes"), list):

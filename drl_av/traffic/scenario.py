@@ -93,8 +93,8 @@ def load_scenario(folder: str | Path) -> Scenario:
     """Read a scenario folder and verify that its road is the closed loop it describes.
 
     Raises:
-        ScenarioError: no such folder, a file is missing or damaged, or the road is no closed loop
-            or another one than described.
+        ScenarioError: no such folder, a file is missing, damaged or changed, or the road is no
+            closed loop or another one than described.
     """
     folder = Path(folder).absolute()
     if not folder.is_dir():
@@ -108,8 +108,28 @@ def load_scenario(folder: str | Path) -> Scenario:
         _root(path)
     network_file = folder / scenario_files.NETWORK_FILE
     loop = read_loop(_root(network_file), description, str(network_file))
+    _require_unchanged(folder)
     road = Road(loop.circumference_m, description.lane_width_m, description.open_lanes)
     return Scenario(folder, description, road, loop.edges, loop.lane_positions, tuple(additional))
+
+
+def _require_unchanged(folder: Path) -> None:
+    """Compare the files with the checksums beside them; a folder without those is taken as it is.
+
+    Nothing else would notice a digit of the vehicle types that flipped.
+    """
+    record = folder / scenario_files.CHECKSUMS_FILE
+    if not record.exists():
+        return
+    names = {path.name for path in folder.iterdir()} & set(scenario_files.ALL_FILES)
+    found = scenario_files.checksums({n: _bytes(folder / n) for n in names}).splitlines()
+    changed = set(found) ^ set(_text(record).splitlines())
+    if changed:
+        name = min(line.split("  ")[-1] for line in changed)
+        raise ScenarioError(
+            f"{folder} was changed after it was written, the first difference is in {name!r}: "
+            f"{WRITE_ANEW}, or remove {record.name} where the change is meant."
+        )
 
 
 def shipped_scenarios() -> dict[str, Path]:
@@ -140,12 +160,19 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
     )
 
 
-def _text(path: Path) -> str:
+def _bytes(path: Path) -> bytes:
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_bytes()
     except FileNotFoundError as error:
         raise ScenarioError(f"{path} is missing: {WRITE_ANEW}.") from error
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise ScenarioError(f"{path} cannot be read ({error}): {WRITE_ANEW}.") from error
+
+
+def _text(path: Path) -> str:
+    try:
+        return _bytes(path).decode()
+    except UnicodeDecodeError as error:
         raise ScenarioError(f"{path} cannot be read ({error}): {WRITE_ANEW}.") from error
 
 

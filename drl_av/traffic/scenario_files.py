@@ -1,7 +1,9 @@
 """The files of a scenario folder beside its road: vehicle types, barricades, demo traffic, view."""
 
+import hashlib
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
 from drl_av.traffic.network import EDGES, edge_lengths_m, network_text, point, xml_text
@@ -13,6 +15,17 @@ BARRICADES_FILE = "barricades.add.xml"
 TRAFFIC_FILE = "traffic.rou.xml"
 CONFIG_FILE = "highway.sumocfg"
 VIEW_FILE = "view.xml"
+CHECKSUMS_FILE = "SHA256SUMS"
+ALL_FILES = (
+    DESCRIPTION_FILE,
+    NETWORK_FILE,
+    VEHICLE_TYPES_FILE,
+    BARRICADES_FILE,
+    TRAFFIC_FILE,
+    CONFIG_FILE,
+    VIEW_FILE,
+)
+"""What the checksums cover; whatever else lies in the folder is the user's own."""
 
 DEMO_END_S = 3600
 DEMO_VEHICLES = 16
@@ -64,7 +77,14 @@ def scenario_texts(description: ScenarioDescription) -> dict[str, str]:
     }
     if description.barricaded_lanes:
         texts[BARRICADES_FILE] = xml_text(_barricades(description))
-    return texts
+    return texts | {CHECKSUMS_FILE: checksums({n: t.encode() for n, t in texts.items()})}
+
+
+def checksums(files: Mapping[str, bytes]) -> str:
+    """A line a file, as ``sha256sum`` prints and checks them."""
+    return "".join(
+        f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in sorted(files.items())
+    )
 
 
 def additional_files(description: ScenarioDescription) -> tuple[str, ...]:

@@ -75,7 +75,9 @@ class Simulation:
             self._populate(population)
         except (errors.TraCIException, errors.FatalTraCIError) as error:
             raise SimulationError(
-                f"SUMO cannot load the scenario {self.scenario.folder}: {error}"
+                f"SUMO cannot load the scenario {self.scenario.folder} "
+                f"({' '.join(str(error).split()).rstrip('.')}): write it anew, or undo what was "
+                "changed in it."
             ) from error
         if self._gui:
             self._follow_ego()
@@ -95,7 +97,7 @@ class Simulation:
                 "once a process: reset this one first, or run several with "
                 "make_vec(..., vectorization_mode='async')."
             )
-        collision = None
+        collision, errors = None, self._sumo.exceptions
         try:
             for row, side in next(self._random_lane_changes):
                 vehicle = self._ids[row]
@@ -105,8 +107,10 @@ class Simulation:
                 if collision is not None:
                     break
             snapshot = self._snapshot()
-        except self._sumo.exceptions.FatalTraCIError as error:
-            raise SimulationError(f"SUMO ended on its own ({error}): start again.") from error
+        except (errors.TraCIException, errors.FatalTraCIError) as error:
+            raise SimulationError(
+                f"SUMO ended on its own ({str(error).rstrip('.')}): start again."
+            ) from error
         return snapshot, collision
 
     def show(self, text: str) -> None:

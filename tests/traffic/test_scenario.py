@@ -214,6 +214,18 @@ def test_file_cut_short_is_named(folder: Path, name: str) -> None:
         load_scenario(folder)
 
 
+def test_a_digit_that_flipped_where_only_sumo_looks_is_told_unless_it_is_meant(
+    folder: Path,
+) -> None:
+    path = folder / "vehicle_types.add.xml"
+    path.write_text(path.read_text().replace('decel="4.5"', 'decel="4.1"'))
+    with pytest.raises(ScenarioError, match=r"changed after .* in 'vehicle_types.add.xml': write"):
+        load_scenario(folder)
+    (folder / "notes.txt").write_text("weaker brakes")
+    (folder / "SHA256SUMS").unlink()
+    assert load_scenario(folder).vehicle_types_file == path
+
+
 def test_binary_file_is_refused(folder: Path) -> None:
     (folder / "scenario.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ScenarioError, match="cannot be read"):
@@ -273,6 +285,7 @@ def test_junction_lanes_of_a_foreign_network_count_towards_the_loop(
         after = f":n{(edge + 1) % 4}_0_{lane}"
         text = re.sub(rf'(from="e{edge}" .*fromLane="{lane}")', rf'\1 via="{after}"', text)
     (folder / "highway.net.xml").write_text(text)
+    (folder / "SHA256SUMS").unlink()
     scenario = load_scenario(folder)
     assert scenario.edges == ("e0", "e1", "e2", "e3")
     assert scenario.lane_positions[":n1_0_2"] == (2, 124.5)
