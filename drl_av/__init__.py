@@ -16,4 +16,8 @@ from gymnasium.envs.registration import register
 
 __version__ = "0.1.0"
 
-register(id="drl_av/Highway-v0", entry_point="drl_av.env:HighwayEnv")
+register(
+    id="drl_av/Highway-v0",
+    entry_point="drl_av.env:HighwayEnv",
+    kwargs={"action_mask": True},
+)

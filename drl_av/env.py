@@ -12,6 +12,7 @@ from drl_av.config import Config, load_config
 from drl_av.drawing import Caption, draw
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import INDICATORS, ObservationScale, affordances
+from drl_av.driving.checked import ActionMask, action_mask
 from drl_av.driving.maneuver import LaneChange, Scene, plan
 from drl_av.driving.reward import Rewards, desired, rewards
 from drl_av.driving.safety import SafetyCheck, Verdict, named_check
@@ -58,12 +59,14 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     ## Arguments
     `scenario` (folder or name), `safety_check` (name or function), `config` (Config or TOML file),
-    `render_mode` ("human" is sumo-gui, "rgb_array" needs no screen).
+    `render_mode` ("human" is sumo-gui, "rgb_array" needs no screen), `action_mask` (whether
+    `info` holds one; `gymnasium.make` asks for it, an environment made directly does not).
 
     ## Information
     `proposed_action, executed_action, rule, rewards, collision, speed_m_s, indicators, seed,
-    vehicles`; libsumo holds one simulation a process, so several environments at once need
-    `make_vec(..., vectorization_mode="async")`.
+    vehicles, action_mask`: shape (12,), int8, 1 where the safety check would execute the action
+    now as proposed, as `action_space.sample(mask)` takes it. libsumo holds one simulation a
+    process, so several environments at once need `make_vec(..., vectorization_mode="async")`.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (gymnasium declares it so)
@@ -77,8 +80,11 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         safety_check: str | SafetyCheck | None = None,
         config: Config | str | Path | None = None,
         render_mode: str | None = None,
+        action_mask: bool = False,
     ) -> None:
-        gymnasium.utils.EzPickle.__init__(self, scenario, safety_check, config, render_mode)
+        gymnasium.utils.EzPickle.__init__(
+            self, scenario, safety_check, config, render_mode, action_mask
+        )
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(
                 f"render_mode is {render_mode!r}, but must be None, 'human' or 'rgb_array'."
@@ -105,6 +111,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         bounds = self._scale.bounds
         self.observation_space = gymnasium.spaces.Box(-bounds, bounds, dtype=np.float32)
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
+        self._masked = action_mask
         self.caption = Caption()
         self.proposed: Action | None = None
         self._over = True
@@ -187,6 +194,10 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             raise gymnasium.error.ResetNeeded("There is nothing to draw yet: call reset.")
         return draw(self.scene.snapshot, self.road, self.caption)
 
+    def action_masks(self) -> ActionMask:
+        """The mask of the scene now, whether ``info`` holds it or not; sb3-contrib calls this."""
+        return action_mask(self.safety_check, self.scene)
+
     def close(self) -> None:
         """End SUMO."""
         self._over = True
@@ -201,12 +212,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         return self._scale(self.indicators)
 
     def _info(self) -> dict[str, Any]:
-        return {
+        info = {
             "seed": self.seed,
             "vehicles": len(self.scene.snapshot.ids) - 1,
             "speed_m_s": self.scene.seen.ego_speed_m_s,
             "indicators": self.indicators.copy(),
         }
+        return info | {"action_mask": self.action_masks()} if self._masked else info
 
     def _vehicles(self, options: dict[str, Any]) -> int:
         unknown = set(options) - {"vehicles"}

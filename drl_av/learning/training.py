@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import partial
+from operator import index
 from typing import Any
 
 import numpy as np
@@ -184,7 +185,7 @@ class Training:
         self._learner.restore(_part(tensors, "learner."))
         self._buffer.restore(_part(tensors, "buffer."))
         self._rng = rng_from_json(numbers["rng"])
-        self.episodes_done = numbers["episodes_done"]
+        self.episodes_done = index(numbers["episodes_done"])
 
     @property
     def _learns(self) -> bool:

@@ -179,5 +179,5 @@ def _text(path: Path) -> str:
 def _root(path: Path) -> ET.Element:
     try:
         return ET.fromstring(_text(path).encode())
-    except ET.ParseError as error:
+    except (ET.ParseError, LookupError, ValueError) as error:
         raise ScenarioError(f"{path} is damaged or cut short ({error}): {WRITE_ANEW}.") from error
