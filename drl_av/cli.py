@@ -3,6 +3,7 @@
 import argparse
 import os
 import sys
+import time
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
@@ -11,6 +12,9 @@ from drl_av.config import Config
 from drl_av.errors import DrlAvError, RecordingError
 from drl_av.learning_verbs import INTERRUPTED, adapt, train
 from drl_av.options import Verb, command_line, overridden
+
+SAVE_EVERY_S = 5.0
+"""What an evaluation may lose where its process dies; SUMO can take it along."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -56,7 +60,7 @@ def _evaluate(options: argparse.Namespace) -> int:
     config = overridden(config_of(choices), options)
     seeds = range(options.seed, options.seed + options.episodes)
     evaluation = Evaluation(config, choices, tuple(options.vehicles or ()), seeds)
-    rows, status = [], 0
+    rows, status, saved_s = [], 0, time.monotonic()
     try:
         with (
             progress_bar("evaluating", len(evaluation)) as bar,
@@ -65,6 +69,9 @@ def _evaluate(options: argparse.Namespace) -> int:
             for row in found:
                 rows.append(row)
                 bar.advance(f"{row.driver}, {row.vehicles} vehicles", row.decisions)
+                if options.out and time.monotonic() - saved_s > SAVE_EVERY_S:
+                    write_rows(options.out, rows)
+                    saved_s = time.monotonic()
     except KeyboardInterrupt:
         status = INTERRUPTED
         print(f"drl-av: interrupted after {len(rows)} episodes.", file=sys.stderr)

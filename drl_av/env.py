@@ -163,6 +163,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         commands, lane_change = plan(
             self.scene, verdict.action, self.config.ego, self.config.simulation
         )
+        self._over = True  # should SUMO end in the middle
         snapshot, collision = self.simulation.advance(commands)
         self._look(snapshot, lane_change)
         if collision is None and self.scene.seen.touched:

@@ -6,7 +6,7 @@ from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 from drl_av.config import Config
-from drl_av.errors import ConfigError, RunError
+from drl_av.errors import ConfigError, RunError, SimulationError
 from drl_av.options import overridden
 from drl_av.presets import adaptation, preset
 
@@ -102,14 +102,19 @@ def _unchanged(run: "Run", stored: Config, asked: Config) -> Config:
 
 def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: str) -> int:
     """Learn from where the run stands; say how to go on, or with whom to compare the driver."""
+    again = f"drl-av {verb} --out {run.folder} --resume"
     with run.alone():
         run.restore(training)
         try:
             finished = _watch(verb, run, training, tensorboard)
         except KeyboardInterrupt:
             finished = False
+        except SimulationError as error:
+            raise SimulationError(
+                f"{str(error).removesuffix('.')}; the run goes on from its last checkpoint "
+                f"with: {again}."
+            ) from error
     if not finished:
-        again = f"drl-av {verb} --out {run.folder} --resume"
         print(f"drl-av: stopped; go on with: {again}", file=sys.stderr)
         return INTERRUPTED
     episodes = training.config.learning.episodes

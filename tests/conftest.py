@@ -1,6 +1,33 @@
 """Puts this folder on the import path, so that every room's tests find ``worlds``."""
 
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+
+import pytest
 from hypothesis import settings
 
 settings.register_profile("drl_av", deadline=None)
 settings.load_profile("drl_av")
+
+
+@pytest.fixture(scope="session")
+def screen() -> Iterator[str]:
+    """A virtual screen of this session's own."""
+    program = shutil.which("Xvfb")
+    if program is None:
+        pytest.fail("Xvfb is missing: install it with apt-get install xvfb.", pytrace=False)
+    reader, writer = os.pipe()
+    arguments = [program, "-displayfd", str(writer), "-screen", "0", "1280x900x24"]
+    arguments += ["-nolisten", "tcp"]
+    with subprocess.Popen(arguments, pass_fds=(writer,), stderr=subprocess.DEVNULL) as server:
+        os.close(writer)
+        try:
+            with os.fdopen(reader) as told:
+                number = told.readline().strip()
+            if not number:
+                pytest.fail("Xvfb started, but opened no screen.", pytrace=False)
+            yield f":{number}"
+        finally:
+            server.terminate()

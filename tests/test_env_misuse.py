@@ -5,6 +5,7 @@ import pickle
 from pathlib import Path
 
 import gymnasium
+import libsumo
 import numpy as np
 import pytest
 
@@ -13,7 +14,7 @@ from drl_av.driving.drivers.rules import IdmDriver
 from drl_av.driving.safety import permit_all
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
-from drl_av.errors import ConfigError, ScenarioError
+from drl_av.errors import ConfigError, ScenarioError, SimulationError
 
 SHORT = Config().updated("simulation", decisions_per_episode=3)
 
@@ -74,6 +75,23 @@ def test_training_refuses_more_vehicles_than_fit_before_it_begins() -> None:
     config = SHORT.updated("traffic", vehicles_max=500)
     with pytest.raises(ConfigError, match=r"vehicles_max is 500, but this road takes 113"):
         HighwayEnv(config=config).require_room()
+
+
+def test_sumo_that_ends_on_its_own_is_told_and_starts_again_with_the_next_episode() -> None:
+    env = HighwayEnv(config=SHORT)
+    first, _ = env.reset(seed=1, options={"vehicles": 2})
+    libsumo.close()
+    with pytest.raises(SimulationError, match=r"^SUMO ended on its own \(.*[^.]\): start again.$"):
+        env.step(0)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(0)
+    assert np.array_equal(env.reset(seed=1, options={"vehicles": 2})[0], first)
+    libsumo.vehicle.remove("ego")
+    with pytest.raises(SimulationError, match="'ego' is not known"):
+        env.step(0)
+    assert np.array_equal(env.reset(seed=1, options={"vehicles": 2})[0], first)
+    libsumo.close()
+    env.close()
 
 
 def test_a_reset_that_fails_leaves_no_episode_to_drive_on_in() -> None:

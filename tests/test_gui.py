@@ -2,10 +2,8 @@
 
 import json
 import os
-import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -39,27 +37,6 @@ def watch(env):
 again, result = ride_again(recording).drive("human", watch)
 print(json.dumps({"hash": again.hash(), "decisions": told}))
 """
-
-
-@pytest.fixture(scope="session")
-def screen() -> Iterator[str]:
-    """A virtual screen of this session's own."""
-    program = shutil.which("Xvfb")
-    if program is None:
-        pytest.fail("Xvfb is missing: install it with apt-get install xvfb.", pytrace=False)
-    reader, writer = os.pipe()
-    arguments = [program, "-displayfd", str(writer), "-screen", "0", "1280x900x24"]
-    arguments += ["-nolisten", "tcp"]
-    with subprocess.Popen(arguments, pass_fds=(writer,), stderr=subprocess.DEVNULL) as server:
-        os.close(writer)
-        try:
-            with os.fdopen(reader) as told:
-                number = told.readline().strip()
-            if not number:
-                pytest.fail("Xvfb started, but opened no screen.", pytrace=False)
-            yield f":{number}"
-        finally:
-            server.terminate()
 
 
 def environment(screen: str | None) -> dict[str, str]:

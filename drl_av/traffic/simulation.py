@@ -3,7 +3,7 @@
 import io
 import subprocess
 from collections.abc import Sequence
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from typing import ClassVar
 
 import numpy as np
@@ -48,6 +48,8 @@ class Simulation:
         self._config = config
         self._gui = gui
         self._sumo = connection(gui)
+        # not sumo.exceptions: those are traci's classes, and libsumo raises one of its own
+        self._errors = (self._sumo.TraCIException, self._sumo.FatalTraCIError)
         self._ids: tuple[str, ...] = ()
 
     def reset(self, seed: int, vehicles: int) -> Snapshot:
@@ -69,11 +71,10 @@ class Simulation:
         description = self.scenario.description
         self._length_m = np.full(len(self._ids), description.vehicle_length_m)
         self._width_m = np.full(len(self._ids), description.vehicle_width_m)
-        errors = self._sumo.exceptions
         try:
             self._load(seed)
             self._populate(population)
-        except (errors.TraCIException, errors.FatalTraCIError) as error:
+        except self._errors as error:
             raise SimulationError(
                 f"SUMO cannot load the scenario {self.scenario.folder} "
                 f"({' '.join(str(error).split()).rstrip('.')}): write it anew, or undo what was "
@@ -97,7 +98,7 @@ class Simulation:
                 "once a process: reset this one first, or run several with "
                 "make_vec(..., vectorization_mode='async')."
             )
-        collision, errors = None, self._sumo.exceptions
+        collision = None
         try:
             for row, side in next(self._random_lane_changes):
                 vehicle = self._ids[row]
@@ -107,7 +108,8 @@ class Simulation:
                 if collision is not None:
                     break
             snapshot = self._snapshot()
-        except (errors.TraCIException, errors.FatalTraCIError) as error:
+        except self._errors as error:
+            self.close()
             raise SimulationError(
                 f"SUMO ended on its own ({str(error).rstrip('.')}): start again."
             ) from error
@@ -118,10 +120,11 @@ class Simulation:
         self._sumo.vehicle.setParameter(EGO_ID, "caption", text)
 
     def close(self) -> None:
-        """End SUMO; the next reset starts it again."""
+        """End SUMO, which may have ended on its own; the next reset starts it again."""
         if self._owns_sumo():
-            self._sumo.close()
             del Simulation._owners[self._sumo.__name__]
+            with suppress(self._sumo.FatalTraCIError):
+                self._sumo.close()
 
     def _owns_sumo(self) -> bool:
         return Simulation._owners.get(self._sumo.__name__) is self

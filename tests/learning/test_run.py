@@ -154,6 +154,32 @@ def test_run_killed_at_random_moments_ends_in_the_same_bytes(
     assert files_of(folder) == files_of(left_alone)
 
 
+def test_training_that_sumo_takes_along_is_no_clean_end_and_ends_in_the_same_bytes(
+    settings: str, left_alone: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "aborted"
+    prelude = "import libsumo; at_call(libsumo, 'simulationStep', 190, os.abort)"
+    ended = trained(prelude, command(folder, "--config", settings))
+    assert ended.returncode == -signal.SIGABRT
+    assert 0 < load(folder / "checkpoint.safetensors")[1]["episodes_done"] < EPISODES
+    assert trained("", command(folder, "--resume")).returncode == 0
+    assert files_of(folder) == files_of(left_alone)
+
+
+def test_sumo_that_ends_on_its_own_is_told_with_the_way_on(
+    settings: str, left_alone: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "ended"
+    prelude = "import libsumo; at_call(libsumo, 'simulationStep', 190, libsumo.close)"
+    ended = trained(prelude, command(folder, "--config", settings))
+    assert ended.returncode == 1
+    told = one_sentence(ended.stderr)
+    assert "SUMO ended on its own" in told
+    assert f"goes on from its last checkpoint with: drl-av train --out {folder} --resume." in told
+    assert trained("", command(folder, "--resume")).returncode == 0
+    assert files_of(folder) == files_of(left_alone)
+
+
 def test_first_ctrl_c_saves_after_the_episode_and_says_how_to_go_on(
     settings: str, left_alone: Path, tmp_path: Path
 ) -> None:

@@ -3,9 +3,12 @@
 import csv
 import json
 import math
+import multiprocessing
 import os
 import signal
-from collections.abc import Iterator
+import subprocess
+import sys
+from collections.abc import Generator, Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -145,6 +148,59 @@ def test_process_that_dies_is_told_in_one_sentence() -> None:
     rows = broken.rows(jobs=2)
     with pytest.raises(SimulationError, match=r"ended on its own.*idm, 2 vehicles, seed 0"):
         list(rows)
+
+
+def test_rows_of_before_a_worker_aborted_are_kept_and_the_abort_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows_of = Evaluation.rows
+
+    def aborted(self: Evaluation, jobs: int) -> Generator[EpisodeResult, None, None]:
+        for done, row in enumerate(rows_of(self, jobs), 1):
+            yield row
+            if done == 2:
+                for worker in multiprocessing.active_children():
+                    os.kill(int(worker.pid or 0), signal.SIGABRT)
+
+    monkeypatch.setattr(Evaluation, "rows", aborted)
+    out, tiny = tmp_path / "rows.csv", tmp_path / "tiny.toml"
+    tiny.write_text(SHORT.to_toml())
+    words = ["evaluate", "idm", "--vehicles", "30", "--episodes", "400", "--jobs", "2"]
+    assert cli.main([*words, "--config", str(tiny), "--out", str(out)]) == 1
+    told = capsys.readouterr()
+    assert told.err.startswith("drl-av: A process of the evaluation ended on its own")
+    assert told.err.count("\n") == 1
+    with out.open(newline="") as file:
+        seeds = [int(row["seed"]) for row in csv.DictReader(file)]
+    assert seeds == list(range(len(seeds)))
+    assert 2 <= len(seeds) < 400
+    assert f"seed {len(seeds)}." in told.err
+
+
+ABORTED = """
+import os, sys
+from drl_av import cli
+from drl_av.studies import evaluation
+cli.SAVE_EVERY_S, drive, driven = 0.0, evaluation.drive, iter(range(9))
+
+def aborting(*arguments):
+    if next(driven) == 3:
+        os.abort()
+    return drive(*arguments)
+
+evaluation.drive = aborting
+sys.exit(cli.main(sys.argv[1:]))
+"""
+
+
+def test_rows_of_before_sumo_took_the_only_process_along_are_kept(tmp_path: Path) -> None:
+    out, tiny = tmp_path / "rows.csv", tmp_path / "tiny.toml"
+    tiny.write_text(SHORT.to_toml())
+    words = ["evaluate", "idm", "--vehicles", "3", "--episodes", "9", "--config", str(tiny)]
+    command = [sys.executable, "-c", ABORTED, *words, "--out", str(out)]
+    ended = subprocess.run(command, capture_output=True, check=False, timeout=120)
+    assert ended.returncode == -signal.SIGABRT
+    assert len(out.read_text().splitlines()) == 1 + 3
 
 
 def test_interval_of_a_known_sample() -> None:

@@ -1,0 +1,141 @@
+"""One episode has one hash wherever and after whatever it is driven, and resets cost no memory."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import gymnasium
+import numpy as np
+import pytest
+
+from drl_av.config import Config
+from drl_av.driving.drivers.rules import IdmSumoDriver
+from drl_av.env import HighwayEnv
+from drl_av.episode import drive
+from drl_av.studies.replay import Recorder, Recording, load_recording, ride_again, states_of
+
+CONFIG = Config().updated("simulation", decisions_per_episode=10)
+SEED, VEHICLES = 4, 30
+OTHERS = 1_000
+WARM = 200
+"""Episodes after which every cache is full."""
+PROGRAM = """
+import sys
+from drl_av.studies.replay import ride_again, load_recording, Ride
+from test_one_hash import CONFIG, SEED, VEHICLES, IdmSumoDriver
+ride = Ride(CONFIG, IdmSumoDriver(CONFIG.safety), "idm-sumo", SEED, VEHICLES)
+print(ride.drive(sys.argv[1] if sys.argv[1:] else None)[0].hash())
+"""
+
+
+@pytest.fixture(scope="module")
+def env() -> Iterator[HighwayEnv]:
+    with closing(HighwayEnv(config=CONFIG)) as env:
+        yield env
+
+
+def driven(env: HighwayEnv) -> Recording:
+    """The episode, in an environment that may have driven others."""
+    recorder = Recorder()
+    drive(env, IdmSumoDriver(CONFIG.safety), "idm-sumo", SEED, VEHICLES, recorder)
+    return recorder.recording(env, "idm-sumo")
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    """The episode, first of its SUMO."""
+    with closing(HighwayEnv(config=CONFIG)) as env:
+        return driven(env)
+
+
+def of_a_process(*arguments: str, **environment: str) -> str:
+    """The hash that a process of its own comes to."""
+    ended = subprocess.run(
+        [sys.executable, "-c", PROGRAM, *arguments],
+        env=os.environ | environment,
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    return ended.stdout.split()[-1]
+
+
+class Worn(NamedTuple):
+    """An environment after a thousand episodes: the next one, and the memory it held on the way."""
+
+    recording: Recording
+    warm_bytes: int
+    last_bytes: int
+
+
+@pytest.fixture(scope="module")
+def worn(env: HighwayEnv) -> Worn:
+    held = {}
+    for number in range(1, OTHERS + 1):
+        env.reset(seed=number, options={"vehicles": number % 8 if number % 20 else 30})
+        env.step(number % 12)
+        held[number] = resident_bytes()
+    return Worn(driven(env), held[WARM], held[OTHERS])
+
+
+def resident_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def test_the_hash_looks_at_every_vehicle_of_every_decision(recording: Recording) -> None:
+    assert recording.states.shape == (11, 31, 4)
+    for place in ((0, 0, 0), (5, 17, 1), (10, 30, 3)):
+        states = recording.states.copy()
+        states[place] = np.nextafter(states[place], np.inf)
+        assert replace(recording, states=states).hash() != recording.hash()
+
+
+def test_the_hash_is_that_of_a_fresh_process_and_of_another(recording: Recording) -> None:
+    assert of_a_process(PYTHONHASHSEED="12345") == recording.hash()
+
+
+def test_the_hash_is_the_same_after_a_thousand_other_episodes(
+    recording: Recording, worn: Worn
+) -> None:
+    assert worn.recording.hash() == recording.hash()
+
+
+def test_a_thousand_resets_hold_no_more_memory(worn: Worn) -> None:
+    assert worn.last_bytes < 1.05 * worn.warm_bytes
+
+
+def test_the_hash_is_the_same_recorded_and_replayed(recording: Recording, tmp_path: Path) -> None:
+    recording.save(tmp_path / "episode.npz")
+    again, _ = ride_again(load_recording(tmp_path / "episode.npz")).drive(None)
+    assert load_recording(tmp_path / "episode.npz").hash() == again.hash() == recording.hash()
+
+
+def test_the_hash_is_the_same_in_an_async_worker(recording: Recording) -> None:
+    vector = gymnasium.make_vec(
+        "drl_av/Highway-v0",
+        num_envs=2,
+        vectorization_mode="async",
+        vector_kwargs={"context": "spawn"},
+        config=CONFIG.updated("traffic", vehicles_min=VEHICLES, vehicles_max=VEHICLES),
+    )
+    try:
+        vector.reset(seed=[99, SEED])
+        states = [states_of(vector.get_attr("scene")[1].snapshot)]
+        for action in recording.proposed:
+            vector.step(np.array([0, action]))
+            states.append(states_of(vector.get_attr("scene")[1].snapshot))
+    finally:
+        vector.close()
+    assert replace(recording, states=np.array(states)).hash() == recording.hash()
+
+
+def test_the_hash_is_the_same_in_sumo_gui(recording: Recording, screen: str) -> None:
+    shown = of_a_process("human", DISPLAY=screen, LIBGL_ALWAYS_SOFTWARE="1")
+    assert shown == recording.hash()

@@ -1,0 +1,65 @@
+"""Whether resident memory grows over thousands of resets; exit status 1 where it does by 5 %.
+
+    python tools/measure_memory.py --resets 5000
+
+Each reset is followed by a few decisions of the driver ``random``. Growth is counted from after
+the first 200 resets, when every cache is full. Linux only: reads /proc.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+from drl_av.driving.drivers.rules import RandomDriver
+from drl_av.env import HighwayEnv
+
+SEEDS = 3_000
+"""First traffic seed of the episodes."""
+MOST_GROWTH = 0.05
+
+
+def resident_bytes() -> int:
+    """Memory that this process holds in RAM."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def resets(env: HighwayEnv, number: int, vehicles: int, decisions: int) -> Iterator[int]:
+    """Reset that often, and drive a little each time; yields how often so far."""
+    driver = RandomDriver()
+    for done in range(1, number + 1):
+        observation, _ = env.reset(seed=SEEDS + done, options={"vehicles": vehicles})
+        driver.start(SEEDS + done)
+        for _ in range(decisions):
+            observation, _, terminated, _, _ = env.step(driver.act(env.scene, observation).number)
+            if terminated:
+                break
+        yield done
+
+
+def main() -> int:
+    """Reset, and tell the growth."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--resets", type=int, default=5_000, help="after the first (default: 5000)")
+    parser.add_argument("--warm-up", type=int, default=200, help="first resets (default: 200)")
+    parser.add_argument("--vehicles", type=int, default=30, help="(default: 30)")
+    parser.add_argument("--decisions", type=int, default=3, help="a reset (default: 3)")
+    options = parser.parse_args()
+    told = {options.warm_up + round(options.resets * part / 10) for part in range(11)}
+    held = {}
+    with closing(HighwayEnv()) as env:
+        total = options.warm_up + options.resets
+        for done in resets(env, total, options.vehicles, options.decisions):
+            if done in told:
+                held[done] = resident_bytes()
+                print(f"{done:>7} resets {held[done] / 2**20:8.1f} MiB", flush=True)
+    growth = held[total] / held[options.warm_up] - 1
+    print(f"growth over {options.resets} resets: {growth:+.2%}")
+    return int(growth >= MOST_GROWTH)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
