@@ -177,7 +177,7 @@ class ObservationScale:
         self._least = -self.bounds
 
     def __call__(self, vector: FloatArray) -> npt.NDArray[np.float32]:
-        """Scale a vector of SI indicators, shape (27,) -> float32 (27,)."""
+        """Scale SI indicators, shape (..., 27), to float32 of the same shape."""
         scaled = ((vector - self.offset) / self.scale).astype(np.float32)
         clipped: npt.NDArray[np.float32] = np.minimum(np.maximum(scaled, self._least), self.bounds)
         return clipped

@@ -40,7 +40,7 @@ class Road:
         left = math.ceil((y_m + width_m / 2 + half) / self.lane_width_m) - 1
         return all(self.is_open(lane) for lane in range(right, left + 1))
 
-    def ahead_m(self, s_from_m: float, s_to_m: FloatArray) -> FloatArray:
+    def ahead_m(self, s_from_m: float | FloatArray, s_to_m: FloatArray) -> FloatArray:
         """Signed distance along the road the shorter way round, in [-C/2, C/2); ahead positive."""
         half = self.circumference_m / 2
         return (s_to_m - s_from_m + half) % self.circumference_m - half
