@@ -2,6 +2,7 @@
 
 import difflib
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import field, fields
 from typing import Any
@@ -38,8 +39,9 @@ def did_you_mean(word: object, names: Iterable[str]) -> str:
 
 
 def section_name(section: type) -> str:
-    """The name of a section in TOML: ``TrafficConfig`` is ``traffic``."""
-    return section.__name__.removesuffix("Config").lower()
+    """The name of a section in TOML: ``FiniteStateConfig`` is ``finite_state``."""
+    words = re.findall(r"[A-Z][a-z]*|[0-9]+", section.__name__.removesuffix("Config"))
+    return "_".join(words).lower()
 
 
 class Section:

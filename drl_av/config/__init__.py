@@ -11,7 +11,7 @@ from typing import Any
 
 import tomli_w
 
-from drl_av.config.drivers import MobilConfig
+from drl_av.config.drivers import FiniteStateConfig, Level0Config, MobilConfig
 from drl_av.config.driving import (
     DESIRED_VALUES,
     SAFETY_CHECKS,
@@ -31,7 +31,9 @@ __all__ = [
     "SAFETY_CHECKS",
     "Config",
     "EgoConfig",
+    "FiniteStateConfig",
     "LearningConfig",
+    "Level0Config",
     "MobilConfig",
     "ObservationConfig",
     "RewardConfig",
@@ -48,6 +50,8 @@ _SECTIONS: dict[str, type[Section]] = {
     "ego": EgoConfig,
     "safety": SafetyConfig,
     "mobil": MobilConfig,
+    "finite_state": FiniteStateConfig,
+    "level_0": Level0Config,
     "reward": RewardConfig,
     "observation": ObservationConfig,
     "learning": LearningConfig,
@@ -63,6 +67,8 @@ class Config:
     ego: EgoConfig = EgoConfig()
     safety: SafetyConfig = SafetyConfig()
     mobil: MobilConfig = MobilConfig()
+    finite_state: FiniteStateConfig = FiniteStateConfig()
+    level_0: Level0Config = Level0Config()
     reward: RewardConfig = RewardConfig()
     observation: ObservationConfig = ObservationConfig()
     learning: LearningConfig = LearningConfig()

@@ -61,6 +61,15 @@ class TrafficConfig(Section):
     start_gap_m: float = setting(
         8.0, "ours", "smallest net gap between vehicles at the start", low=2.5, high=100
     )
+    finite_state_share: float = setting(
+        0.0, "Sec. IV-B", "chance that a vehicle drives by the finite-state machine", low=0, high=1
+    )
+    level_0_share: float = setting(
+        0.0, "Sec. IV-B", "chance that a vehicle is a level-0 driver", low=0, high=1
+    )
+    level_1_share: float = setting(
+        0.0, "Sec. IV-B", "chance that a vehicle is a level-1 driver", low=0, high=1
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,3 +78,13 @@ class TrafficConfig(Section):
         self.ordered("headway_min_s", "headway_max_s")
         self.ordered("acceleration_min_m_s2", "acceleration_max_m_s2")
         self.ordered("speed_gain_min", "speed_gain_max")
+        if sum(self.shares) > 1 + 1e-9:
+            raise ConfigError(
+                "traffic: finite_state_share + level_0_share + level_1_share is "
+                f"{sum(self.shares):g}, but must be at most 1; the rest is SUMO's IDM."
+            )
+
+    @property
+    def shares(self) -> tuple[float, float, float]:
+        """Of the finite-state machine, of level 0 and of level 1; the rest is SUMO's IDM."""
+        return self.finite_state_share, self.level_0_share, self.level_1_share

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,16 @@ SPREAD_M = 250.0
 STANDSTILL_GAP_M = 2.5
 DECISIONS_AT_ONCE = 256
 COMFORTABLE_BRAKING_M_S2 = 2.0
+
+
+class Kind(IntEnum):
+    """Who decides for a vehicle of the traffic."""
+
+    SUMO = 0
+    """IDM and SL2015; the ego's row says so too."""
+    FINITE_STATE = 1
+    LEVEL_0 = 2
+    LEVEL_1 = 3
 
 
 @dataclass(frozen=True)
@@ -105,6 +116,18 @@ def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig)
         ),
         speed_gain=np.full(n, (traffic.speed_gain_min + traffic.speed_gain_max) / 2),
     )
+
+
+def draw_kinds(seed: int, n: int, traffic: TrafficConfig) -> npt.NDArray[np.intp]:
+    """The kind of each of the rows, shape (n,), by the shares of the config; the ego's is SUMO.
+
+    Drawn from a stream of its own: the shares change nobody's place or character.
+    """
+    limits = np.cumsum(traffic.shares)
+    draws = np.random.default_rng([seed, 3]).random(n)
+    drawn = (np.searchsorted(limits, draws, side="right") + 1) % len(Kind)
+    drawn[0] = Kind.SUMO
+    return drawn
 
 
 def random_lane_changes(

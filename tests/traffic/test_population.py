@@ -10,9 +10,16 @@ from hypothesis import strategies as st
 from worlds import BARRICADED_ROAD, LANE_M, LENGTH_M, LONG_ROAD, ROAD
 
 from drl_av.config import EgoConfig, TrafficConfig
-from drl_av.errors import ScenarioError
+from drl_av.errors import ConfigError, ScenarioError
 from drl_av.traffic.description import PlacedVehicle
-from drl_av.traffic.population import Population, capacity, draw_population, placed_population
+from drl_av.traffic.population import (
+    Kind,
+    Population,
+    capacity,
+    draw_kinds,
+    draw_population,
+    placed_population,
+)
 from drl_av.traffic.ring import Road
 
 TRAFFIC, EGO = TrafficConfig(), EgoConfig()
@@ -153,3 +160,52 @@ def test_placed_vehicles_without_an_ego_are_refused() -> None:
         ScenarioError, match=r'places 1 vehicles but not the ego: place one .* "ego"'
     ):
         placed_population((PlacedVehicle("slow", 2, 40.0, 10.0, 12.0),), TRAFFIC)
+
+
+def shares(finite_state: float, level_0: float, level_1: float) -> TrafficConfig:
+    return TrafficConfig(
+        finite_state_share=finite_state, level_0_share=level_0, level_1_share=level_1
+    )
+
+
+def test_sumo_drives_everybody_unless_the_config_says_otherwise() -> None:
+    assert not draw_kinds(0, 31, TRAFFIC).any()
+
+
+@pytest.mark.parametrize(
+    ("mix", "kind"),
+    [
+        (shares(1, 0, 0), Kind.FINITE_STATE),
+        (shares(0, 1, 0), Kind.LEVEL_0),
+        (shares(0, 0, 1), Kind.LEVEL_1),
+    ],
+)
+@given(seed=st.integers(0, 2**40))
+def test_a_whole_share_is_everybody_but_the_ego(mix: TrafficConfig, kind: Kind, seed: int) -> None:
+    assert draw_kinds(seed, 31, mix).tolist() == [Kind.SUMO] + [kind] * 30
+
+
+def test_kinds_come_in_their_shares_with_sumo_for_the_rest() -> None:
+    mix = shares(0.2, 0.1, 0.4)
+    kinds = np.concatenate([draw_kinds(seed, 31, mix)[1:] for seed in range(300)])
+    found = np.bincount(kinds, minlength=len(Kind)) / len(kinds)
+    # 9,000 draws: a standard deviation of at most 0.0053
+    np.testing.assert_allclose(found, [0.3, 0.2, 0.1, 0.4], atol=0.025)
+
+
+@given(st.integers(0, 2**40))
+def test_shares_that_are_all_leave_nobody_to_sumo(seed: int) -> None:
+    assert (draw_kinds(seed, 31, shares(0.3, 0.3, 0.4))[1:] != Kind.SUMO).all()
+
+
+def test_shares_change_neither_places_nor_characters() -> None:
+    first, traffic = draw(30), shares(0.3, 0.3, 0.4)
+    mixed = draw_population(np.random.default_rng(0), 30, ROAD, LENGTH_M, traffic, EGO)
+    for name in ("lane", "front_m", "speed_m_s", "desired_speed_m_s", "headway_s"):
+        assert np.array_equal(getattr(first, name), getattr(mixed, name))
+
+
+def test_shares_of_more_than_all_are_refused_and_of_all_are_not() -> None:
+    assert sum(shares(0.7, 0.2, 0.1).shares) == pytest.approx(1.0)
+    with pytest.raises(ConfigError, match=r"^traffic: finite_state_share .* is 1.1, but must be"):
+        shares(0.5, 0.3, 0.3)
