@@ -4,7 +4,7 @@ BIN := .venv/bin
 DEMO := demo
 DENSITIES := 1 5 10 15 20 25 30
 
-.PHONY: setup demo test lint pretrained results clean
+.PHONY: setup demo test lint pretrained level_1 results clean
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
@@ -33,6 +33,12 @@ test: lint
 pretrained: setup
 	$(BIN)/drl-av train --out runs/pretrained
 	cd runs/pretrained && cp config.toml evaluations.csv policy.safetensors ../../drl_av/pretrained/
+
+# The level-1 driver of the traffic, trained again among level-0 drivers (minutes).
+level_1: setup
+	$(BIN)/drl-av train --preset fast --config tools/level_0_traffic.toml --out runs/level_1
+	cd runs/level_1 && cp config.toml evaluations.csv policy.safetensors \
+	    ../../drl_av/pretrained/level_1/
 
 # Every number and table of the README (minutes).
 results: setup

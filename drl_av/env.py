@@ -13,10 +13,12 @@ from drl_av.drawing import Caption, draw
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import INDICATORS, ObservationScale, affordances
 from drl_av.driving.checked import ActionMask, action_mask
+from drl_av.driving.drivers.traffic import TrafficDrivers
 from drl_av.driving.maneuver import LaneChange, Scene, plan
 from drl_av.driving.reward import Rewards, desired, rewards
 from drl_av.driving.safety import SafetyCheck, Verdict, named_check
 from drl_av.errors import ConfigError
+from drl_av.level_1 import load_level_1
 from drl_av.traffic.collisions import overlapping
 from drl_av.traffic.scenario import find_scenario, load_scenario
 from drl_av.traffic.simulation import Simulation
@@ -107,6 +109,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         loaded = load_scenario(find_scenario(config.simulation.scenario))
         self.simulation = Simulation(loaded, config, gui=render_mode == "human")
         self.road = loaded.road
+        level_1 = load_level_1(self.road) if config.traffic.level_1_share else None
+        self.traffic_drivers = TrafficDrivers(config, self.road, level_1)
         self._scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
         bounds = self._scale.bounds
         self.observation_space = gymnasium.spaces.Box(-bounds, bounds, dtype=np.float32)
@@ -142,6 +146,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.proposed = None
         self._over = True
         self._look(self.simulation.reset(self.seed, vehicles), None)
+        self.traffic_drivers.start(self.simulation.kinds, self.simulation.desired_speed_m_s)
         self._over = False
         return self._observe(), self._info()
 
@@ -163,8 +168,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         commands, lane_change = plan(
             self.scene, verdict.action, self.config.ego, self.config.simulation
         )
+        wishes = self.traffic_drivers(self.scene.snapshot)
         self._over = True  # should SUMO end in the middle
-        snapshot, collision = self.simulation.advance(commands)
+        snapshot, collision = self.simulation.advance(commands, wishes)
         self._look(snapshot, lane_change)
         if collision is None and self.scene.seen.touched:
             collision = overlapping(snapshot, self.road)

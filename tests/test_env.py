@@ -212,12 +212,13 @@ def test_a_step_checks_plans_advances_and_looks_in_this_order(
     start(env, 5)
     monkeypatch.setattr(env, "safety_check", taped("check", env.safety_check))
     monkeypatch.setattr(env_module, "plan", taped("plan", env_module.plan))
+    monkeypatch.setattr(env, "traffic_drivers", taped("traffic", env.traffic_drivers))
     monkeypatch.setattr(env.simulation, "advance", taped("advance", env.simulation.advance))
     monkeypatch.setattr(env_module, "affordances", taped("look", env_module.affordances))
     monkeypatch.setattr(env_module, "rewards", taped("reward", env_module.rewards))
     env.step(0)
     env.step(1)
-    assert tape == ["check", "plan", "advance", "look", "reward"] * 2
+    assert tape == ["check", "plan", "traffic", "advance", "look", "reward"] * 2
 
 
 def test_the_check_judges_the_scene_of_the_last_observation_and_is_obeyed() -> None:

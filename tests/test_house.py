@@ -16,7 +16,7 @@ ROOMS = (
     {"traffic"},
     {"driving"},
     {"drawing", "video"},
-    {"env", "episode"},
+    {"env", "episode", "level_1"},
     {"learning"},
     {"studies"},
     {"cli", "console", "learning_verbs", "options", "__main__"},
@@ -27,7 +27,7 @@ ONLY_IN = {
     "traci": {"traffic"},
     "sumolib": {"traffic"},
     "torch": {"learning"},
-    "safetensors": {"learning"},
+    "safetensors": {"learning", "level_1"},  # traffic needs its policy where no torch is
     "matplotlib": {"studies"},
 }
 

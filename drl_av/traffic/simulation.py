@@ -14,15 +14,18 @@ from drl_av.traffic.collisions import classify
 from drl_av.traffic.connection import connection, program, require_display
 from drl_av.traffic.population import (
     EGO_ID,
+    Kind,
     Population,
     capacity,
+    draw_kinds,
     draw_population,
     placed_population,
     random_lane_changes,
 )
 from drl_av.traffic.ring import FloatArray
 from drl_av.traffic.scenario import Scenario
-from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot
+from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot, Wish
+from drl_av.traffic.wishes import ask_for_lane_changes, ask_for_speeds, leave_to_wishes
 
 ALL_SPEED_CHECKS_OFF = 32
 NO_AUTONOMOUS_LANE_CHANGES = 0
@@ -68,6 +71,8 @@ class Simulation:
         rate *= self._config.simulation.decision_interval_s
         self._random_lane_changes = random_lane_changes(rng, len(population.ids), rate)
         self._ids = population.ids
+        self.kinds = draw_kinds(seed, len(self._ids), self._config.traffic)
+        self.desired_speed_m_s = population.desired_speed_m_s
         description = self.scenario.description
         self._length_m = np.full(len(self._ids), description.vehicle_length_m)
         self._width_m = np.full(len(self._ids), description.vehicle_width_m)
@@ -86,8 +91,12 @@ class Simulation:
         self._ego_lateral_speed_m_s = 0.0
         return self._snapshot()
 
-    def advance(self, commands: Sequence[Command]) -> tuple[Snapshot, Collision | None]:
+    def advance(
+        self, commands: Sequence[Command], wishes: Sequence[Wish] = ()
+    ) -> tuple[Snapshot, Collision | None]:
         """Carry out one command a SUMO step; stops at the step in which SUMO sees the ego collide.
+
+        The wishes of the traffic are carried out as far as SUMO finds them safe.
 
         Raises:
             SimulationError: another Simulation has taken SUMO over, or sumo-gui was closed.
@@ -98,12 +107,14 @@ class Simulation:
                 "once a process: reset this one first, or run several with "
                 "make_vec(..., vectorization_mode='async')."
             )
-        collision = None
+        collision, timing = None, self._config.simulation
         try:
             for row, side in next(self._random_lane_changes):
                 vehicle = self._ids[row]
                 self._sumo.vehicle.changeLaneRelative(vehicle, side, RANDOM_LANE_CHANGE_S)
+            ask_for_lane_changes(self._sumo.vehicle, self._ids, wishes, timing)
             for command in commands:
+                ask_for_speeds(self._sumo.vehicle, self._ids, wishes, timing)
                 collision = self._step(command)
                 if collision is not None:
                     break
@@ -209,6 +220,8 @@ class Simulation:
                 vehicle.setAccel(name, float(population.acceleration_m_s2[row]))
                 gain = repr(float(population.speed_gain[row]))
                 vehicle.setParameter(name, "laneChangeModel.lcSpeedGain", gain)
+                if self.kinds[row] != Kind.SUMO:
+                    leave_to_wishes(vehicle, name)
             vehicle.setMaxSpeed(name, float(population.desired_speed_m_s[row]))
 
     def _berth(self, lane: int, front_m: float) -> tuple[str, float]:

@@ -56,6 +56,16 @@ class Snapshot:
     """What SUMO's lane-change model would do with the ego: +1 left, -1 right, 0 stay."""
 
 
+class Wish(NamedTuple):
+    """What a vehicle of the traffic, not driven by SUMO, wants to do until the next decision."""
+
+    row: int
+    """Its row in the snapshot."""
+    acceleration_m_s2: float
+    side: int
+    """A lane change to the left (+1) or right (-1), or none (0)."""
+
+
 class Command(NamedTuple):
     """Where the ego is to be at the end of one SUMO step: what enters the room."""
 
