@@ -1,0 +1,138 @@
+"""Whether the background traffic collides with itself, and how it drives, mix by mix.
+
+    python tools/check_background_traffic.py --episodes 500
+
+SUMO drives the ego too, like the vehicles around it, so that nobody is there but traffic. A line
+a mix: shares of finite-state machine, level 0 and level 1 (the rest is SUMO's IDM), episodes,
+decisions of vehicles, collisions by SUMO and overlapping bodies by geometry, mean speed, lane
+changes a vehicle and minute. Exits with 1 where anything collided.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.driving.drivers.traffic import TrafficDrivers
+from drl_av.level_1 import load_level_1
+from drl_av.traffic.population import EGO_ID
+from drl_av.traffic.scenario import find_scenario, load_scenario
+from drl_av.traffic.simulation import Simulation
+from drl_av.traffic.snapshot import EGO, Collision, Command, Snapshot
+
+MIXES = ("0,0,0", "1,0,0", "0,1,0", "0,0,1", "0.3,0.3,0.4", "0.4,0.3,0.3", "0.25,0.25,0.25")
+SEEDS = 810_000
+DEFAULT_SPEED_MODE, DEFAULT_LANE_CHANGE_MODE = 31, 1621
+LATERAL_SPEED_M_S = 0.76
+NOTHING = Command(0.0, 0.0, 0.0)
+
+
+class Background(Simulation):
+    """Traffic alone: SUMO drives the ego as it drives the others, whatever it is commanded."""
+
+    collisions = 0
+
+    def reset(self, seed: int, vehicles: int) -> Snapshot:
+        """Start an episode and hand the ego over to SUMO."""
+        super().reset(seed, vehicles)
+        vehicle = self._sumo.vehicle
+        vehicle.setSpeedMode(EGO_ID, DEFAULT_SPEED_MODE)
+        vehicle.setLaneChangeMode(EGO_ID, DEFAULT_LANE_CHANGE_MODE)
+        vehicle.setMaxSpeedLat(EGO_ID, LATERAL_SPEED_M_S)
+        return self._snapshot()
+
+    def _step(self, command: Command) -> Collision | None:
+        self._sumo.simulationStep()
+        self.collisions += self._sumo.simulation.getCollidingVehiclesNumber()
+        self._ego_lateral_speed_m_s = self._sumo.vehicle.getLateralSpeed(EGO_ID)
+        return None
+
+
+class Tally(NamedTuple):
+    """What one mix did."""
+
+    decisions: int
+    collisions: int
+    overlaps: int
+    mean_speed_m_s: float
+    lane_changes_a_minute: float
+
+
+def overlaps(shot: Snapshot, circumference_m: float) -> int:
+    """Pairs of bodies that overlap."""
+    between_m = np.abs(shot.s_m[:, None] - shot.s_m)
+    lengthwise = np.minimum(between_m, circumference_m - between_m) < shot.length_m - 1e-6
+    sideways = np.abs(shot.y_m[:, None] - shot.y_m) < shot.width_m - 1e-6
+    return int(np.triu(lengthwise & sideways, 1).sum())
+
+
+def check(config: Config, episodes: int, vehicles: Sequence[int]) -> Tally:
+    """Drive the episodes of a mix, the numbers of vehicles in turn."""
+    scenario = load_scenario(find_scenario(config.simulation.scenario))
+    simulation, road = Background(scenario, config), scenario.road
+    level_1 = load_level_1(road) if config.traffic.level_1_share else None
+    drivers = TrafficDrivers(config, road, level_1)
+    steps = config.simulation.steps_per_decision
+    decisions, overlapping, changes, speeds = 0, 0, 0, []
+    for episode in range(episodes):
+        shot = simulation.reset(SEEDS + episode, vehicles[episode % len(vehicles)])
+        drivers.start(simulation.kinds, simulation.desired_speed_m_s)
+        lanes = []
+        for _ in range(config.simulation.decisions_per_episode):
+            shot, _ = simulation.advance([NOTHING] * steps, drivers(shot))
+            overlapping += overlaps(shot, road.circumference_m)
+            others = np.arange(len(shot.ids)) != EGO
+            lanes.append(np.floor(shot.y_m[others] / road.lane_width_m + 0.5))
+            speeds.append(shot.speed_m_s[others])
+            decisions += int(others.sum())
+        changes += int(np.count_nonzero(np.diff(lanes, axis=0)))
+    simulation.close()
+    mean_speed = float(np.concatenate(speeds).mean())
+    per_minute = 60 * changes / decisions / config.simulation.decision_interval_s
+    return Tally(decisions, simulation.collisions, overlapping, mean_speed, per_minute)
+
+
+def with_shares(mix: str) -> Config:
+    """The default config with the shares of a mix, written ``FSM,L0,L1``."""
+    finite_state, level_0, level_1 = map(float, mix.split(","))
+    return Config().updated(
+        "traffic",
+        finite_state_share=finite_state,
+        level_0_share=level_0,
+        level_1_share=level_1,
+    )
+
+
+def main() -> int:
+    """Check each mix and print its line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--episodes", type=int, default=500, help="a mix (default: 500)")
+    parser.add_argument(
+        "--vehicles",
+        type=int,
+        nargs="+",
+        default=range(1, 31),
+        metavar="N",
+        help="beside the ego, in turn (default: 1 to 30)",
+    )
+    parser.add_argument("--mix", nargs="+", default=MIXES, metavar="FSM,L0,L1", help="shares")
+    options = parser.parse_args()
+    collided = 0
+    for mix in options.mix:
+        tally = check(with_shares(mix), options.episodes, options.vehicles)
+        collided += tally.collisions + tally.overlaps
+        print(
+            f"{mix}: {options.episodes} episodes, {tally.decisions} vehicle-decisions, "
+            f"{tally.collisions} collisions, {tally.overlaps} overlaps, "
+            f"{tally.mean_speed_m_s:.2f} m/s, {tally.lane_changes_a_minute:.2f} lane changes "
+            "a vehicle and minute",
+            flush=True,
+        )
+    return 1 if collided else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
