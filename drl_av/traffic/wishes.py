@@ -32,20 +32,21 @@ def ask_for_lane_changes(
 def ask_for_speeds(
     vehicle: Any, ids: Sequence[str], wishes: Sequence[Wish], timing: SimulationConfig
 ) -> None:
-    """The speeds wished for at the end of the coming SUMO step, or none in an emergency."""
+    """The speeds wished for at the end of the coming SUMO step, or none where SUMO must brake."""
     for row, acceleration_m_s2, _ in wishes:
         name = ids[row]
         speed = vehicle.getSpeed(name)
-        if in_emergency(vehicle, name, speed):
+        if yields_to_sumo(vehicle, name, speed):
             vehicle.setSpeed(name, LEFT_TO_SUMO)
         else:
             vehicle.setSpeed(name, max(0.0, speed + acceleration_m_s2 * timing.step_length_s))
 
 
-def in_emergency(vehicle: Any, name: str, speed: float) -> bool:
-    """Whether SUMO's IDM wanted to brake harder in the last step than the type usually does.
+def yields_to_sumo(vehicle: Any, name: str, speed: float) -> bool:
+    """Whether SUMO's models wanted to be slower after the last step than a wish let them be.
 
-    Under a wish of ours SUMO never brakes harder than that; by itself it does.
+    They do to make room for a lane change, and in an emergency, in which they brake harder than a
+    wish ever may; that lasts until they brake as usual again.
     """
     if vehicle.getSpeedWithoutTraCI(name) < speed - 1e-6:
         return True
