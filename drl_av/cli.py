@@ -12,6 +12,7 @@ from drl_av.config import Config
 from drl_av.errors import DrlAvError, RecordingError
 from drl_av.learning_verbs import INTERRUPTED, adapt, train
 from drl_av.options import Verb, command_line, overridden
+from drl_av.reproduce import reproduce
 
 SAVE_EVERY_S = 5.0
 """What an evaluation may lose where its process dies; SUMO can take it along."""
@@ -151,24 +152,6 @@ def _figures(options: argparse.Namespace) -> int:
     return 0
 
 
-def _reproduce(options: argparse.Namespace) -> int:
-    from drl_av.console import progress_bar
-    from drl_av.studies.reproduction.experiments import EXPERIMENTS
-    from drl_av.studies.reproduction.scale import Scale
-
-    asked = {name: value for name, value in vars(options).items() if name in Scale._fields}
-    scale = Scale(**asked)
-    try:
-        for name in options.experiments or EXPERIMENTS:
-            with progress_bar(name, 0) as bar, closing(EXPERIMENTS[name](scale)) as experiment:
-                for progress in experiment:
-                    bar.reach(progress)
-    except KeyboardInterrupt:
-        print("drl-av: stopped; the same command goes on from here.", file=sys.stderr)
-        return INTERRUPTED
-    return 0
-
-
 VERBS: dict[str, Verb] = {
     "scenario": _scenario,
     "train": train,
@@ -176,5 +159,5 @@ VERBS: dict[str, Verb] = {
     "adapt": adapt,
     "replay": _replay,
     "figures": _figures,
-    "reproduce": _reproduce,
+    "reproduce": reproduce,
 }

@@ -1,15 +1,15 @@
 """What can be said to ``drl-av``: every verb's options, with their units and defaults."""
 
 import argparse
-import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from drl_av import __version__
+from drl_av import __version__, reproduce
+from drl_av.arguments import positive as _positive
+from drl_av.arguments import whole as _whole
 from drl_av.config import REPLAYS, SAFETY_CHECKS, Config, load_config
 from drl_av.presets import PRESETS
 from drl_av.studies import DENSITIES
-from drl_av.studies.reproduction.scale import ENGINES, EXPERIMENTS, VARIANTS, Scale
 
 Verb = Callable[[argparse.Namespace], int]
 
@@ -43,27 +43,6 @@ class _Help(argparse.ArgumentDefaultsHelpFormatter):
         none = action.default is None or action.default is False or action.default == []
         told = "default" in (action.help or "")
         return action.help if none or told else super()._get_help_string(action)
-
-
-def _positive(text: str) -> float:
-    number = float(text)
-    if not 0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
-    return number
-
-
-_positive.__name__ = "number"
-
-
-def _whole(low: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        number = int(text)
-        if number < low:
-            raise argparse.ArgumentTypeError(f"{number} is less than {low}")
-        return number
-
-    parse.__name__ = "whole number"
-    return parse
 
 
 def _driving(parser: argparse.ArgumentParser, whose: str) -> None:
@@ -246,55 +225,6 @@ def _figures(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for them")
 
 
-def _reproduce(parser: argparse.ArgumentParser) -> None:
-    usual = Scale()
-    told = "; ".join(f"{name}: {meaning}" for name, meaning in EXPERIMENTS.items())
-    parser.add_argument(
-        "experiments",
-        nargs="*",
-        choices=[[], *EXPERIMENTS],
-        metavar="EXPERIMENT",
-        help=f"{told} (default: all)",
-    )
-    numbers = {
-        "--seeds": (usual.seeds, "trainings of each variant; the paper's are 200"),
-        "--episodes": (usual.episodes, "of each training, of a schedule of 10000"),
-        "--full-seeds": (usual.full_seeds, "trainings that go on to the schedule's end"),
-        "--drives": (usual.drives, "evaluation episodes at each number of vehicles"),
-        "--jobs": (usual.jobs, "processes at once on this machine"),
-    }
-    for option, (default, meaning) in numbers.items():
-        low = 0 if option == "--full-seeds" else 1
-        parser.add_argument(option, type=_whole(low), default=default, metavar="N", help=meaning)
-    parser.add_argument(
-        "--variants",
-        nargs="+",
-        choices=VARIANTS,
-        default=VARIANTS,
-        metavar="NAME",
-        help=f"trainings of the curves, of: {', '.join(VARIANTS)} (default: all)",
-    )
-    parser.add_argument(
-        "--engine",
-        choices=ENGINES,
-        default=usual.engine,
-        help="loky: this machine; ray: the cluster at RAY_ADDRESS, or this machine",
-    )
-    parser.add_argument(
-        "--runs",
-        type=Path,
-        default=usual.runs,
-        metavar="DIR",
-        help="folder of the trainings, which go on from there; shared where a cluster works",
-    )
-    parser.add_argument(
-        "--out", type=Path, default=usual.out, metavar="DIR", help="folder of the results"
-    )
-    parser.add_argument(
-        "--config", metavar="FILE.toml", help="settings as TOML, laid over the paper's"
-    )
-
-
 _VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "scenario": ("write a scenario folder for SUMO and drl-av", _scenario),
     "train": ("train a driver (Algorithm 1)", _train),
@@ -302,5 +232,8 @@ _VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "adapt": ("drive greedily, and go on learning (continuous adaptation)", _adapt),
     "replay": ("watch a driver, or a recorded episode again", _replay),
     "figures": ("draw the paper's figures as PNG files", _figures),
-    "reproduce": ("make the paper's results anew, going on where it stopped", _reproduce),
+    "reproduce": (
+        "make the paper's results anew, going on where it stopped",
+        reproduce.add_options,
+    ),
 }

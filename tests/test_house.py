@@ -19,7 +19,7 @@ ROOMS = (
     {"env", "episode", "level_1"},
     {"learning"},
     {"studies"},
-    {"cli", "console", "learning_verbs", "options", "__main__"},
+    {"cli", "console", "learning_verbs", "options", "arguments", "reproduce", "__main__"},
 )
 """Each may import itself and those before it."""
 ONLY_IN = {

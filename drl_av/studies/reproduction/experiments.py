@@ -1,8 +1,9 @@
 """The experiments of ``drl-av reproduce`` by name."""
 
+from drl_av.studies.reproduction.adaptation import adaptation
 from drl_av.studies.reproduction.curves import curves
 from drl_av.studies.reproduction.scale import Experiment
 from drl_av.studies.reproduction.speeds import speeds
 
-EXPERIMENTS: dict[str, Experiment] = {"curves": curves, "speeds": speeds}
-"""Those of ``scale.EXPERIMENTS``, which tells what they are."""
+EXPERIMENTS: dict[str, Experiment] = {"curves": curves, "speeds": speeds, "adaptation": adaptation}
+"""Those of ``scale.MEANINGS``, which tells what they are."""

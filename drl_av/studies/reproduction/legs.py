@@ -3,7 +3,7 @@
 import csv
 import os
 import time
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +21,16 @@ class Leg(NamedTuple):
     """Last episode to drive; the config's schedule may go on beyond it."""
     config: Config
     folder: Path
+    every: int
+    """Episodes that a row of its table sums up."""
+    policy: Path | None = None
+    """Where the driver comes from that goes on learning; None for one that begins anew."""
+
+    @property
+    def last_row(self) -> int:
+        """Episode of the last row that it brings to its table."""
+        whole = self.stop == self.config.learning.episodes
+        return self.stop if whole else self.stop // self.every * self.every
 
     @property
     def clock(self) -> Path:
@@ -37,19 +47,23 @@ def drive_leg(leg: Leg) -> None:
         RunError: the folder holds a training with other settings, or another process is in it.
     """
     from drl_av.env import HighwayEnv
+    from drl_av.learning.adaptation import take_over
     from drl_av.learning.run import Run, train
     from drl_av.learning.training import Training
 
     run, parent = Run(leg.folder), os.getppid()
-    if not run.config_file.is_file():
-        run.create(leg.config)
-    if run.read_config() != leg.config:
+    if run.config_file.is_file() and run.read_config() != leg.config:
         raise RunError(
             f"{leg.folder} was begun with other settings: choose another folder with --runs, "
             "or move it away."
         )
-    with run.alone(), closing(HighwayEnv(config=leg.config)) as env:
+    with closing(HighwayEnv(config=leg.config)) as env, ExitStack() as stack:
         training = Training(env)
+        if not run.config_file.is_file():
+            if leg.policy:
+                take_over(training, leg.policy)
+            run.create(leg.config, training if leg.policy else None)
+        stack.enter_context(run.alone())
         run.restore(training)
         if training.episodes_done >= leg.stop:
             return
@@ -83,7 +97,22 @@ def episodes_driven(folder: Path) -> int:
     return max(file.read_bytes().count(b"\n") - 1, 0) if file.is_file() else 0
 
 
-def rows_of(leg: Leg) -> list[Row]:
+def blocks_of(leg: Leg) -> list[Row]:
+    """What the training has brought so far, a row for so many episodes."""
+    episodes = _whole_rows(leg.folder / "episodes.csv")[: leg.stop]
+    ends = range(leg.every, len(episodes) + 1, leg.every)
+    last = [leg.stop] if len(episodes) == leg.stop == leg.config.learning.episodes else []
+    return [
+        {**_place(leg, end), **_training(episodes[(end - 1) // leg.every * leg.every : end])}
+        for end in dict.fromkeys([*ends, *last])
+    ]
+
+
+def _place(leg: Leg, episode: int) -> Row:
+    return {"variant": leg.variant, "seed": str(leg.seed), "episode": str(episode)}
+
+
+def evaluations_of(leg: Leg) -> list[Row]:
     """What the training has brought so far, a row an evaluation.
 
     Beside the greedy driver's means stand those of the training episodes since the evaluation
@@ -95,9 +124,7 @@ def rows_of(leg: Leg) -> list[Row]:
     for evaluation in evaluations:
         episode = int(evaluation["episode"])
         since, before = episodes[before:episode], episode
-        rows.append(
-            {"variant": leg.variant, "seed": str(leg.seed), **evaluation, **_training(since)}
-        )
+        rows.append({**_place(leg, episode), **evaluation, **_training(since)})
     return rows
 
 

@@ -1,5 +1,6 @@
 """What made a results file: command, versions, SUMO's steps, machine, and the time it took."""
 
+import hashlib
 import json
 import os
 import platform
@@ -33,6 +34,11 @@ def provenance(config: Config, **facts: Any) -> dict[str, Any]:
         "machine": machine(),
         **facts,
     }
+
+
+def checksum(file: Path) -> str:
+    """SHA-256 of a file."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def machine() -> str:

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 from drl_av.config import Config, load_config
 
-EXPERIMENTS = {
+MEANINGS = {
     "curves": "learning curves: with and without the check, two buffers and prioritized replay",
     "speeds": "mean speed against the number of vehicles, to where the drivers meet",
+    "adaptation": "safety triggers of the shipped driver with and without learning on",
 }
 """What there is to reproduce."""
 VARIANTS = ("paper", "permit_all", "prioritized")

@@ -1,6 +1,5 @@
 """Mean speed against the number of vehicles, up to where the drivers meet (Fig. 8)."""
 
-import hashlib
 from collections.abc import Generator, Iterator
 from contextlib import closing
 from dataclasses import asdict, fields
@@ -12,12 +11,13 @@ from typing import Any
 from drl_av.config import Config
 from drl_av.episode import EpisodeResult
 from drl_av.studies import DENSITIES
-from drl_av.studies.drivers import PRETRAINED, choose, config_of
+from drl_av.studies.drivers import PRETRAINED, choose, config_of, policy_file
 from drl_av.studies.evaluation import Evaluation, write_rows
 from drl_av.studies.files import require_writable
 from drl_av.studies.reproduction import tables
 from drl_av.studies.reproduction.paired import Paired, paired
 from drl_av.studies.reproduction.provenance import (
+    checksum,
     provenance,
     read_sidecar,
     sidecar,
@@ -97,7 +97,7 @@ def _told(gains: list[Paired]) -> str:
 def _kept(table: Path, config: Config) -> tuple[list[EpisodeResult], float]:
     """What an earlier command left that still holds, and the seconds spent on it."""
     facts = read_sidecar(table)
-    if not facts or facts.get("policy_sha256") != _policy():
+    if not facts or facts.get("policy_sha256") != checksum(policy_file(PRETRAINED)):
         return [], 0.0
     if stored_config(facts["settings"], str(sidecar(table))) != config:
         return [], 0.0
@@ -122,10 +122,6 @@ def _facts(scale: Scale, config: Config, spent_s: float) -> dict[str, Any]:
         processes=scale.jobs,
         seeds=f"0 to {scale.drives - 1}",
         wall_time_s=round(spent_s, 1),
-        policy_sha256=_policy(),
+        policy_sha256=checksum(policy_file(PRETRAINED)),
         settings=asdict(config),
     )
-
-
-def _policy() -> str:
-    return hashlib.sha256((PRETRAINED / "policy.safetensors").read_bytes()).hexdigest()

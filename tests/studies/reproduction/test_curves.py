@@ -13,11 +13,12 @@ import pytest
 
 from drl_av.config import Config
 from drl_av.errors import DrlAvError, RunError
-from drl_av.studies.reproduction import curves as module
-from drl_av.studies.reproduction.curves import curves, merged
-from drl_av.studies.reproduction.legs import Leg, drive_leg, rows_of, wall_time_s
+from drl_av.studies.reproduction import trainings as module
+from drl_av.studies.reproduction.curves import curves
+from drl_av.studies.reproduction.legs import Leg, blocks_of, drive_leg, evaluations_of, wall_time_s
 from drl_av.studies.reproduction.scale import Scale
 from drl_av.studies.reproduction.tables import read_rows
+from drl_av.studies.reproduction.trainings import merged
 
 TINY = (
     Config()
@@ -89,21 +90,22 @@ def doomed(last: int) -> Callable[[Leg], None]:
     return work
 
 
-@pytest.mark.parametrize("engine", ["loky", "ray"])
+@pytest.mark.parametrize(("engine", "seeds"), [("loky", 1), ("ray", 2)])
 def test_killed_worker_is_begun_again_at_its_checkpoint_and_nothing_counts_twice(
-    engine: str, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    engine: str, seeds: int, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "drive_leg", doomed(LAST))
-    told = make(scale(tmp_path, engine=engine))
+    told = make(scale(tmp_path, engine=engine, seeds=seeds))
     assert (tmp_path / "runs" / "paper-0.killed").exists()
     driven = [int(line) for line in (tmp_path / "runs" / "paper-0.log").read_text().split()]
     assert driven == [*range(1, 10), *range(9, 13)]  # 9 was on disk, but in no checkpoint
-    for name in ("curves.csv", "convergence.csv"):
-        assert (tmp_path / name).read_bytes() == (undisturbed / name).read_bytes()
-    for name in ("paper-0", "paper-1"):
+    expected = read_rows(undisturbed / "curves.csv")
+    found = read_rows(tmp_path / "curves.csv")
+    assert found == [row for row in expected if int(row["seed"]) < seeds]
+    for seed in range(seeds):
+        name = f"paper-{seed}"
         assert files_of(tmp_path / "runs" / name) == files_of(undisturbed / "runs" / name)
-    assert (told[-1].done, told[-1].total) == (12 + 6, 12 + 6)
-    assert all(earlier.done <= later.done + 1 for earlier, later in pairwise(told))
+    assert told[-1].done == told[-1].total == (12 if seeds == 1 else 12 + 6)
 
 
 def test_the_table_has_every_evaluation_once_and_says_what_made_it(undisturbed: Path) -> None:
@@ -134,7 +136,7 @@ def test_what_the_table_holds_is_not_trained_again_though_the_folders_are_lost(
     told = make(scale(tmp_path))
     assert not asked
     assert (told[-1].done, told[-1].total) == (18, 18)
-    assert files_of(tmp_path)["curves.csv"] == (undisturbed / "curves.csv").read_bytes()
+    assert (tmp_path / "curves.csv").read_bytes() == (undisturbed / "curves.csv").read_bytes()
     make(scale(tmp_path, seeds=3, episodes=9))
     assert [(leg.seed, leg.stop) for leg in asked] == [(1, 9), (2, 9)]
 
@@ -151,7 +153,7 @@ def test_a_table_of_other_settings_is_refused_and_left(undisturbed: Path, tmp_pa
 def test_a_folder_of_other_settings_is_refused(undisturbed: Path) -> None:
     other = TINY.updated("learning", batch_size=32)
     with pytest.raises(RunError, match=r"begun with other settings.*--runs"):
-        drive_leg(Leg("paper", 0, 12, other, undisturbed / "runs" / "paper-0"))
+        drive_leg(Leg("paper", 0, 12, other, undisturbed / "runs" / "paper-0", 3))
 
 
 def table(*rows: tuple[str, int, int, str]) -> list[dict[str, str]]:
@@ -174,7 +176,7 @@ def test_each_training_is_taken_from_the_side_that_got_further() -> None:
         ("paper", 10, 100, "found"),
         ("paper", 10, 200, "found"),
     )
-    assert merged(stored, found) == table(
+    assert merged(stored, found, ("paper", "permit_all")) == table(
         ("paper", 2, 100, "stored"),
         ("paper", 2, 200, "stored"),
         ("paper", 10, 100, "found"),
@@ -186,7 +188,7 @@ def test_each_training_is_taken_from_the_side_that_got_further() -> None:
 def test_an_episode_that_stands_there_twice_is_told() -> None:
     twice = table(("paper", 0, 100, "a"), ("paper", 1, 100, "a"), ("paper", 0, 100, "b"))
     with pytest.raises(DrlAvError, match="episode 100 of paper, seed 0, twice"):
-        merged(twice, [])
+        merged(twice, [], ("paper",))
 
 
 def test_training_episodes_are_counted_with_the_evaluation_after_them(tmp_path: Path) -> None:
@@ -194,7 +196,9 @@ def test_training_episodes_are_counted_with_the_evaluation_after_them(tmp_path: 
     lines = ["1,-1,4,True,True", "2,-3,0,False,False", "3,-5,8,True,False", "4,-7,0,False,False"]
     (tmp_path / "episodes.csv").write_text(header + "\n".join([*lines, "5,-900,1,Tr"]))
     (tmp_path / "evaluations.csv").write_text("episode,mean_reward\n2,-0.5\n4,-0.25\n6,-0.12")
-    rows = rows_of(Leg("paper", 7, 12, TINY, tmp_path))  # both files end in the midst of a row
+    rows = evaluations_of(
+        Leg("paper", 7, 12, TINY, tmp_path, 2)
+    )  # both files end in the midst of a row
     assert [(row["seed"], row["episode"], row["mean_reward"]) for row in rows] == [
         ("7", "2", "-0.5"),
         ("7", "4", "-0.25"),
@@ -203,6 +207,20 @@ def test_training_episodes_are_counted_with_the_evaluation_after_them(tmp_path: 
     assert [row["training_collisions"] for row in rows] == ["0.5", "0.5"]
     assert [row["training_ego_hits"] for row in rows] == ["0.5", "0"]
     assert [row["training_safety_triggers"] for row in rows] == ["2", "4"]
+
+
+def test_blocks_are_means_of_as_many_episodes_and_the_last_of_what_is_left(tmp_path: Path) -> None:
+    header = "episode,mean_reward,safety_triggers,collided,ego_hit\n"
+    lines = [f"{n},-1,{n},{n == 4},False\n" for n in range(1, 12)]
+    (tmp_path / "episodes.csv").write_text(header + "".join(lines))
+    whole = blocks_of(Leg("adaptation", 0, 12, TINY, tmp_path, 4))  # of 12 episodes 11 are there
+    assert [row["episode"] for row in whole] == ["4", "8"]
+    assert [row["training_safety_triggers"] for row in whole] == ["2.5", "6.5"]
+    assert [row["training_collisions"] for row in whole] == ["0.25", "0"]
+    (tmp_path / "episodes.csv").write_text(header + "".join([*lines, "12,-1,30,False,False\n"]))
+    odd = blocks_of(Leg("adaptation", 0, 12, TINY, tmp_path, 5))
+    assert [row["episode"] for row in odd] == ["5", "10", "12"]
+    assert [row["training_safety_triggers"] for row in odd] == ["3", "8", "20.5"]
 
 
 def test_wall_time_counts_each_episode_once(tmp_path: Path) -> None:

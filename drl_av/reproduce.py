@@ -1,0 +1,77 @@
+"""The verb ``reproduce``: the paper's experiments made anew."""
+
+import argparse
+import sys
+from contextlib import closing
+from pathlib import Path
+
+from drl_av.arguments import whole
+from drl_av.studies.reproduction.scale import ENGINES, MEANINGS, VARIANTS, Scale
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """What can be said to it."""
+    usual = Scale()
+    told = "; ".join(f"{name}: {meaning}" for name, meaning in MEANINGS.items())
+    parser.add_argument(
+        "experiments",
+        nargs="*",
+        choices=[[], *MEANINGS],
+        metavar="EXPERIMENT",
+        help=f"{told} (default: all)",
+    )
+    numbers = {
+        "--seeds": (usual.seeds, "trainings of each variant; the paper's are 200"),
+        "--episodes": (usual.episodes, "of each training, of a schedule of 10000"),
+        "--full-seeds": (usual.full_seeds, "trainings that go on to the schedule's end"),
+        "--drives": (usual.drives, "evaluation episodes at each number of vehicles"),
+        "--jobs": (usual.jobs, "processes at once on this machine"),
+    }
+    for option, (default, meaning) in numbers.items():
+        low = 0 if option == "--full-seeds" else 1
+        parser.add_argument(option, type=whole(low), default=default, metavar="N", help=meaning)
+    parser.add_argument(
+        "--variants",
+        nargs="+",
+        choices=VARIANTS,
+        default=VARIANTS,
+        metavar="NAME",
+        help=f"trainings of the curves, of: {', '.join(VARIANTS)} (default: all)",
+    )
+    parser.add_argument(
+        "--engine",
+        choices=ENGINES,
+        default=usual.engine,
+        help="loky: this machine; ray: the cluster at RAY_ADDRESS, or this machine",
+    )
+    parser.add_argument(
+        "--runs",
+        type=Path,
+        default=usual.runs,
+        metavar="DIR",
+        help="folder of the trainings, which go on from there; shared where a cluster works",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=usual.out, metavar="DIR", help="folder of the results"
+    )
+    parser.add_argument(
+        "--config", metavar="FILE.toml", help="settings as TOML, laid over the paper's"
+    )
+
+
+def reproduce(options: argparse.Namespace) -> int:
+    """Make the experiments that are asked for, one after the other."""
+    from drl_av.console import progress_bar
+    from drl_av.studies.reproduction.experiments import EXPERIMENTS
+
+    asked = {name: value for name, value in vars(options).items() if name in Scale._fields}
+    scale = Scale(**asked)
+    try:
+        for name in options.experiments or EXPERIMENTS:
+            with progress_bar(name, 0) as bar, closing(EXPERIMENTS[name](scale)) as experiment:
+                for progress in experiment:
+                    bar.reach(progress)
+    except KeyboardInterrupt:
+        print("drl-av: the same command goes on from here.", file=sys.stderr)
+        raise
+    return 0
