@@ -138,14 +138,18 @@ def _refuse_settings(options: argparse.Namespace) -> None:
 def _figures(options: argparse.Namespace) -> int:
     from drl_av.studies.figures import learning_figure, reward_figure, save_figure, speed_figure
     from drl_av.studies.lane_change_figure import lane_change_figure
+    from drl_av.studies.reproduction.published import published
 
-    runs = [path for path in options.sources if path.is_dir()]
+    folders = [path for path in options.sources if path.is_dir()]
+    runs = [folder for folder in folders if (folder / "evaluations.csv").is_file()]
     tables = [path for path in options.sources if not path.is_dir()]
     figures = {"reward": reward_figure(Config()), "lane_change": lane_change_figure(Config())}
     if tables:
         figures["mean_speed"] = speed_figure(tables)
     if runs:
         figures["learning"] = learning_figure(runs)
+    for folder in folders:
+        figures |= {} if folder in runs else dict(published(folder))
     for name, figure in figures.items():
         save_figure(figure, options.out / f"{name}.png")
         print(options.out / f"{name}.png")

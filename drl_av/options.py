@@ -219,8 +219,8 @@ def _figures(parser: argparse.ArgumentParser) -> None:
         "sources",
         nargs="+",
         type=Path,
-        metavar="FILE.csv | RUN",
-        help="tables that evaluate wrote, in m/s, and folders of runs",
+        metavar="FILE.csv | RUN | RESULTS",
+        help="tables that evaluate wrote, in m/s, folders of runs, and of reproduce's results",
     )
     parser.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for them")
 

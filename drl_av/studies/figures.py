@@ -23,14 +23,14 @@ Column = type[int] | type[float] | type[str]
 EPISODE_COLUMNS: dict[str, Column] = {"driver": str, "vehicles": int, "mean_speed_m_s": float}
 EVALUATION_COLUMNS: dict[str, Column] = {"episode": int, "mean_reward": float}
 STYLES = {
-    "pretrained": ("#c2185b", "o"),
-    "idm": ("#546e7a", "s"),
-    "idm-mobil": ("#388e3c", "v"),
-    "idm-sumo": ("#1976d2", "^"),
-    "random": ("#9e9e9e", "x"),
+    "pretrained": ("#d55e00", "o"),
+    "idm": ("#000000", "s"),
+    "idm-mobil": ("#009e73", "v"),
+    "idm-sumo": ("#0072b2", "^"),
+    "random": ("#999999", "x"),
 }
-"""Colour and mark of the drivers that have one of their own."""
-OTHER_COLORS = ("#f57c00", "#7b1fa2", "#00897b", "#5d4037")
+"""Colour, told apart by the colour-blind, and mark of the drivers that have one of their own."""
+OTHER_COLORS = ("#e69f00", "#cc79a7", "#56b4e9", "#f0e442")
 BESIDE = 0.15
 """Vehicles by which the marks of two drivers are set apart, so that their intervals are seen."""
 
@@ -38,7 +38,7 @@ BESIDE = 0.15
 def speed_figure(tables: Sequence[Path]) -> Figure:
     """Mean speed against the number of vehicles, a curve a driver, with 95 % intervals (Fig. 8)."""
     rows = [row for table in tables for row in read_table(table, EPISODE_COLUMNS)]
-    figure, axes = _axes("vehicles on the loop", "mean speed of the ego, m/s")
+    figure, axes = plain_figure("vehicles on the loop", "mean speed of the ego, m/s")
     drivers = list(dict.fromkeys(row["driver"] for row in rows))
     unknown = cycle(OTHER_COLORS)
     for place, driver in enumerate(drivers):
@@ -65,7 +65,7 @@ def speed_figure(tables: Sequence[Path]) -> Figure:
 
 def learning_figure(runs: Sequence[Path]) -> Figure:
     """Mean reward a decision of the greedy driver against training episodes (Fig. 7)."""
-    figure, axes = _axes("training episode", "mean reward a decision")
+    figure, axes = plain_figure("training episode", "mean reward a decision")
     for run in runs:
         rows = read_table(run / "evaluations.csv", EVALUATION_COLUMNS)
         axes.plot(
@@ -142,14 +142,20 @@ def _value(path: Path, line: int, row: dict[str, str], column: str, kind: Column
         ) from error
 
 
-def _axes(x: str, y: str) -> tuple[Figure, Axes]:
+def plain_figure(x: str, y: str) -> tuple[Figure, Axes]:
+    """A figure of one panel, with what its axes are."""
     figure = Figure(figsize=(7, 4.2), layout="constrained")
     axes = figure.subplots()
+    plain(axes, x, y)
+    return figure, axes
+
+
+def plain(axes: Axes, x: str, y: str) -> None:
+    """Say what the axes of a panel are, and keep its frame light."""
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     axes.grid(alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
-    return figure, axes
 
 
 def _panel(axes: Axes, x: str, places: FloatArray, values: list[float]) -> None:

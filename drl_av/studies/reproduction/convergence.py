@@ -15,6 +15,8 @@ END = 0.1
 """Share of a curve that is its end."""
 NEAR = 0.1
 """Share of the way from its first value to its end, within which a curve has converged."""
+COUNTED = ("collisions", "ego_hits")
+"""Columns that count episodes of an evaluation."""
 
 
 class Curve(NamedTuple):
@@ -41,10 +43,15 @@ def curve(rows: Iterable[Row], variant: str, column: str) -> Curve:
     seeds: dict[str, dict[int, float]] = {}
     for row in rows:
         if row["variant"] == variant:
-            seeds.setdefault(row["seed"], {})[int(row["episode"])] = float(row[column])
+            seeds.setdefault(row["seed"], {})[int(row["episode"])] = _value(row, column)
     shared = set.intersection(*map(set, seeds.values())) if seeds else set()
     episodes = sorted(shared)
     return Curve(episodes, np.array([[seed[e] for e in episodes] for seed in seeds.values()]))
+
+
+def _value(row: Row, column: str) -> float:
+    """A column of the table; those that count evaluation episodes, for one of them."""
+    return float(row[column]) / (int(row["evaluation_episodes"]) if column in COUNTED else 1)
 
 
 def converged_at(episodes: Sequence[int], values: Sequence[float]) -> int:
@@ -84,15 +91,12 @@ COLUMNS = {
 """What ends are told of, and the column of ``curves.csv`` that holds it."""
 
 
-def convergence(rows: Sequence[Row], evaluation_episodes: int) -> list[Row]:
+def convergence(rows: Sequence[Row]) -> list[Row]:
     """A row a variant: since when it is near its end, and its end with the 95 % half-widths."""
-    return [
-        _summary(rows, variant, evaluation_episodes)
-        for variant in dict.fromkeys(row["variant"] for row in rows)
-    ]
+    return [_summary(rows, variant) for variant in dict.fromkeys(row["variant"] for row in rows)]
 
 
-def _summary(rows: Sequence[Row], variant: str, evaluation_episodes: int) -> Row:
+def _summary(rows: Sequence[Row], variant: str) -> Row:
     reward = curve(rows, variant, "mean_reward")
     means = [mean.value for mean in reward.means]
     summary = {
@@ -102,9 +106,7 @@ def _summary(rows: Sequence[Row], variant: str, evaluation_episodes: int) -> Row
         "converged_at": str(converged_at(reward.episodes, means)),
     }
     for name, column in COLUMNS.items():
-        counted = column in ("collisions", "ego_hits")
         end = curve(rows, variant, column).end
-        divisor = evaluation_episodes if counted else 1
-        summary[name] = f"{end.value / divisor:.6g}"
-        summary[f"{name}_ci95"] = f"{end.half_width / divisor:.6g}"
+        summary[name] = f"{end.value:.6g}"
+        summary[f"{name}_ci95"] = f"{end.half_width:.6g}"
     return summary

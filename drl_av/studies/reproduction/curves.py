@@ -28,8 +28,7 @@ def curves(scale: Scale) -> Generator[Progress, None, None]:
     config = scale.over(Config())
 
     def summarize(rows: list[Row]) -> None:
-        each = config.learning.evaluation_episodes
-        write_rows(scale.out / SUMMARY, convergence(rows, each))
+        write_rows(scale.out / SUMMARY, convergence(rows))
 
     configs = {variant: variant_config(config, variant) for variant in VARIANTS}
     table = Table(scale.out / TABLE, configs, evaluations_of, written=summarize)

@@ -21,6 +21,8 @@ Engine = Callable[[Callable[[Job], None], Sequence[Job], int], Ended[Job]]
 RETRIES = 3
 """Times that work is begun again after a process was killed, before it is given up."""
 TICK_S = 1.0
+PATIENT = {"agent_register_timeout_ms": 300_000, "worker_register_timeout_seconds": 300}
+"""A local Ray gives up starting where a busy machine takes longer than its usual 30 s."""
 SINGLE_THREADED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
@@ -95,7 +97,7 @@ def _cluster(processes: int) -> Iterator[None]:
         return
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
     if "RAY_ADDRESS" not in os.environ:
-        options |= {"num_cpus": processes, "include_dashboard": False}
+        options |= {"num_cpus": processes, "include_dashboard": False, "_system_config": PATIENT}
     with ray.init(**options):
         yield
 

@@ -1,9 +1,15 @@
-"""The experiments of ``drl-av reproduce`` by name."""
+"""The experiments of ``drl-av reproduce`` by name, in the order in which they are made."""
 
 from drl_av.studies.reproduction.adaptation import adaptation
 from drl_av.studies.reproduction.curves import curves
+from drl_av.studies.reproduction.published import figures
 from drl_av.studies.reproduction.scale import Experiment
 from drl_av.studies.reproduction.speeds import speeds
 
-EXPERIMENTS: dict[str, Experiment] = {"curves": curves, "speeds": speeds, "adaptation": adaptation}
+EXPERIMENTS: dict[str, Experiment] = {
+    "curves": curves,
+    "speeds": speeds,
+    "adaptation": adaptation,
+    "figures": figures,
+}
 """Those of ``scale.MEANINGS``, which tells what they are."""

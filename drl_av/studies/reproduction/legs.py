@@ -124,7 +124,8 @@ def evaluations_of(leg: Leg) -> list[Row]:
     for evaluation in evaluations:
         episode = int(evaluation["episode"])
         since, before = episodes[before:episode], episode
-        rows.append({**_place(leg, episode), **evaluation, **_training(since)})
+        each = {"evaluation_episodes": str(leg.config.learning.evaluation_episodes)}
+        rows.append({**_place(leg, episode), **evaluation, **each, **_training(since)})
     return rows
 
 

@@ -49,6 +49,7 @@ def row(variant: str, seed: int, episode: int, reward: float, collisions: int) -
         "mean_speed_m_s": 20 + seed,
         "collisions": collisions,
         "ego_hits": 0,
+        "evaluation_episodes": 10,
         "training_collisions": 0.5,
     }
     place = {"variant": variant, "seed": seed, "episode": episode}
@@ -64,7 +65,7 @@ def test_ends_are_means_of_seeds_each_over_its_last_tenth() -> None:
         for seed, values in rewards.items()
         for place, reward in enumerate(values)
     ]
-    [found] = convergence(rows, evaluation_episodes=10)
+    [found] = convergence(rows)
     assert (found["seeds"], found["episodes"]) == ("2", "2000")
     assert float(found["reward"]) == pytest.approx(-0.1)
     # t(0.975, 1) = 12.706; standard error of -0.2 and 0 is 0.1
@@ -77,7 +78,7 @@ def test_ends_are_means_of_seeds_each_over_its_last_tenth() -> None:
 
 
 def test_a_single_seed_has_no_interval() -> None:
-    [found] = convergence([row("paper", 0, 100, -1.0, 0)], evaluation_episodes=10)
+    [found] = convergence([row("paper", 0, 100, -1.0, 0)])
     assert math.isinf(float(found["reward_ci95"]))
 
 
