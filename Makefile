@@ -40,16 +40,15 @@ level_1: setup
 	cd runs/level_1 && cp config.toml evaluations.csv policy.safetensors \
 	    ../../drl_av/pretrained/level_1/
 
-# Every number and table of the README (minutes).
+# Every number, table and figure of the README (hours; what docs/results holds is not made again).
 results: setup
-	$(BIN)/drl-av evaluate pretrained idm idm-mobil idm-sumo --vehicles $(DENSITIES) \
-	    --episodes 100 --seed 0 --jobs 2 --out docs/results/evaluation.csv
+	$(BIN)/drl-av reproduce --jobs 2
 	$(BIN)/drl-av evaluate random --safety-check paper --vehicles $(DENSITIES) \
 	    --episodes 50 --seed 0 --jobs 2 --out docs/results/check_paper.csv
 	$(BIN)/drl-av evaluate random idm-sumo --safety-check permit_all --vehicles $(DENSITIES) \
 	    --episodes 50 --seed 0 --jobs 2 --out docs/results/check_permit_all.csv
 	$(BIN)/python tools/compare_step_lengths.py --out docs/results/step_length.csv
-	$(BIN)/drl-av figures docs/results/evaluation.csv drl_av/pretrained --out docs/results
+	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
 	$(BIN)/python tools/benchmark.py env --rounds 9 > docs/results/benchmark.txt
 	$(BIN)/python tools/benchmark.py train >> docs/results/benchmark.txt
 	$(BIN)/python tools/draw_picture.py docs/drive.png

@@ -45,7 +45,49 @@ def check_table() -> str:
     return "\n".join(lines)
 
 
+def gain_table() -> str:
+    """What the shipped driver gains on each baseline in the same traffic; the best one in bold."""
+    rows = read("paired.csv")
+    densities = sorted({int(row["vehicles"]) for row in rows})
+    lines = [
+        "| vehicles | " + " | ".join(map(str, densities)) + " |",
+        "|" + " --- |" * (len(densities) + 1),
+    ]
+    for baseline in dict.fromkeys(row["baseline"] for row in rows):
+        cells = [gain(row) for row in rows if row["baseline"] == baseline]
+        lines.append(f"| over `{baseline}` | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def gain(row: Row) -> str:
+    """A paired difference in m/s, and half of its 95 % interval."""
+    told = str(Mean(float(row["difference_m_s"]), float(row["ci95_half_width_m_s"])))
+    return f"**{told}**" if row["best"] == "True" else told
+
+
+def convergence_table() -> str:
+    """Where the learning curves end, and since when they are near it."""
+    names = ("training", "seeds", "near its end from episode", "reward a decision")
+    names += ("collisions an episode", "mean speed, m/s")
+    lines = ["| " + " | ".join(names) + " |", "|" + " --- |" * len(names)]
+    digits = {"reward": 3, "collisions_an_episode": 2, "mean_speed_m_s": 2}
+    for row in read("convergence.csv"):
+        cells = [f"`{row['variant']}`", row["seeds"], f"{row['converged_at']} of {row['episodes']}"]
+        cells += [
+            f"{float(row[name]):.{count}f} ± {float(row[f'{name}_ci95']):.{count}f}"
+            for name, count in digits.items()
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
 TABLES = {"speed": speed_table, "collisions": collision_table, "check": check_table}
+WITH_RESULTS = {
+    "gain": ("paired.csv", gain_table),
+    "convergence": ("convergence.csv", convergence_table),
+}
+"""Those that the README has as soon as their results are there."""
+TABLES |= {name: table for name, (file, table) in WITH_RESULTS.items() if (RESULTS / file).exists()}
 
 
 def pivot(rows: list[Row], column: str, cell: Callable[[list[Row]], str]) -> str:

@@ -47,7 +47,7 @@ def _over_seeds(rows: list[Row]) -> tuple[FloatArray, FloatArray]:
 
 
 def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> FloatArray:
-    """At each row the mean of the last ``over`` episodes, each row counted with its episodes."""
+    """At each row the mean of the last ``over`` episodes, of rows that are wholly among them."""
     counts = np.diff(episodes, prepend=0.0)
     sums = np.concatenate(([0.0], np.cumsum(values * counts)))
     ends = np.concatenate(([0.0], episodes))

@@ -1,0 +1,79 @@
+"""Mean speeds: driven once, to the density where the drivers meet; driven anew for a new policy."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drl_av.studies.reproduction import speeds as module
+from drl_av.studies.reproduction.scale import Scale
+from drl_av.studies.reproduction.speeds import speeds
+from drl_av.studies.reproduction.tables import read_rows
+
+SETTINGS = """
+[simulation]
+decisions_per_episode = 10
+[traffic]
+start_gap_m = 30.0
+"""
+
+
+@pytest.fixture
+def scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scale:
+    """Two densities of the tables, on a road that takes 41 vehicles and the ego."""
+    monkeypatch.setattr(module, "DENSITIES", (1, 30))
+    (tmp_path / "settings.toml").write_text(SETTINGS)
+    return Scale(drives=2, jobs=1, out=tmp_path, config=str(tmp_path / "settings.toml"))
+
+
+def densities(folder: Path) -> list[str]:
+    return list(dict.fromkeys(row["vehicles"] for row in read_rows(folder / "evaluation.csv")))
+
+
+def never_met(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module.Paired, "lower_m_s", property(lambda gain: 1.0))
+
+
+def test_goes_on_to_a_full_road_where_the_drivers_do_not_meet(
+    scale: Scale, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    never_met(monkeypatch)
+    told = list(speeds(scale))
+    assert densities(scale.out) == ["1", "30", "35", "40"]
+    rows = read_rows(scale.out / "evaluation.csv")
+    assert len({(r["driver"], r["vehicles"], r["seed"]) for r in rows}) == len(rows) == 4 * 4 * 2
+    assert [row["vehicles"] for row in read_rows(scale.out / "paired.csv")][::3] == densities(
+        scale.out
+    )
+    assert told[-1].done == told[-1].total == 32
+    assert "40 vehicles: pretrained gains" in told[-1].line
+    facts = json.loads((scale.out / "evaluation.json").read_text())
+    assert (facts["seeds"], facts["step_length_s"]) == ("0 to 1", 0.5)
+
+
+def test_stops_where_they_meet_and_drives_nothing_twice(
+    scale: Scale, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module.Paired, "lower_m_s", property(lambda gain: 0.0))
+    list(speeds(scale))
+    assert densities(scale.out) == ["1", "30"]
+    before = (scale.out / "evaluation.csv").read_bytes()
+    driven: list[int] = []
+    rows = module.Evaluation.rows
+
+    def counted(evaluation: Any, jobs: int) -> Iterator[Any]:
+        driven.append(len(evaluation))
+        return rows(evaluation, jobs)
+
+    monkeypatch.setattr(module.Evaluation, "rows", counted)
+    list(speeds(scale))
+    assert not driven
+    list(speeds(scale._replace(drives=3)))
+    assert driven == [12, 12]
+    assert before != (scale.out / "evaluation.csv").read_bytes()
+    monkeypatch.setattr(module, "checksum", lambda file: "that of another policy")
+    list(speeds(scale))
+    assert driven == [12, 12, 8, 8]
+    assert (scale.out / "evaluation.csv").read_bytes() == before
