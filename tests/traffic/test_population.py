@@ -2,6 +2,7 @@
 
 import itertools
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,8 +35,10 @@ ROADS = st.sampled_from(
 )
 
 
-def draw(vehicles: int, seed: int = 0, road: Road = ROAD) -> Population:
-    return draw_population(np.random.default_rng(seed), vehicles, road, LENGTH_M, TRAFFIC, EGO)
+def draw(
+    vehicles: int, seed: int = 0, road: Road = ROAD, traffic: TrafficConfig = TRAFFIC
+) -> Population:
+    return draw_population(np.random.default_rng(seed), vehicles, road, LENGTH_M, traffic, EGO)
 
 
 def net_gap_m(population: Population, a: int, b: int, road: Road) -> float:
@@ -96,7 +99,7 @@ def test_everyone_can_still_stop_behind_its_leader(road: Road, vehicles: int, se
 
 
 def test_characters_are_drawn_for_each_from_the_ranges_of_the_config() -> None:
-    population = draw(30)
+    population = draw(30, traffic=replace(TRAFFIC, speed_gain_max=2.0))
     for values, low, high in [
         (population.desired_speed_m_s[1:], 20, 32),
         (population.headway_s[1:], 0.8, 1.4),
@@ -106,6 +109,10 @@ def test_characters_are_drawn_for_each_from_the_ranges_of_the_config() -> None:
         assert low <= values.min() < values.max() <= high
         assert len(set(values.tolist())) == 30
     assert population.desired_speed_m_s[0] == 30.0
+
+
+def test_nobody_changes_lanes_for_speed_unless_the_config_says_so() -> None:
+    assert not draw(30).speed_gain.any()
 
 
 def test_a_seed_draws_the_same_population_and_another_seed_another() -> None:

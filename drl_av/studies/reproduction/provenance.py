@@ -17,7 +17,7 @@ from drl_av.config import Config, from_toml
 from drl_av.errors import DrlAvError
 from drl_av.studies.files import write_whole
 
-PACKAGES = ("drl-av", "libsumo", "torch", "numpy", "gymnasium")
+PACKAGES = ("drl-av", "eclipse-sumo", "torch", "numpy", "gymnasium")
 INTEGRATION = "semi-implicit Euler"
 """SUMO's default, which no setting changes."""
 
