@@ -29,9 +29,9 @@ lint: setup
 test: lint
 	$(BIN)/python -m pytest -n 2
 
-# The shipped driver, trained again (half an hour).
+# The shipped driver, trained again (minutes).
 pretrained: setup
-	$(BIN)/drl-av train --out runs/pretrained
+	$(BIN)/drl-av train --preset fast --episodes 1000 --out runs/pretrained
 	cd runs/pretrained && cp config.toml evaluations.csv policy.safetensors ../../drl_av/pretrained/
 
 # The level-1 driver of the traffic, trained again among level-0 drivers (minutes).

@@ -10,9 +10,10 @@ from drl_av.presets import preset
 from drl_av.studies.drivers import PRETRAINED, learned_driver
 
 
-def test_it_is_what_the_default_preset_trains() -> None:
+def test_it_is_what_the_preset_fast_trains_in_1000_episodes() -> None:
     _, config = learned_driver(PRETRAINED)
-    assert config == load_config(PRETRAINED / "config.toml") == preset("paper")
+    longer = preset("fast").updated("learning", episodes=1000)
+    assert config == load_config(PRETRAINED / "config.toml") == longer
 
 
 def test_it_overtakes_the_rule_based_driver_on_the_same_traffic_without_hitting_anything() -> None:
