@@ -36,11 +36,12 @@ def barricade_figure(table: Path) -> Figure:
         own = [row for row in rows if row["safety_check"] == check]
         color, label = LOOKS.get(check, ("#546e7a", check))
         _learning(learning, [row for row in own if row["phase"] == "training"], color, label)
-        _trained(trained, [row for row in own if row["phase"] == "trained"], place, color)
+        _trained(trained, [row for row in own if row["phase"] == "trained"], (place, label, color))
     learning.set(xlabel="training episode", ylabel="collisions with the barricade so far")
+    learning.set_title("while learning")
     learning.set_ylim(bottom=-0.5)
     learning.legend(frameon=False)
-    trained.set(ylabel="decisions for the barricaded lane, %", title="trained drivers")
+    trained.set(ylabel="decisions for the barricaded lane, %", title="the trained drivers")
     trained.set_xlim(-0.6, trained.get_xlim()[1] + 0.2)
     for axes in (learning, trained):
         axes.grid(alpha=0.3)
@@ -61,8 +62,9 @@ def _learning(axes: Axes, rows: Rows, color: str, label: str) -> None:
     axes.plot(episodes, np.mean(runs, axis=0), color=color, linewidth=2, label=label)
 
 
-def _trained(axes: Axes, rows: Rows, place: int, color: str) -> None:
+def _trained(axes: Axes, rows: Rows, bar: tuple[int, str, str]) -> None:
     """A dot a driver, and how many episodes of all ended in a collision of its own making."""
+    place, label, color = bar
     shares = [
         100 * sum(row["barricade_proposals"] for row in own) / sum(row["decisions"] for row in own)
         for own in _by_seed(rows)
@@ -72,5 +74,5 @@ def _trained(axes: Axes, rows: Rows, place: int, color: str) -> None:
     axes.plot([place] * len(shares), shares, "o", color=color)
     axes.set_xticks([*range(place + 1)])
     names = [*axes.get_xticklabels()][:place]
-    told = f"{rows[0]['safety_check']}\nhit something in\n{hits} of {len(rows)} episodes"
+    told = f"{label}\nhit something in\n{hits} of {len(rows)} episodes"
     axes.set_xticklabels([*(name.get_text() for name in names), told])
