@@ -49,8 +49,7 @@ results: setup
 	    --episodes 50 --seed 0 --jobs 2 --out docs/results/check_permit_all.csv
 	$(BIN)/python tools/compare_step_lengths.py --out docs/results/step_length.csv
 	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
-	$(BIN)/python tools/benchmark.py env --rounds 9 > docs/results/benchmark.txt
-	$(BIN)/python tools/benchmark.py train >> docs/results/benchmark.txt
+	$(BIN)/python tools/benchmark.py --rounds 9 > docs/results/benchmark.txt
 	$(BIN)/python tools/draw_picture.py docs/drive.png
 	$(BIN)/python tools/refresh_tables.py
 

@@ -31,8 +31,9 @@ ALL_SPEED_CHECKS_OFF = 32
 NO_AUTONOMOUS_LANE_CHANGES = 0
 RANDOM_LANE_CHANGE_S = 5.0
 VIEW = "View #0"
-GUI_ZOOM = 250.0
-"""In percent of the whole loop's size, about: 120 m of road in a window of usual shape."""
+GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "1280,720")
+GUI_ZOOM = 350.0
+"""In percent of the whole loop's size, about: 120 m of road in a window of that size."""
 
 
 class Simulation:
@@ -194,8 +195,8 @@ class Simulation:
             self._sumo.start(["sumo", *arguments])
             return
         view = str(self.scenario.view_file)
-        gui = ["--gui-settings-file", view, "--start", "true", "--quit-on-end", "true"]
-        sumo_gui = [str(program("sumo-gui")), *arguments, *gui]
+        own = ["--gui-settings-file", view, *GUI_OPTIONS]
+        sumo_gui = [str(program("sumo-gui")), *arguments, *own]
         with redirect_stdout(io.StringIO()):
             self._sumo.start(sumo_gui, stdout=subprocess.DEVNULL)
 

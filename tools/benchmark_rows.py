@@ -1,0 +1,288 @@
+"""The rows of ``benchmark.py``: what is measured, and what stands beside it."""
+
+import math
+import multiprocessing
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from functools import partial
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium
+import libsumo
+import numpy as np
+import torch
+
+from drl_av.config import Config
+from drl_av.driving.drivers.rules import IdmDriver
+from drl_av.env import HighwayEnv
+from drl_av.learning.buffers import make_buffer
+from drl_av.learning.learner import Learner
+from drl_av.learning.qnetwork import QNetwork
+from drl_av.learning.training import Training
+from drl_av.studies.drivers import PRETRAINED, learned_driver
+from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
+
+VEHICLES = 30
+NUMBERS = (5, 10, 30, 60, 120, 240)
+STEPS = 500
+"""Gradient steps a round."""
+Rate = Callable[[], float]
+
+
+class Row(NamedTuple):
+    """Two measurements, in so many a second, and what is wanted of them."""
+
+    name: str
+    ours: Rate
+    beside: Rate
+    least_ratio: float | None = None
+    least_ours: float = 0.0
+
+
+def crowded(vehicles: int = VEHICLES) -> Config:
+    """The paper's settings with as many vehicles in every episode, and exploration held."""
+    config = Config().updated("traffic", vehicles_min=vehicles, vehicles_max=vehicles)
+    return config.updated("learning", epsilon_start=0.2, epsilon_end=0.2)
+
+
+def env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Decisions a second."""
+    env = stack.enter_context(closing(HighwayEnv(config=crowded())))
+    actions = recorded(env, learned_driver(PRETRAINED)[0], seeds)
+    ours, bare = partial(drive, env, actions), partial(step_bare, env, seeds)
+    return [Row("environment | bare libsumo", ours, bare, 0.75, 2_000)]
+
+
+def recorded(env: HighwayEnv, driver: Any, seeds: Sequence[int]) -> dict[int, list[int]]:
+    """What the driver does by the episode's seed, so that the driver itself is not timed."""
+    actions: dict[int, list[int]] = {}
+    for seed in seeds:
+        observation, _ = env.reset(seed=seed)
+        actions[seed], over = [], False
+        while not over:
+            actions[seed].append(driver.act(env.scene, observation).number)
+            observation, _, terminated, truncated, _ = env.step(actions[seed][-1])
+            over = terminated or truncated
+    return actions
+
+
+def drive(env: HighwayEnv, actions: dict[int, list[int]]) -> float:
+    """Decisions a second of the environment."""
+    begun = time.perf_counter()
+    for seed, row in actions.items():
+        env.reset(seed=seed)
+        for action in row:
+            env.step(action)
+    return sum(map(len, actions.values())) / (time.perf_counter() - begun)
+
+
+def step_bare(env: HighwayEnv, seeds: Sequence[int]) -> float:
+    """The same traffic loaded and stepped by libsumo alone, the ego driven by SUMO."""
+    config, vehicles = env.config.simulation, env.config.traffic.vehicles_min
+    begun, decisions = time.perf_counter(), config.decisions_per_episode
+    for seed in seeds:
+        env.simulation.reset(seed, vehicles)
+        libsumo.vehicle.setSpeedMode("ego", 31)
+        for _ in range(decisions * config.steps_per_decision):
+            libsumo.simulationStep()
+    return len(seeds) * decisions / (time.perf_counter() - begun)
+
+
+def step_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Gradient steps a second."""
+    config, rng = Config().learning, np.random.default_rng(0)
+    buffer, learner = make_buffer(config, 27), Learner(QNetwork(rng))
+    for _ in range(5_000):
+        s_t, s_tp1 = rng.normal(size=(2, 27)).astype(np.float32)
+        buffer.add_safe(s_t, int(rng.integers(12)), -0.1, s_tp1)
+        buffer.add_collision(s_t, int(rng.integers(12)), -3.0)
+
+    def ours() -> None:
+        learner.update(buffer.sample(config.batch_size, rng))
+
+    bare = partial(repeat, bare_step(config.batch_size))
+    return [Row("training step | bare gradient step", partial(repeat, ours), bare)]
+
+
+def repeat(step: Callable[[], None]) -> float:
+    """Steps a second."""
+    begun = time.perf_counter()
+    for _ in range(STEPS):
+        step()
+    return STEPS / (time.perf_counter() - begun)
+
+
+def bare_step(rows: int) -> Callable[[], None]:
+    """Double DQN on one batch in plain PyTorch."""
+    rng = np.random.default_rng(0)
+    online, target = QNetwork(rng), QNetwork(rng)
+    adam = torch.optim.Adam(online.parameters(), lr=1e-4, fused=True)
+    s_t, s_tp1 = (torch.from_numpy(rng.normal(size=(rows, 27)).astype("f4")) for _ in range(2))
+    a_t = torch.from_numpy(rng.integers(12, size=(rows, 1)))
+
+    def step() -> None:
+        with torch.no_grad():
+            a_next = online(s_tp1).argmax(1, keepdim=True)
+            y = -0.1 + 0.9 * target(s_tp1).gather(1, a_next)[:, 0]
+        loss = ((y - online(s_t).gather(1, a_t)[:, 0]) ** 2).mean()
+        adam.zero_grad()
+        loss.backward()
+        adam.step()
+
+    return step
+
+
+def train_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Decisions a second, with a gradient step each."""
+    training = Training(stack.enter_context(closing(HighwayEnv(config=crowded()))))
+
+    def ours() -> float:
+        begun = time.perf_counter()
+        decisions = sum(training.run_episode().decisions for _ in seeds)
+        return decisions / (time.perf_counter() - begun)
+
+    rival = stable_baselines3(stack.enter_context(closing(HighwayEnv(config=crowded()))))
+    return [Row("training | stable-baselines3's DQN", ours, partial(learn, rival, seeds), 2.5)]
+
+
+def stable_baselines3(env: HighwayEnv) -> Any:
+    """Its DQN with our settings; it has one buffer and no double Q target."""
+    from stable_baselines3 import DQN
+
+    config = env.config.learning
+    return DQN(
+        "MlpPolicy",
+        env,
+        learning_rate=config.learning_rate,
+        buffer_size=config.safe_capacity + config.collision_capacity,
+        learning_starts=config.batch_size,
+        batch_size=config.batch_size,
+        gamma=config.discount,
+        train_freq=1,
+        gradient_steps=1,
+        target_update_interval=200 * config.target_update_episodes,
+        exploration_initial_eps=config.epsilon_start,
+        exploration_final_eps=config.epsilon_end,
+        policy_kwargs={"net_arch": [100, 100], "activation_fn": torch.nn.LeakyReLU},
+        seed=0,
+        device="cpu",
+    )
+
+
+def learn(model: Any, seeds: Sequence[int]) -> float:
+    """Decisions a second of stable-baselines3."""
+    decisions = 200 * len(seeds)
+    model._last_obs = None  # another environment has had SUMO meanwhile: reset
+    begun = time.perf_counter()
+    model.learn(decisions, reset_num_timesteps=False, log_interval=None)
+    return decisions / (time.perf_counter() - begun)
+
+
+def highway_env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Decisions a second."""
+    import highway_env  # noqa: F401 (registers its ids)
+
+    [ours] = env_rows(seeds, stack)
+    scene = {"lanes_count": 3, "vehicles_count": VEHICLES, "policy_frequency": 1, "duration": 200}
+    env = stack.enter_context(closing(gymnasium.make("highway-v0", config=scene)))
+    keep = env.unwrapped.action_type.actions_indexes["IDLE"]  # type: ignore[attr-defined]
+    rival = partial(drive_on, env, keep, seeds[:1])
+    return [Row("environment | HighwayEnv", ours.ours, rival)]
+
+
+def drive_on(env: gymnasium.Env[Any, Any], action: int, seeds: Sequence[int]) -> float:
+    """Decisions a second of an environment that is given one action."""
+    begun, decisions = time.perf_counter(), 0
+    for seed in seeds:
+        env.reset(seed=seed)
+        over = False
+        while not over:
+            _, _, terminated, truncated, _ = env.step(action)
+            over = terminated or truncated
+            decisions += 1
+    return decisions / (time.perf_counter() - begun)
+
+
+def processes_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Decisions a second of all processes together; no row on a machine of one core."""
+    cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [-1, -1]
+    if len(cores) < 2:
+        print("one core: no row for two processes", file=sys.stderr)
+        return []
+    context = multiprocessing.get_context("spawn")
+    pipes = []
+    for core in cores[:2]:
+        pipe, far = context.Pipe()
+        context.Process(target=work, args=(far, core, list(seeds)), daemon=True).start()
+        stack.callback(pipe.send, False)
+        pipes.append(pipe)
+    for pipe in pipes:
+        pipe.recv()
+
+    def together(pipes: Sequence[Any]) -> float:
+        begun = time.perf_counter()
+        for pipe in pipes:
+            pipe.send(True)
+        decisions = sum(pipe.recv() for pipe in pipes)
+        return decisions / (time.perf_counter() - begun)
+
+    return [Row("two processes | one", partial(together, pipes), partial(together, pipes[:1]), 1.8)]
+
+
+def work(pipe: "Connection[Any, Any]", core: int, seeds: Sequence[int]) -> None:
+    """A process that drives whenever it is told to, and tells how many decisions it made."""
+    if core >= 0:
+        os.sched_setaffinity(0, {core})
+    with closing(HighwayEnv(config=crowded())) as env:
+        actions = recorded(env, IdmDriver(env.config.safety), seeds)
+        pipe.send(True)
+        while pipe.recv():
+            drive(env, actions)
+            pipe.send(sum(map(len, actions.values())))
+
+
+def scaling_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Decisions a second with ever more vehicles, placed evenly; 60 a kilometre from 30 on."""
+    home, rows = Path(stack.enter_context(tempfile.TemporaryDirectory())), []
+    for number in NUMBERS:
+        folder = home / str(number)
+        write_scenario(folder, even_traffic(number))
+        config = crowded(number).updated("simulation", scenario=str(folder))
+        env = stack.enter_context(closing(HighwayEnv(config=config)))
+        actions = recorded(env, IdmDriver(config.safety), seeds[:2])
+        ours, bare = partial(drive, env, actions), partial(step_bare, env, seeds[:2])
+        rows.append(Row(f"{number} vehicles", ours, bare))
+    return rows
+
+
+def even_traffic(number: int) -> ScenarioDescription:
+    """That many vehicles and the ego, evenly over three lanes; 500 m of road for each 30."""
+    circumference_m = 500.0 * max(1.0, number / VEHICLES)
+    pitch_m = circumference_m / math.ceil((number + 1) / 3)
+    vehicles = (
+        PlacedVehicle(
+            f"vehicle{i}" if i else "ego",
+            i % 3,
+            (i // 3 + i % 3 / 3) * pitch_m,
+            15.0,
+            20.0 + i % 13,
+        )
+        for i in range(number + 1)
+    )
+    return ScenarioDescription(circumference_m, vehicles=tuple(vehicles))
+
+
+ROWS: dict[str, Callable[[Sequence[int], ExitStack], list[Row]]] = {
+    "env": env_rows,
+    "step": step_rows,
+    "train": train_rows,
+    "highway-env": highway_env_rows,
+    "processes": processes_rows,
+    "scaling": scaling_rows,
+}
