@@ -143,6 +143,23 @@ def test_a_lane_change_into_somebody_waits_until_there_is_room(
     assert shot.y_m[1:].tolist() == pytest.approx([LEFT, LEFT], abs=0.01)
 
 
+def test_on_the_way_to_another_lane_no_lane_change_is_asked_for_by_wish_or_at_random(
+    placed: Road, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # one that SUMO broke off half-way would go on, even into the vehicle that was in its way
+    simulation, _ = placed(PlacedVehicle("other", 0, 50.0, 20.0, 40.0))
+    decide(simulation, Wish(OTHER, 0.0, 1))
+    asked: list[tuple[str, int]] = []
+    vehicle = simulation._sumo.vehicle
+    monkeypatch.setattr(vehicle, "changeLaneRelative", lambda *a: asked.append(a[:2]))
+    for second in range(2, 9):
+        monkeypatch.setattr(simulation, "_random_lane_changes", iter([[(OTHER, -1)]]))
+        centered = abs(decide(simulation, Wish(OTHER, 0.0, 1)).y_m[OTHER] - CENTER) < 0.1
+        assert bool(asked) is (second >= 7), second
+    assert centered
+    assert set(asked) == {("other", -1), ("other", 1)}
+
+
 def test_without_a_wish_nobody_leaves_a_slow_lane(placed: Road) -> None:
     # SUMO's own drivers overtake here
     vehicles = (

@@ -25,7 +25,12 @@ from drl_av.traffic.population import (
 from drl_av.traffic.ring import FloatArray
 from drl_av.traffic.scenario import Scenario
 from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot, Wish
-from drl_av.traffic.wishes import ask_for_lane_changes, ask_for_speeds, leave_to_wishes
+from drl_av.traffic.wishes import (
+    ask_for_lane_changes,
+    ask_for_speeds,
+    is_centered,
+    leave_to_wishes,
+)
 
 ALL_SPEED_CHECKS_OFF = 32
 NO_AUTONOMOUS_LANE_CHANGES = 0
@@ -112,7 +117,8 @@ class Simulation:
         try:
             for row, side in next(self._random_lane_changes):
                 vehicle = self._ids[row]
-                self._sumo.vehicle.changeLaneRelative(vehicle, side, RANDOM_LANE_CHANGE_S)
+                if self.kinds[row] == Kind.SUMO or is_centered(self._sumo.vehicle, vehicle):
+                    self._sumo.vehicle.changeLaneRelative(vehicle, side, RANDOM_LANE_CHANGE_S)
             ask_for_lane_changes(self._sumo.vehicle, self._ids, wishes, timing)
             for command in commands:
                 ask_for_speeds(self._sumo.vehicle, self._ids, wishes, timing)

@@ -9,6 +9,7 @@ from drl_av.traffic.snapshot import Wish
 LANE_CHANGES_ON_REQUEST = 1536
 """No wish of SUMO's own; it keeps to the gaps of others, and centres itself in its lane."""
 LEFT_TO_SUMO = -1.0
+CENTERED_M = 0.1
 
 
 def leave_to_wishes(vehicle: Any, name: str) -> None:
@@ -20,12 +21,20 @@ def leave_to_wishes(vehicle: Any, name: str) -> None:
     vehicle.setLaneChangeMode(name, LANE_CHANGES_ON_REQUEST)
 
 
+def is_centered(vehicle: Any, name: str) -> bool:
+    """Whether a lane change may be asked for.
+
+    One that was cut short by a vehicle in its way goes on at a new request, even into that vehicle.
+    """
+    return bool(abs(vehicle.getLateralLanePosition(name)) <= CENTERED_M)
+
+
 def ask_for_lane_changes(
     vehicle: Any, ids: Sequence[str], wishes: Sequence[Wish], timing: SimulationConfig
 ) -> None:
     """Wishes to change lanes stand until the next decision; one begun runs to its end."""
     for row, _, side in wishes:
-        if side:
+        if side and is_centered(vehicle, ids[row]):
             vehicle.changeLaneRelative(ids[row], side, timing.decision_interval_s)
 
 
