@@ -20,6 +20,7 @@ def command_line(verbs: Mapping[str, Verb]) -> argparse.ArgumentParser:
         prog="drl-av",
         description="Learn to drive on a highway, safely, in SUMO.",
         epilog="Every verb has its own --help.",
+        formatter_class=_Verbs,
     )
     parser.add_argument("--version", action="version", version=f"drl-av {__version__}")
     parsers = parser.add_subparsers(required=True, metavar="VERB")
@@ -34,6 +35,14 @@ def command_line(verbs: Mapping[str, Verb]) -> argparse.ArgumentParser:
         own.set_defaults(verb=verb)
         add_options(own)
     return parser
+
+
+class _Verbs(argparse.HelpFormatter):
+    """Tells what a verb does beside its name, for whose indentation argparse leaves no room."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog)
+        self._action_max_length = 13
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):

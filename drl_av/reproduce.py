@@ -55,7 +55,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, default=usual.out, metavar="DIR", help="folder of the results"
     )
     parser.add_argument(
-        "--config", metavar="FILE.toml", help="settings as TOML, laid over the paper's"
+        "--config", metavar="FILE.toml", help="settings as TOML, laid over each experiment's"
     )
 
 

@@ -23,6 +23,7 @@ VERBS = {
     "adapt": ["default: 30000", "default: 1e-05", "0 learns nothing", "default: the RUN's", "TOML"],
     "replay": ["default: 15", "times real time (default: 2.0)", "one a second", "200"],
     "figures": ["m/s", "default: ."],
+    "reproduce": ["learning curves", "default: 3000", "default: 5", "schedule", "ray", "TOML"],
 }
 TINY = "[simulation]\ndecisions_per_episode = 5\n[learning]\nepisodes = 2\n"
 
@@ -95,6 +96,9 @@ def test_help_names_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
         ["replay", "--rate", "nan"],
         ["replay", "run", "--driver", "idm"],
         ["replay", "--gui", "--video", "drive.mp4"],
+        ["reproduce", "curvs"],
+        ["reproduce", "--seeds", "0"],
+        ["reproduce", "--engine", "dask"],
     ],
 )
 def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
@@ -128,6 +132,8 @@ def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[
         (["scenario", "new", "--lanes", "50"], r"lanes is 50, but must be .* to 10"),
         (["scenario", "new", "--barricade", "7"], r"barricaded_lanes are \(7,\)"),
         (["figures", "missing.csv"], r"missing.csv cannot be read"),
+        (["reproduce", "speeds", "--config", "missing.toml"], r"missing.toml cannot be read"),
+        (["reproduce", "--config", "missing.toml"], r"missing.toml cannot be read"),
     ],
 )
 def test_bad_input_is_told_in_one_sentence(

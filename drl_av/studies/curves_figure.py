@@ -48,6 +48,8 @@ def _figure(table: Path, variants: Sequence[str], columns: Sequence[str]) -> Fig
         plain(axes, "training episode", PANELS[column])
         for variant in variants:
             _draw(axes, rows, variant, column)
+        if column != "mean_reward":
+            axes.set_ylim(bottom=-0.02 * axes.get_ylim()[1])
     told = f"the paper's {PAPER_REWARD}"
     panels[0].axhline(PAPER_REWARD, color="#555555", linestyle=":", linewidth=1, label=told)
     handles, labels = panels[0].get_legend_handles_labels()
@@ -56,7 +58,7 @@ def _figure(table: Path, variants: Sequence[str], columns: Sequence[str]) -> Fig
 
 
 def _draw(axes: Axes, rows: Sequence[Row], variant: str, column: str) -> None:
-    """Mean and band as far as all seeds go; then, thin, those that go on."""
+    """Mean and band as far as all seeds go, a dot where it converged; thin, those that go on."""
     found, color = curve(rows, variant, column), COLORS[variant]
     seeds = len(found.values)
     means = np.array([mean.value for mean in found.means])
@@ -71,12 +73,6 @@ def _draw(axes: Axes, rows: Sequence[Row], variant: str, column: str) -> None:
     for seed in sorted({row["seed"] for row in own}):
         longer = curve([row for row in own if row["seed"] == seed], variant, column)
         axes.plot(longer.episodes, longer.values[0], color=color, linewidth=0.8, alpha=0.6)
-    if column != "mean_reward":
-        axes.set_ylim(bottom=0)
-    elif variant != "permit_all":  # which goes nowhere
+    if column == "mean_reward" and variant != "permit_all":  # which goes nowhere
         at = converged_at(found.episodes, means.tolist())
-        place = (at, means[found.episodes.index(at)])
-        axes.plot(*place, "o", color=color, markersize=6)
-        axes.annotate(
-            f"converged at {at}", place, xytext=(8, -12), textcoords="offset points", color=color
-        )
+        axes.plot(at, means[found.episodes.index(at)], "o", color=color, markersize=7)

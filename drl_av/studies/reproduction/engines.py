@@ -7,6 +7,8 @@ again: the function has to go on where it was, and to do nothing where all is do
 
 import contextlib
 import os
+import threading
+import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 from importlib.util import find_spec
@@ -37,7 +39,12 @@ def on_this_machine(work: Callable[[Job], None], jobs: Sequence[Job], processes:
 
     left, breaks = list(jobs), 0
     while left:
-        pool = ProcessPoolExecutor(min(processes, len(left)), env=SINGLE_THREADED)
+        pool = ProcessPoolExecutor(
+            min(processes, len(left)),
+            env=SINGLE_THREADED,
+            initializer=_end_with,
+            initargs=(os.getpid(),),
+        )
         try:
             with interrupts_ignored():
                 futures = {pool.submit(work, job): job for job in left}
@@ -54,6 +61,17 @@ def on_this_machine(work: Callable[[Job], None], jobs: Sequence[Job], processes:
                 raise _given_up() from error
         finally:
             pool.shutdown(kill_workers=True)
+
+
+def _end_with(parent: int) -> None:
+    """End this process soon after its parent, however that ended."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(TICK_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def on_ray(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> Ended[Job]:

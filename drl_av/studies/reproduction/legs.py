@@ -1,7 +1,6 @@
 """The trainings behind the learning curves, driven a leg at a time, each in its own process."""
 
 import csv
-import os
 import time
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -41,8 +40,6 @@ class Leg(NamedTuple):
 def drive_leg(leg: Leg) -> None:
     """Train up to the leg's last episode, from the last checkpoint on; nothing where it is done.
 
-    Where the process that asked for it has died, it saves and ends, too.
-
     Raises:
         RunError: the folder holds a training with other settings, or another process is in it.
     """
@@ -51,7 +48,7 @@ def drive_leg(leg: Leg) -> None:
     from drl_av.learning.run import Run, train
     from drl_av.learning.training import Training
 
-    run, parent = Run(leg.folder), os.getppid()
+    run = Run(leg.folder)
     if run.config_file.is_file() and run.read_config() != leg.config:
         raise RunError(
             f"{leg.folder} was begun with other settings: choose another folder with --runs, "
@@ -73,7 +70,7 @@ def drive_leg(leg: Leg) -> None:
                 now_s = time.monotonic()
                 _note(leg.clock, training.episodes_done, now_s - begun_s)
                 begun_s = now_s
-            if training.episodes_done >= leg.stop or os.getppid() != parent:
+            if training.episodes_done >= leg.stop:
                 run.save(training)
                 return
 

@@ -42,12 +42,12 @@ def speeds(scale: Scale) -> Generator[Progress, None, None]:
     Raises:
         DrlAvError: as ``Evaluation``; or the disk refuses.
     """
+    choices = choose([DRIVER, *BASELINES])
+    config = scale.over(config_of(choices))
     scale.out.mkdir(parents=True, exist_ok=True)
     table = scale.out / TABLE
     for file in (table, sidecar(table), scale.out / PAIRED):
         require_writable(file)
-    choices = choose([DRIVER, *BASELINES])
-    config = scale.over(config_of(choices))
     rows, spent_s = _kept(table, config)
     done = 0
     for vehicles in _densities(config):

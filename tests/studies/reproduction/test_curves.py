@@ -117,7 +117,7 @@ def test_the_table_has_every_evaluation_once_and_says_what_made_it(undisturbed: 
     assert facts["settings"]["paper"]["learning"]["episodes"] == 12
     assert set(facts["wall_time_s"]) == {"paper-0", "paper-1"}
     assert facts["wall_time_s"]["paper-0"] > 0
-    assert {"command", "date", "libsumo", "torch", "machine", "integration"} <= set(facts)
+    assert {"command", "date", "eclipse-sumo", "torch", "machine", "integration"} <= set(facts)
 
 
 def test_what_the_table_holds_is_not_trained_again_though_the_folders_are_lost(

@@ -1,7 +1,10 @@
 """Engines: a job that is killed is begun again, but not for ever; none outlives who asked."""
 
 import os
+import subprocess
+import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -53,11 +56,33 @@ def test_processes_end_with_the_engine(tmp_path: Path) -> None:
     while not list(tmp_path.iterdir()):
         assert next(engine) == []
     engine.close()
-    pids = [int(file.name) for file in tmp_path.iterdir()]
-    deadline = time.monotonic() + 20
-    while any(_alive(pid) for pid in pids):
-        assert time.monotonic() < deadline
+    _await_end(int(file.name) for file in tmp_path.iterdir())
+
+
+def test_processes_end_with_who_asked_though_that_was_killed(tmp_path: Path) -> None:
+    program = f"""
+from drl_av.studies.reproduction.engines import on_this_machine
+def endless(folder):
+    import os, pathlib, time
+    (pathlib.Path(folder) / str(os.getpid())).touch()
+    time.sleep(600)
+list(on_this_machine(endless, [{str(tmp_path)!r}], 1))
+"""
+    asker = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.DEVNULL)
+    while not list(tmp_path.iterdir()):
+        assert asker.poll() is None
         time.sleep(0.05)
+    asker.kill()
+    asker.wait()
+    _await_end(int(file.name) for file in tmp_path.iterdir())
+
+
+def _await_end(pids: Iterable[int]) -> None:
+    deadline = time.monotonic() + 30
+    for pid in pids:
+        while _alive(pid):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
 
 
 def _alive(pid: int) -> bool:
