@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import shutil
 from pathlib import Path
 
 import gymnasium
@@ -15,6 +16,7 @@ from drl_av.driving.safety import permit_all
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
 from drl_av.errors import ConfigError, ScenarioError, SimulationError
+from drl_av.traffic.scenario import find_scenario
 
 SHORT = Config().updated("simulation", decisions_per_episode=3)
 
@@ -91,6 +93,16 @@ def test_sumo_that_ends_on_its_own_is_told_and_starts_again_with_the_next_episod
         env.step(0)
     assert np.array_equal(env.reset(seed=1, options={"vehicles": 2})[0], first)
     libsumo.close()
+    env.close()
+
+
+def test_a_scenario_that_is_gone_is_told_at_the_next_reset(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(find_scenario(), tmp_path / "loop"))
+    env = HighwayEnv(folder, config=SHORT)
+    env.reset(seed=1, options={"vehicles": 2})
+    shutil.rmtree(folder)
+    with pytest.raises(SimulationError, match=r"cannot load the scenario .*loop.*No such file"):
+        env.reset(seed=1, options={"vehicles": 2})
     env.close()
 
 

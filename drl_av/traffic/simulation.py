@@ -11,7 +11,7 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.errors import SimulationError
 from drl_av.traffic.collisions import classify
-from drl_av.traffic.connection import connection, program, require_display
+from drl_av.traffic.connection import connection, program, require_display, short_names
 from drl_av.traffic.population import (
     EGO_ID,
     Kind,
@@ -85,7 +85,7 @@ class Simulation:
         try:
             self._load(seed)
             self._populate(population)
-        except self._errors as error:
+        except (*self._errors, OSError) as error:
             raise SimulationError(
                 f"SUMO cannot load the scenario {self.scenario.folder} "
                 f"({' '.join(str(error).split()).rstrip('.')}): write it anew, or undo what was "
@@ -171,10 +171,18 @@ class Simulation:
         self._sumo.gui.setZoom(VIEW, GUI_ZOOM)
 
     def _load(self, seed: int) -> None:
+        files = (self.scenario.network_file, *self.scenario.additional_files)
+        if self._gui:
+            self._load_files(list(map(str, files)), seed)
+            return
+        with short_names(files) as names:
+            self._load_files(names, seed)
+
+    def _load_files(self, names: list[str], seed: int) -> None:
         step_s = self._config.simulation.step_length_s
         arguments = [
-            *("--net-file", str(self.scenario.network_file)),
-            *("--additional-files", ",".join(map(str, self.scenario.additional_files))),
+            *("--net-file", names[0]),
+            *("--additional-files", ",".join(names[1:])),
             *("--seed", str(seed % 2**31)),
             *("--step-length", repr(step_s)),
             *("--lateral-resolution", repr(self._config.simulation.lateral_resolution_m)),
