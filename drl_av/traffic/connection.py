@@ -10,6 +10,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import ModuleType
 
+from drl_av.config import SimulationConfig
 from drl_av.errors import DisplayError, SimulationError
 
 
@@ -59,6 +60,27 @@ def short_names(files: Sequence[Path]) -> Iterator[list[str]]:
     with ExitStack() as stack:
         opened = [stack.enter_context(file.open("rb")) for file in files]
         yield [f"/dev/fd/{file.fileno()}" for file in opened]
+
+
+def load_arguments(
+    network: str, additional: Sequence[str], seed: int, config: SimulationConfig
+) -> list[str]:
+    """What SUMO is started with, and loads an episode with."""
+    return [
+        *("--net-file", network),
+        *("--additional-files", ",".join(additional)),
+        *("--seed", str(seed % 2**31)),
+        *("--step-length", repr(config.step_length_s)),
+        *("--lateral-resolution", repr(config.lateral_resolution_m)),
+        *("--time-to-teleport", "-1"),
+        *("--collision.action", "warn"),
+        *("--collision.mingap-factor", "0"),
+        *("--collision.check-junctions", "true"),
+        *("--insertion-checks", "none"),
+        *("--no-step-log", "true"),
+        *("--no-warnings", "true"),
+        *("--xml-validation", "never"),
+    ]
 
 
 def program(name: str) -> Path:

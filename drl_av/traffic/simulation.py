@@ -3,7 +3,7 @@
 import io
 import subprocess
 from collections.abc import Sequence
-from contextlib import redirect_stdout, suppress
+from contextlib import nullcontext, redirect_stdout, suppress
 from typing import ClassVar
 
 import numpy as np
@@ -11,7 +11,13 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.errors import SimulationError
 from drl_av.traffic.collisions import classify
-from drl_av.traffic.connection import connection, program, require_display, short_names
+from drl_av.traffic.connection import (
+    connection,
+    load_arguments,
+    program,
+    require_display,
+    short_names,
+)
 from drl_av.traffic.population import (
     EGO_ID,
     Kind,
@@ -172,36 +178,15 @@ class Simulation:
 
     def _load(self, seed: int) -> None:
         files = (self.scenario.network_file, *self.scenario.additional_files)
-        if self._gui:
-            self._load_files(list(map(str, files)), seed)
-            return
-        with short_names(files) as names:
-            self._load_files(names, seed)
-
-    def _load_files(self, names: list[str], seed: int) -> None:
-        step_s = self._config.simulation.step_length_s
-        arguments = [
-            *("--net-file", names[0]),
-            *("--additional-files", ",".join(names[1:])),
-            *("--seed", str(seed % 2**31)),
-            *("--step-length", repr(step_s)),
-            *("--lateral-resolution", repr(self._config.simulation.lateral_resolution_m)),
-            *("--time-to-teleport", "-1"),
-            *("--collision.action", "warn"),
-            *("--collision.mingap-factor", "0"),
-            *("--collision.check-junctions", "true"),
-            *("--insertion-checks", "none"),
-            *("--no-step-log", "true"),
-            *("--no-warnings", "true"),
-            *("--xml-validation", "never"),
-        ]
-        owner = Simulation._owners.get(self._sumo.__name__)
-        if owner is self and not self._gui:
-            self._sumo.load(arguments)
-        else:
-            if owner is not None:
-                owner.close()
-            self._start(arguments)
+        with short_names(files) if not self._gui else nullcontext(list(map(str, files))) as names:
+            arguments = load_arguments(names[0], names[1:], seed, self._config.simulation)
+            owner = Simulation._owners.get(self._sumo.__name__)
+            if owner is self and not self._gui:
+                self._sumo.load(arguments)
+            else:
+                if owner is not None:
+                    owner.close()
+                self._start(arguments)
         Simulation._owners[self._sumo.__name__] = self
 
     def _start(self, arguments: list[str]) -> None:
