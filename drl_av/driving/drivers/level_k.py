@@ -53,19 +53,28 @@ class Level1:
         self.range_m = config.observation.range_m
         self._scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
         self._acceleration_m_s2 = _accelerations(config.ego)[[a.longitudinal for a in ACTIONS]]
+        self._safety = config.safety
         self._side = np.array([action.lateral.sign for action in ACTIONS])
 
     def __call__(self, around: Surroundings) -> Decisions:
         """The action of the greatest value, for each vehicle; the first of several equal ones.
 
-        No lane change is asked for where there is no lane, nor while one is under way: SUMO does
-        not turn back.
+        A lane change is asked for where rules 2 and 3 of the safety check permit it, under which
+        the policy learned; but never while one is under way: SUMO does not turn back.
         """
         best = self.values(self._scale(around.vectors())).argmax(axis=1)
         side = np.where(around.under_way, 0, self._side[best])
         for sign, lane in ((1, LEFT), (-1, RIGHT)):
-            side[(side == sign) & ~around.has_lane[:, lane]] = 0
+            side[(side == sign) & ~self._is_clear(around, lane)] = 0
         return Decisions(self._acceleration_m_s2[best], side)
+
+    def _is_clear(self, around: Surroundings, lane: int) -> npt.NDArray[np.bool_]:
+        """Eq. 2 for the vehicle ahead and for front and rear of a lane that exists."""
+        closing_m_s = around.relative_speed_m_s * (-1.0, 1.0)
+        to_spare_m = around.gap_m - self._safety.minimum_ttc_s * closing_m_s
+        enough = to_spare_m > self._safety.minimum_gap_m
+        clear: npt.NDArray[np.bool_] = around.has_lane[:, lane] & enough[:, OWN, FRONT]
+        return clear & enough[:, lane].all(axis=1)
 
     def values(self, observations: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """Q(s, .): (R, 27) -> (R, 12)."""

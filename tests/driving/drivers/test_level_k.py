@@ -94,6 +94,28 @@ def test_level_1_changes_neither_off_the_road_nor_while_it_is_changing(
     assert Level1(always(number), CONFIG, ROAD)(look(shot)).side.tolist() == sides
 
 
+@pytest.mark.parametrize(
+    ("others", "side"),
+    [
+        ((ahead(15.1, LEFT), behind(15.1, LEFT)), 1),  # eq. 2 at equal speeds: more than 15 m
+        ((ahead(14.9, LEFT),), 0),
+        ((behind(14.9, LEFT),), 0),
+        ((ahead(14.9),), 0),
+        ((behind(1.0), ahead(1.0, RIGHT), behind(1.0, RIGHT)), 1),  # of no concern
+        ((ahead(20.9, LEFT, 18.0),), 0),  # 3 s * 2 m/s more where it closes
+        ((ahead(21.1, LEFT, 18.0),), 1),
+        ((behind(20.9, LEFT, 22.0),), 0),
+        ((behind(21.1, LEFT, 22.0),), 1),
+        ((behind(9.1, LEFT, 18.0),), 1),  # and less where it opens
+        ((ahead(9.1, LEFT, 22.0),), 1),
+        ((behind(8.9, LEFT, 18.0),), 0),
+    ],
+)
+def test_level_1_changes_lanes_where_rule_3_permits_it(others: tuple[Car, ...], side: int) -> None:
+    around = surroundings(snapshot(*others), ROAD, 250.0, np.array([0]))
+    assert Level1(always(8), CONFIG, ROAD)(around).side.tolist() == [side]
+
+
 def test_level_1_decides_for_each_by_what_it_sees_itself() -> None:
     # accelerate is worth the gap ahead in hundreds of metres, hard brake 0.5
     weight, bias = np.zeros((12, 27), dtype=np.float32), np.full(12, -1.0, dtype=np.float32)
