@@ -21,7 +21,7 @@ import torch
 from drl_av.config import Config
 from drl_av.driving.drivers.rules import IdmDriver
 from drl_av.env import HighwayEnv
-from drl_av.learning.buffers import make_buffer
+from drl_av.learning.experience import make_buffer
 from drl_av.learning.learner import Learner
 from drl_av.learning.qnetwork import QNetwork
 from drl_av.learning.training import Training
