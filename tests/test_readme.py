@@ -15,6 +15,7 @@ SMALL = {
     "scenario": [],
     "train": ["--episodes", "2"],
     "evaluate": ["--episodes", "1", "--vehicles", "2"],
+    "adapt": ["--episodes", "2"],
     "figures": [],
     "replay": ["--decisions", "3"],
 }

@@ -1,6 +1,7 @@
 """The experiments of ``drl-av reproduce`` by name, in the order in which they are made."""
 
 from drl_av.studies.reproduction.adaptation import adaptation
+from drl_av.studies.reproduction.barricade import barricade
 from drl_av.studies.reproduction.curves import curves
 from drl_av.studies.reproduction.published import figures
 from drl_av.studies.reproduction.scale import Experiment
@@ -10,6 +11,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     "curves": curves,
     "speeds": speeds,
     "adaptation": adaptation,
+    "barricade": barricade,
     "figures": figures,
 }
 """Those of ``scale.MEANINGS``, which tells what they are."""

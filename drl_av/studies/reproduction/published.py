@@ -8,8 +8,10 @@ from matplotlib.figure import Figure
 from drl_av.config import Config
 from drl_av.errors import DrlAvError
 from drl_av.studies.adaptation_figure import adaptation_figure
+from drl_av.studies.barricade_figure import barricade_figure
 from drl_av.studies.curves_figure import check_figure, replay_figure
 from drl_av.studies.figures import reward_figure, save_figure, speed_figure
+from drl_av.studies.lane_change_figure import lane_change_figure
 from drl_av.studies.reproduction.scale import Progress, Scale
 
 FIGURES: dict[str, tuple[str, Callable[[Path], Figure]]] = {
@@ -17,9 +19,13 @@ FIGURES: dict[str, tuple[str, Callable[[Path], Figure]]] = {
     "learning_check": ("curves.csv", check_figure),
     "learning_replay": ("curves.csv", replay_figure),
     "adaptation": ("adaptation.csv", adaptation_figure),
+    "barricade": ("barricade.csv", barricade_figure),
 }
 """The table of each, and how it is drawn."""
-WITHOUT_TABLE: dict[str, Callable[[Config], Figure]] = {"reward": reward_figure}
+WITHOUT_TABLE: dict[str, Callable[[Config], Figure]] = {
+    "reward": reward_figure,
+    "lane_change": lane_change_figure,
+}
 """Those that the settings alone determine."""
 
 

@@ -10,6 +10,7 @@ MEANINGS = {
     "curves": "learning curves: with and without the check, two buffers and prioritized replay",
     "speeds": "mean speed against the number of vehicles, to where the drivers meet",
     "adaptation": "safety triggers of the shipped driver with and without learning on",
+    "barricade": "learning beside a closed lane, with the check and without",
     "figures": "what can be drawn of these",
 }
 """What there is to reproduce."""
