@@ -14,9 +14,10 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import INDICATORS, ObservationScale, affordances
 from drl_av.driving.checked import ActionMask, action_mask
 from drl_av.driving.drivers.traffic import TrafficDrivers
+from drl_av.driving.checks import named_check
 from drl_av.driving.maneuver import LaneChange, Scene, plan
 from drl_av.driving.reward import Rewards, desired, rewards
-from drl_av.driving.safety import SafetyCheck, Verdict, named_check
+from drl_av.driving.safety import SafetyCheck, Verdict
 from drl_av.errors import ConfigError
 from drl_av.level_1 import load_level_1
 from drl_av.traffic.collisions import overlapping
@@ -100,7 +101,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         if safety_check is not None and not callable(safety_check):
             config = config.updated("safety", check=safety_check)
         self.config = config
-        self.safety_check = safety_check if callable(safety_check) else named_check(config.safety)
+        self.safety_check = safety_check if callable(safety_check) else named_check(config)
         self.check_name = (
             getattr(safety_check, "__name__", "custom")
             if callable(safety_check)

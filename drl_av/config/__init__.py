@@ -22,6 +22,7 @@ from drl_av.config.driving import (
 )
 from drl_av.config.learning import REPLAYS, LearningConfig
 from drl_av.config.road import SimulationConfig, TrafficConfig
+from drl_av.config.strict import StrictConfig
 from drl_av.errors import ConfigError
 from drl_av.settings import Section, did_you_mean
 
@@ -39,6 +40,7 @@ __all__ = [
     "RewardConfig",
     "SafetyConfig",
     "SimulationConfig",
+    "StrictConfig",
     "TrafficConfig",
     "from_toml",
     "load_config",
@@ -49,6 +51,7 @@ _SECTIONS: dict[str, type[Section]] = {
     "traffic": TrafficConfig,
     "ego": EgoConfig,
     "safety": SafetyConfig,
+    "strict": StrictConfig,
     "mobil": MobilConfig,
     "finite_state": FiniteStateConfig,
     "level_0": Level0Config,
@@ -66,6 +69,7 @@ class Config:
     traffic: TrafficConfig = TrafficConfig()
     ego: EgoConfig = EgoConfig()
     safety: SafetyConfig = SafetyConfig()
+    strict: StrictConfig = StrictConfig()
     mobil: MobilConfig = MobilConfig()
     finite_state: FiniteStateConfig = FiniteStateConfig()
     level_0: Level0Config = Level0Config()

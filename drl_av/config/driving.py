@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from drl_av.settings import Section, setting
 
-SAFETY_CHECKS = ("permit_all", "paper")
+SAFETY_CHECKS = ("permit_all", "paper", "strict")
 DESIRED_VALUES = ("traffic", "fixed")
 LATERAL_PLANTS = ("kinematic", "steering")
 LONGITUDINAL_REFERENCES = ("acceleration", "idm", "acc")

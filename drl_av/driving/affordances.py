@@ -56,6 +56,8 @@ class Affordances(NamedTuple):
     ego_speed_m_s: float
     ego_y_m: float
     ego_lateral_speed_m_s: float
+    circumference_m: float = 0.0
+    """Length of the loop; 0 is a road without an end."""
 
     @property
     def touched(self) -> bool:
@@ -144,6 +146,7 @@ def affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
         ego_speed_m_s=speed[EGO],
         ego_y_m=place[EGO],
         ego_lateral_speed_m_s=lateral[EGO],
+        circumference_m=road.circumference_m,
     )
 
 

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from enum import Flag, auto
-from functools import partial
 from typing import NamedTuple
 
 from drl_av.config import SafetyConfig
@@ -119,12 +118,3 @@ def lane_is_clear(seen: Affordances, lane: int, config: SafetyConfig) -> bool:
     return fronts_clear and (
         rear is None or gap_condition(rear.gap_m, rear.relative_speed_m_s, config)
     )
-
-
-def named_check(config: SafetyConfig) -> SafetyCheck:
-    """The check that a config names."""
-    checks: dict[str, SafetyCheck] = {
-        "permit_all": permit_all,
-        "paper": partial(paper, config=config),
-    }
-    return checks[config.check]

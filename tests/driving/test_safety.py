@@ -23,16 +23,16 @@ from worlds import (
     scenes,
 )
 
-from drl_av.config import SafetyConfig
+from drl_av.config import Config, SafetyConfig
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import Neighbor
+from drl_av.driving.checks import named_check
 from drl_av.driving.maneuver import Scene, steered
 from drl_av.driving.safety import (
     Rule,
     Verdict,
     closing_speed,
     gap_condition,
-    named_check,
     paper,
     permit_all,
     safe_action,
@@ -393,8 +393,9 @@ def test_permit_all_never_changes_anything(world: Scene, proposed: Action) -> No
 
 
 def test_checks_are_found_by_the_name_in_the_config() -> None:
-    assert named_check(SafetyConfig(check="permit_all")) is permit_all
-    hasty = SafetyConfig(minimum_gap_m=0.0, minimum_ttc_s=1.0)
+    config = Config()
+    assert named_check(config.updated("safety", check="permit_all")) is permit_all
+    hasty = config.updated("safety", minimum_gap_m=0.0, minimum_ttc_s=1.0)
     proposal = Action(KEEP, ACCELERATE)
-    assert named_check(CONFIG)(SLOW_LEADER, proposal).rule is Rule.IN_LANE
+    assert named_check(config)(SLOW_LEADER, proposal).rule is Rule.IN_LANE
     assert named_check(hasty)(SLOW_LEADER, proposal).rule is Rule.NONE
