@@ -22,7 +22,11 @@ class StrictConfig(Section):
         0.76, "ours", "fastest move sideways: its maxSpeedLat", low=0, high=10
     )
     follower_response_s: float = setting(
-        1.0, "ours", "after which a vehicle brakes for an ego ahead of it: a decision", low=0, high=5
+        1.0,
+        "ours",
+        "after which a vehicle brakes for an ego ahead of it: a decision",
+        low=0,
+        high=5,
     )
     follower_braking_m_s2: float = setting(
         4.0, "ours", "and as hard as this, if it must: less than its decel", low=0.1, high=20

@@ -47,71 +47,21 @@ from drl_av.config import EgoConfig, SimulationConfig, StrictConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.maneuver import LaneChange, Scene, steered
 from drl_av.driving.safety import Rule, Verdict
+from drl_av.driving.stopping import reach, stopping_distance
 from drl_av.errors import ConfigError
 from drl_av.traffic.ring import FloatArray
 from drl_av.traffic.snapshot import EGO
-
 
 LINE_M = 0.01
 """How far a body must be over a lane's line to be in that lane."""
 CENTERED_M = 0.05
 """Within this distance of a lane's centre a vehicle has arrived there; of a line, it is on it."""
-
-
-def stopping_distance(
-    speed_m_s: FloatArray | float, braking_m_s2: float, step_s: float
-) -> FloatArray | float:
-    """How far a vehicle rolls that brakes from now on until it stands, metres.
-
-    SUMO's semi-implicit Euler: each step moves it by the speed that it has after the step; less by
-    v dt / 2 than v^2 / 2b. Exact for any step; broadcasts.
-    """
-    steps = np.floor(speed_m_s / (braking_m_s2 * step_s))
-    return step_s * steps * (speed_m_s - braking_m_s2 * step_s * (steps + 1) / 2)
-
-
-def travel(
-    speed_m_s: FloatArray | float,
-    acceleration_m_s2: FloatArray | float,
-    steps: int,
-    step_s: float,
-    max_speed_m_s: float = math.inf,
-) -> tuple[FloatArray | float, FloatArray | float]:
-    """Distance and speed after some steps at an acceleration within [0, max_speed_m_s]."""
-    distance_m: FloatArray | float = 0.0
-    speed = speed_m_s
-    for step in range(1, steps + 1):
-        wanted = speed_m_s + acceleration_m_s2 * (step * step_s)
-        speed = np.minimum(np.maximum(wanted, 0.0), max_speed_m_s)
-        distance_m = distance_m + speed * step_s
-    return distance_m, speed
-
-
-def reach(
-    speed_m_s: FloatArray | float,
-    acceleration_m_s2: FloatArray | float,
-    ego: EgoConfig,
-    sim: SimulationConfig,
-) -> FloatArray | float:
-    """How far the ego rolls in a decision at an acceleration and in braking hard afterwards."""
-    step_s = sim.step_length_s
-    distance_m, speed = travel(
-        speed_m_s, acceleration_m_s2, sim.steps_per_decision, step_s, ego.max_speed_m_s
-    )
-    return distance_m + stopping_distance(speed, ego.hard_brake_m_s2, step_s)
-
-
-def cut_in_gap(
-    speed_m_s: FloatArray | float,
-    other_m_s: FloatArray | float,
-    strict: StrictConfig,
-    ego: EgoConfig,
-    sim: SimulationConfig,
-) -> FloatArray | float:
-    """Bound 3: the gap to the ego at which a vehicle may begin to move in ahead of it, metres."""
-    ahead_m = stopping_distance(other_m_s, strict.braking_m_s2, sim.step_length_s)
-    rolled_m = reach(speed_m_s, ego.accelerate_m_s2, ego, sim)
-    return np.maximum(rolled_m - ahead_m, 0.0) + strict.clearance_m
+ORDER = (
+    Longitudinal.ACCELERATE,
+    Longitudinal.MAINTAIN,
+    Longitudinal.BRAKE,
+    Longitudinal.HARD_BRAKE,
+)
 
 
 def lanes_under(
@@ -143,20 +93,6 @@ def room(
     )
 
 
-class Others(NamedTuple):
-    """The other vehicles as the check takes them; arrays of one shape, the last axis theirs."""
-
-    right_m: FloatArray
-    left_m: FloatArray
-    """Between these their bodies may be."""
-    most_m: FloatArray
-    """How far the ego may reach: to where one ahead comes to rest at the soonest; inf for one
-    behind, -inf for one beside."""
-    least_m: FloatArray
-    """How far the ego must reach: to where one behind comes to rest at the latest; -inf for one
-    ahead, inf for one beside."""
-
-
 def is_held(
     y_m: FloatArray, width_m: FloatArray, ego_y_m: Any, ego_width_m: float, lane_width_m: float
 ) -> npt.NDArray[np.bool_]:
@@ -171,27 +107,67 @@ def is_held(
     return held
 
 
-def others(
-    ahead_m: FloatArray,
-    beside_m: FloatArray,
-    speed_m_s: FloatArray,
-    ends_m: tuple[FloatArray, FloatArray],
-    strict: StrictConfig,
-    step_s: float,
-) -> Others:
-    """The others from their centres ahead of the ego's, the lengths that make them beside it,
-    their speeds and the ends of their rooms."""
-    gap_m = np.abs(ahead_m) - beside_m
-    is_ahead, is_beside = ahead_m >= 0.0, gap_m <= 0.0
-    rest_m = gap_m - strict.clearance_m + stopping_distance(speed_m_s, strict.braking_m_s2, step_s)
-    steps = math.ceil(strict.follower_response_s / step_s - 1e-9)
-    response_m, speed = travel(speed_m_s, strict.acceleration_m_s2, steps, step_s)
-    rolled_m = response_m + stopping_distance(speed, strict.follower_braking_m_s2, step_s)
-    return Others(
-        *ends_m,
-        np.where(is_beside, -np.inf, np.where(is_ahead, rest_m, np.inf)),
-        np.where(is_beside, np.inf, np.where(is_ahead, -np.inf, rolled_m - gap_m + strict.clearance_m)),
+class Others(NamedTuple):
+    """The other vehicles as the check takes them; arrays of one shape, the last axis theirs."""
+
+    right_m: FloatArray
+    left_m: FloatArray
+    """Between these their bodies may be."""
+    gap_m: FloatArray
+    """To the ego lengthwise; 0 or less for one beside."""
+    is_ahead: npt.NDArray[np.bool_]
+    speed_m_s: FloatArray
+
+
+def most(around: Others, strict: StrictConfig, step_s: float) -> FloatArray:
+    """How far the ego may reach for each of the others: to where one ahead may come to rest.
+
+    Infinite for one behind, and -infinite for one beside that is ahead.
+    """
+    rest_m = stopping_distance(around.speed_m_s, strict.braking_m_s2, step_s)
+    rest_m = around.gap_m + rest_m - strict.clearance_m
+    result: FloatArray = np.where(
+        around.is_ahead, np.where(around.gap_m > 0, rest_m, -np.inf), np.inf
     )
+    return result
+
+
+def met(around: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
+    """Which of the others may come between two lateral positions."""
+    result: npt.NDArray[np.bool_] = (around.left_m > right_m) & (around.right_m < left_m)
+    return result
+
+
+def least(
+    around: Others, delay_s: FloatArray | float, strict: StrictConfig, step_s: float
+) -> FloatArray:
+    """How far the ego must reach for each of the others: to where one behind may come to rest.
+
+    It accelerates for ``delay_s`` and brakes then. -infinite for one ahead, infinite for one
+    beside.
+    """
+    speed, acceleration = around.speed_m_s, strict.acceleration_m_s2
+    rolled_m, faster = speed * delay_s, speed + acceleration * delay_s
+    rolled_m = rolled_m + acceleration * delay_s * (delay_s + step_s) / 2
+    rolled_m = rolled_m + stopping_distance(faster, strict.follower_braking_m_s2, step_s)
+    result: FloatArray = np.where(
+        around.gap_m <= 0,
+        np.inf,
+        np.where(around.is_ahead, -np.inf, rolled_m - around.gap_m + strict.clearance_m),
+    )
+    return result
+
+
+def seconds_to_line(
+    distance_m: Any, lane_width_m: float, ego: EgoConfig, sim: SimulationConfig
+) -> Any:
+    """Time until the ego's body, so far from a lane's line, is over it; whole SUMO steps.
+
+    0 where it is over it already or will not be within this decision.
+    """
+    steps = np.ceil(distance_m * ego.lane_change_duration_s / lane_width_m / sim.step_length_s)
+    soon = (steps > 0) & (steps <= sim.steps_per_decision)
+    return np.where(soon, steps, 0) * sim.step_length_s
 
 
 def corridor(
@@ -236,66 +212,71 @@ class Strict:
 
     def __call__(self, scene: Scene, proposed: Action) -> Verdict:
         """The proposal; else the same sideways, as fast as is safe; else the way out sideways."""
-        seen, around = scene.seen, self.others(scene)
-        wanted, out = steered(scene.lane_change, seen.lane, proposed.lateral), way_out(scene)
+        seen, around, out = scene.seen, self.others(scene), way_out(scene)
+        wanted = steered(scene.lane_change, seen.lane, proposed.lateral)
         speed = seen.ego_speed_m_s
         reaches = reach(speed, self._accelerations, self._ego, self._simulation).tolist()
-        _, most_m = self._limits(scene, out, around)
-        safe = next(
-            (how for how in milder(proposed.longitudinal) if reaches[how] < most_m),
-            Longitudinal.HARD_BRAKE,
-        )
+        may_m = self._may_reach(scene, out, around)
+        order = milder(proposed.longitudinal)
+        safe = next((how for how in order if reaches[how] < may_m), Longitudinal.HARD_BRAKE)
         rule = Rule.NONE if safe == proposed.longitudinal else Rule.IN_LANE
-        if wanted == out:
+        if wanted is None or wanted == out:
             return Verdict(Action(proposed.lateral, safe), rule)
-        if wanted is not None and not seen.has_lane(wanted.target - seen.lane):
-            return Verdict(Action(_lateral(out), safe), rule | Rule.OFF_ROAD)
-        least_m, most_m = self._limits(scene, wanted, around)
-        if least_m < reaches[safe] < most_m:
+        if not seen.has_lane(wanted.target - seen.lane):
+            rule |= Rule.OFF_ROAD
+        elif self._permits(scene, wanted, around, reaches[safe]):
             return Verdict(Action(proposed.lateral, safe), rule)
-        return Verdict(Action(_lateral(out), safe), rule | Rule.LANE_CHANGE)
+        else:
+            rule |= Rule.LANE_CHANGE
+        return Verdict(Action(Lateral.KEEP if out is None else toward(out.sign), safe), rule)
 
     def others(self, scene: Scene) -> Others:
         """The other vehicles of a scene as the check takes them."""
-        shot, lap_m = scene.snapshot, scene.seen.circumference_m
+        shot, seen = scene.snapshot, scene.seen
         ahead_m = shot.s_m[1:] - shot.s_m[EGO]
-        if lap_m:
+        if lap_m := seen.circumference_m:
             ahead_m = (ahead_m + lap_m / 2) % lap_m - lap_m / 2
-        width_m = shot.width_m[1:]
-        ends_m = room(shot.y_m[1:], shot.lateral_speed_m_s[1:], width_m, scene.seen.lane_width_m)
-        beside_m = (shot.length_m[1:] + shot.length_m[EGO]) / 2
-        step_s = self._simulation.step_length_s
-        return others(ahead_m, beside_m, shot.speed_m_s[1:], ends_m, self._strict, step_s)
+        y_m, width_m = shot.y_m[1:], shot.width_m[1:]
+        gap_m = np.abs(ahead_m) - (shot.length_m[1:] + shot.length_m[EGO]) / 2
+        ends_m = room(y_m, shot.lateral_speed_m_s[1:], width_m, seen.lane_width_m)
+        return Others(*ends_m, gap_m, ahead_m >= 0, shot.speed_m_s[1:])
 
-    def _limits(
-        self, scene: Scene, lane_change: LaneChange | None, around: Others
-    ) -> tuple[float, float]:
-        """How far the ego must and may reach in a lane change, or in none, metres."""
-        decision_s = self._simulation.decision_interval_s
-        right_m, left_m = corridor(scene, lane_change, self._ego, decision_s)
-        if lane_change is not None and lane_change != way_out(scene):
-            aside_m = self._strict.lateral_speed_m_s * decision_s
-            right_m -= aside_m * (lane_change.sign < 0)
-            left_m += aside_m * (lane_change.sign > 0)
-        met = (around.left_m > right_m) & (around.right_m < left_m)
-        shot, lane_m = scene.snapshot, scene.seen.lane_width_m
-        ego_m = float(shot.width_m[EGO])
-        held = is_held(shot.y_m[1:], shot.width_m[1:], scene.seen.ego_y_m, ego_m, lane_m)
-        most_m = float(np.min(around.most_m, where=met, initial=np.inf))
-        least_m = float(np.max(around.least_m, where=met & ~held, initial=-np.inf))
-        return least_m, most_m
+    def way_out_is_free(self, scene: Scene) -> bool:
+        """The invariant: hard braking on the way out meets nobody ahead."""
+        ego, speed = self._ego, scene.seen.ego_speed_m_s
+        rolled_m = float(reach(speed, -ego.hard_brake_m_s2, ego, self._simulation))
+        return rolled_m < self._may_reach(scene, way_out(scene), self.others(scene))
+
+    def _may_reach(self, scene: Scene, out: LaneChange | None, around: Others) -> float:
+        """How far the ego may roll on its way out."""
+        ends_m = corridor(scene, out, self._ego, self._simulation.decision_interval_s)
+        may_m = most(around, self._strict, self._simulation.step_length_s)
+        return float(np.min(may_m, where=met(around, *ends_m), initial=np.inf))
+
+    def _permits(self, scene: Scene, change: LaneChange, around: Others, rolled_m: float) -> bool:
+        """Whether the ego may roll so far in a lane change that is not its way out."""
+        strict, sim, shot, seen = self._strict, self._simulation, scene.snapshot, scene.seen
+        right_m, left_m = corridor(scene, change, self._ego, sim.decision_interval_s)
+        aside_m = strict.lateral_speed_m_s * sim.decision_interval_s
+        right_m, left_m = (
+            (right_m, left_m + aside_m) if change.sign > 0 else (right_m - aside_m, left_m)
+        )
+        meets = met(around, right_m, left_m)
+        if not meets.any():
+            return True
+        y_m, width_m, ego_m = seen.ego_y_m, seen.lane_width_m, float(shot.width_m[EGO])
+        line_m = (change.origin + change.target) / 2 * width_m
+        to_line_m = change.sign * (line_m - y_m) - ego_m / 2
+        delay_s = strict.follower_response_s + seconds_to_line(to_line_m, width_m, self._ego, sim)
+        held = is_held(shot.y_m[1:], shot.width_m[1:], y_m, ego_m, width_m)
+        must_m = least(around, float(delay_s), strict, sim.step_length_s)
+        may_m = most(around, strict, sim.step_length_s)
+        return bool(
+            rolled_m < np.min(may_m, where=meets, initial=np.inf)
+            and rolled_m > np.max(must_m, where=meets & ~held, initial=-np.inf)
+        )
 
 
 def milder(longitudinal: Longitudinal) -> tuple[Longitudinal, ...]:
     """A longitudinal action and those that brake harder, in that order."""
-    order = (
-        Longitudinal.ACCELERATE,
-        Longitudinal.MAINTAIN,
-        Longitudinal.BRAKE,
-        Longitudinal.HARD_BRAKE,
-    )
-    return order[order.index(longitudinal) :]
-
-
-def _lateral(lane_change: LaneChange | None) -> Lateral:
-    return Lateral.KEEP if lane_change is None else toward(lane_change.sign)
+    return ORDER[ORDER.index(longitudinal) :]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.driving.strict import reach, stopping_distance
+from drl_av.driving.stopping import reach, stopping_distance
 from drl_av.studies.plain_world import (
     LENGTH_M,
     NONE,
@@ -124,7 +124,9 @@ def anything(u: FloatArray, config: Config) -> World:
     own = lane == ego_lane[:, None]
     far_m = _ahead(u[:, 12:16], ego[:, None], speed, config)
     step_s = config.simulation.step_length_s
-    stops_m = [stopping_distance(v, config.strict.follower_braking_m_s2, step_s) for v in (speed, ego)]
+    stops_m = [
+        stopping_distance(v, config.strict.follower_braking_m_s2, step_s) for v in (speed, ego)
+    ]
     near_m = LENGTH_M + 2.0 + speed * step_s + np.maximum(stops_m[0] - stops_m[1][:, None], 0.0)
     x_m = np.where(own, np.where(x_m > 0, far_m, np.minimum(x_m, -near_m)), x_m)
     return placed(ego_lane, ego, x_m, lane, speed)

@@ -16,12 +16,14 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import affordances
 from drl_av.driving.maneuver import LaneChange, Scene
 from drl_av.driving.safety import SafetyCheck
-from drl_av.driving.strict import cut_in_gap, lanes_under, room, stopping_distance
+from drl_av.driving.stopping import cut_in_gap, stopping_distance
+from drl_av.driving.strict import lanes_under, room
 from drl_av.traffic.collisions import overlapping
 from drl_av.traffic.ring import FloatArray, Road
 from drl_av.traffic.snapshot import Collision, Snapshot
 
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 ROAD = Road(10_000.0, 3.8, (True, True, True))
 LENGTH_M, WIDTH_M = 5.0, 1.8
 NONE = -9
@@ -125,7 +127,7 @@ class Mover:
         world.origin = np.where(starts, lane, np.where(turns, target, origin))
         world.target = np.where(starts, lane + sign, np.where(turns, origin, target))
 
-    def _step(self, world: World, rate: FloatArray, orders: Orders, going: npt.NDArray[np.bool_]) -> None:
+    def _step(self, world: World, rate: FloatArray, orders: Orders, going: BoolArray) -> None:
         speed = world.speed_m_s.copy()
         most = self._config.ego.max_speed_m_s
         speed[:, 0] = np.clip(speed[:, 0] + rate * self.step_s, 0.0, most)
@@ -169,9 +171,10 @@ class Mover:
         needs_m = np.where(follower == 0, needs_m, np.maximum(other_m, 0.0) + strict.clearance_m)
         front = there[:, 0] & (lead_m[:, 0] < 0)
         behind_ego_m = -lead_m[:, 0] - LENGTH_M
-        stops_m = stopping_distance(own, strict.follower_braking_m_s2, self.step_s)
+        faster = own + strict.acceleration_m_s2 * self.step_s
+        stops_m = stopping_distance(faster, strict.follower_braking_m_s2, self.step_s)
         ego_stops_m = stopping_distance(world.speed_m_s[:, :1], ego.hard_brake_m_s2, self.step_s)
-        follows = behind_ego_m + ego_stops_m > stops_m + own * self.step_s + 1.0
+        follows = behind_ego_m + ego_stops_m > stops_m + faster * self.step_s + 1.0
         begins = ~beside & (gap_m >= needs_m) & (~front | follows)
         result: FloatArray = np.where(goes_on | is_in | begins, side, 0.0)
         return result
@@ -208,7 +211,7 @@ class Mover:
         world.lane_s = np.where(over, world.lane_s + self.step_s, 0.0)
         return result
 
-    def _sideways(self, world: World, side: FloatArray, going: npt.NDArray[np.bool_]) -> None:
+    def _sideways(self, world: World, side: FloatArray, going: BoolArray) -> None:
         ego = self._config.ego
         stride_m = ROAD.lane_width_m / ego.lane_change_duration_s * self.step_s
         left_m = world.target * ROAD.lane_width_m - world.y_m[:, 0]

@@ -5,19 +5,34 @@ written again, and a test holds both to the same answers.
 """
 
 import numpy as np
-import numpy.typing as npt
 
 from drl_av.config import Config
 from drl_av.driving.actions import Lateral, Longitudinal
-from drl_av.driving.strict import CENTERED_M, Others, is_held, others, reach, room
-from drl_av.studies.plain_world import LENGTH_M, NONE, ROAD, SIGN, WIDTH_M, IntArray, World
+from drl_av.driving.stopping import reach
+from drl_av.driving.strict import (
+    CENTERED_M,
+    ORDER,
+    Others,
+    is_held,
+    least,
+    met,
+    most,
+    room,
+    seconds_to_line,
+)
+from drl_av.studies.plain_world import (
+    LENGTH_M,
+    NONE,
+    ROAD,
+    SIGN,
+    WIDTH_M,
+    BoolArray,
+    IntArray,
+    World,
+)
 from drl_av.traffic.ring import FloatArray
 
-ORDER = np.array(
-    [Longitudinal.ACCELERATE, Longitudinal.MAINTAIN, Longitudinal.BRAKE, Longitudinal.HARD_BRAKE]
-)
-PLACE = np.argsort(ORDER)
-BoolArray = npt.NDArray[np.bool_]
+PLACE = np.array([ORDER.index(how) for how in Longitudinal])
 
 
 class StrictAtOnce:
@@ -32,75 +47,76 @@ class StrictAtOnce:
         """The actions executed, 0 to 11."""
         sign, longitudinal = SIGN[proposal // 4], proposal % 4
         around, lane = self._others(world), _lane(world.y_m[:, 0])
-        reaches = reach(world.speed_m_s[:, :1], self._rates, self._config.ego, self._config.simulation)
-        out = self.way_out(world, lane)
-        still = world.target == NONE
-        target = np.where(
-            still,
-            np.where(sign == 0, NONE, lane + sign),
-            np.where((sign != 0) & (sign == world.origin - world.target), world.origin, world.target),
-        )
-        origin = np.where(still, lane, world.origin + world.target - target)
-        _, most_m = self._limits(world, out, lane, around, aside=False)
+        speed, still = world.speed_m_s[:, :1], world.target == NONE
+        reaches = reach(speed, self._rates, self._config.ego, self._config.simulation)
+        may_m, out = self._may_reach(world, around), np.where(still, NONE, lane)
         safe = np.full(len(lane), int(Longitudinal.HARD_BRAKE))
-        for how in ORDER[::-1]:
-            fits = (reaches[:, how] < most_m) & (PLACE[how] >= PLACE[longitudinal])
-            safe = np.where(fits, how, safe)
-        least_m, most_m = self._limits(world, target, origin, around, aside=True)
-        rolled_m = reaches[np.arange(len(lane)), safe]
-        fits = (least_m < rolled_m) & (rolled_m < most_m)
+        for how in reversed(ORDER):
+            fits = (reaches[:, how] < may_m) & (ORDER.index(how) >= PLACE[longitudinal])
+            safe = np.where(fits, int(how), safe)
+        turns = (sign != 0) & (sign == world.origin - world.target)
+        target = np.where(sign == 0, NONE, lane + sign)
+        target = np.where(still, target, np.where(turns, world.origin, world.target))
+        origin = np.where(still, lane, world.origin + world.target - target)
+        fits = self._permits(world, origin, target, around, reaches[np.arange(len(lane)), safe])
         fits &= (target == NONE) | ((target >= 0) & (target < len(ROAD.open_lanes)))
         back = np.where(still, int(Lateral.KEEP), _toward(out, world))
         lateral = np.where(fits | (target == out), proposal // 4, back)
         result: IntArray = 4 * lateral + safe
         return result
 
-    def way_out(self, world: World, lane: IntArray) -> IntArray:
-        """The lane that the way out leads to; NONE without a lane change."""
-        result: IntArray = np.where(world.target == NONE, NONE, lane)
-        return result
-
     def free(self, world: World) -> BoolArray:
         """The invariant: whether the way out is free."""
-        lane = _lane(world.y_m[:, 0])
-        around = self._others(world)
-        _, most_m = self._limits(world, self.way_out(world, lane), lane, around, aside=False)
         ego = self._config.ego
-        reach_m = reach(world.speed_m_s[:, 0], -ego.hard_brake_m_s2, ego, self._config.simulation)
-        result: BoolArray = np.asarray(reach_m) < most_m
+        rolled_m = reach(world.speed_m_s[:, 0], -ego.hard_brake_m_s2, ego, self._config.simulation)
+        result: BoolArray = np.asarray(rolled_m) < self._may_reach(world, self._others(world))
         return result
 
     def _others(self, world: World) -> Others:
         width_m = np.full(world.x_m[:, 1:].shape, WIDTH_M)
         ends_m = room(world.y_m[:, 1:], world.lateral_m_s[:, 1:], width_m, ROAD.lane_width_m)
         ahead_m = world.x_m[:, 1:] - world.x_m[:, :1]
-        step_s = self._config.simulation.step_length_s
-        beside_m = np.full(ahead_m.shape, LENGTH_M)
-        speed = world.speed_m_s[:, 1:]
-        return others(ahead_m, beside_m, speed, ends_m, self._config.strict, step_s)
+        return Others(*ends_m, np.abs(ahead_m) - LENGTH_M, ahead_m >= 0, world.speed_m_s[:, 1:])
 
-    def _limits(
-        self, world: World, target: IntArray, origin: IntArray, around: Others, aside: bool
-    ) -> tuple[FloatArray, FloatArray]:
-        config, width_m, y_m = self._config, ROAD.lane_width_m, world.y_m[:, 0]
-        decision_s, changing = config.simulation.decision_interval_s, target != NONE
-        end_m = np.where(changing, target * width_m, y_m)
-        sign = np.sign(end_m - y_m)
-        stride_m = width_m / config.ego.lane_change_duration_s * decision_s
-        next_m = y_m + sign * np.minimum(np.abs(end_m - y_m), stride_m)
-        out = [width_m * _lane(next_m + tilt_m) for tilt_m in (-CENTERED_M, CENTERED_M)]
-        places = np.stack([y_m, end_m, *(np.where(changing, place, y_m) for place in out)])
-        right_m, left_m = places.min(axis=0) - WIDTH_M / 2, places.max(axis=0) + WIDTH_M / 2
-        if aside:
-            aside_m = config.strict.lateral_speed_m_s * decision_s
-            right_m, left_m = right_m - aside_m * (sign < 0), left_m + aside_m * (sign > 0)
-        met = (around.left_m > right_m[:, None]) & (around.right_m < left_m[:, None])
+    def _may_reach(self, world: World, around: Others) -> FloatArray:
+        lane = _lane(world.y_m[:, 0])
+        right_m, left_m = self._corridor(world, np.where(world.target == NONE, NONE, lane))
+        meets = met(around, right_m[:, None], left_m[:, None])
+        may_m = most(around, self._config.strict, self._config.simulation.step_length_s)
+        result: FloatArray = np.where(meets, may_m, np.inf).min(axis=1)
+        return result
+
+    def _permits(
+        self, world: World, origin: IntArray, target: IntArray, around: Others, rolled_m: FloatArray
+    ) -> BoolArray:
+        config, sim, lane_m = self._config, self._config.simulation, ROAD.lane_width_m
+        strict, y_m, sign = config.strict, world.y_m[:, 0], np.sign(target - origin)
+        right_m, left_m = self._corridor(world, target)
+        aside_m = strict.lateral_speed_m_s * sim.decision_interval_s
+        right_m, left_m = right_m - aside_m * (sign < 0), left_m + aside_m * (sign > 0)
+        meets = met(around, right_m[:, None], left_m[:, None])
+        to_line_m = sign * ((origin + target) / 2 * lane_m - y_m) - WIDTH_M / 2
+        delay_s = strict.follower_response_s
+        delay_s = delay_s + seconds_to_line(to_line_m, lane_m, config.ego, sim)[:, None]
         sizes = np.full(world.y_m[:, 1:].shape, WIDTH_M)
-        held = is_held(world.y_m[:, 1:], sizes, world.y_m[:, :1], WIDTH_M, width_m)
-        return (
-            np.where(met & ~held, around.least_m, -np.inf).max(axis=1),
-            np.where(met, around.most_m, np.inf).min(axis=1),
+        held = is_held(world.y_m[:, 1:], sizes, y_m[:, None], WIDTH_M, lane_m)
+        must_m = least(around, delay_s, strict, sim.step_length_s)
+        may_m = most(around, strict, sim.step_length_s)
+        result: BoolArray = (rolled_m < np.where(meets, may_m, np.inf).min(axis=1)) & (
+            rolled_m > np.where(meets & ~held, must_m, -np.inf).max(axis=1)
         )
+        return result
+
+    def _corridor(self, world: World, target: IntArray) -> tuple[FloatArray, FloatArray]:
+        config, lane_m, y_m = self._config, ROAD.lane_width_m, world.y_m[:, 0]
+        changing = target != NONE
+        end_m = np.where(changing, target * lane_m, y_m)
+        stride_m = lane_m / config.ego.lane_change_duration_s
+        stride_m *= config.simulation.decision_interval_s
+        next_m = y_m + np.sign(end_m - y_m) * np.minimum(np.abs(end_m - y_m), stride_m)
+        out = [lane_m * _lane(next_m + tilt_m) for tilt_m in (-CENTERED_M, CENTERED_M)]
+        places = np.stack([y_m, end_m, *(np.where(changing, place, y_m) for place in out)])
+        return places.min(axis=0) - WIDTH_M / 2, places.max(axis=0) + WIDTH_M / 2
 
 
 def _lane(y_m: FloatArray) -> IntArray:
