@@ -5,13 +5,14 @@ after the step; they are exact for any step length, and broadcast.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
 from drl_av.config import EgoConfig, SimulationConfig, StrictConfig
-from drl_av.traffic.ring import FloatArray
 
-Number = FloatArray | float
+Number = Any
+"""A float, or an array of them."""
 
 
 def stopping_distance(speed_m_s: Number, braking_m_s2: float, step_s: float) -> Number:
@@ -31,8 +32,7 @@ def travel(
     max_speed_m_s: float = math.inf,
 ) -> tuple[Number, Number]:
     """Distance and speed after some steps at an acceleration within [0, max_speed_m_s]."""
-    distance_m: Number = 0.0
-    speed = speed_m_s
+    distance_m, speed = 0.0, speed_m_s
     for step in range(1, steps + 1):
         wanted = speed_m_s + acceleration_m_s2 * (step * step_s)
         speed = np.minimum(np.maximum(wanted, 0.0), max_speed_m_s)

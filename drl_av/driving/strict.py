@@ -54,6 +54,8 @@ from drl_av.traffic.snapshot import EGO
 
 LINE_M = 0.01
 """How far a body must be over a lane's line to be in that lane."""
+STILL_M_S = 0.01
+"""Up to this a vehicle does not move sideways."""
 CENTERED_M = 0.05
 """Within this distance of a lane's centre a vehicle has arrived there; of a line, it is on it."""
 ORDER = (
@@ -64,9 +66,7 @@ ORDER = (
 )
 
 
-def lanes_under(
-    y_m: FloatArray, width_m: FloatArray, lane_width_m: float
-) -> tuple[FloatArray, FloatArray]:
+def lanes_under(y_m: Any, width_m: Any, lane_width_m: float) -> tuple[FloatArray, FloatArray]:
     """Rightmost and leftmost lane that a body is over."""
     lowest = np.floor((y_m - width_m / 2 + LINE_M) / lane_width_m + 0.5)
     return lowest, np.ceil((y_m + width_m / 2 - LINE_M) / lane_width_m - 0.5)
@@ -80,16 +80,17 @@ def room(
     It is anywhere between the centres of the lanes that its body is over and of the one it moves
     towards.
     """
-    half_m = width_m / 2
     lowest, highest = lanes_under(y_m, width_m, lane_width_m)
-    off_m = np.abs(y_m - lane_width_m * np.round(y_m / lane_width_m))
-    moving = (np.abs(lateral_speed_m_s) > 0.01) & (off_m > CENTERED_M)
-    left, right = moving & (lateral_speed_m_s > 0), moving & (lateral_speed_m_s < 0)
-    lowest = np.where(right, np.minimum(lowest, np.floor(y_m / lane_width_m)), lowest)
-    highest = np.where(left, np.maximum(highest, np.ceil(y_m / lane_width_m)), highest)
+    moving = np.abs(lateral_speed_m_s) > STILL_M_S
+    if moving.any():
+        lane = y_m / lane_width_m
+        moving &= np.abs(lane - np.round(lane)) * lane_width_m > CENTERED_M
+        to_right, to_left = moving & (lateral_speed_m_s < 0), moving & (lateral_speed_m_s > 0)
+        lowest = np.where(to_right, np.minimum(lowest, np.floor(lane)), lowest)
+        highest = np.where(to_left, np.maximum(highest, np.ceil(lane)), highest)
     return (
-        np.minimum(lowest * lane_width_m, y_m) - half_m,
-        np.maximum(highest * lane_width_m, y_m) + half_m,
+        np.minimum(lowest * lane_width_m, y_m) - width_m / 2,
+        np.maximum(highest * lane_width_m, y_m) + width_m / 2,
     )
 
 
@@ -101,7 +102,7 @@ def is_held(
     The ego's body is over the lines of all its lanes, and in its way.
     """
     lowest, highest = lanes_under(y_m, width_m, lane_width_m)
-    ego_lowest, ego_highest = lanes_under(ego_y_m, np.float64(ego_width_m), lane_width_m)
+    ego_lowest, ego_highest = lanes_under(ego_y_m, ego_width_m, lane_width_m)
     in_the_way = np.abs(y_m - ego_y_m) < (width_m + ego_width_m) / 2
     held: npt.NDArray[np.bool_] = in_the_way & (ego_lowest <= lowest) & (highest <= ego_highest)
     return held
@@ -117,18 +118,24 @@ class Others(NamedTuple):
     """To the ego lengthwise; 0 or less for one beside."""
     is_ahead: npt.NDArray[np.bool_]
     speed_m_s: FloatArray
-
-
-def most(around: Others, strict: StrictConfig, step_s: float) -> FloatArray:
-    """How far the ego may reach for each of the others: to where one ahead may come to rest.
+    most_m: FloatArray
+    """How far the ego may reach for each: to where one ahead may come to rest.
 
     Infinite for one behind, and -infinite for one beside that is ahead.
     """
-    rest_m = stopping_distance(around.speed_m_s, strict.braking_m_s2, step_s)
-    rest_m = around.gap_m + rest_m - strict.clearance_m
-    result: FloatArray = np.where(
-        around.is_ahead, np.where(around.gap_m > 0, rest_m, -np.inf), np.inf
-    )
+
+
+def most(
+    gap_m: FloatArray,
+    is_ahead: npt.NDArray[np.bool_],
+    speed_m_s: FloatArray,
+    strict: StrictConfig,
+    step_s: float,
+) -> FloatArray:
+    """``Others.most_m`` from the other three."""
+    rest_m = stopping_distance(speed_m_s, strict.braking_m_s2, step_s)
+    rest_m = np.where(gap_m > 0, gap_m + rest_m - strict.clearance_m, -np.inf)
+    result: FloatArray = np.where(is_ahead, rest_m, np.inf)
     return result
 
 
@@ -239,7 +246,9 @@ class Strict:
         y_m, width_m = shot.y_m[1:], shot.width_m[1:]
         gap_m = np.abs(ahead_m) - (shot.length_m[1:] + shot.length_m[EGO]) / 2
         ends_m = room(y_m, shot.lateral_speed_m_s[1:], width_m, seen.lane_width_m)
-        return Others(*ends_m, gap_m, ahead_m >= 0, shot.speed_m_s[1:])
+        facts = gap_m, ahead_m >= 0, shot.speed_m_s[1:]
+        may_m = most(*facts, self._strict, self._simulation.step_length_s)
+        return Others(*ends_m, *facts, may_m)
 
     def way_out_is_free(self, scene: Scene) -> bool:
         """The invariant: hard braking on the way out meets nobody ahead."""
@@ -250,8 +259,7 @@ class Strict:
     def _may_reach(self, scene: Scene, out: LaneChange | None, around: Others) -> float:
         """How far the ego may roll on its way out."""
         ends_m = corridor(scene, out, self._ego, self._simulation.decision_interval_s)
-        may_m = most(around, self._strict, self._simulation.step_length_s)
-        return float(np.min(may_m, where=met(around, *ends_m), initial=np.inf))
+        return float(around.most_m[met(around, *ends_m)].min(initial=np.inf))
 
     def _permits(self, scene: Scene, change: LaneChange, around: Others, rolled_m: float) -> bool:
         """Whether the ego may roll so far in a lane change that is not its way out."""
@@ -264,17 +272,15 @@ class Strict:
         meets = met(around, right_m, left_m)
         if not meets.any():
             return True
+        if rolled_m >= around.most_m[meets].min():
+            return False
         y_m, width_m, ego_m = seen.ego_y_m, seen.lane_width_m, float(shot.width_m[EGO])
         line_m = (change.origin + change.target) / 2 * width_m
         to_line_m = change.sign * (line_m - y_m) - ego_m / 2
         delay_s = strict.follower_response_s + seconds_to_line(to_line_m, width_m, self._ego, sim)
-        held = is_held(shot.y_m[1:], shot.width_m[1:], y_m, ego_m, width_m)
+        free = meets & ~is_held(shot.y_m[1:], shot.width_m[1:], y_m, ego_m, width_m)
         must_m = least(around, float(delay_s), strict, sim.step_length_s)
-        may_m = most(around, strict, sim.step_length_s)
-        return bool(
-            rolled_m < np.min(may_m, where=meets, initial=np.inf)
-            and rolled_m > np.max(must_m, where=meets & ~held, initial=-np.inf)
-        )
+        return bool(rolled_m > must_m[free].max(initial=-np.inf))
 
 
 def milder(longitudinal: Longitudinal) -> tuple[Longitudinal, ...]:

@@ -5,7 +5,7 @@ asks for; the world lets the others do it within the bounds of ``driving/strict.
 """
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -51,13 +51,14 @@ def needed_gap(speed: FloatArray, other: FloatArray, config: Config) -> FloatArr
         strict, sim = config.strict, config.simulation
         rolled_m = reach(speed, -config.ego.hard_brake_m_s2, config.ego, sim)
         rest_m = stopping_distance(other, strict.braking_m_s2, sim.step_length_s)
-        return np.maximum(rolled_m - rest_m, 0.0) + strict.clearance_m + 1e-3
+        spare_m: FloatArray = np.maximum(rolled_m - rest_m, 0.0)
+        return spare_m + strict.clearance_m + 1e-3
     closing = np.maximum(speed - other, 0.0)
     return config.safety.minimum_gap_m + config.safety.minimum_ttc_s * closing + 1e-3
 
 
 def placed(
-    ego_lane: IntArray, ego_speed: FloatArray, x_m: FloatArray, lane: FloatArray, speed: FloatArray
+    ego_lane: IntArray, ego_speed: FloatArray, x_m: FloatArray, lane: Any, speed: FloatArray
 ) -> World:
     """A world of vehicles in their lanes; ``x_m`` is the others' centres ahead of the ego's."""
     scenes = len(ego_speed)

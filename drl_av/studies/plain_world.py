@@ -110,7 +110,7 @@ class Mover:
         rates = np.array([0.0, ego.accelerate_m_s2, -ego.brake_m_s2, -ego.hard_brake_m_s2])
         least_m = separation(world)
         for _ in range(self._config.simulation.steps_per_decision):
-            going = (least_m > 0).all(axis=1)
+            going: BoolArray = np.all(least_m > 0, axis=1)
             self._step(world, rates[longitudinal], orders, going)
             least_m = np.where(going[:, None], np.minimum(least_m, separation(world)), least_m)
         arrived = (world.target == NONE) & (least_m > 0).all(axis=1)

@@ -76,14 +76,16 @@ class StrictAtOnce:
         width_m = np.full(world.x_m[:, 1:].shape, WIDTH_M)
         ends_m = room(world.y_m[:, 1:], world.lateral_m_s[:, 1:], width_m, ROAD.lane_width_m)
         ahead_m = world.x_m[:, 1:] - world.x_m[:, :1]
-        return Others(*ends_m, np.abs(ahead_m) - LENGTH_M, ahead_m >= 0, world.speed_m_s[:, 1:])
+        gap_m, is_ahead, speed = np.abs(ahead_m) - LENGTH_M, ahead_m >= 0, world.speed_m_s[:, 1:]
+        step_s = self._config.simulation.step_length_s
+        may_m = most(gap_m, is_ahead, speed, self._config.strict, step_s)
+        return Others(*ends_m, gap_m, is_ahead, speed, may_m)
 
     def _may_reach(self, world: World, around: Others) -> FloatArray:
         lane = _lane(world.y_m[:, 0])
         right_m, left_m = self._corridor(world, np.where(world.target == NONE, NONE, lane))
         meets = met(around, right_m[:, None], left_m[:, None])
-        may_m = most(around, self._config.strict, self._config.simulation.step_length_s)
-        result: FloatArray = np.where(meets, may_m, np.inf).min(axis=1)
+        result: FloatArray = np.where(meets, around.most_m, np.inf).min(axis=1)
         return result
 
     def _permits(
@@ -101,8 +103,7 @@ class StrictAtOnce:
         sizes = np.full(world.y_m[:, 1:].shape, WIDTH_M)
         held = is_held(world.y_m[:, 1:], sizes, y_m[:, None], WIDTH_M, lane_m)
         must_m = least(around, delay_s, strict, sim.step_length_s)
-        may_m = most(around, strict, sim.step_length_s)
-        result: BoolArray = (rolled_m < np.where(meets, may_m, np.inf).min(axis=1)) & (
+        result: BoolArray = (rolled_m < np.where(meets, around.most_m, np.inf).min(axis=1)) & (
             rolled_m > np.where(meets & ~held, must_m, -np.inf).max(axis=1)
         )
         return result
