@@ -13,8 +13,8 @@ from drl_av.drawing import Caption, draw
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import INDICATORS, ObservationScale, affordances
 from drl_av.driving.checked import ActionMask, action_mask
-from drl_av.driving.drivers.traffic import TrafficDrivers
 from drl_av.driving.checks import named_check
+from drl_av.driving.drivers.traffic import TrafficDrivers
 from drl_av.driving.maneuver import LaneChange, Scene, plan
 from drl_av.driving.reward import Rewards, desired, rewards
 from drl_av.driving.safety import SafetyCheck, Verdict

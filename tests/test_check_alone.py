@@ -10,8 +10,8 @@ import pytest
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.checked import CheckedDriver, PolicyDriver, action_mask
+from drl_av.driving.checks import named_check
 from drl_av.driving.drivers.rules import RandomDriver
-from drl_av.driving.safety import named_check
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
 from drl_av.studies.replay import Recorder, Recording
@@ -83,7 +83,7 @@ def recorded(check: str, driver: object) -> tuple[Recording, Recorder]:
 
 
 def test_a_checked_driver_where_nobody_checks_drives_as_the_bare_one_under_the_check() -> None:
-    checked = CheckedDriver(RandomDriver(), named_check(SHORT.safety))
+    checked = CheckedDriver(RandomDriver(), named_check(SHORT))
     inside, outside = recorded("paper", RandomDriver())[0], recorded("permit_all", checked)[0]
     bare = recorded("permit_all", RandomDriver())[0]
     assert outside.hash() == inside.hash() != bare.hash()
@@ -99,12 +99,12 @@ def test_an_agent_of_stable_baselines3_drives_under_the_check() -> None:
         model = DQN("MlpPolicy", env, learning_starts=20, buffer_size=100, seed=1, device="cpu")
         model.learn(60)
         agent = PolicyDriver(lambda seen: model.predict(seen, deterministic=True)[0])
-        checked = CheckedDriver(agent, named_check(SHORT.safety))
+        checked = CheckedDriver(agent, named_check(SHORT))
         for seed in range(3):
             result = drive(env, checked, "dqn", seed, 30)
             assert not result.ego_hit
         observation, _ = env.reset(seed=9, options={"vehicles": 30})
-        mask = action_mask(named_check(SHORT.safety), env.scene)
+        mask = action_mask(named_check(SHORT), env.scene)
         action = agent.act(env.scene, observation)
         assert (checked.act(env.scene, observation) == action) == mask[action.number]
         assert action in ACTIONS
