@@ -29,9 +29,14 @@ def collision_table() -> str:
 
 
 def check_table() -> str:
-    """Drivers with the check and without it, over all densities."""
-    compared = [row for row in read("evaluation.csv") if row["driver"] == "idm-sumo"]
-    rows = read("check_paper.csv") + read("check_permit_all.csv") + compared
+    """Drivers with the check and without it, over the densities of those tables."""
+    rows = read("check_paper.csv") + read("check_permit_all.csv")
+    densities = {row["vehicles"] for row in rows}
+    rows += [
+        row
+        for row in read("evaluation.csv")
+        if row["driver"] == "idm-sumo" and row["vehicles"] in densities
+    ]
     lines = [
         "| driver | check | episodes | ego hit something | was hit | mean speed, m/s |",
         "|" + " --- |" * 6,
