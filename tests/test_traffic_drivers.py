@@ -97,10 +97,10 @@ def test_a_vehicle_brakes_to_a_stop_and_drives_off_again(placed: Road) -> None:
 def test_who_wants_to_go_on_into_a_vehicle_that_brakes_to_a_stop_is_stopped_by_sumo(
     placed: Road,
 ) -> None:
-    # 20 m behind it and 10 m/s faster: 4.5 m/s2 would not be enough, SUMO's 9 m/s2 are
+    # 35 m behind it, which comes to rest after 25 m more; 20 m/s need 44.4 m at 4.5 m/s2
     vehicles = (
-        PlacedVehicle("behind", 1, 50.0, 25.0, 40.0),
-        PlacedVehicle("ahead", 1, 75.0, 15.0, 40.0),
+        PlacedVehicle("behind", 1, 50.0, 20.0, 40.0),
+        PlacedVehicle("ahead", 1, 90.0, 15.0, 40.0),
     )
     simulation, shot = placed(*vehicles)
     hardest = 0.0
@@ -110,7 +110,7 @@ def test_who_wants_to_go_on_into_a_vehicle_that_brakes_to_a_stop_is_stopped_by_s
         hardest = max(hardest, float(before - shot.speed_m_s[1]))
         assert shot.s_m[2] - shot.s_m[1] > 5.0
     assert shot.speed_m_s[1:].max() == 0.0
-    assert 4.6 < hardest <= 9.0
+    assert 4.0 < hardest <= 4.5 + 1e-6
 
 
 @pytest.mark.parametrize(("side", "end_m"), [(1, LEFT), (-1, RIGHT)], ids=["left", "right"])
