@@ -22,14 +22,14 @@ class StrictConfig(Section):
         0.76, "ours", "fastest move sideways: its maxSpeedLat", low=0, high=10
     )
     follower_response_s: float = setting(
-        1.0,
+        0.5,
         "ours",
-        "after which a vehicle brakes for an ego ahead of it: a decision",
+        "after which a vehicle behind brakes for the ego, a SUMO step",
         low=0,
         high=5,
     )
     follower_braking_m_s2: float = setting(
-        4.0, "ours", "and as hard as this, if it must: less than its decel", low=0.1, high=20
+        4.0, "ours", "and as hard as this, if it must: its decel", low=0.1, high=20
     )
     clearance_m: float = setting(
         0.5, "ours", "what is left of every gap in the worst case", low=0, high=50

@@ -56,12 +56,16 @@ def reach(
 
 def cut_in_gap(
     speed_m_s: Number,
+    acceleration_m_s2: Number,
     other_m_s: Number,
     strict: StrictConfig,
     ego: EgoConfig,
     sim: SimulationConfig,
 ) -> Number:
-    """Bound 3: the gap to the ego at which a vehicle may begin to move in ahead of it, metres."""
+    """The gap to the ego at which a vehicle may begin to move in ahead of it, metres.
+
+    The ego stops behind it if it goes on as it does for one decision and brakes hard then.
+    """
     ahead_m = stopping_distance(other_m_s, strict.braking_m_s2, sim.step_length_s)
-    rolled_m = reach(speed_m_s, ego.accelerate_m_s2, ego, sim)
+    rolled_m = reach(speed_m_s, acceleration_m_s2, ego, sim)
     return np.maximum(rolled_m - ahead_m, 0.0) + strict.clearance_m

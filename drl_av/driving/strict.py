@@ -5,36 +5,34 @@
 1. *Braking.* A vehicle brakes at most at ``braking_m_s2``, no less than the ego can.
 2. *Sideways.* It moves at most at ``lateral_speed_m_s``.
 3. *Cutting in.* It begins to move sideways into a lane only with nobody beside it there, and far
-   enough ahead of the next vehicle behind it there. Far enough ahead of the ego is
-   ``cut_in_gap``: one decision of full acceleration, then hard braking. Whose body is over a
-   lane's line is in that lane.
+   enough ahead of the next vehicle behind it there for that one to stop behind it. Far enough
+   ahead of the ego is ``cut_in_gap``: it goes on as it does for one decision, then brakes hard.
+   Whose body is over a lane's line is in that lane.
 4. *Following.* Behind an ego whose body is over the line of its lane it stays behind: within
    ``follower_response_s``, in which it accelerates at most at ``acceleration_m_s2``, it begins to
    brake at ``follower_braking_m_s2`` if it must.
 
 **The argument.** The *way out* is: brake hard until standstill, sideways go to the middle of the
 lane that the ego's centre is in. Invariant: at each decision the way out is free. A vehicle ahead
-that brakes at b from speed v comes to rest after ``stopping_distance(v, b)``, wherever it is
-headed earlier. The ego brakes no harder than that vehicle (bound 1), so the speed at which their
-gap shrinks only grows until the first of them stands, and the gap is smallest at the start or at
-rest: where the ego comes to rest behind it, it never met it. So each proposal is one number, the
-``reach`` of the ego: how far it rolls in this decision and in braking hard afterwards. It is
-permitted if that is less than the room ahead, to every vehicle that the lane change may meet on
-its way to the end or on its way out: then the way out is free at the next decision as well. If no
-proposal is, the way out is taken, which the invariant says is free.
+comes to rest no sooner than after ``stopping_distance`` (bound 1), and the ego brakes no harder
+than it may, so the speed at which their gap shrinks only grows until one of them stands: the gap
+is smallest at the start or at rest, and where the ego comes to rest behind it, it never met it.
+So each proposal is one number, the ``reach`` of the ego: how far it rolls in this decision and in
+braking hard afterwards. It is permitted if that is less than the room to everybody ahead whom the
+lane change may meet on its way to the end or on its way out; then the way out is free at the next
+decision too. Where no proposal is permitted the way out is taken, which the invariant says is free.
 
-Who may be met: a vehicle is taken to be anywhere between the centres of the lanes that its body
-is over and of the one it moves towards; the ego sweeps from where it is to the ends of the lane
-change and of its way out, and ``lateral_speed_m_s`` for one decision further on the side that it
-moves to. Vehicles not yet met that move into the ego's lanes later leave ``cut_in_gap`` (bound
-3). Of vehicles behind, those beside whom the ego already is keep behind it (bound 4); one that
-the lane change will put the ego in front of must be able to: its own reach must end behind the
-ego's. A vehicle beside refuses the lane change. Two vehicles may enter one lane from both sides,
-neither in it yet: the ego turns back at the next decision, when its centre is still in its lane,
-and its way back is as fast as the other's way in.
+Who may be met: who is in a lane that the ego's body is over, and who may come between where it is,
+the end of its lane change and that of its way out, ``lateral_speed_m_s`` times one decision
+further on the side that it moves to (bound 2). A vehicle may be anywhere between the centres of
+the lanes that its body is over and of the one it moves towards. Those not met yet that move into
+the ego's lanes later leave it ``cut_in_gap`` (bound 3), so that it may still brake when it sees
+them. One behind in whose way the ego already is keeps behind it (bound 4); one that the ego moves
+in front of must come to rest behind the ego, whatever that does next. One beside refuses the lane
+change. Two may enter one lane from both sides while neither is in it: the ego turns back at the
+next decision, when its centre is still in its lane, as fast as the other one comes.
 
-Who breaks a bound may still be hit, and the ego may be hit. No bound is put on how late SUMO's
-followers brake in their own lane: rear ends of the ego are theirs.
+Who breaks a bound may be hit; and whoever does not stay behind the ego hits it.
 """
 
 import math
@@ -180,17 +178,20 @@ def seconds_to_line(
 def corridor(
     scene: Scene, lane_change: LaneChange | None, ego: EgoConfig, decision_s: float
 ) -> tuple[float, float]:
-    """Right and left end of where the ego's body will be, until its lane change is at its end and
-    also if it takes the way out at the next decision."""
-    seen, half_m = scene.seen, float(scene.snapshot.width_m[EGO]) / 2
+    """Right and left end of what counts as the ego's way.
+
+    The lanes that its body is over, and where it will be until its lane change is at its end, or
+    if it takes the way out at the next decision.
+    """
+    seen, ego_m = scene.seen, float(scene.snapshot.width_m[EGO])
     y_m, width_m = seen.ego_y_m, seen.lane_width_m
-    places = [y_m]
+    places = [y_m, *(width_m * float(lane) for lane in lanes_under(y_m, ego_m, width_m))]
     if lane_change is not None:
         end_m = lane_change.target * width_m
         stride_m = min(abs(end_m - y_m), width_m / ego.lane_change_duration_s * decision_s)
         next_m = y_m + lane_change.sign * stride_m
         places += [end_m, *(width_m * lane for lane in lanes_about(next_m, width_m))]
-    return min(places) - half_m, max(places) + half_m
+    return min(places) - ego_m / 2, max(places) + ego_m / 2
 
 
 def lanes_about(y_m: float, lane_width_m: float) -> tuple[int, int]:

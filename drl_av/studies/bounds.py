@@ -42,6 +42,7 @@ class Auditor:
         self.cut_ins_m: list[float] = []
         """By how much each cut-in ahead of the ego exceeded the gap it had to leave."""
         self._before: Snapshot | None = None
+        self._ego_m_s2 = 0.0
         self._lane_s = np.full(len(self._road.open_lanes), np.inf)
 
     def watch(self, after: Snapshot) -> None:
@@ -51,7 +52,8 @@ class Auditor:
             return
         step_s = self._config.simulation.step_length_s
         strict = self._config.strict
-        acceleration = (after.speed_m_s - before.speed_m_s)[1:] / step_s
+        rates = (after.speed_m_s - before.speed_m_s) / step_s
+        self._ego_m_s2, acceleration = float(rates[EGO]), rates[1:]
         sideways = np.abs(after.y_m - before.y_m)[1:] / step_s
         self._tell(after, -acceleration > strict.braking_m_s2 + TOLERANCE, BRAKED)
         self._tell(after, acceleration > strict.acceleration_m_s2 + TOLERANCE, ACCELERATED)
@@ -83,7 +85,10 @@ class Auditor:
             goes_on = before.lateral_speed_m_s[row] * side > STILL_M_S and not centered
             lane = round(place) + side if centered else int(np.floor(place) + (side > 0))
             is_in = lowest[row] <= lane <= highest[row]
-            if row == EGO or goes_on or is_in or not lowest[EGO] <= lane <= highest[EGO]:
+            arrived = (
+                centered and abs(after.y_m[row] / width_m - round(place)) * width_m <= CENTERED_M
+            )
+            if row == EGO or arrived or goes_on or is_in or not lowest[EGO] <= lane <= highest[EGO]:
                 continue
             there = (lowest <= lane) & (lane <= highest) & (np.arange(len(moved_m)) != row)
             self._judge_cut_in(after, int(row), there, ahead_m)
@@ -99,14 +104,15 @@ class Auditor:
         if ahead_m[row] < 0 or between.any():
             return
         config = self._config
-        speeds = after.speed_m_s[EGO], after.speed_m_s[row]
-        needs_m = cut_in_gap(*speeds, config.strict, config.ego, config.simulation)
+        ego_m_s, other_m_s = after.speed_m_s[EGO], after.speed_m_s[row]
+        rate = self._ego_m_s2
+        needs_m = cut_in_gap(ego_m_s, rate, other_m_s, config.strict, config.ego, config.simulation)
         self.cut_ins_m.append(float(gap_m - needs_m))
         if gap_m < needs_m:
             self.breaches.append(Breach(after.time_s, after.ids[row], CUT_IN))
 
     def _watch_followers(self, before: Snapshot, after: Snapshot, acceleration: FloatArray) -> None:
-        """Bound 4: braking at less than it must, and too late now."""
+        """Bound 4: braked less than it must, and has to hit the ego now if that brakes hard."""
         strict, step_s = self._config.strict, self._config.simulation.step_length_s
         lanes = np.arange(len(self._lane_s))
         lowest, highest = lanes_under(before.y_m, before.width_m, self._road.lane_width_m)
@@ -115,10 +121,11 @@ class Auditor:
         shared_s = np.where(theirs & over, self._lane_s, -1.0).max(axis=1)
         self._lane_s = np.where(over, self._lane_s + step_s, 0.0)
         gap_m = -self._ahead_m(after)[1:] - (after.length_m[1:] + after.length_m[EGO]) / 2
-        braking = strict.follower_braking_m_s2
-        rolled_m = stopping_distance(after.speed_m_s[1:], braking, step_s)
+        rolled_m = stopping_distance(after.speed_m_s[1:], strict.braking_m_s2, step_s)
         hard_m_s2 = self._config.ego.hard_brake_m_s2
         rest_m = gap_m + stopping_distance(after.speed_m_s[EGO], hard_m_s2, step_s)
         late = (gap_m > -after.length_m[1:]) & (gap_m < 100.0) & (rolled_m > rest_m)
-        idle = (acceleration > -braking + TOLERANCE) & (after.speed_m_s[1:] > 0)
+        idle = (acceleration > -strict.follower_braking_m_s2 + TOLERANCE) & (
+            after.speed_m_s[1:] > 0
+        )
         self._tell(after, late & idle & (shared_s >= strict.follower_response_s), BEHIND)

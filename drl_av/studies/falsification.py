@@ -32,6 +32,10 @@ PLACED, RATES = 6, 2
 """Genes of a start; and of each other vehicle, and of the ego, in each decision."""
 
 
+BRAKES = 99.0
+"""As hard as the bounds let it; m/s^2."""
+
+
 class Family(NamedTuple):
     """Scenes of one kind."""
 
@@ -134,12 +138,12 @@ def anything(u: FloatArray, config: Config) -> World:
 
 
 FAMILIES: dict[str, Family] = {
-    "lead-brakes": Family(1, lead_brakes, (-4.5, 0, 1)),
-    "cut-in": Family(1, cut_in, (-4.5, -1, 1)),
+    "lead-brakes": Family(1, lead_brakes, (-BRAKES, 0, 1)),
+    "cut-in": Family(1, cut_in, (-BRAKES, -1, 1)),
     "both-sides": Family(2, both_sides, (0.0, -1, 9)),
     "standing": Family(2, standing, (0.0, 0, 9)),
     "overtaker": Family(2, overtaker, (2.0, 0, 9)),
-    "anything": Family(4, anything, (-4.5, 1, 9)),
+    "anything": Family(4, anything, (-BRAKES, 1, 9)),
 }
 
 

@@ -4,7 +4,7 @@ The others do what they are told as far as the bounds of ``driving/strict.py`` l
 adversary tells them. Arrays have shape (scenes,) for the ego and (scenes, others) for the others.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -104,18 +104,25 @@ class Mover:
         It is the larger of the gaps lengthwise and sideways; negative where bodies overlap. A
         scene in which they do stays as it is from that SUMO step on.
         """
+        least_m = separation(world)
+        for _ in self.steps(world, executed, orders):
+            least_m = np.minimum(least_m, separation(world))
+        return least_m
+
+    def steps(
+        self, world: World, executed: IntArray, orders: Orders
+    ) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """One decision, SUMO step by SUMO step; speeds and lateral positions after each."""
         lateral, longitudinal = executed // 4, executed % 4
         self._steer(world, SIGN[lateral])
         ego = self._config.ego
         rates = np.array([0.0, ego.accelerate_m_s2, -ego.brake_m_s2, -ego.hard_brake_m_s2])
-        least_m = separation(world)
         for _ in range(self._config.simulation.steps_per_decision):
-            going: BoolArray = np.all(least_m > 0, axis=1)
+            going: BoolArray = np.all(separation(world) > 0, axis=1)
             self._step(world, rates[longitudinal], orders, going)
-            least_m = np.where(going[:, None], np.minimum(least_m, separation(world)), least_m)
-        arrived = (world.target == NONE) & (least_m > 0).all(axis=1)
+            yield world.speed_m_s, world.y_m
+        arrived = (world.target == NONE) & np.all(separation(world) > 0, axis=1)
         world.lateral_m_s[:, 0] = np.where(arrived, 0.0, world.lateral_m_s[:, 0])
-        return least_m
 
     def _steer(self, world: World, sign: IntArray) -> None:
         """As ``maneuver.steered``."""
@@ -131,7 +138,6 @@ class Mover:
         speed = world.speed_m_s.copy()
         most = self._config.ego.max_speed_m_s
         speed[:, 0] = np.clip(speed[:, 0] + rate * self.step_s, 0.0, most)
-        side = self._permitted_side(world, orders.side)
         wanted = np.clip(
             orders.acceleration_m_s2,
             -self._config.strict.braking_m_s2,
@@ -142,9 +148,9 @@ class Mover:
         moved = (speed + world.speed_m_s) / 2 if self._ballistic else speed
         world.x_m = np.where(going[:, None], world.x_m + moved * self.step_s, world.x_m)
         world.speed_m_s = np.where(going[:, None], speed, world.speed_m_s)
-        self._sideways(world, side, going)
+        self._sideways(world, self._permitted_side(world, orders.side, rate), going)
 
-    def _permitted_side(self, world: World, side: FloatArray) -> FloatArray:
+    def _permitted_side(self, world: World, side: FloatArray, rate: FloatArray) -> FloatArray:
         """Bound 3: the sides to which the others may move now, 0 where they may not."""
         strict, ego = self._config.strict, self._config.ego
         y_m, width_m = world.y_m[:, 1:], ROAD.lane_width_m
@@ -165,7 +171,7 @@ class Mover:
         gap_m = behind_m.min(axis=1) - LENGTH_M
         rows = np.arange(len(y_m))[:, None]
         speed, own = world.speed_m_s[rows, follower], world.speed_m_s[:, 1:]
-        needs_m = cut_in_gap(speed, own, strict, ego, self._config.simulation)
+        needs_m = cut_in_gap(speed, rate[:, None], own, strict, ego, self._config.simulation)
         brakes = (strict.braking_m_s2, self.step_s)
         other_m = stopping_distance(speed, *brakes) - stopping_distance(own, *brakes)
         needs_m = np.where(follower == 0, needs_m, np.maximum(other_m, 0.0) + strict.clearance_m)
@@ -176,7 +182,9 @@ class Mover:
         ego_stops_m = stopping_distance(world.speed_m_s[:, :1], ego.hard_brake_m_s2, self.step_s)
         follows = behind_ego_m + ego_stops_m > stops_m + faster * self.step_s + 1.0
         begins = ~beside & (gap_m >= needs_m) & (~front | follows)
-        result: FloatArray = np.where(goes_on | is_in | begins, side, 0.0)
+        shares = (lowest[:, :1] <= highest[:, 1:]) & (lowest[:, 1:] <= highest[:, :1])
+        is_met = shares & (lead_m[:, 0] > LENGTH_M)
+        result: FloatArray = np.where(goes_on | is_in | begins | is_met, side, 0.0)
         return result
 
     def _staying_behind(self, world: World, wanted: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ from drl_av.driving.strict import (
     ORDER,
     Others,
     is_held,
+    lanes_under,
     least,
     met,
     most,
@@ -116,7 +117,8 @@ class StrictAtOnce:
         stride_m *= config.simulation.decision_interval_s
         next_m = y_m + np.sign(end_m - y_m) * np.minimum(np.abs(end_m - y_m), stride_m)
         out = [lane_m * _lane(next_m + tilt_m) for tilt_m in (-CENTERED_M, CENTERED_M)]
-        places = np.stack([y_m, end_m, *(np.where(changing, place, y_m) for place in out)])
+        under = [lane_m * lane for lane in lanes_under(y_m, WIDTH_M, lane_m)]
+        places = np.stack([y_m, end_m, *under, *(np.where(changing, place, y_m) for place in out)])
         return places.min(axis=0) - WIDTH_M / 2, places.max(axis=0) + WIDTH_M / 2
 
 
