@@ -1,0 +1,60 @@
+"""The adversary that looks for a way round a check, and finds one round the paper's only."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from drl_av.config import Config
+from drl_av.driving.checks import named_check
+from drl_av.driving.drivers.rules import RandomDriver
+from drl_av.driving.stopping import stopping_distance
+from drl_av.env import HighwayEnv
+from drl_av.episode import drive
+from drl_av.studies.falsification import FAMILIES, PLACED, play, scripted, search
+from drl_av.studies.plain_world import Mover, one_by_one
+from drl_av.studies.strict_at_once import StrictAtOnce
+
+STRICT = Config().updated("safety", check="strict")
+
+
+def test_braking_from_10_m_s_at_4_in_steps_of_half_a_second_takes_10_m() -> None:
+    # 8, 6, 4, 2 and 0 m/s, half a second each; v^2 / 2b would be 12.5 m
+    assert stopping_distance(10.0, 4.0, 0.5) == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_the_adversary_finds_no_way_round_strict(name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        tallies = list(search(FAMILIES[name], STRICT, StrictAtOnce(STRICT), Mover(STRICT), 200, 1))
+    assert sum(tally.scenes for tally in tallies) >= 200
+    assert sum(tally.ego_hits for tally in tallies) == 0
+
+
+def test_the_paper_check_drives_into_a_vehicle_that_brakes_to_a_stop() -> None:
+    family = FAMILIES["lead-brakes"]
+    placing = np.random.default_rng(0).random((200, PLACED * family.others))
+    world = family.start(placing, Config())
+    check = one_by_one(named_check(Config()))
+    _, ended = play(world, scripted(family, 200), check, Mover(Config()))
+    assert (ended == 1).any()
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_many_scenes_at_once_are_judged_as_one_by_one(name: str) -> None:
+    family = FAMILIES[name]
+    rng = np.random.default_rng(2)
+    world = family.start(rng.random((60, PLACED * family.others)), STRICT)
+    proposals = rng.integers(0, 12, 60)
+    alone = one_by_one(named_check(STRICT))(world, proposals)
+    assert StrictAtOnce(STRICT)(world, proposals).tolist() == alone.tolist()
+    assert len(set(alone.tolist())) > 1
+
+
+def test_the_random_driver_hits_nothing_under_strict_in_sumo() -> None:
+    env = HighwayEnv(config=STRICT.updated("simulation", decisions_per_episode=100))
+    results = [drive(env, RandomDriver(), "random", 850_000 + n, n) for n in (5, 15, 30)]
+    env.close()
+    assert not any(result.ego_hit for result in results)
+    assert sum(result.safety_triggers for result in results) > 20
