@@ -21,9 +21,15 @@ import traci
 from drl_av.studies.replay import load_recording, ride_again
 recording, told = load_recording(Path(sys.argv[1])), []
 
+def width():
+    (left, _), (right, _) = traci.gui.getBoundary("View #0")
+    return right - left
+
 def watch(env):
-    gui = traci.gui
+    gui, patience_s = traci.gui, time.monotonic() + 10
     time.sleep(0.2)
+    while width() > 150 and time.monotonic() < patience_s:
+        time.sleep(0.1)  # a busy machine draws later
     if env.decisions == 5:
         gui.screenshot("View #0", sys.argv[2])
     if env.decisions:
