@@ -13,7 +13,7 @@ class StrictConfig(Section):
     """
 
     braking_m_s2: float = setting(
-        4.5, "ours", "hardest braking of a vehicle ahead: its emergencyDecel", low=0.1, high=20
+        4.0, "ours", "hardest braking of a vehicle ahead: its emergencyDecel", low=0.1, high=20
     )
     acceleration_m_s2: float = setting(
         2.0, "ours", "strongest acceleration of a vehicle behind: its accel", low=0, high=20

@@ -47,7 +47,7 @@ VEHICLE = {
     "lcKeepRight": "0",
     "guiShape": "passenger",
 }
-TRAFFIC = {"carFollowModel": "IDM", "accel": "1.5", "decel": "4.5", "emergencyDecel": "4.5"}
+TRAFFIC = {"carFollowModel": "IDM", "accel": "1.5", "decel": "4", "emergencyDecel": "4"}
 EGO = {
     "carFollowModel": "Krauss",
     "accel": "2",

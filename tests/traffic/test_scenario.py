@@ -218,7 +218,7 @@ def test_a_digit_that_flipped_where_only_sumo_looks_is_told_unless_it_is_meant(
     folder: Path,
 ) -> None:
     path = folder / "vehicle_types.add.xml"
-    path.write_text(path.read_text().replace('decel="4.5"', 'decel="4.1"'))
+    path.write_text(path.read_text().replace('decel="4"', 'decel="5"'))
     with pytest.raises(ScenarioError, match=r"changed after .* in 'vehicle_types.add.xml': write"):
         load_scenario(folder)
     (folder / "notes.txt").write_text("weaker brakes")
