@@ -1,5 +1,6 @@
 """The 27 affordance indicators: what the ego knows of the road around it."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ INDICATORS: tuple[str, ...] = (
 """Names of the 27 indicators, in the order of ``Affordances.vector()``."""
 
 
-SIDES = np.array([[0], [-1], [1]])
+SIDES = (0, -1, 1)
 """Own, right and left lane, in the order of SLOTS."""
 
 
@@ -100,36 +101,42 @@ def affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
     A vehicle occupies every lane that its body overlaps. It is ahead or behind by the shorter
     way round, never both; one exactly alongside counts as ahead.
     """
-    y, width = snapshot.y_m, snapshot.width_m
-    lane = road.lane_of(float(y[EGO]))
-    ahead_m = road.ahead_m(float(snapshot.s_m[EGO]), snapshot.s_m)
-    clearance_m = np.abs(ahead_m) - (snapshot.length_m + snapshot.length_m[EGO]) / 2
-    clearance_m[EGO] = np.inf
-    is_ahead = ahead_m >= 0.0
-    sides = np.array(
-        [np.where(is_ahead, clearance_m, np.inf), np.where(is_ahead, np.inf, clearance_m)]
-    )
-    centers = road.center_m(lane) + road.lane_width_m * SIDES
-    occupies = np.abs(y - centers) < width / 2 + road.lane_width_m / 2
-    distances = np.where(occupies[:, None], sides, np.inf).reshape(6, -1)
-    speed, lateral, place = (
-        values.tolist() for values in (snapshot.speed_m_s, snapshot.lateral_speed_m_s, y)
-    )
-    found: list[Neighbor | None] = []
-    for slot, row in zip(distances, distances.argmin(axis=1).tolist(), strict=True):
-        gap_m = float(slot[row])
-        found.append(
-            None
-            if gap_m > range_m
-            else Neighbor(
-                row,
-                max(gap_m, 0.0),
-                speed[row] - speed[EGO],
-                place[row] - place[EGO],
-                lateral[row] - lateral[EGO],
-            )
+    s_m, y_m, speed, lateral, length_m, width_m = (
+        values.tolist()  # numpy takes twice as long with so few vehicles
+        for values in (
+            snapshot.s_m,
+            snapshot.y_m,
+            snapshot.speed_m_s,
+            snapshot.lateral_speed_m_s,
+            snapshot.length_m,
+            snapshot.width_m,
         )
-    own_front, own_rear, right_front, right_rear, left_front, left_rear = found
+    )
+    lane = road.lane_of(y_m[EGO])
+    lap_m, half_lap_m = road.circumference_m, road.circumference_m / 2
+    centers_m = [road.center_m(lane) + road.lane_width_m * sign for sign in SIDES]
+    gaps_m, rows = [math.inf] * len(SLOTS), [EGO] * len(SLOTS)
+    for row in range(1, len(s_m)):
+        ahead_m = (s_m[row] - s_m[EGO] + half_lap_m) % lap_m - half_lap_m
+        gap_m = abs(ahead_m) - (length_m[row] + length_m[EGO]) / 2
+        reach_m = width_m[row] / 2 + road.lane_width_m / 2
+        for place, center_m in enumerate(centers_m):
+            if abs(y_m[row] - center_m) < reach_m:
+                slot = 2 * place + (ahead_m < 0.0)
+                if gap_m < gaps_m[slot]:
+                    gaps_m[slot], rows[slot] = gap_m, row
+    own_front, own_rear, right_front, right_rear, left_front, left_rear = (
+        None
+        if gap_m > range_m
+        else Neighbor(
+            row,
+            max(gap_m, 0.0),
+            speed[row] - speed[EGO],
+            y_m[row] - y_m[EGO],
+            lateral[row] - lateral[EGO],
+        )
+        for gap_m, row in zip(gaps_m, rows, strict=True)
+    )
     return Affordances(
         own_front,
         own_rear,
@@ -144,7 +151,7 @@ def affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
         lane_width_m=road.lane_width_m,
         range_m=range_m,
         ego_speed_m_s=speed[EGO],
-        ego_y_m=place[EGO],
+        ego_y_m=y_m[EGO],
         ego_lateral_speed_m_s=lateral[EGO],
         circumference_m=road.circumference_m,
     )

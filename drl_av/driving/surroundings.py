@@ -64,7 +64,7 @@ def surroundings(
     """Look around each of some vehicles by the rules of ``affordances``, in a handful of arrays."""
     y, speed, lateral = snapshot.y_m, snapshot.speed_m_s, snapshot.lateral_speed_m_s
     lane = np.floor(y[rows] / road.lane_width_m + 0.5).astype(np.intp)
-    centers_m = lane[:, None] * road.lane_width_m + road.lane_width_m * SIDES[:, 0]
+    centers_m = lane[:, None] * road.lane_width_m + road.lane_width_m * np.array(SIDES)
     gap_m, other = _nearest(snapshot, road, centers_m, rows)
     there = gap_m <= range_m
 
@@ -105,7 +105,7 @@ def _nearest(
 def _has_lane(lane: npt.NDArray[np.intp], road: Road) -> npt.NDArray[np.bool_]:
     fenced = np.array((False, *road.open_lanes, False))
     exists: npt.NDArray[np.bool_] = fenced[
-        np.clip(lane[:, None] + SIDES[:, 0] + 1, 0, len(fenced) - 1)
+        np.clip(lane[:, None] + np.array(SIDES) + 1, 0, len(fenced) - 1)
     ]
     exists[:, OWN] = True
     return exists
