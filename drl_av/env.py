@@ -227,7 +227,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             "speed_m_s": self.scene.seen.ego_speed_m_s,
             "indicators": self.indicators.copy(),
         }
-        return info | {"action_mask": self.action_masks()} if self._masked else info
+        if self._masked:
+            info["action_mask"] = self.action_masks()
+        return info
 
     def _vehicles(self, options: dict[str, Any]) -> int:
         unknown = set(options) - {"vehicles"}

@@ -3,8 +3,8 @@
     python tools/benchmark.py                       every row
     python tools/benchmark.py env train --json      some of them, for machines
 
-    env          the environment at 30 vehicles, resets included, beside bare libsumo stepping of
-                 the same traffic
+    env          the environment at 30 vehicles, resets included, beside bare libsumo: the same
+                 commands to the same vehicles, step by step, and nobody who looks
     step         a training step (sampled batch, double Q target, gradient, Adam) beside a bare
                  gradient step of PyTorch on one batch: autograd and fused Adam
     train        Algorithm 1 from end to end beside stable-baselines3's DQN on the same

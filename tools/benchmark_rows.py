@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium
-import libsumo
 import numpy as np
 import torch
+from benchmark_drives import commanded, drive, recorded, step_bare
 
 from drl_av.config import Config
 from drl_av.driving.drivers.rules import IdmDriver
@@ -55,43 +55,8 @@ def env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     """Decisions a second."""
     env = stack.enter_context(closing(HighwayEnv(config=crowded())))
     actions = recorded(env, learned_driver(PRETRAINED)[0], seeds)
-    ours, bare = partial(drive, env, actions), partial(step_bare, env, seeds)
+    ours, bare = partial(drive, env, actions), partial(step_bare, env, commanded(env, actions))
     return [Row("environment | bare libsumo", ours, bare, 0.75, 2_000)]
-
-
-def recorded(env: HighwayEnv, driver: Any, seeds: Sequence[int]) -> dict[int, list[int]]:
-    """What the driver does by the episode's seed, so that the driver itself is not timed."""
-    actions: dict[int, list[int]] = {}
-    for seed in seeds:
-        observation, _ = env.reset(seed=seed)
-        actions[seed], over = [], False
-        while not over:
-            actions[seed].append(driver.act(env.scene, observation).number)
-            observation, _, terminated, truncated, _ = env.step(actions[seed][-1])
-            over = terminated or truncated
-    return actions
-
-
-def drive(env: HighwayEnv, actions: dict[int, list[int]]) -> float:
-    """Decisions a second of the environment."""
-    begun = time.perf_counter()
-    for seed, row in actions.items():
-        env.reset(seed=seed)
-        for action in row:
-            env.step(action)
-    return sum(map(len, actions.values())) / (time.perf_counter() - begun)
-
-
-def step_bare(env: HighwayEnv, seeds: Sequence[int]) -> float:
-    """The same traffic loaded and stepped by libsumo alone, the ego driven by SUMO."""
-    config, vehicles = env.config.simulation, env.config.traffic.vehicles_min
-    begun, decisions = time.perf_counter(), config.decisions_per_episode
-    for seed in seeds:
-        env.simulation.reset(seed, vehicles)
-        libsumo.vehicle.setSpeedMode("ego", 31)
-        for _ in range(decisions * config.steps_per_decision):
-            libsumo.simulationStep()
-    return len(seeds) * decisions / (time.perf_counter() - begun)
 
 
 def step_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
@@ -256,7 +221,7 @@ def scaling_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
         config = crowded(number).updated("simulation", scenario=str(folder))
         env = stack.enter_context(closing(HighwayEnv(config=config)))
         actions = recorded(env, IdmDriver(config.safety), seeds[:2])
-        ours, bare = partial(drive, env, actions), partial(step_bare, env, seeds[:2])
+        ours, bare = partial(drive, env, actions), partial(step_bare, env, commanded(env, actions))
         rows.append(Row(f"{number} vehicles", ours, bare))
     return rows
 

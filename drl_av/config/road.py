@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 from drl_av.errors import ConfigError
 from drl_av.settings import Section, setting
@@ -32,7 +33,7 @@ class SimulationConfig(Section):
                 f"{self.decision_interval_s:g} s between decisions: try 1, 0.5, 0.25, 0.2 or 0.1."
             )
 
-    @property
+    @cached_property
     def steps_per_decision(self) -> int:
         """Number of SUMO steps in one decision."""
         return round(self.decision_interval_s / self.step_length_s)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from enum import Flag, auto
+from functools import cache
 from typing import NamedTuple
 
 from drl_av.config import SafetyConfig
@@ -22,6 +23,7 @@ class Rule(Flag):
     LANE_CHANGE = auto()
     """Rule 3: a gap that the lane change needs is too small."""
 
+    @cache
     def __str__(self) -> str:
         words = [str(rule.name).lower() for rule in Rule if rule in self]
         return "+".join(words) or "none"
@@ -75,7 +77,8 @@ def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
     """
     longitudinal, in_lane = _checked_longitudinal(scene, proposed.longitudinal, config)
     lateral, across = _checked_lateral(scene, proposed.lateral, config)
-    return Verdict(Action(lateral, longitudinal), in_lane | across)
+    rule = in_lane | across if across and in_lane else in_lane or across
+    return Verdict(Action(lateral, longitudinal), rule)
 
 
 def _checked_longitudinal(

@@ -38,7 +38,7 @@ class Road:
         half = self.lane_width_m / 2
         right = math.floor((y_m - width_m / 2 + half) / self.lane_width_m)
         left = math.ceil((y_m + width_m / 2 + half) / self.lane_width_m) - 1
-        return all(self.is_open(lane) for lane in range(right, left + 1))
+        return all(map(self.is_open, range(right, left + 1)))
 
     def ahead_m(self, s_from_m: float | FloatArray, s_to_m: FloatArray) -> FloatArray:
         """Signed distance along the road the shorter way round, in [-C/2, C/2); ahead positive."""

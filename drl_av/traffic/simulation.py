@@ -28,7 +28,6 @@ from drl_av.traffic.population import (
     placed_population,
     random_lane_changes,
 )
-from drl_av.traffic.ring import FloatArray
 from drl_av.traffic.scenario import Scenario
 from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot, Wish
 from drl_av.traffic.wishes import (
@@ -265,23 +264,24 @@ class Simulation:
     def _snapshot(self) -> Snapshot:
         vehicle, lane_positions = self._sumo.vehicle, self.scenario.lane_positions
         places = [lane_positions[lane] for lane in map(vehicle.getLaneID, self._ids)]
-        lane, start_m, position_m, offset_m, speed, lateral = np.array(
+        front_m = zip(places, map(vehicle.getLanePosition, self._ids), strict=True)
+        offset_m = zip(places, map(vehicle.getLateralLanePosition, self._ids), strict=True)
+        lap_m, width_m = self.road.circumference_m, self.road.lane_width_m
+        half_m = self.scenario.description.vehicle_length_m / 2
+        s_m, y_m, speed, lateral = np.array(
             (
-                [place[0] for place in places],
-                [place[1] for place in places],
-                [*map(vehicle.getLanePosition, self._ids)],
-                [*map(vehicle.getLateralLanePosition, self._ids)],
+                [(start_m + at_m - half_m) % lap_m for (_, start_m), at_m in front_m],
+                [lane * width_m + aside_m for (lane, _), aside_m in offset_m],
                 [*map(vehicle.getSpeed, self._ids)],
                 [*map(vehicle.getLateralSpeed, self._ids)],
             )
         )
         lateral[EGO] = self._ego_lateral_speed_m_s
-        center_m: FloatArray = start_m + position_m - self._length_m / 2
         return Snapshot(
             time_s=float(self._sumo.simulation.getTime()),
             ids=self._ids,
-            s_m=center_m % self.road.circumference_m,
-            y_m=lane * self.road.lane_width_m + offset_m,
+            s_m=s_m,
+            y_m=y_m,
             speed_m_s=speed,
             lateral_speed_m_s=lateral,
             length_m=self._length_m,
