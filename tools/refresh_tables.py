@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from drl_av.studies.evaluation import Mean, mean_with_interval
+from drl_av.studies.strictness_figure import change
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "docs" / "results"
@@ -86,10 +87,27 @@ def convergence_table() -> str:
     return "\n".join(lines)
 
 
+def strict_table() -> str:
+    """What the check ``strict`` changes in the shipped driver's mean speed, percent."""
+    rows = [row for row in read("strict.csv") if not row["bound"]]
+    densities = sorted({int(row["vehicles"]) for row in rows})
+    lines = [
+        "| vehicles | " + " | ".join(map(str, densities)) + " |",
+        "|" + " --- |" * (len(densities) + 1),
+        "| change, % | " + " | ".join(str(change(rows, rows, n)) for n in densities) + " |",
+    ]
+    cells = [
+        collisions([r for r in rows if r["check"] == "strict" and int(r["vehicles"]) == density])
+        for density in densities
+    ]
+    return "\n".join([*lines, "| collisions | " + " | ".join(cells) + " |"])
+
+
 TABLES = {"speed": speed_table, "collisions": collision_table, "check": check_table}
 WITH_RESULTS = {
     "gain": ("paired.csv", gain_table),
     "convergence": ("convergence.csv", convergence_table),
+    "strict": ("strict.csv", strict_table),
 }
 """Those that the README has as soon as their results are there."""
 TABLES |= {name: table for name, (file, table) in WITH_RESULTS.items() if (RESULTS / file).exists()}

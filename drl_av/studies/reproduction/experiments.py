@@ -6,10 +6,12 @@ from drl_av.studies.reproduction.curves import curves
 from drl_av.studies.reproduction.published import figures
 from drl_av.studies.reproduction.scale import Experiment
 from drl_av.studies.reproduction.speeds import speeds
+from drl_av.studies.reproduction.strictness import strictness
 
 EXPERIMENTS: dict[str, Experiment] = {
     "curves": curves,
     "speeds": speeds,
+    "strict": strictness,
     "adaptation": adaptation,
     "barricade": barricade,
     "figures": figures,

@@ -13,6 +13,7 @@ from drl_av.studies.curves_figure import check_figure, replay_figure
 from drl_av.studies.figures import reward_figure, save_figure, speed_figure
 from drl_av.studies.lane_change_figure import lane_change_figure
 from drl_av.studies.reproduction.scale import Progress, Scale
+from drl_av.studies.strictness_figure import strictness_figure
 
 FIGURES: dict[str, tuple[str, Callable[[Path], Figure]]] = {
     "mean_speed": ("evaluation.csv", lambda table: speed_figure([table])),
@@ -20,6 +21,7 @@ FIGURES: dict[str, tuple[str, Callable[[Path], Figure]]] = {
     "learning_replay": ("curves.csv", replay_figure),
     "adaptation": ("adaptation.csv", adaptation_figure),
     "barricade": ("barricade.csv", barricade_figure),
+    "strict": ("strict.csv", strictness_figure),
 }
 """The table of each, and how it is drawn."""
 WITHOUT_TABLE: dict[str, Callable[[Config], Figure]] = {
