@@ -113,6 +113,25 @@ def test_who_wants_to_go_on_into_a_vehicle_that_brakes_to_a_stop_is_stopped_by_s
     assert 3.5 < hardest <= 4.0 + 1e-6
 
 
+@pytest.mark.parametrize("ours", [True, False], ids=["one of ours", "one of SUMO's"])
+def test_behind_one_that_brakes_as_hard_as_it_can_nobody_comes_to_rest_inside_it(
+    placed: Road, ours: bool
+) -> None:
+    # 50 m behind, SUMO's IDM brakes so late that its 4 m/s2 end 1 m too far
+    vehicles = (
+        PlacedVehicle("behind", 1, 50.0, 20.0, 40.0),
+        PlacedVehicle("ahead", 1, 105.0, 20.0, 40.0),
+    )
+    brisk = {"headway_min_s": 0.8, "headway_max_s": 0.8}
+    brisk |= {"acceleration_min_m_s2": 2.0, "acceleration_max_m_s2": 2.0}
+    simulation, _ = placed(*vehicles, **brisk, finite_state_share=float(ours))
+    for second in range(15):
+        wishes = [Wish(1, 2.0, 0)] if ours else []
+        shot = decide(simulation, *wishes, Wish(2, -2.0 if second < 2 else -4.0, 0))
+    assert shot.speed_m_s[1:].max() == 0.0
+    assert 1.5 < shot.s_m[2] - shot.s_m[1] - 5.0 < 2.5 + 1e-6
+
+
 @pytest.mark.parametrize(("side", "end_m"), [(1, LEFT), (-1, RIGHT)], ids=["left", "right"])
 def test_a_lane_change_takes_5_s_at_0_76_m_s_and_ends_on_the_centre(
     placed: Road, side: int, end_m: float

@@ -23,7 +23,16 @@ from drl_av.traffic.scenario import find_scenario, load_scenario
 from drl_av.traffic.simulation import Simulation
 from drl_av.traffic.snapshot import EGO, Collision, Command, Snapshot
 
-MIXES = ("0,0,0", "1,0,0", "0,1,0", "0,0,1", "0.3,0.3,0.4", "0.4,0.3,0.3", "0.25,0.25,0.25")
+MIXES = (
+    "0,0,0",
+    "1,0,0",
+    "0,1,0",
+    "0,0.5,0",
+    "0,0,1",
+    "0.3,0.3,0.4",
+    "0.4,0.3,0.3",
+    "0.25,0.25,0.25",
+)
 SEEDS = 810_000
 DEFAULT_SPEED_MODE, DEFAULT_LANE_CHANGE_MODE = 31, 1621
 LATERAL_SPEED_M_S = 0.76

@@ -1,15 +1,18 @@
 """What drivers of our own ask SUMO for; it grants as much as its own models hold safe."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 from drl_av.config import SimulationConfig
-from drl_av.traffic.snapshot import Wish
+from drl_av.traffic.snapshot import EGO, Wish
 
 LANE_CHANGES_ON_REQUEST = 1536
 """No wish of SUMO's own; it keeps to the gaps of others, and centres itself in its lane."""
 LEFT_TO_SUMO = -1.0
 CENTERED_M = 0.1
+LOOK_AHEAD_M = 200.0
+"""More than anybody needs to stop in."""
 
 
 def leave_to_wishes(vehicle: Any, name: str) -> None:
@@ -41,14 +44,44 @@ def ask_for_lane_changes(
 def ask_for_speeds(
     vehicle: Any, ids: Sequence[str], wishes: Sequence[Wish], timing: SimulationConfig
 ) -> None:
-    """The speeds wished for at the end of the coming SUMO step, or none where SUMO must brake."""
+    """The speeds wished for at the end of the coming SUMO step, or none where SUMO must brake.
+
+    Never more than ``stoppable_speed`` allows: SUMO's IDM relies on braking harder than anybody
+    can where a vehicle ahead brakes as hard as it can, which level 0 does by its rule. So SUMO's
+    own drivers among such traffic are held back too.
+    """
+    step_s = timing.step_length_s
+    if wishes:
+        ours = {EGO, *(wish.row for wish in wishes)}
+        _hold_back(vehicle, [ids[row] for row in range(len(ids)) if row not in ours], step_s)
     for row, acceleration_m_s2, _ in wishes:
         name = ids[row]
-        speed = vehicle.getSpeed(name)
-        if yields_to_sumo(vehicle, name, speed):
+        speed, most = vehicle.getSpeed(name), stoppable_speed(vehicle, name, step_s)
+        if most >= speed and yields_to_sumo(vehicle, name, speed):
             vehicle.setSpeed(name, LEFT_TO_SUMO)
         else:
-            vehicle.setSpeed(name, max(0.0, speed + acceleration_m_s2 * timing.step_length_s))
+            vehicle.setSpeed(name, min(most, max(0.0, speed + acceleration_m_s2 * step_s)))
+
+
+def _hold_back(vehicle: Any, names: Sequence[str], step_s: float) -> None:
+    for name in names:
+        most = stoppable_speed(vehicle, name, step_s)
+        within_reach = most < vehicle.getSpeed(name) + vehicle.getAccel(name) * step_s
+        vehicle.setSpeed(name, most if within_reach else LEFT_TO_SUMO)
+
+
+def stoppable_speed(vehicle: Any, name: str, step_s: float) -> float:
+    """The most, m/s, from which it can still stop behind the vehicle ahead; inf where none is.
+
+    Both brake at its own limit b: the one ahead from now on, over u^2 / 2b - u h / 2 in steps of
+    h; it after a step at v, over v^2 / 2b + v h / 2 altogether. SUMO's minimum gap is left over.
+    """
+    leader = vehicle.getLeader(name, LOOK_AHEAD_M)
+    if leader is None or not leader[0]:
+        return math.inf
+    braking, ahead = vehicle.getDecel(name), vehicle.getSpeed(leader[0])
+    room_m = max(leader[1], 0.0) + max(ahead**2 / (2 * braking) - ahead * step_s / 2, 0.0)
+    return float(braking * (math.sqrt(step_s**2 / 4 + 2 * room_m / braking) - step_s / 2))
 
 
 def yields_to_sumo(vehicle: Any, name: str, speed: float) -> bool:
