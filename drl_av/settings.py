@@ -3,6 +3,7 @@
 import difflib
 import math
 import re
+import sys
 from collections.abc import Iterable
 from dataclasses import field, fields
 from typing import Any
@@ -54,7 +55,8 @@ class Section:
             where = f"{section_name(type(self))}.{item.name}"
             kind = type(item.default)
             if kind is float and type(value) is int:
-                object.__setattr__(self, item.name, value := float(value))
+                value = float(value) if abs(value) <= sys.float_info.max else math.inf
+                object.__setattr__(self, item.name, value)
             if type(value) is not kind:
                 raise ConfigError(f"{where} is {value!r}, but must be of type {kind.__name__}.")
             if meta["choices"] is not None and value not in meta["choices"]:

@@ -124,6 +124,17 @@ def test_a_config_file_is_settings_or_one_sentence(text: bytes, tmp_path: Path) 
         assert from_toml(config.to_toml()) == config
 
 
+def test_a_file_that_windows_wrote_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_bytes(b"\xef\xbb\xbf[learning]\r\nseed = 3\r\n")
+    assert load_config(path).learning.seed == 3
+    folder = Path(shutil.copytree(find_scenario(), tmp_path / "loop"))
+    file = folder / "scenario.toml"
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
+    (folder / "SHA256SUMS").unlink()
+    assert load_scenario(folder).description == load_scenario(find_scenario()).description
+
+
 # Command lines
 
 

@@ -121,7 +121,7 @@ def load_config(path: str | Path | None, base: Config | None = None) -> Config:
     if path is None:
         return base or Config()
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError, TypeError) as error:
         raise ConfigError(f"The config file {path} cannot be read: {error}.") from error
     try:

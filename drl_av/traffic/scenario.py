@@ -61,11 +61,12 @@ def write_scenario(folder: str | Path, description: ScenarioDescription) -> None
     """Write a scenario folder, whole or not at all; the same bytes for the same description.
 
     Raises:
-        ScenarioError: the folder is there already and not empty, cannot be written, or netconvert
-            refused the description.
+        ScenarioError: the folder is there already and not empty, cannot be written, or SUMO cannot
+            read its name; or netconvert refused the description.
         SimulationError: netconvert cannot be run.
     """
     folder = Path(folder).absolute()
+    _require_readable(folder)
     _require_free(folder)
     texts = scenario_files.scenario_texts(description)
     scratch = folder.with_name(f".{folder.name}.{os.getpid()}.unfinished")
@@ -80,6 +81,11 @@ def write_scenario(folder: str | Path, description: ScenarioDescription) -> None
         raise ScenarioError(f"The scenario {folder} cannot be written: {error}.") from error
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _require_readable(folder: Path) -> None:
+    if "," in str(folder):
+        raise ScenarioError(f"SUMO cannot read {folder}, which has a comma in it: rename it.")
 
 
 def _require_free(folder: Path) -> None:
@@ -99,8 +105,7 @@ def load_scenario(folder: str | Path) -> Scenario:
     folder = Path(folder).absolute()
     if not folder.is_dir():
         raise ScenarioError(f"There is no scenario folder {folder}: {WRITE_ANEW}.")
-    if "," in str(folder):
-        raise ScenarioError(f"SUMO cannot read {folder}, which has a comma in it: rename it.")
+    _require_readable(folder)
     name = scenario_files.DESCRIPTION_FILE
     description = from_toml(_text(folder / name), str(folder / name))
     additional = [folder / name for name in scenario_files.additional_files(description)]
@@ -171,7 +176,7 @@ def _bytes(path: Path) -> bytes:
 
 def _text(path: Path) -> str:
     try:
-        return _bytes(path).decode()
+        return _bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ScenarioError(f"{path} cannot be read ({error}): {WRITE_ANEW}.") from error
 
