@@ -1,6 +1,7 @@
 """The paper's figures from the CSV files of the other verbs; the only user of matplotlib."""
 
 import csv
+import io
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
@@ -15,6 +16,7 @@ from drl_av.config import Config
 from drl_av.driving.reward import gap_reward, lateral_reward, safe_gap, speed_reward
 from drl_av.errors import DrlAvError
 from drl_av.studies.evaluation import mean_with_interval
+from drl_av.studies.files import write_whole
 from drl_av.traffic.ring import FloatArray
 
 matplotlib.use("Agg")
@@ -97,15 +99,17 @@ def reward_figure(config: Config) -> Figure:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG; raises DrlAvError where the disk refuses."""
+    """Write a figure as PNG, whole or not at all; raises DrlAvError where the disk refuses."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=150, metadata={"Software": None})
     except OSError as error:
         raise DrlAvError(
-            f"The figure {path} cannot be written ({error.strerror}): free some space or choose "
-            "another folder with --out."
+            f"The folder {path.parent} cannot be made ({error.strerror}): choose another one with "
+            "--out."
         ) from error
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=150, metadata={"Software": None})
+    write_whole(path, data.getvalue())
 
 
 def read_table(path: Path, columns: Mapping[str, Column]) -> list[dict[str, Any]]:

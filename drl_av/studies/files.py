@@ -12,7 +12,7 @@ def write_whole(path: Path, data: bytes) -> None:
     Raises:
         DrlAvError: the disk is full, or the folder is missing or may not be written to.
     """
-    path = path.resolve()
+    path = _target(path)
     temporary = _beside(path)
     try:
         try:
@@ -27,13 +27,24 @@ def write_whole(path: Path, data: bytes) -> None:
         raise _refused(path, error) from error
 
 
-def require_writable(path: Path) -> None:
-    """Try whether ``write_whole`` could; raises DrlAvError before any long work is done for it."""
+def require_writable(*paths: Path | None) -> None:
+    """Try whether ``write_whole`` could; raises DrlAvError before any long work is done for it.
+
+    None stands for a file that is not asked for; none may be written over by another of them.
+    """
+    asked = [path for path in paths if path is not None]
+    for path in asked:
+        _try(path)
+        if [_target(other) for other in asked].count(_target(path)) > 1:
+            raise DrlAvError(f"{path} cannot hold two files at once: name another for one of them.")
+
+
+def _try(path: Path) -> None:
     if path.is_dir():
         raise DrlAvError(f"{path} is a folder: name a file in it.")
     if path.exists() and not path.is_file():
         raise DrlAvError(f"{path} is there already and no regular file: name a file.")
-    probe = _beside(path.resolve())
+    probe = _beside(_target(path))
     try:
         try:
             probe.touch()
@@ -41,6 +52,11 @@ def require_writable(path: Path) -> None:
             probe.unlink(missing_ok=True)
     except OSError as error:
         raise _refused(path, error) from error
+
+
+def _target(path: Path) -> Path:
+    """Where a link leads; the link itself where it leads in a circle."""
+    return Path(os.path.realpath(path))
 
 
 def _beside(path: Path) -> Path:

@@ -51,7 +51,7 @@ class Recording:
         parts: dict[str, Any] = {
             "config": np.array(self.config.to_toml()),
             "driver": np.array(self.driver),
-            "seed": np.array(self.seed),
+            "seed": np.array(str(self.seed)),  # of any size
             "vehicles": np.array(self.vehicles),
             "proposed": self.proposed,
             "states": self.states,

@@ -45,6 +45,11 @@ def test_replay_is_the_recorded_episode_exactly(recording: Recording, file: Path
     assert result.decisions == 12
 
 
+def test_a_seed_of_any_size_makes_the_round_trip(recording: Recording, tmp_path: Path) -> None:
+    replace(recording, seed=10**20).save(tmp_path / "episode.npz")
+    assert load_recording(tmp_path / "episode.npz").seed == 10**20
+
+
 def test_equal_recordings_are_equal_bytes(recording: Recording, file: Path) -> None:
     recording.save(file.with_name("again.npz"))
     assert file.with_name("again.npz").read_bytes() == file.read_bytes()
