@@ -1,18 +1,17 @@
 """Types of command-line arguments: what is no such number is bad usage."""
 
 import argparse
-import math
 from collections.abc import Callable
 
 
-def positive(text: str) -> float:
+def rate(text: str) -> float:
     number = float(text)
-    if not 0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
+    if not 0.01 <= number <= 1000:
+        raise argparse.ArgumentTypeError(f"{text} is not from 0.01 to 1000")
     return number
 
 
-positive.__name__ = "number"
+rate.__name__ = "number"
 
 
 def whole(low: int) -> Callable[[str], int]:

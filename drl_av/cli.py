@@ -1,11 +1,12 @@
 """The ``drl-av`` command: parse, call, print; every room is opened inside its verb."""
 
 import argparse
+import io
 import os
 import sys
 import time
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from drl_av.config import Config
@@ -20,12 +21,12 @@ SAVE_EVERY_S = 5.0
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a verb; returns the exit status: 0, 1 for a failure told in one sentence, 2 for usage."""
-    options = command_line(VERBS).parse_args(arguments)
-    verb: Verb = options.verb
     try:
-        return verb(options)
+        with _printable():
+            options = command_line(VERBS).parse_args(arguments)
+            verb: Verb = options.verb
+            return verb(options)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (DrlAvError, OSError) as error:
         print("drl-av:", *str(error).split(), file=sys.stderr)
@@ -33,6 +34,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("drl-av: interrupted.", file=sys.stderr)
         return INTERRUPTED
+
+
+@contextmanager
+def _printable() -> Iterator[None]:
+    """A character that the output has no code for is told by its number; a full output, at once.
+
+    Raises:
+        BrokenPipeError: nobody reads the output any more.
+        DrlAvError: it cannot be written.
+    """
+    out = sys.stdout
+    if isinstance(out, io.TextIOWrapper) and out.errors == "strict":
+        out.reconfigure(errors="backslashreplace")
+    try:
+        yield
+    finally:
+        try:
+            if out is not None:
+                out.flush()
+        except OSError as error:  # Python would try again at its end, and complain
+            os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())
+            if isinstance(error, BrokenPipeError):
+                raise
+            raise DrlAvError(
+                f"The output cannot be written ({error.strerror}): print it somewhere else."
+            ) from error
 
 
 def _scenario(options: argparse.Namespace) -> int:
@@ -55,8 +82,7 @@ def _evaluate(options: argparse.Namespace) -> int:
     from drl_av.studies.evaluation import Evaluation, summarize, write_rows, write_summaries
     from drl_av.studies.files import require_writable
 
-    for path in filter(None, (options.out, options.json)):
-        require_writable(path)
+    require_writable(options.out, options.json)
     choices = choose([*options.runs, *options.driver] or ["pretrained"])
     config = overridden(config_of(choices), options)
     seeds = range(options.seed, options.seed + options.episodes)
@@ -92,11 +118,11 @@ def _replay(options: argparse.Namespace) -> int:
     from drl_av.studies.replay import Film, Pacer, Ride, load_recording, ride_again
     from drl_av.video import require_film
 
-    for path in filter(None, (options.record, options.video)):
-        require_writable(path)
+    require_writable(options.record, options.video)
     if options.video:
         require_film(options.video, options.rate)
-    source = options.source or options.driver or "pretrained"
+    given = (options.source, options.driver, "pretrained")
+    source = next(word for word in given if word is not None)
     if Path(source).is_file() and Path(source).suffix != ".safetensors":
         _refuse_settings(options)
         ride = ride_again(load_recording(Path(source)))

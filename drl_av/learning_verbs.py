@@ -47,7 +47,7 @@ def adapt(options: argparse.Namespace) -> int:
 
     if options.tensorboard:
         require_tensorboard()
-    run, word = Run(options.out), options.run or "pretrained"
+    run, word = Run(options.out), "pretrained" if options.run is None else options.run
     [choice] = choose([word])
     if choice.run is None:
         raise ConfigError(
@@ -65,10 +65,10 @@ def adapt(options: argparse.Namespace) -> int:
 
 def _training_config(options: argparse.Namespace, run: "Run") -> Config:
     given = _given(options, "episodes", "seed", "replay")
-    base = preset(options.preset or "paper")
+    base = preset("paper" if options.preset is None else options.preset)
     if options.resume:
         stored = run.read_config()
-        base = base if options.preset else stored
+        base = stored if options.preset is None else base
         return _unchanged(run, stored, overridden(base, options).updated("learning", **given))
     return overridden(base, options).updated("learning", **given)
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from drl_av import __version__, reproduce
-from drl_av.arguments import positive as _positive
+from drl_av.arguments import rate as _rate
 from drl_av.arguments import whole as _whole
 from drl_av.config import REPLAYS, SAFETY_CHECKS, Config, load_config
 from drl_av.presets import PRESETS
@@ -73,9 +73,9 @@ def _driving(parser: argparse.ArgumentParser, whose: str) -> None:
 def overridden(config: Config, options: argparse.Namespace) -> Config:
     """Lay what the command line says over a config."""
     config = load_config(options.config, config)
-    if options.scenario:
+    if options.scenario is not None:
         config = config.updated("simulation", scenario=options.scenario)
-    if options.safety_check:
+    if options.safety_check is not None:
         config = config.updated("safety", check=options.safety_check)
     folder = Path(config.simulation.scenario)
     if folder.is_dir():
@@ -218,7 +218,7 @@ def _replay(parser: argparse.ArgumentParser) -> None:
     how = parser.add_mutually_exclusive_group()
     how.add_argument("--gui", action="store_true", help="in sumo-gui (default)")
     how.add_argument("--video", type=Path, metavar="FILE.mp4", help="as .mp4 or .gif, no screen")
-    parser.add_argument("--rate", type=_positive, default=2.0, metavar="X", help="times real time")
+    parser.add_argument("--rate", type=_rate, default=2.0, metavar="X", help="times real time")
     parser.add_argument("--record", type=Path, metavar="FILE.npz", help="keep the episode")
     _driving(parser, "the RUN's")
 

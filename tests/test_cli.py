@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from drl_av import console
+from drl_av import cli, console
 from drl_av.cli import main
 from drl_av.studies import drivers
 from drl_av.studies.evaluation import Mean, Summary
@@ -25,6 +25,7 @@ VERBS = {
     "figures": ["m/s", "default: ."],
     "reproduce": ["learning curves", "default: 3000", "default: 5", "schedule", "ray", "TOML"],
 }
+PACKAGE = Path(cli.__file__).parent
 TINY = "[simulation]\ndecisions_per_episode = 5\n[learning]\nepisodes = 2\n"
 
 
@@ -94,6 +95,7 @@ def test_help_names_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
         ["evaluate", "--jobs", "0"],
         ["replay", "--rate", "0"],
         ["replay", "--rate", "nan"],
+        ["replay", "--rate", "1e-320"],
         ["replay", "run", "--driver", "idm"],
         ["replay", "--gui", "--video", "drive.mp4"],
         ["reproduce", "curvs"],
@@ -120,15 +122,24 @@ def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[
         (["train", "--out", "run", "--replay", "two-bufer"], r"did you mean 'two-buffer'"),
         (["train", "--out", "run", "--safety-check", "papr"], r"did you mean 'paper'"),
         (["evaluate", "idm", "--scenario", "circular_three_lanes"], r"did you mean 'circular_t"),
+        (["evaluate", "idm", "--safety-check", ""], r"safety.check is ''"),
+        (["evaluate", "idm", "--scenario", ""], r"scenario.toml is missing"),
+        (["train", "--out", "run", "--preset", ""], r"no preset ''"),
+        (["adapt", "", "--out", "run"], r"holds no trained driver"),
+        (["replay", "--driver", "", "--video", "v.gif"], r"holds no trained driver"),
         (["evaluate", "idm", "--scenario", "nowhere/at/all"], r"no scenario 'nowhere/at/all'"),
         (["evaluate", "idm", "--config", "missing.toml"], r"missing.toml cannot be read"),
         (["evaluate", "idm", "--vehicles", "5", "500"], r"500 vehicles do not fit"),
         (["evaluate", "idm", "--seed", "1000000"], r"belong to training"),
+        (["evaluate", "idm", "--episodes", "10000000000"], r"belong to training"),
+        (["evaluate", "idm", "--out", "x", "--json", "./x"], r"cannot hold two files at once"),
+        (["replay", "--video", "x.gif", "--record", "x.gif"], r"cannot hold two files at once"),
         (["evaluate", "idm", "--out", "no/such/folder.csv"], r"folder.csv cannot be written"),
         (["evaluate", "idm", "--json", "no/such/folder.json"], r"folder.json cannot be written"),
         (["replay", "missing.npz"], r"no driver or run folder 'missing.npz'"),
         (["replay", "--driver", "idm", "--video", "no/v.mp4"], r"v.mp4 cannot be written"),
         (["scenario", "new", "--circumference-m", "10"], r"circumference_m is 10"),
+        (["scenario", "a,b"], r"a,b, which has a comma in it"),
         (["scenario", "new", "--lanes", "50"], r"lanes is 50, but must be .* to 10"),
         (["scenario", "new", "--barricade", "7"], r"barricaded_lanes are \(7,\)"),
         (["figures", "missing.csv"], r"missing.csv cannot be read"),
@@ -154,6 +165,7 @@ def test_bad_input_is_told_in_one_sentence(
     [
         ("[learning]\nlearning_rat = 1", r"no key 'learning_rat' \(did you mean 'learning_rate'\?"),
         ("[lerning]\n", r"no section \[lerning\] \(did you mean 'learning'\?\)"),
+        (f"[learning]\ndiscount = {10**400}", r"learning.discount is inf, but must be a finite"),
         ("[learning]\ndiscount = 1.5", r"learning.discount is 1.5, but must be from 0 to 1"),
         ("[learning]\nepisodes = 'many'", r"learning.episodes is 'many', but must be of type int"),
         ("[simulation]\nstep_length_s = 0.3", r"step_length_s is 0.3, but must divide the 1 s"),
@@ -306,3 +318,39 @@ def test_closed_pipe_is_no_traceback(settings: Path) -> None:
     command = f"{sys.executable} -m drl_av {words} | true"
     ended = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
     assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "status", "told"),
+    [
+        ("{ sleep 0.1; %s; echo $? >&2; } | true", "1", ""),
+        ("%s > /dev/full; echo $? >&2", "1", "The output cannot be written (No space left on"),
+        ("%s >&-; echo $? >&2", "0", ""),
+    ],
+    ids=["nobody reads", "full", "closed"],
+)
+def test_output_that_cannot_be_written_is_no_complaint_of_python(
+    command: str, status: str, told: str, tmp_path: Path
+) -> None:
+    program = f"{sys.executable} -m drl_av scenario loop"
+    ended = subprocess.run(
+        ["sh", "-c", command % program],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONUNBUFFERED": "", "PYTHONPATH": str(PACKAGE.parent)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    *lines, last = ended.stderr.splitlines()
+    assert last == status
+    assert len(lines) == bool(told)
+    assert told in ended.stderr
+    assert (tmp_path / "loop").is_dir()
+
+
+def test_a_terminal_without_the_character_is_told_its_number(settings: Path) -> None:
+    words = ("evaluate", "idm", "--vehicles", "1", "--episodes", "1", "--config", str(settings))
+    ended = program("", *words, PYTHONIOENCODING="ascii")
+    assert ended.returncode == 0
+    assert r"1 episodes each, \xb1 half" in ended.stdout
+    assert ended.stderr == ""

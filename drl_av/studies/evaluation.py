@@ -56,12 +56,12 @@ class Evaluation:
         config: Config,
         choices: Sequence[Choice],
         vehicles: Sequence[int],
-        seeds: Sequence[int],
+        seeds: range,
     ) -> None:
         self._config, self._choices = config, tuple(choices)
-        if max(seeds) >= TRAINING_SEEDS[0]:
+        if seeds[-1] >= TRAINING_SEEDS[0]:
             raise ConfigError(
-                f"The last episode's seed would be {max(seeds)}, but those from "
+                f"The last episode's seed would be {seeds[-1]}, but those from "
                 f"{TRAINING_SEEDS[0]} on belong to training: begin with a smaller one."
             )
         build(choices, config)
