@@ -22,6 +22,7 @@ from drl_av.studies.reproduction.provenance import (
     write_sidecar,
 )
 from drl_av.studies.reproduction.scale import Progress, Scale
+from drl_av.studies.reproduction.tables import intact
 
 TABLE = "barricade.csv"
 
@@ -36,12 +37,12 @@ def barricade(scale: Scale) -> Generator[Progress, None, None]:
     """
     scale.out.mkdir(parents=True, exist_ok=True)
     table = scale.out / TABLE
-    for file in (table, sidecar(table)):
-        require_writable(file)
+    require_writable(table, sidecar(table))
     config = study_config(CHECKS[0], SEEDS[0], EPISODES)
     stored = read_sidecar(table).get("settings")
-    if table.exists() and stored and stored_config(stored, str(sidecar(table))) == config:
-        return
+    with intact(table):
+        if table.exists() and stored and stored_config(stored, str(sidecar(table))) == config:
+            return
     total = len(SEEDS) * len(CHECKS) * (EPISODES + TRAINED_EPISODES)
     begun_s, rows = monotonic(), []
     for row in barricade_rows(SEEDS, EPISODES, TRAINED_EPISODES):

@@ -1,6 +1,7 @@
 """The trainings behind the learning curves, driven a leg at a time, each in its own process."""
 
 import csv
+import re
 import time
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -81,10 +82,15 @@ def _note(clock: Path, episode: int, seconds: float) -> None:
 
 
 def wall_time_s(clock: Path) -> float | None:
-    """Seconds that the training took, each episode counted once; None where nobody measured."""
+    """Seconds that the training took, each episode counted once; None where nobody measured.
+
+    A line that was cut short when the process ended does not count.
+    """
     if not clock.is_file():
         return None
-    lines = [line.split(",") for line in clock.read_text(encoding="utf-8").splitlines()]
+    lines = re.findall(
+        r"^(\d+),(\d+\.\d)$", clock.read_text(encoding="utf-8", errors="replace"), re.M
+    )
     return sum({episode: float(seconds) for episode, seconds in lines}.values())
 
 
@@ -120,7 +126,10 @@ def evaluations_of(leg: Leg) -> list[Row]:
     rows, before = [], 0
     for evaluation in evaluations:
         episode = int(evaluation["episode"])
-        since, before = episodes[before:episode], episode
+        since = episodes[before:episode]
+        if len(since) < episode - before:  # lost with the power; they will be driven again
+            break
+        before = episode
         each = {"evaluation_episodes": str(leg.config.learning.evaluation_episodes)}
         rows.append({**_place(leg, episode), **evaluation, **each, **_training(since)})
     return rows

@@ -13,6 +13,7 @@ from drl_av.studies.curves_figure import check_figure, replay_figure
 from drl_av.studies.figures import reward_figure, save_figure, speed_figure
 from drl_av.studies.lane_change_figure import lane_change_figure
 from drl_av.studies.reproduction.scale import Progress, Scale
+from drl_av.studies.reproduction.tables import intact
 from drl_av.studies.strictness_figure import strictness_figure
 
 FIGURES: dict[str, tuple[str, Callable[[Path], Figure]]] = {
@@ -43,7 +44,9 @@ def published(folder: Path) -> Iterator[tuple[str, Figure]]:
             f"{folder} holds neither a run nor results: make them with drl-av reproduce."
         )
     for name, (table, draw) in drawn.items():
-        yield name, draw(folder / table)
+        with intact(folder / table):
+            figure = draw(folder / table)
+        yield name, figure
 
 
 def figures(scale: Scale) -> Generator[Progress, None, None]:

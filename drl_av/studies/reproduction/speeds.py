@@ -46,9 +46,9 @@ def speeds(scale: Scale) -> Generator[Progress, None, None]:
     config = scale.over(config_of(choices))
     scale.out.mkdir(parents=True, exist_ok=True)
     table = scale.out / TABLE
-    for file in (table, sidecar(table), scale.out / PAIRED):
-        require_writable(file)
-    rows, spent_s = _kept(table, config)
+    require_writable(table, sidecar(table), scale.out / PAIRED)
+    with tables.intact(table):
+        rows, spent_s = _kept(table, config)
     done = 0
     for vehicles in _densities(config):
         evaluation = Evaluation(config, choices, [vehicles], range(scale.drives))

@@ -2,12 +2,26 @@
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
+from drl_av.errors import DrlAvError
 from drl_av.studies.files import write_whole
 
 Row = dict[str, str]
+
+
+@contextmanager
+def intact(table: Path) -> Iterator[None]:
+    """Raises DrlAvError where the block stumbles over rows that are not as they were written."""
+    try:
+        yield
+    except (ValueError, LookupError, TypeError, AttributeError, csv.Error) as error:
+        raise DrlAvError(
+            f"{table}, or what stands beside it, is damaged or of another version ({error!r}): "
+            "put both back as they were, or move them away to make them anew."
+        ) from error
 
 
 def read_rows(table: Path) -> list[Row]:

@@ -19,7 +19,7 @@ from drl_av.studies.reproduction.provenance import (
     write_sidecar,
 )
 from drl_av.studies.reproduction.scale import Progress, Scale
-from drl_av.studies.reproduction.tables import Row, read_rows, write_rows
+from drl_av.studies.reproduction.tables import Row, intact, read_rows, write_rows
 
 Training = tuple[str, str]
 """A variant and a seed."""
@@ -52,9 +52,9 @@ def trained(
     """
     table.path.parent.mkdir(parents=True, exist_ok=True)
     scale.runs.mkdir(parents=True, exist_ok=True)
-    for file in (table.path, sidecar(table.path)):
-        require_writable(file)
-    _require_same_settings(table)
+    require_writable(table.path, sidecar(table.path))
+    with intact(table.path):
+        _require_same_settings(table)
     goals = list({leg.folder: leg for legs in rounds for leg in legs}.values())
     _collect(scale, table, goals)
     yield _progress(table, goals)
@@ -102,7 +102,7 @@ def _missing(table: Table, legs: Iterable[Leg]) -> list[Leg]:
 
 
 def _last_episodes(table: Table) -> dict[Training, int]:
-    groups = _by_training(read_rows(table.path))
+    groups = _by_training(_stored(table))
     return {key: int(rows[-1]["episode"]) for key, rows in groups.items()}
 
 
@@ -126,9 +126,17 @@ def _require_same_settings(table: Table) -> None:
             )
 
 
+def _stored(table: Table) -> list[Row]:
+    """The rows of its file, which can be merged with others; raises DrlAvError."""
+    with intact(table.path):
+        rows = read_rows(table.path)
+        merged(rows, [], table.configs)
+    return rows
+
+
 def _collect(scale: Scale, table: Table, goals: Sequence[Leg]) -> None:
     """Bring table and sidecar up to date with the folders of the trainings."""
-    stored = read_rows(table.path)
+    stored = _stored(table)
     found = [row for leg in goals for row in table.rows_of(leg)]
     rows = merged(stored, found, table.configs)
     if not rows or rows == stored:
@@ -136,7 +144,8 @@ def _collect(scale: Scale, table: Table, goals: Sequence[Leg]) -> None:
     write_rows(table.path, rows)
     config = table.configs[rows[0]["variant"]]
     write_sidecar(table.path, provenance(config, **_facts(scale, table, goals)))
-    table.written(rows)
+    with intact(table.path):
+        table.written(rows)
 
 
 def _facts(scale: Scale, table: Table, goals: Sequence[Leg]) -> dict[str, Any]:

@@ -227,3 +227,40 @@ def test_wall_time_counts_each_episode_once(tmp_path: Path) -> None:
     assert wall_time_s(clock) is None
     clock.write_text("100,5.0\n200,6.0\n100,4.0\n200,7.5\n")
     assert wall_time_s(clock) == 11.5
+
+
+def test_a_line_of_the_clock_that_was_cut_short_does_not_count(tmp_path: Path) -> None:
+    clock = tmp_path / "paper-0.seconds.csv"
+    clock.write_text("100,5.0\n200,300,7.5\n400,6.0\n50")  # the disk was full, and a kill
+    assert wall_time_s(clock) == 11.0
+
+
+def test_an_evaluation_whose_episodes_are_lost_does_not_count(tmp_path: Path) -> None:
+    header = "episode,mean_reward,safety_triggers,collided,ego_hit\n"
+    (tmp_path / "episodes.csv").write_text(f"{header}1,-1,4,True,True\n2,-3,0,False,False\n")
+    (tmp_path / "evaluations.csv").write_text("episode,mean_reward\n2,-0.5\n4,-0.25\n")
+    rows = evaluations_of(Leg("paper", 7, 12, TINY, tmp_path, 2))
+    assert [row["episode"] for row in rows] == ["2"]
+
+
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        ("curves.csv", (b"paper,0,3", b"papr,0,3")),
+        ("curves.csv", (b"paper,0,3", b"paper,0,x")),
+        ("curves.csv", (b"episode", b"epi\xffode")),
+        ("curves.json", (b'"settings": {', b'"settings": [], "was": {')),
+        ("curves.json", (b'"paper": {', b'"paper": 5, "was": {')),
+    ],
+)
+def test_a_damaged_table_is_told_in_one_sentence_and_kept(
+    name: str, damage: tuple[bytes, bytes], undisturbed: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(undisturbed, tmp_path, dirs_exist_ok=True)
+    whole = (tmp_path / name).read_bytes()
+    spoilt = whole.replace(*damage, 1)
+    assert spoilt != whole
+    (tmp_path / name).write_bytes(spoilt)
+    with pytest.raises(DrlAvError, match=r"curves.*damaged or of another version.*move them away"):
+        make(scale(tmp_path))
+    assert (tmp_path / name).read_bytes() == spoilt

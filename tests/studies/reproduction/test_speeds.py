@@ -7,7 +7,9 @@ from typing import Any
 
 import pytest
 
+from drl_av.errors import DrlAvError
 from drl_av.studies.reproduction import speeds as module
+from drl_av.studies.reproduction.provenance import write_sidecar
 from drl_av.studies.reproduction.scale import Scale
 from drl_av.studies.reproduction.speeds import speeds
 from drl_av.studies.reproduction.tables import read_rows
@@ -77,3 +79,18 @@ def test_stops_where_they_meet_and_drives_nothing_twice(
     list(speeds(scale))
     assert driven == [12, 12, 8, 8]
     assert (scale.out / "evaluation.csv").read_bytes() == before
+
+
+@pytest.mark.parametrize("harm", ["a column", "a number", "the time"])
+def test_a_damaged_table_is_told_in_one_sentence_and_kept(scale: Scale, harm: str) -> None:
+    config = scale.over(module.config_of(module.choose(["pretrained"])))
+    facts = module._facts(scale, config, 5.0)
+    if harm == "the time":
+        del facts["wall_time_s"]
+    write_sidecar(scale.out / "evaluation.csv", facts)
+    rows = {"a column": "driver,vehicles\nidm,1\n", "a number": "driver,vehicles\nidm,x\n"}
+    text = rows.get(harm, "driver\n")
+    (scale.out / "evaluation.csv").write_text(text)
+    with pytest.raises(DrlAvError, match=r"evaluation\.csv, .* damaged or of another version"):
+        list(speeds(scale))
+    assert (scale.out / "evaluation.csv").read_text() == text
