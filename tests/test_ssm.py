@@ -1,0 +1,152 @@
+"""Our time to collision against SUMO's own surrogate safety measures (the SSM device).
+
+What is compared: the finite time to collision with ``scene.seen.own_front`` at each decision, as
+the check and the results take it, and the TTC that the device on the ego logs for the same foe in
+an encounter of type 2 (following, the ego behind). Both are the net gap, bumper to bumper without
+minGap, over the closing speed. The device works at the end of a SUMO step but stamps the time at
+which that began: its 3.5 s is our snapshot of 4.0 s, and of the start it knows nothing.
+
+Where they cannot be compared: the device loses a leader that is on another edge than the ego (the
+loop has four edges, joined by junctions without lanes inside), and finds it again as soon as the
+ego is on that edge, too. So every decision with a leader on the ego's edge compares, and at every
+other one the device has no following at all; both are asserted. The device drops encounters whose
+TTC is never finite; where ours is infinite it logs none or NA.
+"""
+
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import drl_av.traffic.simulation
+from drl_av.config import Config
+from drl_av.driving.drivers import Driver
+from drl_av.driving.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
+from drl_av.driving.safety import closing_speed, time_to_collision
+from drl_av.env import HighwayEnv
+from drl_av.episode import drive
+from drl_av.traffic.connection import load_arguments
+from drl_av.traffic.scenario import ScenarioDescription, write_scenario
+from drl_av.traffic.snapshot import EGO
+
+CONFIG = Config().updated("simulation", decisions_per_episode=60)
+FOLLOWING = "2"
+"""The device's number for an encounter in which the ego follows the foe."""
+
+
+class Look(NamedTuple):
+    """The vehicle ahead at one decision."""
+
+    time_s: float
+    foe: str
+    ttc_s: float
+    same_edge: bool
+    centered: bool
+    """Both have their centres in one lane, which is all that the device knows of lanes."""
+
+
+class Trip(NamedTuple):
+    """An episode: the states of all vehicles, and who was ahead when."""
+
+    states: list[tuple[list[float], ...]]
+    looks: list[Look]
+
+
+DRIVERS = {
+    "idm": IdmDriver(CONFIG.safety),
+    "idm-sumo": IdmSumoDriver(CONFIG.safety),
+    "random": RandomDriver(),
+}
+
+
+def trip(driver: Driver, seed: int, vehicles: int, scenario: str) -> Trip:
+    """Drive an episode and end SUMO, so that the device writes its file."""
+    env = HighwayEnv(scenario=scenario, config=CONFIG)
+    taken = Trip([], [])
+
+    def watch(env: HighwayEnv) -> None:
+        shot, front = env.scene.snapshot, env.scene.seen.own_front
+        states = (shot.s_m, shot.y_m, shot.speed_m_s, shot.lateral_speed_m_s)
+        taken.states.append(tuple(state.tolist() for state in states))
+        if front is None:
+            return
+        edges = [env.simulation._sumo.vehicle.getRoadID(shot.ids[row]) for row in (EGO, front[0])]
+        look = Look(
+            shot.time_s,
+            shot.ids[front.vehicle],
+            time_to_collision(front.gap_m, closing_speed(front)),
+            same_edge=edges[0] == edges[1],
+            centered=env.road.lane_of(float(shot.y_m[front.vehicle])) == env.scene.seen.lane,
+        )
+        taken.looks.append(look)
+
+    drive(env, driver, "", seed, vehicles, watch)
+    env.close()
+    return taken
+
+
+def logged(file: Path) -> dict[tuple[float, str], float]:
+    """What the device says of the ego following somebody: TTC by our time and by the foe."""
+    found = {}
+    for conflict in ET.parse(file).getroot().iter("conflict"):
+        spans = [conflict.find(name) for name in ("timeSpan", "typeSpan", "TTCSpan")]
+        values = [span.attrib["values"].split() for span in spans if span is not None]
+        for began, kind, ttc in zip(*values, strict=True):
+            if kind == FOLLOWING:
+                time_s = float(began) + CONFIG.simulation.step_length_s
+                found[time_s, conflict.attrib["foe"]] = math.inf if ttc == "NA" else float(ttc)
+    return found
+
+
+def with_device(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every SUMO from now on carries the device on its ego."""
+    options = {"explicit": "ego", "measures": "TTC", "thresholds": "1e9", "trajectories": "true"}
+    options |= {"range": "250", "extratime": "0", "file": str(file)}
+    own = [word for name, value in options.items() for word in (f"--device.ssm.{name}", value)]
+    monkeypatch.setattr(
+        drl_av.traffic.simulation,
+        "load_arguments",
+        lambda *arguments: [*load_arguments(*arguments), *own, "--precision", "9"],
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "vehicles", "circumference_m"),
+    [
+        ("idm", 850_001, 30, 500.0),
+        ("idm-sumo", 850_003, 30, 500.0),
+        ("random", 850_004, 25, 500.0),
+        ("idm", 850_005, 20, 2000.0),
+        ("idm-sumo", 850_006, 30, 2000.0),
+    ],
+)
+def test_time_to_collision_is_that_of_sumo_s_device_at_every_decision_that_it_sees(
+    name: str,
+    seed: int,
+    vehicles: int,
+    circumference_m: float,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    write_scenario(tmp_path / "loop", ScenarioDescription(circumference_m=circumference_m))
+    arguments = (DRIVERS[name], seed, vehicles, str(tmp_path / "loop"))
+    without = trip(*arguments)
+    with_device(tmp_path / "ssm.xml", monkeypatch)
+    ours = trip(*arguments)
+    assert ours.states == without.states  # the device changes nothing
+    theirs = logged(tmp_path / "ssm.xml")
+    compared = 0
+    for time_s, foe, ttc_s, same_edge, centered in ours.looks:
+        seen = theirs.get((time_s, foe))
+        if time_s == 0.0 or not same_edge or not centered:
+            assert seen is None
+        elif math.isinf(ttc_s):
+            assert seen is None or seen == math.inf
+        else:
+            assert seen == pytest.approx(ttc_s, rel=1e-6)
+            compared += 1
+    lost = sum(not look.same_edge and math.isfinite(look.ttc_s) for look in ours.looks)
+    assert compared >= 5
+    assert compared > lost
