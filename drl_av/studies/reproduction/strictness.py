@@ -1,5 +1,6 @@
 """What the check ``strict`` costs the shipped driver, and what each of its bounds does (ours)."""
 
+from collections import Counter
 from collections.abc import Generator
 from contextlib import closing
 from dataclasses import asdict
@@ -20,7 +21,7 @@ from drl_av.studies.reproduction.provenance import (
     write_sidecar,
 )
 from drl_av.studies.reproduction.scale import Progress, Scale
-from drl_av.studies.reproduction.tables import Row, read_rows, write_rows
+from drl_av.studies.reproduction.tables import Row, intact, read_rows, write_rows
 
 TABLE = "strict.csv"
 VEHICLES = 15
@@ -78,16 +79,17 @@ def strictness(scale: Scale) -> Generator[Progress, None, None]:
     config = scale.over(config_of(choices))
     scale.out.mkdir(parents=True, exist_ok=True)
     table = scale.out / TABLE
-    for file in (table, sidecar(table)):
-        require_writable(file)
+    require_writable(table, sidecar(table))
     policy = checksum(policy_file(PRETRAINED))
-    facts = read_sidecar(table)
-    same = facts.get("policy_sha256") == policy
-    same = same and stored_config(facts["settings"], str(sidecar(table))) == config
-    rows, spent_s = (read_rows(table), float(facts["wall_time_s"])) if same else ([], 0.0)
+    with intact(table):
+        facts = read_sidecar(table)
+        same = facts.get("policy_sha256") == policy
+        same = same and stored_config(facts["settings"], str(sidecar(table))) == config
+        rows, spent_s = (read_rows(table), float(facts["wall_time_s"])) if same else ([], 0.0)
+        held = Counter(map(_cell, rows))
     total = len(cells()) * scale.drives
     for done, cell in enumerate(cells()):
-        if sum(_cell(row) == cell for row in rows) >= scale.drives:
+        if held[cell] >= scale.drives:
             continue
         begun_s, here = monotonic(), []
         evaluation = Evaluation(cell.config(config), choices, [cell.vehicles], range(scale.drives))
