@@ -7,7 +7,8 @@
 3. *Cutting in.* It begins to move sideways into a lane only with nobody beside it there, and far
    enough ahead of the next vehicle behind it there for that one to stop behind it. Far enough
    ahead of the ego is ``cut_in_gap``: it goes on as it does for one decision, then brakes hard.
-   Whose body is over a lane's line is in that lane.
+   Whose body is over a lane's line is in that lane; within ``CENTERED_M`` of a lane's centre
+   nobody has begun to leave it, and who comes past a centre begins anew.
 4. *Following.* Behind an ego whose body is over the line of its lane it stays behind: within
    ``follower_response_s``, in which it accelerates at most at ``acceleration_m_s2``, it begins to
    brake at ``follower_braking_m_s2`` if it must.
@@ -30,7 +31,8 @@ the ego's lanes later leave it ``cut_in_gap`` (bound 3), so that it may still br
 them. One behind in whose way the ego already is keeps behind it (bound 4); one that the ego moves
 in front of must come to rest behind the ego, whatever that does next. One beside refuses the lane
 change. Two may enter one lane from both sides while neither is in it: the ego turns back at the
-next decision, when its centre is still in its lane, as fast as the other one comes.
+next decision, when its centre is still in its lane, as fast as the other one comes. Its body
+may be over the line by then: the one exception to the invariant, in which it brakes hard as well.
 
 Who breaks a bound may be hit; and whoever does not stay behind the ego hits it.
 """

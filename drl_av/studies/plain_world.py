@@ -17,7 +17,7 @@ from drl_av.driving.affordances import affordances
 from drl_av.driving.maneuver import LaneChange, Scene
 from drl_av.driving.safety import SafetyCheck
 from drl_av.driving.stopping import cut_in_gap, stopping_distance
-from drl_av.driving.strict import lanes_under, room
+from drl_av.driving.strict import CENTERED_M, lanes_under, room
 from drl_av.traffic.collisions import overlapping
 from drl_av.traffic.ring import FloatArray, Road
 from drl_av.traffic.snapshot import Collision, Snapshot
@@ -74,7 +74,7 @@ class Orders(NamedTuple):
     acceleration_m_s2: FloatArray
     """Of the others; shape (scenes, others)."""
     side: FloatArray
-    """Which way they are to move: -1, 0 or 1."""
+    """Which way they are to move, and how fast: from -1, as fast as may be to the right, to 1."""
 
 
 Judge = Callable[[World, IntArray], IntArray]
@@ -154,11 +154,12 @@ class Mover:
         """Bound 3: the sides to which the others may move now, 0 where they may not."""
         strict, ego = self._config.strict, self._config.ego
         y_m, width_m = world.y_m[:, 1:], ROAD.lane_width_m
-        lane = np.where(side > 0, np.floor(y_m / width_m + 1e-6), np.ceil(y_m / width_m - 1e-6))
-        lane += side
+        lane = _bound_for(y_m, side)
         lowest, highest = lanes_under(world.y_m, WIDTH_M, ROAD.lane_width_m)
         off_m = np.abs(y_m - width_m * np.round(y_m / width_m))
-        goes_on = (np.sign(world.lateral_m_s[:, 1:]) == side) & (off_m > 1e-6)
+        earlier_m = y_m - world.lateral_m_s[:, 1:] * self.step_s
+        goes_on = (np.sign(world.lateral_m_s[:, 1:]) == np.sign(side)) & (off_m > CENTERED_M)
+        goes_on &= _bound_for(earlier_m, side) == lane
         is_in = (lowest[:, 1:] <= lane) & (lane <= highest[:, 1:])
         # everybody (axis 1) that stands in the lane which another one (axis 2) would move into
         there = (lowest[:, :, None] <= lane[:, None]) & (lane[:, None] <= highest[:, :, None])
@@ -230,12 +231,23 @@ class Mover:
         reach_m = self._config.strict.lateral_speed_m_s * self.step_s
         ends = ROAD.lane_width_m * (len(ROAD.open_lanes) - 1)
         to_m = np.clip(world.y_m[:, 1:] + side * reach_m, 0.0, ends)
+        center_m = ROAD.lane_width_m * _bound_for(world.y_m[:, 1:], side)
+        to_m = np.where(side > 0, np.minimum(to_m, center_m), to_m)
+        to_m = np.where(side < 0, np.maximum(to_m, center_m), to_m)
         to_m = np.where(going[:, None], to_m, world.y_m[:, 1:])
         lateral_m_s = np.column_stack([lateral, (to_m - world.y_m[:, 1:]) / self.step_s])
         world.lateral_m_s = np.where(going[:, None], lateral_m_s, world.lateral_m_s)
         world.y_m = np.column_stack([world.y_m[:, 0] + moves, to_m])
         world.origin = np.where(arrives, NONE, world.origin)
         world.target = np.where(arrives, NONE, world.target)
+
+
+def _bound_for(y_m: FloatArray, side: FloatArray) -> FloatArray:
+    """The lane that a vehicle between two centres, or on one, moves into on a side."""
+    place = y_m / ROAD.lane_width_m
+    right, left = np.ceil(place - 1e-6) - 1, np.floor(place + 1e-6) + 1
+    result: FloatArray = np.where(side > 0, left, np.where(side < 0, right, np.round(place)))
+    return result
 
 
 def separation(world: World) -> FloatArray:

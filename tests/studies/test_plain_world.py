@@ -1,0 +1,36 @@
+"""The adversary's world: others that move sideways at any speed within the bounds, and turn."""
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.studies.falsification import placed
+from drl_av.studies.plain_world import Mover, Orders, collision
+from drl_av.studies.strict_at_once import StrictAtOnce
+
+STRICT = Config().updated("safety", check="strict")
+SCENES, DECISIONS = 3000, 8
+SIDES = [-1.0, -0.6, -0.2, -0.05, 0.0, 0.05, 0.2, 0.6, 1.0]
+
+
+def test_the_way_out_stays_free_but_for_two_that_enter_one_lane_and_the_ego_hits_nobody() -> None:
+    rng = np.random.default_rng(7)
+    lane, others = rng.integers(0, 3, SCENES), rng.integers(0, 3, (SCENES, 2))
+    ahead_m = 100 * rng.random((SCENES, 2)) ** 1.5
+    world = placed(lane, 30 * rng.random(SCENES), ahead_m, others, 30 * rng.random((SCENES, 2)))
+    judge, mover, last = StrictAtOnce(STRICT), Mover(STRICT), np.full((SCENES, 2), 0.0)
+    free = judge.free(world)
+    watched = free.copy()
+    for _ in range(DECISIONS):
+        turned = rng.random((SCENES, 2)) < 0.3
+        last = np.where(turned, rng.choice(SIDES, (SCENES, 2)), last)
+        rates = rng.choice([-4.0, -2.0, 0.0, 2.0], (SCENES, 2))
+        told = Orders(rng.integers(0, 12, SCENES), rates, last)
+        least_m = mover.decision(world, judge(world, told.proposal), told)
+        hit = watched & (least_m < 0).any(axis=1)
+        met = [collision(world, int(row)) for row in np.flatnonzero(hit)]
+        assert not any(m is None or m.kind.ego_hit for m in met)
+        watched &= ~hit
+        # such an ego is two seconds into its lane change: over the line, its centre not yet
+        place = world.y_m[:, 0] / 3.8
+        entering = np.isclose(np.abs(place - np.round(place)), 0.4) & (world.target >= 0)
+        assert judge.free(world)[watched & ~entering].all()
