@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from drl_av import cli, console
-from drl_av.cli import main
+from drl_av import cli
+from drl_av.cli import console, main
 from drl_av.studies import drivers
 from drl_av.studies.evaluation import Mean, Summary
 from drl_av.traffic.scenario import find_scenario

@@ -4,9 +4,10 @@ import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from drl_av import __version__, reproduce
-from drl_av.arguments import rate as _rate
-from drl_av.arguments import whole as _whole
+from drl_av import __version__
+from drl_av.cli.arguments import rate as _rate
+from drl_av.cli.arguments import whole as _whole
+from drl_av.cli.reproduction import add_options as _reproduce_options
 from drl_av.config import REPLAYS, SAFETY_CHECKS, Config, load_config
 from drl_av.presets import PRESETS
 from drl_av.studies import DENSITIES
@@ -243,6 +244,6 @@ _VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
     "figures": ("draw the paper's figures as PNG files", _figures),
     "reproduce": (
         "make the paper's results anew, going on where it stopped",
-        reproduce.add_options,
+        _reproduce_options,
     ),
 }

@@ -5,7 +5,7 @@ import sys
 from contextlib import closing
 from pathlib import Path
 
-from drl_av.arguments import whole
+from drl_av.cli.arguments import whole
 from drl_av.studies.reproduction.scale import ENGINES, MEANINGS, VARIANTS, Scale
 
 
@@ -61,7 +61,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def reproduce(options: argparse.Namespace) -> int:
     """Make the experiments that are asked for, one after the other."""
-    from drl_av.console import progress_bar
+    from drl_av.cli.console import progress_bar
     from drl_av.studies.reproduction.experiments import EXPERIMENTS
 
     asked = {name: value for name, value in vars(options).items() if name in Scale._fields}

@@ -9,11 +9,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 
+from drl_av.cli.learning import INTERRUPTED, adapt, train
+from drl_av.cli.options import Verb, command_line, overridden
+from drl_av.cli.reproduction import reproduce
 from drl_av.config import Config
 from drl_av.errors import DrlAvError, RecordingError
-from drl_av.learning_verbs import INTERRUPTED, adapt, train
-from drl_av.options import Verb, command_line, overridden
-from drl_av.reproduce import reproduce
 
 SAVE_EVERY_S = 5.0
 """What an evaluation may lose where its process dies; SUMO can take it along."""
@@ -77,7 +77,7 @@ def _scenario(options: argparse.Namespace) -> int:
 
 
 def _evaluate(options: argparse.Namespace) -> int:
-    from drl_av.console import print_summaries, progress_bar
+    from drl_av.cli.console import print_summaries, progress_bar
     from drl_av.studies.drivers import choose, config_of
     from drl_av.studies.evaluation import Evaluation, summarize, write_rows, write_summaries
     from drl_av.studies.files import require_writable

@@ -5,9 +5,9 @@ import sys
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
+from drl_av.cli.options import overridden
 from drl_av.config import Config
 from drl_av.errors import ConfigError, RunError, SimulationError
-from drl_av.options import overridden
 from drl_av.presets import adaptation, preset
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, ri
 
 def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bool:
     """Train to the end, or to the episode in which somebody asked to stop; True at the end."""
-    from drl_av.console import progress_bar, stop_request, told_of_episode, told_of_evaluation
+    from drl_av.cli.console import progress_bar, stop_request, told_of_episode, told_of_evaluation
     from drl_av.learning.board import board
     from drl_av.learning.run import train
 
