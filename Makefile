@@ -47,6 +47,8 @@ results: setup
 	    --episodes 50 --seed 0 --jobs 2 --out docs/results/check_paper.csv
 	$(BIN)/drl-av evaluate random idm-sumo --safety-check permit_all --vehicles $(DENSITIES) \
 	    --episodes 50 --seed 0 --jobs 2 --out docs/results/check_permit_all.csv
+	$(BIN)/drl-av evaluate pretrained --scenario barricaded_right_lane --vehicles 15 \
+	    --episodes 100 --jobs 2 --out docs/results/barricade_pretrained.csv
 	$(BIN)/python tools/compare_step_lengths.py --out docs/results/step_length.csv
 	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
 	$(BIN)/python tools/benchmark.py --rounds 9 > docs/results/benchmark.txt
