@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from drl_av.cli.arguments import whole
 from drl_av.config import SAFETY_CHECKS, Config
 from drl_av.driving.checks import named_check
 from drl_av.errors import ScenarioError
@@ -136,7 +137,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", default="paper", choices=SAFETY_CHECKS)
     parser.add_argument("--family", nargs="+", choices=FAMILIES, help="default: all")
-    parser.add_argument("--scenes", type=int, help="a family (default: 1000; strict: 100000)")
+    parser.add_argument("--scenes", type=whole(1), help="a family (default: 1000; strict: 100000)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--search", action="store_true", help="search under any check, no envelope")
     parser.add_argument("--sumo", action="store_true", help="drive random scenes in SUMO")

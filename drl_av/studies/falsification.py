@@ -204,7 +204,7 @@ def play(
     ended = np.zeros(len(least_m), dtype=np.int64)
     for row in np.flatnonzero(least_m < 0):
         met = collision(world, int(row))
-        ended[row] = 1 if met is not None and met.kind.ego_hit else 2
+        ended[row] = 2 if met is not None and not met.kind.ego_hit else 1
     return least_m, ended
 
 

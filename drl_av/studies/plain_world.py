@@ -146,9 +146,11 @@ class Mover:
         wanted = self._staying_behind(world, wanted)
         speed[:, 1:] = np.clip(speed[:, 1:] + wanted * self.step_s, 0.0, FASTEST_M_S)
         moved = (speed + world.speed_m_s) / 2 if self._ballistic else speed
+        lead_m = world.x_m[:, 1:] - world.x_m[:, :1]
         world.x_m = np.where(going[:, None], world.x_m + moved * self.step_s, world.x_m)
         world.speed_m_s = np.where(going[:, None], speed, world.speed_m_s)
         self._sideways(world, self._permitted_side(world, orders.side, rate), going)
+        _stop_inside(world, lead_m)
 
     def _permitted_side(self, world: World, side: FloatArray, rate: FloatArray) -> FloatArray:
         """Bound 3: the sides to which the others may move now, 0 where they may not."""
@@ -248,6 +250,18 @@ def _bound_for(y_m: FloatArray, side: FloatArray) -> FloatArray:
     right, left = np.ceil(place - 1e-6) - 1, np.floor(place + 1e-6) + 1
     result: FloatArray = np.where(side > 0, left, np.where(side < 0, right, np.round(place)))
     return result
+
+
+def _stop_inside(world: World, lead_m: FloatArray) -> None:
+    """Leave whoever came through the ego in one SUMO step inside it, where it is seen.
+
+    ``lead_m``, (scenes, others), is how far their centres were ahead of the ego's before.
+    """
+    beside = np.abs(world.y_m[:, 1:] - world.y_m[:, :1]) < WIDTH_M
+    came_through = beside & (lead_m * (world.x_m[:, 1:] - world.x_m[:, :1]) < 0)
+    rows, others = np.nonzero(came_through)
+    inside_m = np.sign(lead_m[rows, others]) * LENGTH_M / 2
+    world.x_m[rows, 1 + others] = world.x_m[rows, 0] + inside_m
 
 
 def separation(world: World) -> FloatArray:

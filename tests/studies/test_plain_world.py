@@ -1,6 +1,7 @@
 """The adversary's world: others that move sideways at any speed within the bounds, and turn."""
 
 import numpy as np
+import pytest
 
 from drl_av.config import Config
 from drl_av.studies.falsification import placed
@@ -9,6 +10,7 @@ from drl_av.studies.strict_at_once import StrictAtOnce
 
 STRICT = Config().updated("safety", check="strict")
 SCENES, DECISIONS = 3000, 8
+LANE = np.array([1])
 SIDES = [-1.0, -0.6, -0.2, -0.05, 0.0, 0.05, 0.2, 0.6, 1.0]
 
 
@@ -34,3 +36,20 @@ def test_the_way_out_stays_free_but_for_two_that_enter_one_lane_and_the_ego_hits
         place = world.y_m[:, 0] / 3.8
         entering = np.isclose(np.abs(place - np.round(place)), 0.4) & (world.target >= 0)
         assert judge.free(world)[watched & ~entering].all()
+
+
+def test_whom_the_ego_would_come_through_in_one_step_it_hits() -> None:
+    # 30 m/s are 15 m a step: from 0.5 m behind a standing vehicle, bodies 5 m long, past its front
+    world = placed(LANE, np.array([30.0]), np.array([[5.5]]), LANE[:, None], np.zeros((1, 1)))
+    told = Orders(np.zeros(1, dtype=np.int64), np.zeros((1, 1)), np.zeros((1, 1)))
+    least_m = Mover(STRICT).decision(world, told.proposal, told)
+    assert least_m[0, 0] < 0
+    met = collision(world, 0)
+    assert met is not None
+    assert met.kind.ego_hit
+
+
+def test_whom_the_ego_passes_in_the_next_lane_it_does_not_hit() -> None:
+    world = placed(LANE, np.array([30.0]), np.array([[5.5]]), LANE[:, None] + 1, np.zeros((1, 1)))
+    told = Orders(np.zeros(1, dtype=np.int64), np.zeros((1, 1)), np.zeros((1, 1)))
+    assert Mover(STRICT).decision(world, told.proposal, told)[0, 0] == pytest.approx(2.0)
