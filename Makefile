@@ -36,7 +36,7 @@ pretrained: setup
 
 # The level-1 driver of the traffic, trained again among level-0 drivers (minutes).
 level_1: setup
-	$(BIN)/drl-av train --preset fast --config tools/level_0_traffic.toml --out runs/level_1
+	$(BIN)/drl-av train --preset fast --episodes 1000 --config tools/level_0_traffic.toml --out runs/level_1
 	cd runs/level_1 && cp config.toml evaluations.csv policy.safetensors \
 	    ../../drl_av/pretrained/level_1/
 
@@ -50,6 +50,8 @@ results: setup
 	$(BIN)/drl-av evaluate pretrained --scenario barricaded_right_lane --vehicles 15 \
 	    --episodes 100 --jobs 2 --out docs/results/barricade_pretrained.csv
 	$(BIN)/python tools/compare_step_lengths.py --out docs/results/step_length.csv
+	$(BIN)/python tools/falsify_safety.py --check strict > docs/results/falsified_strict.txt
+	$(BIN)/python tools/falsify_safety.py --check paper > docs/results/falsified_paper.txt
 	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
 	$(BIN)/python tools/benchmark.py --rounds 9 > docs/results/benchmark.txt
 	$(BIN)/python tools/draw_picture.py docs/drive.png
