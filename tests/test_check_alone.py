@@ -45,6 +45,7 @@ def test_the_mask_of_an_info_tells_what_the_next_step_will_execute(env: gymnasiu
 
 def test_an_agent_that_samples_under_the_mask_fires_no_rule(env: gymnasium.Env) -> None:  # type: ignore[type-arg]
     _, info = env.reset(seed=3, options={"vehicles": 25})
+    env.action_space.seed(3)
     for _ in range(40):
         *_, info = env.step(env.action_space.sample(info["action_mask"]))
         assert info["rule"] == "none"
