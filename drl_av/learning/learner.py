@@ -1,19 +1,19 @@
 """One gradient step of Algorithm 1, lines 14 and 15: target and loss are pure, Learner remembers.
 
-The backward pass is written out because at 64 rows autograd costs more than the arithmetic.
+Both passes are written out in numpy because at 64 rows autograd, and torch's calls, cost more
+than the arithmetic.
 """
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 from torch import Tensor
 from torch.optim.adam import adam
 
 from drl_av.errors import CheckpointError
 from drl_av.learning.buffers import Batch, FloatArray, State
 from drl_av.learning.qnetwork import LEAK, Layers, QNetwork
-
-_leaky_relu_backward = torch.ops.aten.leaky_relu_backward.default
 
 
 def double_q_target(
@@ -46,17 +46,20 @@ def q_gradient(weighted_td: FloatArray, a_t: NDArray[np.int64], action_size: int
     return gradient
 
 
-def forward(layers: Layers, s: Tensor) -> tuple[list[Tensor], Tensor]:
+def forward(layers: Layers, s: FloatArray) -> tuple[list[FloatArray], FloatArray]:
     """What enters each layer, (rows, inputs) each, and Q(s, .), (rows, actions)."""
     entered = [s]
     for weight, bias in layers[:-1]:
-        z = torch.addmm(bias, entered[-1], weight.t())
-        entered.append(torch.nn.functional.leaky_relu_(z, LEAK))
+        z = entered[-1] @ weight.T
+        z += bias
+        entered.append(np.maximum(z, z * LEAK, out=z))
     weight, bias = layers[-1]
-    return entered, torch.addmm(bias, entered[-1], weight.t())
+    q: FloatArray = entered[-1] @ weight.T
+    q += bias
+    return entered, q
 
 
-def backward(layers: Layers, entered: list[Tensor], dq: Tensor, gradients: Layers) -> None:
+def backward(layers: Layers, entered: list[FloatArray], dq: FloatArray, gradients: Layers) -> None:
     """Write the gradient of every weight and bias into ``gradients``, by the chain rule.
 
     Shapes: ``entered`` as from ``forward``, ``dq`` (rows, actions).
@@ -64,20 +67,22 @@ def backward(layers: Layers, entered: list[Tensor], dq: Tensor, gradients: Layer
     dz = dq
     for i in reversed(range(len(layers))):
         d_weight, d_bias = gradients[i]
-        torch.mm(dz.t(), entered[i], out=d_weight)
-        torch.sum(dz, 0, out=d_bias)
+        np.matmul(dz.T, entered[i], out=d_weight)
+        np.add.reduce(dz, axis=0, out=d_bias)
         if i:
-            dz = _leaky_relu_backward(dz @ layers[i][0], entered[i], LEAK, True)
+            dz = dz @ layers[i][0]
+            dz *= np.maximum(entered[i] > 0, LEAK, dtype=dz.dtype)
 
 
 class Learner:
     """The online and the target network and Adam's moments; learns a batch at a time.
 
-    Sets torch to one thread: at this size more are slower, and the order of sums stays the same
-    from run to run.
+    Sets numpy and torch to one thread for good: at this size more are slower, and the order of
+    sums stays the same from run to run.
     """
 
     def __init__(self, network: QNetwork, learning_rate: float = 1e-4) -> None:
+        threadpool_limits(1, "blas")
         torch.set_num_threads(1)
         self.network = network
         self.learning_rate = learning_rate
@@ -88,9 +93,9 @@ class Learner:
         self._first_moment = torch.zeros_like(self._online)
         self._second_moment = torch.zeros_like(self._online)
         self._step = torch.zeros(())
-        self._online_layers = network.split(self._online)
-        self._target_layers = network.split(self._target)
-        self._gradient_layers = network.split(self._gradient)
+        self._online_layers = network.split(self._online.numpy())
+        self._target_layers = network.split(self._target.numpy())
+        self._gradient_layers = network.split(self._gradient.numpy())
 
     @property
     def steps(self) -> int:
@@ -105,12 +110,10 @@ class Learner:
         """
         rows = len(batch.a_t)
         goes_on = batch.discount.nonzero()[0]
-        s = torch.cat(
-            (torch.from_numpy(batch.s_t), torch.from_numpy(batch.s_tp1.take(goes_on, axis=0)))
-        )
+        s = np.concatenate((batch.s_t, batch.s_tp1[goes_on]))
         entered, q_online = forward(self._online_layers, s)
-        q_next_target = forward(self._target_layers, s[rows:])[1].numpy()
-        q_t, q_next_online = q_online[:rows].numpy(), q_online[rows:].numpy()
+        _, q_next_target = forward(self._target_layers, s[rows:])
+        q_t, q_next_online = q_online[:rows], q_online[rows:]
 
         target = batch.r_tp1.copy()
         target[goes_on] = double_q_target(
@@ -118,8 +121,7 @@ class Learner:
         )
         td = td_error(target, q_t, batch.a_t)
         weighted_td = td if batch.weights is None else td * batch.weights
-        # The clone lies where torch aligns its memory: MKL's last bits depend on alignment.
-        dq = torch.from_numpy(q_gradient(weighted_td, batch.a_t, q_t.shape[1])).clone()
+        dq = q_gradient(weighted_td, batch.a_t, q_t.shape[1])
         backward(self._online_layers, [x[:rows] for x in entered], dq, self._gradient_layers)
         self._adam()
         self.td_errors = td

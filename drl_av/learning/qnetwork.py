@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 FloatArray = NDArray[np.float32]
-Layers = list[tuple[Tensor, Tensor]]
+Layers = list[tuple[FloatArray, FloatArray]]
 
 LEAK = 0.01
 _LEAK = np.float32(LEAK)
@@ -33,25 +33,26 @@ class QNetwork(nn.Module):
         shapes = list(zip(self.sizes[:-1], self.sizes[1:], strict=True))
         self.flat = torch.zeros(sum((inputs + 1) * outputs for inputs, outputs in shapes))
         self.layers = nn.ModuleList()
-        for (weight, bias), (inputs, outputs) in zip(self.split(self.flat), shapes, strict=True):
+        views = self.split(self.flat.numpy())
+        for (weight, bias), (inputs, outputs) in zip(views, shapes, strict=True):
             bound = inputs**-0.5
             for view in (weight, bias):
-                view.copy_(torch.from_numpy(rng.uniform(-bound, bound, view.shape)))
+                view[...] = rng.uniform(-bound, bound, view.shape)
             linear = nn.Linear(inputs, outputs, device="meta")
-            linear.weight = nn.Parameter(weight)
-            linear.bias = nn.Parameter(bias)
+            linear.weight = nn.Parameter(torch.from_numpy(weight))
+            linear.bias = nn.Parameter(torch.from_numpy(bias))
             self.layers.append(linear)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles keep the parameters views of their own vector."""
         return _rebuilt, (self.sizes, self.flat.numpy())
 
-    def split(self, flat: Tensor) -> Layers:
-        """Views of a vector like ``flat``: (outputs, inputs) weight, (outputs,) bias."""
+    def split(self, flat: FloatArray) -> Layers:
+        """Views of a vector as long as ``flat``: (outputs, inputs) weight, (outputs,) bias."""
         layers, start = [], 0
         for inputs, outputs in zip(self.sizes[:-1], self.sizes[1:], strict=True):
             middle, end = start + inputs * outputs, start + (inputs + 1) * outputs
-            layers.append((flat[start:middle].view(outputs, inputs), flat[middle:end]))
+            layers.append((flat[start:middle].reshape(outputs, inputs), flat[middle:end]))
             start = end
         return layers
 
@@ -78,9 +79,7 @@ class GreedyPolicy:
     """
 
     def __init__(self, network: QNetwork) -> None:
-        views = [
-            (weight.numpy(), bias.numpy()) for weight, bias in network.split(network.flat.detach())
-        ]
+        views = network.split(network.flat.numpy())
         self._hidden, self._last = views[:-1], views[-1]
 
     def values(self, s_t: FloatArray) -> FloatArray:
