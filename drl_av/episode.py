@@ -44,6 +44,8 @@ class EpisodeResult:
     min_headway_s: float
     """Smallest time gap to the vehicle ahead; inf where there was none."""
     hard_brakes: int
+    d_safe_violations: int
+    """Decisions after which the vehicle ahead was nearer than d_safe, where r_x is below 0."""
 
 
 def drive(
@@ -79,7 +81,8 @@ class _Tally:
         self._numbers: list[tuple[float, ...]] = []
         self._settled_lane = env.scene.seen.lane
         self._lane_change: LaneChange | None = None
-        self._counts = dict.fromkeys(("triggers", "changes", "aborts", "hard_brakes"), 0)
+        names = ("triggers", "changes", "aborts", "hard_brakes", "d_safe_violations")
+        self._counts = dict.fromkeys(names, 0)
         self._headway_s, self._ttc_s = math.inf, math.inf
         self._collision: Collision | None = None
 
@@ -87,6 +90,7 @@ class _Tally:
         seen = self._env.scene.seen
         self._numbers.append((seen.ego_speed_m_s, reward, *info["rewards"].values()))
         self._counts["triggers"] += info["rule"] != "none"
+        self._counts["d_safe_violations"] += info["rewards"]["r_x"] < 0
         executed = ACTIONS[info["executed_action"]]
         self._counts["hard_brakes"] += executed.longitudinal == Longitudinal.HARD_BRAKE
         before, self._lane_change = self._lane_change, self._env.scene.lane_change
@@ -125,4 +129,5 @@ class _Tally:
             min_ttc_s=self._ttc_s,
             min_headway_s=self._headway_s,
             hard_brakes=self._counts["hard_brakes"],
+            d_safe_violations=self._counts["d_safe_violations"],
         )

@@ -20,7 +20,7 @@ from drl_av import cli
 from drl_av.config import Config
 from drl_av.driving.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.env import HighwayEnv
-from drl_av.episode import EpisodeResult
+from drl_av.episode import EpisodeResult, drive
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError, SimulationError
 from drl_av.learning.checkpoint import save_policy
 from drl_av.learning.qnetwork import QNetwork
@@ -57,6 +57,7 @@ COLUMNS = {
     "min_ttc_s",
     "min_headway_s",
     "hard_brakes",
+    "d_safe_violations",
 }
 ROW = EpisodeResult(
     driver="idm",
@@ -78,6 +79,7 @@ ROW = EpisodeResult(
     min_ttc_s=math.inf,
     min_headway_s=1.5,
     hard_brakes=0,
+    d_safe_violations=0,
 )
 
 
@@ -122,6 +124,18 @@ def test_every_driver_finds_the_same_traffic(env: HighwayEnv) -> None:
     list(drive_all(env, drivers, (0, 12), (4, 5)))
     assert first.starts == second.starts
     assert len({places for _, places in first.starts}) == 4
+
+
+def test_decisions_nearer_than_d_safe_are_counted(env: HighwayEnv) -> None:
+    gaps: list[tuple[float, float]] = []
+
+    def watch(env: HighwayEnv) -> None:
+        front, speed_m_s = env.scene.seen.own_front, env.scene.seen.ego_speed_m_s
+        gaps.append((math.inf if front is None else front.gap_m, max(1.3 * speed_m_s, 15.0)))
+
+    row = drive(env, IdmDriver(SHORT.safety), "idm", 1, 30, watch)
+    near = [gap_m < safe_m for gap_m, safe_m in gaps[1:]]  # not what the reset showed
+    assert 0 < row.d_safe_violations == sum(near) < len(near) == 10
 
 
 def test_rows_come_by_vehicles_then_seed_then_driver(env: HighwayEnv) -> None:

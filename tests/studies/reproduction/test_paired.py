@@ -28,6 +28,7 @@ def result(driver: str, vehicles: int, seed: int, speed_m_s: float) -> EpisodeRe
         min_ttc_s=1.0,
         min_headway_s=1.0,
         hard_brakes=0,
+        d_safe_violations=0,
     )
 
 
