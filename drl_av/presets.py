@@ -8,7 +8,7 @@ PRESETS: dict[str, Config] = {
     "paper": Config(),
     "fast": Config().updated(
         "learning",
-        episodes=300,
+        episodes=200,
         epsilon_fraction=0.5,
         learning_rate=1e-3,
         learning_rate_end_fraction=0.01,

@@ -87,6 +87,22 @@ def convergence_table() -> str:
     return "\n".join(lines)
 
 
+def fast_table() -> str:
+    """The preset ``fast`` on every seed, beside the training of the whole schedule."""
+    names = ("training", "seed", "episodes", "seconds", "ego hit something", "reward a decision")
+    names += ("over the first", "mean speed, m/s", "over the first")
+    lines = ["| " + " | ".join(names) + " |", "|" + " --- |" * len(names)]
+    for row in read("fast.csv"):
+        cells = [f"`{row['training']}`", row["seed"], row["episodes"]]
+        cells += [f"{float(row['wall_time_s']):,.0f}", f"{row['ego_hits']} of {row['drives']}"]
+        for name, digits in (("mean_reward", 3), ("mean_speed_m_s", 2)):
+            for column in (name, f"{name}_gain"):
+                value, half = float(row[column]), float(row[f"{column}_ci95"])
+                cells.append(f"{value:.{digits}f} ± {half:.{digits}f}" if half else "")
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
 def strict_table() -> str:
     """What the check ``strict`` changes in the shipped driver's mean speed, percent."""
     rows = [row for row in read("strict.csv") if not row["bound"]]
@@ -107,6 +123,7 @@ TABLES = {"speed": speed_table, "collisions": collision_table, "check": check_ta
 WITH_RESULTS = {
     "gain": ("paired.csv", gain_table),
     "convergence": ("convergence.csv", convergence_table),
+    "fast": ("fast.csv", fast_table),
     "strict": ("strict.csv", strict_table),
 }
 """Those that the README has as soon as their results are there."""

@@ -3,6 +3,7 @@
 from drl_av.studies.reproduction.adaptation import adaptation
 from drl_av.studies.reproduction.barricade import barricade
 from drl_av.studies.reproduction.curves import curves
+from drl_av.studies.reproduction.fast import fast
 from drl_av.studies.reproduction.published import figures
 from drl_av.studies.reproduction.scale import Experiment
 from drl_av.studies.reproduction.speeds import speeds
@@ -10,6 +11,7 @@ from drl_av.studies.reproduction.strictness import strictness
 
 EXPERIMENTS: dict[str, Experiment] = {
     "curves": curves,
+    "fast": fast,
     "speeds": speeds,
     "strict": strictness,
     "adaptation": adaptation,
