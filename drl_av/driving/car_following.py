@@ -65,7 +65,8 @@ def reference_speeds(
     """The ego's speed at the end of each SUMO step of a decision, within [0, max_speed_m_s].
 
     A model looks again at each SUMO step, as far as the decision knows what is there: the vehicle
-    ahead keeps its speed. It never accelerates or brakes harder than the ego's own actions do.
+    ahead keeps its speed. It never accelerates or brakes harder than the ego's own actions do, nor
+    gets faster than the number of the same action would make it.
     """
     braking = action in (Longitudinal.BRAKE, Longitudinal.HARD_BRAKE)
     if braking or ego.longitudinal_reference == "acceleration":
@@ -93,7 +94,7 @@ def _by_model(
     for _ in range(simulation.steps_per_decision):
         wanted = model_acceleration(speed, desired, gap_m, speed - front_speed, ego)
         acceleration = min(max(wanted, -ego.hard_brake_m_s2), ego.accelerate_m_s2)
-        speed = _bounded(speed + acceleration * step_s, ego)
+        speed = min(max(speed + acceleration * step_s, 0.0), desired)
         gap_m = max(gap_m - (speed - front_speed) * step_s, 0.0)
         yield speed
 

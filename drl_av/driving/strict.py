@@ -34,135 +34,42 @@ change. Two may enter one lane from both sides while neither is in it: the ego t
 next decision, when its centre is still in its lane, as fast as the other one comes. Its body
 may be over the line by then: the one exception to the invariant, in which it brakes hard as well.
 
+Under a longitudinal reference (IDM or ACC) the ego rolls at most as far as by the number of its
+action, which is the ``reach`` above, and at least as far as by braking hard, which is what those
+behind get to count on. The steering plant stays out of it: an abort drifts on before it turns.
+
 Who breaks a bound may be hit; and whoever does not stay behind the ego hits it.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drl_av.config import EgoConfig, SimulationConfig, StrictConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
+from drl_av.driving.encounters import (
+    CENTERED_M,
+    Others,
+    is_held,
+    lanes_under,
+    least,
+    met,
+    most,
+    room,
+)
 from drl_av.driving.maneuver import LaneChange, Scene, steered
 from drl_av.driving.safety import Rule, Verdict
-from drl_av.driving.stopping import reach, stopping_distance
+from drl_av.driving.stopping import reach
 from drl_av.errors import ConfigError
-from drl_av.traffic.ring import FloatArray
 from drl_av.traffic.snapshot import EGO
 
-LINE_M = 0.01
-"""How far a body must be over a lane's line to be in that lane."""
-STILL_M_S = 0.01
-"""Up to this a vehicle does not move sideways."""
-CENTERED_M = 0.05
-"""Within this distance of a lane's centre a vehicle has arrived there; of a line, it is on it."""
 ORDER = (
     Longitudinal.ACCELERATE,
     Longitudinal.MAINTAIN,
     Longitudinal.BRAKE,
     Longitudinal.HARD_BRAKE,
 )
-
-
-def lanes_under(y_m: Any, width_m: Any, lane_width_m: float) -> tuple[FloatArray, FloatArray]:
-    """Rightmost and leftmost lane that a body is over."""
-    lowest = np.floor((y_m - width_m / 2 + LINE_M) / lane_width_m + 0.5)
-    return lowest, np.ceil((y_m + width_m / 2 - LINE_M) / lane_width_m - 0.5)
-
-
-def room(
-    y_m: FloatArray, lateral_speed_m_s: FloatArray, width_m: FloatArray, lane_width_m: float
-) -> tuple[FloatArray, FloatArray]:
-    """Right and left end of where a vehicle's body may be, metres.
-
-    It is anywhere between the centres of the lanes that its body is over and of the one it moves
-    towards.
-    """
-    lowest, highest = lanes_under(y_m, width_m, lane_width_m)
-    moving = np.abs(lateral_speed_m_s) > STILL_M_S
-    if moving.any():
-        lane = y_m / lane_width_m
-        moving &= np.abs(lane - np.round(lane)) * lane_width_m > CENTERED_M
-        to_right, to_left = moving & (lateral_speed_m_s < 0), moving & (lateral_speed_m_s > 0)
-        lowest = np.where(to_right, np.minimum(lowest, np.floor(lane)), lowest)
-        highest = np.where(to_left, np.maximum(highest, np.ceil(lane)), highest)
-    return (
-        np.minimum(lowest * lane_width_m, y_m) - width_m / 2,
-        np.maximum(highest * lane_width_m, y_m) + width_m / 2,
-    )
-
-
-def is_held(
-    y_m: FloatArray, width_m: FloatArray, ego_y_m: Any, ego_width_m: float, lane_width_m: float
-) -> npt.NDArray[np.bool_]:
-    """Whether a vehicle behind has to stay there wherever it moves (bound 4).
-
-    The ego's body is over the lines of all its lanes, and in its way.
-    """
-    lowest, highest = lanes_under(y_m, width_m, lane_width_m)
-    ego_lowest, ego_highest = lanes_under(ego_y_m, ego_width_m, lane_width_m)
-    in_the_way = np.abs(y_m - ego_y_m) < (width_m + ego_width_m) / 2
-    held: npt.NDArray[np.bool_] = in_the_way & (ego_lowest <= lowest) & (highest <= ego_highest)
-    return held
-
-
-class Others(NamedTuple):
-    """The other vehicles as the check takes them; arrays of one shape, the last axis theirs."""
-
-    right_m: FloatArray
-    left_m: FloatArray
-    """Between these their bodies may be."""
-    gap_m: FloatArray
-    """To the ego lengthwise; 0 or less for one beside."""
-    is_ahead: npt.NDArray[np.bool_]
-    speed_m_s: FloatArray
-    most_m: FloatArray
-    """How far the ego may reach for each: to where one ahead may come to rest.
-
-    Infinite for one behind, and -infinite for one beside that is ahead.
-    """
-
-
-def most(
-    gap_m: FloatArray,
-    is_ahead: npt.NDArray[np.bool_],
-    speed_m_s: FloatArray,
-    strict: StrictConfig,
-    step_s: float,
-) -> FloatArray:
-    """``Others.most_m`` from the other three."""
-    rest_m = stopping_distance(speed_m_s, strict.braking_m_s2, step_s)
-    rest_m = np.where(gap_m > 0, gap_m + rest_m - strict.clearance_m, -np.inf)
-    result: FloatArray = np.where(is_ahead, rest_m, np.inf)
-    return result
-
-
-def met(around: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
-    """Which of the others may come between two lateral positions."""
-    result: npt.NDArray[np.bool_] = (around.left_m > right_m) & (around.right_m < left_m)
-    return result
-
-
-def least(
-    around: Others, delay_s: FloatArray | float, strict: StrictConfig, step_s: float
-) -> FloatArray:
-    """How far the ego must reach for each of the others: to where one behind may come to rest.
-
-    It accelerates for ``delay_s`` and brakes then. -infinite for one ahead, infinite for one
-    beside.
-    """
-    speed, acceleration = around.speed_m_s, strict.acceleration_m_s2
-    rolled_m, faster = speed * delay_s, speed + acceleration * delay_s
-    rolled_m = rolled_m + acceleration * delay_s * (delay_s + step_s) / 2
-    rolled_m = rolled_m + stopping_distance(faster, strict.follower_braking_m_s2, step_s)
-    result: FloatArray = np.where(
-        around.gap_m <= 0,
-        np.inf,
-        np.where(around.is_ahead, -np.inf, rolled_m - around.gap_m + strict.clearance_m),
-    )
-    return result
 
 
 def seconds_to_line(
@@ -217,6 +124,11 @@ class Strict:
                 f"strict.braking_m_s2 is {strict.braking_m_s2:g}, but must be at least "
                 f"ego.hard_brake_m_s2, {ego.hard_brake_m_s2:g}: the check rests on that."
             )
+        if ego.lateral_plant != "kinematic":
+            raise ConfigError(
+                f"ego.lateral_plant is {ego.lateral_plant!r}, but the check strict holds for "
+                "'kinematic' alone: take that, or the check paper."
+            )
         self._strict, self._ego, self._simulation = strict, ego, simulation
         self._accelerations = np.array([how.acceleration_m_s2(ego) for how in Longitudinal])
 
@@ -234,11 +146,16 @@ class Strict:
             return Verdict(Action(proposed.lateral, safe), rule)
         if not seen.has_lane(wanted.target - seen.lane):
             rule |= Rule.OFF_ROAD
-        elif self._permits(scene, wanted, around, reaches[safe]):
+        elif self._permits(scene, wanted, around, reaches[safe], reaches[self._slowest(safe)]):
             return Verdict(Action(proposed.lateral, safe), rule)
         else:
             rule |= Rule.LANE_CHANGE
         return Verdict(Action(Lateral.KEEP if out is None else toward(out.sign), safe), rule)
+
+    def _slowest(self, how: Longitudinal) -> Longitudinal:
+        """The action whose number lets the ego roll no farther than this one may come to."""
+        by_number = self._ego.longitudinal_reference == "acceleration"
+        return how if by_number else Longitudinal.HARD_BRAKE
 
     def others(self, scene: Scene) -> Others:
         """The other vehicles of a scene as the check takes them."""
@@ -264,7 +181,14 @@ class Strict:
         ends_m = corridor(scene, out, self._ego, self._simulation.decision_interval_s)
         return float(around.most_m[met(around, *ends_m)].min(initial=np.inf))
 
-    def _permits(self, scene: Scene, change: LaneChange, around: Others, rolled_m: float) -> bool:
+    def _permits(
+        self,
+        scene: Scene,
+        change: LaneChange,
+        around: Others,
+        at_most_m: float,
+        at_least_m: float,
+    ) -> bool:
         """Whether the ego may roll so far in a lane change that is not its way out."""
         strict, sim, shot, seen = self._strict, self._simulation, scene.snapshot, scene.seen
         right_m, left_m = corridor(scene, change, self._ego, sim.decision_interval_s)
@@ -275,7 +199,7 @@ class Strict:
         meets = met(around, right_m, left_m)
         if not meets.any():
             return True
-        if rolled_m >= around.most_m[meets].min():
+        if at_most_m >= around.most_m[meets].min():
             return False
         y_m, width_m, ego_m = seen.ego_y_m, seen.lane_width_m, float(shot.width_m[EGO])
         line_m = (change.origin + change.target) / 2 * width_m
@@ -283,7 +207,7 @@ class Strict:
         delay_s = strict.follower_response_s + seconds_to_line(to_line_m, width_m, self._ego, sim)
         free = meets & ~is_held(shot.y_m[1:], shot.width_m[1:], y_m, ego_m, width_m)
         must_m = least(around, float(delay_s), strict, sim.step_length_s)
-        return bool(rolled_m > must_m[free].max(initial=-np.inf))
+        return bool(at_least_m > must_m[free].max(initial=-np.inf))
 
 
 def milder(longitudinal: Longitudinal) -> tuple[Longitudinal, ...]:

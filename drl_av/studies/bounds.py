@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
+from drl_av.driving.encounters import CENTERED_M, STILL_M_S, lanes_under
 from drl_av.driving.stopping import cut_in_gap, stopping_distance
-from drl_av.driving.strict import CENTERED_M, STILL_M_S, lanes_under
 from drl_av.traffic.ring import FloatArray, Road
 from drl_av.traffic.snapshot import EGO, Snapshot
 

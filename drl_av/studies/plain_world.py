@@ -14,10 +14,10 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import affordances
+from drl_av.driving.encounters import CENTERED_M, lanes_under, room
 from drl_av.driving.maneuver import LaneChange, Scene
 from drl_av.driving.safety import SafetyCheck
 from drl_av.driving.stopping import cut_in_gap, stopping_distance
-from drl_av.driving.strict import CENTERED_M, lanes_under, room
 from drl_av.traffic.collisions import overlapping
 from drl_av.traffic.ring import FloatArray, Road
 from drl_av.traffic.snapshot import Collision, Snapshot

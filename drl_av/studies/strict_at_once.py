@@ -8,10 +8,8 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.driving.actions import Lateral, Longitudinal
-from drl_av.driving.stopping import reach
-from drl_av.driving.strict import (
+from drl_av.driving.encounters import (
     CENTERED_M,
-    ORDER,
     Others,
     is_held,
     lanes_under,
@@ -19,8 +17,9 @@ from drl_av.driving.strict import (
     met,
     most,
     room,
-    seconds_to_line,
 )
+from drl_av.driving.stopping import reach
+from drl_av.driving.strict import ORDER, seconds_to_line
 from drl_av.studies.plain_world import (
     LENGTH_M,
     NONE,

@@ -92,6 +92,15 @@ def test_a_model_never_goes_beyond_what_the_ego_can_do(
     for before, after in pairwise(found):
         assert 0 <= after <= 30
         assert -4 * 0.5 - 1e-9 <= after - before <= 2 * 0.5 + 1e-9
+    by_number = speeds("acceleration", action, at=at)
+    assert all(a <= b + 1e-9 for a, b in zip(found[1:], by_number, strict=True))
+
+
+def test_maintain_does_not_overtake_itself_where_a_slow_vehicle_ahead_draws_away() -> None:
+    # idm at 1 m/s behind one at 30: s* = 2.5, so -2 (2.5 / 3.54)^2 = -1 and 0.5 m/s; then, 18 m
+    # behind, some 2 (1 - 0.5^4) = 1.9, which would make 1.4 m/s
+    found = speeds("idm", MAINTAIN, ahead(3.54, speed_m_s=30.0), at=1.0)
+    assert found == pytest.approx([0.5, 1.0], abs=2e-3)
 
 
 @pytest.mark.parametrize("reference", ["idm", "acc"])

@@ -293,6 +293,24 @@ def test_a_check_whose_ego_brakes_harder_than_the_others_is_no_check() -> None:
         named_check(CONFIG.updated("strict", braking_m_s2=3.9))
 
 
+def test_a_steered_lane_change_is_none_of_its_business() -> None:
+    with pytest.raises(ConfigError, match="take that, or the check paper"):
+        named_check(CONFIG.updated("ego", lateral_plant="steering"))
+
+
+@pytest.mark.parametrize("reference", ["idm", "acc"])
+def test_those_behind_count_on_no_more_than_the_hardest_braking_of_a_model(reference: str) -> None:
+    followed = named_check(CONFIG.updated("ego", longitudinal_reference=reference))
+    # one behind at 30 m/s rolls 128 m; by maintain the ego comes 65 m, braking hard 45 m
+    for gap, verdict in ((83.51, granted(TO_LEFT)), (83.49, refused())):
+        world = scene(behind(gap, LEFT, 30.0))
+        assert followed(world, Action(TO_LEFT, MAINTAIN)) == verdict
+        assert checked(world, TO_LEFT, MAINTAIN) == granted(TO_LEFT)
+    # those ahead see the ego come as far as maintain may take it: 65 + 0.5 - 45
+    assert followed(scene(ahead(20.51)), Action(KEEP, MAINTAIN)) == granted(KEEP)
+    assert followed(scene(ahead(20.49)), Action(KEEP, MAINTAIN)).action.longitudinal == BRAKE
+
+
 # The promise
 
 
