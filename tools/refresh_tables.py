@@ -6,6 +6,7 @@ python tools/refresh_tables.py --check    exit 1 where README.md and the files d
 
 import argparse
 import csv
+import json
 import re
 import sys
 from collections.abc import Callable, Iterable
@@ -73,17 +74,44 @@ def gain(row: Row) -> str:
 
 def convergence_table() -> str:
     """Where the learning curves end, and since when they are near it."""
-    names = ("training", "seeds", "near its end from episode", "reward a decision")
-    names += ("collisions an episode", "mean speed, m/s")
+    columns = {
+        "reward a decision": ("reward", 3),
+        "mean speed, m/s": ("mean_speed_m_s", 2),
+        "collisions an episode": ("collisions_an_episode", 2),
+        "reward while exploring": ("training_reward", 3),
+        "collisions while exploring": ("training_collisions_an_episode", 2),
+    }
+    names = ("training", "seeds", "near its end from episode", *columns)
     lines = ["| " + " | ".join(names) + " |", "|" + " --- |" * len(names)]
-    digits = {"reward": 3, "collisions_an_episode": 2, "mean_speed_m_s": 2}
     for row in read("convergence.csv"):
         cells = [f"`{row['variant']}`", row["seeds"], f"{row['converged_at']} of {row['episodes']}"]
         cells += [
-            f"{float(row[name]):.{count}f} ± {float(row[f'{name}_ci95']):.{count}f}"
-            for name, count in digits.items()
+            f"{float(row[name]):.{digits}f} ± {float(row[f'{name}_ci95']):.{digits}f}"
+            for name, digits in columns.values()
         ]
         lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def cost_table() -> str:
+    """What the paper's 200 trainings of each kind would take, at the pace of ours."""
+    seconds = json.loads((RESULTS / "curves.json").read_text(encoding="utf-8"))["wall_time_s"]
+    episodes: dict[str, dict[str, int]] = {}
+    for row in read("curves.csv"):
+        own = episodes.setdefault(row["variant"], {})
+        own[row["seed"]] = max(own.get(row["seed"], 0), int(row["episode"]))
+    lines = [
+        "| training | seconds an episode | 200 seeds, core hours | 2 cores | 200 cores |",
+        "|" + " --- |" * 5,
+    ]
+    for variant, own in episodes.items():
+        spent_s = sum(seconds[f"{variant}-{seed}"] for seed in own)
+        an_episode_s = spent_s / sum(own.values())
+        hours = an_episode_s * 10_000 * 200 / 3600
+        lines.append(
+            f"| `{variant}` | {an_episode_s:.2f} | {hours:,.0f} "
+            f"| {hours / 2 / 24:.1f} days | {hours / 200:.1f} hours |"
+        )
     return "\n".join(lines)
 
 
@@ -123,6 +151,7 @@ TABLES = {"speed": speed_table, "collisions": collision_table, "check": check_ta
 WITH_RESULTS = {
     "gain": ("paired.csv", gain_table),
     "convergence": ("convergence.csv", convergence_table),
+    "cost": ("curves.csv", cost_table),
     "fast": ("fast.csv", fast_table),
     "strict": ("strict.csv", strict_table),
 }

@@ -21,15 +21,17 @@ LABELS = {
 }
 COLORS = {"paper": "#d55e00", "permit_all": "#000000", "prioritized": "#0072b2"}
 PANELS = {
-    "mean_reward": "mean reward a decision",
-    "collisions": "collisions an episode",
-    "safety_triggers": "safety triggers an episode",
+    "mean_reward": "mean reward a decision, greedy",
+    "training_reward": "the same while exploring",
+    "training_collisions": "collisions an episode while exploring",
+    "safety_triggers": "safety triggers an episode, greedy",
 }
 
 
 def check_figure(table: Path) -> Figure:
     """Learning with the safety check and without it: reward and collisions (Fig. 7)."""
-    return _figure(table, ("paper", "permit_all"), ("mean_reward", "collisions"))
+    columns = ("mean_reward", "training_reward", "training_collisions")
+    return _figure(table, ("paper", "permit_all"), columns)
 
 
 def replay_figure(table: Path) -> Figure:
@@ -42,13 +44,13 @@ def _figure(table: Path, variants: Sequence[str], columns: Sequence[str]) -> Fig
     variants = [name for name in variants if any(row["variant"] == name for row in rows)]
     if not variants:
         raise DrlAvError(f"{table} has no rows to draw: make it with drl-av reproduce curves.")
-    figure = Figure(figsize=(11, 4.0), layout="constrained")
+    figure = Figure(figsize=(1 + 5 * len(columns), 4.0), layout="constrained")
     panels = figure.subplots(1, len(columns))
     for axes, column in zip(panels, columns, strict=True):
         plain(axes, "training episode", PANELS[column])
         for variant in variants:
             _draw(axes, rows, variant, column)
-        if column != "mean_reward":
+        if "reward" not in column:
             axes.set_ylim(bottom=-0.02 * axes.get_ylim()[1])
     told = f"the paper's {PAPER_REWARD}"
     panels[0].axhline(PAPER_REWARD, color="#555555", linestyle=":", linewidth=1, label=told)

@@ -14,9 +14,9 @@ from drl_av.studies.reproduction.published import published
 
 def curves_table(folder: Path) -> Path:
     """Two seeds to episode 300, the first to 500; no row of the third variant."""
-    names = "variant,seed,episode,mean_reward,collisions,evaluation_episodes,safety_triggers"
+    names = "variant,seed,episode,mean_reward,training_reward,training_collisions,safety_triggers"
     rows = [
-        (variant, seed, episode, base - seed / 10, 4 + seed, 10, 7)
+        (variant, seed, episode, base - seed / 10, -0.9, 0.4 + seed / 10, 7)
         for variant, base in (("paper", -0.1), ("permit_all", -0.5))
         for seed, last in ((0, 500), (1, 300))
         for episode in range(100, last + 1, 100)
@@ -27,14 +27,15 @@ def curves_table(folder: Path) -> Path:
 
 
 def test_check_figure_has_means_over_seeds_and_goes_on_with_the_longer_one(tmp_path: Path) -> None:
-    reward, collisions = check_figure(curves_table(tmp_path)).axes
+    reward, exploring, collisions = check_figure(curves_table(tmp_path)).axes
     mean = reward.lines[0]
     assert mean.get_label() == "two buffers, safety check (2 seeds)"
     assert list(mean.get_xdata()) == [100, 200, 300]
     assert mean.get_ydata() == pytest.approx([-0.15] * 3)
     lone = [line for line in reward.lines if list(line.get_xdata()) == [300, 400, 500]]
     assert [line.get_ydata()[0] for line in lone] == pytest.approx([-0.1, -0.5])
-    assert collisions.lines[0].get_ydata() == pytest.approx([0.45] * 3)  # 4.5 of 10 episodes
+    assert exploring.lines[0].get_ydata() == pytest.approx([-0.9] * 3)
+    assert collisions.lines[0].get_ydata() == pytest.approx([0.45] * 3)
     band = reward.collections[0].get_paths()[0].vertices[:, 1]
     assert (band.min(), band.max()) == pytest.approx((-0.78531, 0.48531))  # t = 12.706
 

@@ -86,6 +86,7 @@ COLUMNS = {
     "mean_speed_m_s": "mean_speed_m_s",
     "collisions_an_episode": "collisions",
     "ego_hits_an_episode": "ego_hits",
+    "training_reward": "training_reward",
     "training_collisions_an_episode": "training_collisions",
 }
 """What ends are told of, and the column of ``curves.csv`` that holds it."""

@@ -50,6 +50,7 @@ def row(variant: str, seed: int, episode: int, reward: float, collisions: int) -
         "collisions": collisions,
         "ego_hits": 0,
         "evaluation_episodes": 10,
+        "training_reward": -0.7,
         "training_collisions": 0.5,
     }
     place = {"variant": variant, "seed": seed, "episode": episode}
@@ -75,6 +76,7 @@ def test_ends_are_means_of_seeds_each_over_its_last_tenth() -> None:
     assert float(found["collisions_an_episode"]) == pytest.approx(0.1)
     assert float(found["collisions_an_episode_ci95"]) == 0
     assert float(found["training_collisions_an_episode"]) == 0.5
+    assert float(found["training_reward"]) == -0.7
 
 
 def test_a_single_seed_has_no_interval() -> None:
