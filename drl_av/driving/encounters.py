@@ -17,7 +17,9 @@ LINE_M = 0.01
 STILL_M_S = 0.01
 """Up to this a vehicle does not move sideways."""
 CENTERED_M = 0.05
-"""Within this distance of a lane's centre a vehicle has arrived there; of a line, it is on it."""
+"""Within this distance of a lane's centre a vehicle has arrived there."""
+ON_LINE_M = 0.05
+"""Within this distance of the line between two lanes a centre is in both."""
 
 
 def lanes_under(y_m: Any, width_m: Any, lane_width_m: float) -> tuple[FloatArray, FloatArray]:
@@ -26,7 +28,7 @@ def lanes_under(y_m: Any, width_m: Any, lane_width_m: float) -> tuple[FloatArray
     return lowest, np.ceil((y_m + width_m / 2 - LINE_M) / lane_width_m - 0.5)
 
 
-def room(
+def lateral_extent(
     y_m: FloatArray, lateral_speed_m_s: FloatArray, width_m: FloatArray, lane_width_m: float
 ) -> tuple[FloatArray, FloatArray]:
     """Right and left end of where a vehicle's body may be, metres.
@@ -77,9 +79,11 @@ class Others(NamedTuple):
 
     Infinite for one behind, and -infinite for one beside that is ahead.
     """
+    is_held: npt.NDArray[np.bool_]
+    """Those that, if behind, have to stay there (bound 4)."""
 
 
-def most(
+def may_reach(
     gap_m: FloatArray,
     is_ahead: npt.NDArray[np.bool_],
     speed_m_s: FloatArray,
@@ -99,7 +103,7 @@ def met(around: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
     return result
 
 
-def least(
+def must_reach(
     around: Others, delay_s: FloatArray | float, strict: StrictConfig, step_s: float
 ) -> FloatArray:
     """How far the ego must reach for each of the others: to where one behind may come to rest.

@@ -49,14 +49,14 @@ import numpy as np
 from drl_av.config import EgoConfig, SimulationConfig, StrictConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.encounters import (
-    CENTERED_M,
+    ON_LINE_M,
     Others,
     is_held,
     lanes_under,
-    least,
+    lateral_extent,
+    may_reach,
     met,
-    most,
-    room,
+    must_reach,
 )
 from drl_av.driving.maneuver import LaneChange, Scene, steered
 from drl_av.driving.safety import Rule, Verdict
@@ -105,7 +105,7 @@ def corridor(
 
 def lanes_about(y_m: float, lane_width_m: float) -> tuple[int, int]:
     """The lane that a lateral position lies in; both, right first, where it is on their line."""
-    right, left = (y_m - CENTERED_M) / lane_width_m, (y_m + CENTERED_M) / lane_width_m
+    right, left = (y_m - ON_LINE_M) / lane_width_m, (y_m + ON_LINE_M) / lane_width_m
     return math.floor(right + 0.5), math.floor(left + 0.5)
 
 
@@ -133,7 +133,10 @@ class Strict:
         self._accelerations = np.array([how.acceleration_m_s2(ego) for how in Longitudinal])
 
     def __call__(self, scene: Scene, proposed: Action) -> Verdict:
-        """The proposal; else the same sideways, as fast as is safe; else the way out sideways."""
+        """The proposal sideways where it is free at the speed that the way out allows; else that.
+
+        The speed is the proposed one, or the fastest milder one by which the way out stays free.
+        """
         seen, around, out = scene.seen, self.others(scene), way_out(scene)
         wanted = steered(scene.lane_change, seen.lane, proposed.lateral)
         speed = seen.ego_speed_m_s
@@ -158,17 +161,22 @@ class Strict:
         return how if by_number else Longitudinal.HARD_BRAKE
 
     def others(self, scene: Scene) -> Others:
-        """The other vehicles of a scene as the check takes them."""
+        """The other vehicles of a scene as the check takes them.
+
+        On a loop each is there twice: as far ahead of the ego as it is, and as far behind.
+        """
         shot, seen = scene.snapshot, scene.seen
-        ahead_m = shot.s_m[1:] - shot.s_m[EGO]
+        ahead_m, rows = shot.s_m[1:] - shot.s_m[EGO], np.arange(1, len(shot.ids))
         if lap_m := seen.circumference_m:
-            ahead_m = (ahead_m + lap_m / 2) % lap_m - lap_m / 2
-        y_m, width_m = shot.y_m[1:], shot.width_m[1:]
-        gap_m = np.abs(ahead_m) - (shot.length_m[1:] + shot.length_m[EGO]) / 2
-        ends_m = room(y_m, shot.lateral_speed_m_s[1:], width_m, seen.lane_width_m)
-        facts = gap_m, ahead_m >= 0, shot.speed_m_s[1:]
-        may_m = most(*facts, self._strict, self._simulation.step_length_s)
-        return Others(*ends_m, *facts, may_m)
+            ahead_m = np.concatenate((ahead_m % lap_m, ahead_m % lap_m - lap_m))
+            rows = np.concatenate((rows, rows))
+        y_m, width_m = shot.y_m[rows], shot.width_m[rows]
+        gap_m = np.abs(ahead_m) - (shot.length_m[rows] + shot.length_m[EGO]) / 2
+        ends_m = lateral_extent(y_m, shot.lateral_speed_m_s[rows], width_m, seen.lane_width_m)
+        held = is_held(y_m, width_m, seen.ego_y_m, float(shot.width_m[EGO]), seen.lane_width_m)
+        facts = gap_m, ahead_m >= 0, shot.speed_m_s[rows]
+        may_m = may_reach(*facts, self._strict, self._simulation.step_length_s)
+        return Others(*ends_m, *facts, may_m, held)
 
     def way_out_is_free(self, scene: Scene) -> bool:
         """The invariant: hard braking on the way out meets nobody ahead."""
@@ -190,7 +198,7 @@ class Strict:
         at_least_m: float,
     ) -> bool:
         """Whether the ego may roll so far in a lane change that is not its way out."""
-        strict, sim, shot, seen = self._strict, self._simulation, scene.snapshot, scene.seen
+        strict, sim, seen = self._strict, self._simulation, scene.seen
         right_m, left_m = corridor(scene, change, self._ego, sim.decision_interval_s)
         aside_m = strict.lateral_speed_m_s * sim.decision_interval_s
         right_m, left_m = (
@@ -201,13 +209,12 @@ class Strict:
             return True
         if at_most_m >= around.most_m[meets].min():
             return False
-        y_m, width_m, ego_m = seen.ego_y_m, seen.lane_width_m, float(shot.width_m[EGO])
+        width_m, ego_m = seen.lane_width_m, float(scene.snapshot.width_m[EGO])
         line_m = (change.origin + change.target) / 2 * width_m
-        to_line_m = change.sign * (line_m - y_m) - ego_m / 2
+        to_line_m = change.sign * (line_m - seen.ego_y_m) - ego_m / 2
         delay_s = strict.follower_response_s + seconds_to_line(to_line_m, width_m, self._ego, sim)
-        free = meets & ~is_held(shot.y_m[1:], shot.width_m[1:], y_m, ego_m, width_m)
-        must_m = least(around, float(delay_s), strict, sim.step_length_s)
-        return bool(at_least_m > must_m[free].max(initial=-np.inf))
+        must_m = must_reach(around, float(delay_s), strict, sim.step_length_s)
+        return bool(at_least_m > must_m[meets & ~around.is_held].max(initial=-np.inf))
 
 
 def milder(longitudinal: Longitudinal) -> tuple[Longitudinal, ...]:

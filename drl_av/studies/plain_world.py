@@ -14,7 +14,7 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import affordances
-from drl_av.driving.encounters import CENTERED_M, lanes_under, room
+from drl_av.driving.encounters import CENTERED_M, lanes_under, lateral_extent
 from drl_av.driving.maneuver import LaneChange, Scene
 from drl_av.driving.safety import SafetyCheck
 from drl_av.driving.stopping import cut_in_gap, stopping_distance
@@ -214,7 +214,9 @@ class Mover:
         lanes = np.arange(len(ROAD.open_lanes))
         over = (lowest <= lanes) & (lanes <= highest)
         width_m = np.full(world.x_m[:, 1:].shape, WIDTH_M)
-        ends_m = room(world.y_m[:, 1:], world.lateral_m_s[:, 1:], width_m, ROAD.lane_width_m)
+        ends_m = lateral_extent(
+            world.y_m[:, 1:], world.lateral_m_s[:, 1:], width_m, ROAD.lane_width_m
+        )
         right_m, left_m = (end[:, :, None] for end in ends_m)
         theirs = (right_m < lanes * ROAD.lane_width_m) & (lanes * ROAD.lane_width_m < left_m)
         shared = theirs & over[:, None]

@@ -9,14 +9,14 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.driving.actions import Lateral, Longitudinal
 from drl_av.driving.encounters import (
-    CENTERED_M,
+    ON_LINE_M,
     Others,
     is_held,
     lanes_under,
-    least,
+    lateral_extent,
+    may_reach,
     met,
-    most,
-    room,
+    must_reach,
 )
 from drl_av.driving.stopping import reach
 from drl_av.driving.strict import ORDER, seconds_to_line
@@ -74,12 +74,16 @@ class StrictAtOnce:
 
     def _others(self, world: World) -> Others:
         width_m = np.full(world.x_m[:, 1:].shape, WIDTH_M)
-        ends_m = room(world.y_m[:, 1:], world.lateral_m_s[:, 1:], width_m, ROAD.lane_width_m)
+        ends_m = lateral_extent(
+            world.y_m[:, 1:], world.lateral_m_s[:, 1:], width_m, ROAD.lane_width_m
+        )
         ahead_m = world.x_m[:, 1:] - world.x_m[:, :1]
         gap_m, is_ahead, speed = np.abs(ahead_m) - LENGTH_M, ahead_m >= 0, world.speed_m_s[:, 1:]
         step_s = self._config.simulation.step_length_s
-        may_m = most(gap_m, is_ahead, speed, self._config.strict, step_s)
-        return Others(*ends_m, gap_m, is_ahead, speed, may_m)
+        may_m = may_reach(gap_m, is_ahead, speed, self._config.strict, step_s)
+        y_m, lane_m = world.y_m, ROAD.lane_width_m
+        held = is_held(y_m[:, 1:], width_m, y_m[:, :1], WIDTH_M, lane_m)
+        return Others(*ends_m, gap_m, is_ahead, speed, may_m, held)
 
     def _may_reach(self, world: World, around: Others) -> FloatArray:
         lane = _lane(world.y_m[:, 0])
@@ -100,11 +104,9 @@ class StrictAtOnce:
         to_line_m = sign * ((origin + target) / 2 * lane_m - y_m) - WIDTH_M / 2
         delay_s = strict.follower_response_s
         delay_s = delay_s + seconds_to_line(to_line_m, lane_m, config.ego, sim)[:, None]
-        sizes = np.full(world.y_m[:, 1:].shape, WIDTH_M)
-        held = is_held(world.y_m[:, 1:], sizes, y_m[:, None], WIDTH_M, lane_m)
-        must_m = least(around, delay_s, strict, sim.step_length_s)
+        must_m = must_reach(around, delay_s, strict, sim.step_length_s)
         result: BoolArray = (rolled_m < np.where(meets, around.most_m, np.inf).min(axis=1)) & (
-            rolled_m > np.where(meets & ~held, must_m, -np.inf).max(axis=1)
+            rolled_m > np.where(meets & ~around.is_held, must_m, -np.inf).max(axis=1)
         )
         return result
 
@@ -115,7 +117,7 @@ class StrictAtOnce:
         stride_m = lane_m / config.ego.lane_change_duration_s
         stride_m *= config.simulation.decision_interval_s
         next_m = y_m + np.sign(end_m - y_m) * np.minimum(np.abs(end_m - y_m), stride_m)
-        out = [lane_m * _lane(next_m + tilt_m) for tilt_m in (-CENTERED_M, CENTERED_M)]
+        out = [lane_m * _lane(next_m + tilt_m) for tilt_m in (-ON_LINE_M, ON_LINE_M)]
         under = [lane_m * lane for lane in lanes_under(y_m, WIDTH_M, lane_m)]
         places = np.stack([y_m, end_m, *under, *(np.where(changing, place, y_m) for place in out)])
         return places.min(axis=0) - WIDTH_M / 2, places.max(axis=0) + WIDTH_M / 2

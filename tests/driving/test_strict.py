@@ -120,6 +120,18 @@ def test_at_its_highest_speed_the_ego_may_ask_for_more_and_gets_no_more() -> Non
         assert checked(world, KEEP, MAINTAIN).rule is rule
 
 
+def test_on_a_short_loop_one_counts_as_ahead_and_as_behind() -> None:
+    # 200 m round: 105 m from bumper to bumper, and 85 m the other way, which is nearer. At 30 m/s
+    # the ego reaches 27 + 78 m even by braking hard, and may reach 104.5
+    loop = Road(200.0, LANE_M, (True, True, True))
+    world = scene(ahead(105.0, speed_m_s=0.0), speed_m_s=30.0, road=loop)
+    assert checked(world).action.longitudinal == HARD_BRAKE
+    # at 20 m/s maintain reaches 65 m, less than the one 105 m ahead rolls on; it is also 85 m
+    # behind, where 63.5 m would do, and 60 m would not
+    for gap, verdict in ((85.0, granted(TO_LEFT)), (60.0, refused())):
+        assert checked(scene(behind(gap, LEFT, 30.0), road=loop), TO_LEFT, MAINTAIN) == verdict
+
+
 def test_the_vehicle_ahead_across_the_seam_of_the_loop_counts() -> None:
     for s_m in (100.0, 498.0):
         assert checked(scene(ahead(31.99), s_m=s_m)).action.longitudinal is MAINTAIN
@@ -200,6 +212,13 @@ def test_a_lane_change_needs_room_to_stop_behind_the_one_ahead_there(
     # at 10 m/s it rolls 10 m: maintain needs 65 + 0.5 - 10 m
     assert checked(scene(ahead(55.49, y_m, 10.0)), side, MAINTAIN) == refused()
     assert checked(scene(ahead(55.51, y_m, 10.0)), side, MAINTAIN) == granted(side)
+
+
+def test_a_lane_change_free_at_a_milder_speed_alone_is_refused_and_not_slowed() -> None:
+    # one 60 m ahead on the left at 10 m/s rolls 10 m: 69.5 m, of which accelerate reaches 76.5
+    world = scene(ahead(60.0, LEFT, 10.0))
+    assert checked(world, TO_LEFT, ACCELERATE) == refused(how=ACCELERATE)
+    assert checked(world, TO_LEFT, MAINTAIN) == granted(TO_LEFT)
 
 
 @pytest.mark.parametrize("offset_m", [-4.99, -2.0, 0.0, 2.0, 4.99])

@@ -11,8 +11,8 @@ from drl_av.driving.drivers.rules import RandomDriver
 from drl_av.driving.stopping import stopping_distance
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
-from drl_av.studies.falsification import FAMILIES, PLACED, play, scripted, search
-from drl_av.studies.plain_world import Mover, one_by_one
+from drl_av.studies.falsification import FAMILIES, PLACED, genes, orders, play, scripted, search
+from drl_av.studies.plain_world import NONE, Mover, one_by_one
 from drl_av.studies.strict_at_once import StrictAtOnce
 
 STRICT = Config().updated("safety", check="strict")
@@ -42,14 +42,19 @@ def test_the_paper_check_drives_into_a_vehicle_that_brakes_to_a_stop() -> None:
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_many_scenes_at_once_are_judged_as_one_by_one(name: str) -> None:
-    family = FAMILIES[name]
-    rng = np.random.default_rng(2)
+def test_many_scenes_at_once_are_judged_as_one_by_one_to_their_end(name: str) -> None:
+    family, rng, changing, aside = FAMILIES[name], np.random.default_rng(2), 0, 0
     world = family.start(rng.random((60, PLACED * family.others)), STRICT)
-    proposals = rng.integers(0, 12, 60)
-    alone = one_by_one(named_check(STRICT))(world, proposals)
-    assert StrictAtOnce(STRICT)(world, proposals).tolist() == alone.tolist()
-    assert len(set(alone.tolist())) > 1
+    at_once, alone, mover = StrictAtOnce(STRICT), one_by_one(named_check(STRICT)), Mover(STRICT)
+    for order in orders(rng.normal(size=(60, genes(family))), family, STRICT):
+        proposals = rng.integers(0, 12, 60)
+        executed = at_once(world, proposals)
+        assert executed.tolist() == alone(world, proposals).tolist()
+        changing += int((world.target != NONE).sum())
+        aside += int((world.lateral_m_s[:, 1:] != 0).sum())
+        mover.decision(world, executed, order)
+    assert changing > 0
+    assert aside > 0
 
 
 def test_the_random_driver_hits_nothing_under_strict_in_sumo() -> None:
