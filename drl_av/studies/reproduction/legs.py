@@ -34,7 +34,7 @@ class Leg(NamedTuple):
 
     @property
     def clock(self) -> Path:
-        """CSV file beside the folder: the wall time of the episodes up to each evaluation."""
+        """CSV file beside the folder: the wall time of the episodes up to each checkpoint."""
         return self.folder.with_suffix(".seconds.csv")
 
 
@@ -66,13 +66,16 @@ def drive_leg(leg: Leg) -> None:
         if training.episodes_done >= leg.stop:
             return
         begun_s = time.monotonic()
-        for progress in train(run, training):
-            if progress.evaluation:
-                now_s = time.monotonic()
-                _note(leg.clock, training.episodes_done, now_s - begun_s)
-                begun_s = now_s
-            if training.episodes_done >= leg.stop:
+        for _ in train(run, training):
+            done = training.episodes_done
+            stops = done >= leg.stop
+            if stops:
                 run.save(training)
+            if stops or done % leg.config.learning.checkpoint_every == 0:
+                now_s = time.monotonic()
+                _note(leg.clock, done, now_s - begun_s)
+                begun_s = now_s
+            if stops:
                 return
 
 

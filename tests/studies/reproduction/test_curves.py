@@ -12,6 +12,8 @@ import pytest
 
 from drl_av.config import Config
 from drl_av.errors import DrlAvError, RunError
+from drl_av.learning.training import EpisodeRow, Training
+from drl_av.studies.reproduction import legs
 from drl_av.studies.reproduction import trainings as module
 from drl_av.studies.reproduction.curves import curves
 from drl_av.studies.reproduction.legs import Leg, blocks_of, drive_leg, evaluations_of, wall_time_s
@@ -222,7 +224,29 @@ def test_blocks_are_means_of_as_many_episodes_and_the_last_of_what_is_left(tmp_p
     assert [row["training_safety_triggers"] for row in odd] == ["3", "8", "20.5"]
 
 
-def test_wall_time_counts_each_episode_once(tmp_path: Path) -> None:
+def test_the_clock_of_a_training_that_was_killed_and_stopped_has_each_episode_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leg = Leg("paper", 0, 3, TINY, tmp_path / "paper-0", 3)
+    now_s, drive = [0.0], Training.run_episode
+
+    def ten_seconds(training: Training) -> EpisodeRow:
+        now_s[0] += 10.0
+        if now_s == [60.0]:  # in episode 6; the last checkpoint is of episode 4
+            raise KeyboardInterrupt
+        return drive(training)
+
+    monkeypatch.setattr(Training, "run_episode", ten_seconds)
+    monkeypatch.setattr(legs.time, "monotonic", lambda: now_s[0])
+    drive_leg(leg)
+    assert leg.clock.read_text() == "2,20.0\n3,10.0\n"
+    with pytest.raises(KeyboardInterrupt):
+        drive_leg(leg._replace(stop=7))
+    drive_leg(leg._replace(stop=7))
+    assert wall_time_s(leg.clock) == 70.0
+
+
+def test_wall_time_counts_each_interval_once(tmp_path: Path) -> None:
     clock = tmp_path / "paper-0.seconds.csv"
     assert wall_time_s(clock) is None
     clock.write_text("100,5.0\n200,6.0\n100,4.0\n200,7.5\n")
