@@ -1,16 +1,17 @@
 """The preset ``fast`` on several seeds, beside the driver of the paper's whole schedule (ours)."""
 
-from collections.abc import Generator, Sequence
+from collections import Counter
+from collections.abc import Generator
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
+from typing import NamedTuple
 
 from drl_av.config import Config
-from drl_av.episode import EpisodeResult
 from drl_av.presets import preset
 from drl_av.studies import DENSITIES
 from drl_av.studies.drivers import choose, policy_file
-from drl_av.studies.evaluation import Evaluation, Mean, mean_with_interval
+from drl_av.studies.evaluation import Evaluation
 from drl_av.studies.files import require_writable
 from drl_av.studies.reproduction.curves import variant_config
 from drl_av.studies.reproduction.engines import ENGINES
@@ -23,16 +24,23 @@ from drl_av.studies.reproduction.provenance import (
     write_sidecar,
 )
 from drl_av.studies.reproduction.scale import Progress, Scale
-from drl_av.studies.reproduction.tables import Row, intact, write_rows
+from drl_av.studies.reproduction.tables import Row, intact, read_rows, write_rows
 
 TABLE = "fast.csv"
 
 
-def fast(scale: Scale) -> Generator[Progress, None, None]:
-    """Train both, drive them all through the same traffic, and write ``fast.csv``.
+class Cell(NamedTuple):
+    """Episodes of one training's driver at one density."""
 
-    The long training is that of the learning curves, seed 0, and goes on from there. Nothing is
-    driven where the table is there, made of the same policies on as many episodes.
+    training: str
+    vehicles: str
+
+
+def fast(scale: Scale) -> Generator[Progress, None, None]:
+    """Train both, drive all through the same traffic, and keep ``fast.csv`` up to date.
+
+    The long training is that of the learning curves, seed 0, and goes on from there. What the
+    table holds already, made with the same settings, is neither trained nor driven again.
 
     Raises:
         DrlAvError: as ``Evaluation``; the trainings' folders hold others; or the disk refuses.
@@ -43,35 +51,55 @@ def fast(scale: Scale) -> Generator[Progress, None, None]:
     table = scale.out / TABLE
     require_writable(table, sidecar(table))
     legs = _legs(scale)
+    settings = {leg.folder.name: asdict(leg.config) for leg in legs}
+    with intact(table):
+        facts, rows = read_sidecar(table), read_rows(table)
+        made = facts["settings"] if rows else {}
+        rows = [row for row in rows if made[row["training"]] == settings.get(row["training"])]
+        known = facts["policies_sha256"] if rows else {}
+    cells = [Cell(leg.folder.name, str(n)) for leg in legs for n in DENSITIES]
+    held = Counter(map(_cell, rows))
+    if all(held[cell] >= scale.drives for cell in cells):
+        return
     total = sum(leg.stop for leg in legs)
     with closing(ENGINES[scale.engine](drive_leg, legs, scale.jobs)) as engine:
         for _ in engine:
             yield Progress(sum(episodes_driven(leg.folder) for leg in legs), total, "training")
-    config = legs[0].config
-    seeds = f"0 to {scale.drives - 1}"
     policies = {leg.folder.name: checksum(policy_file(leg.folder)) for leg in legs}
-    with intact(table):
-        facts = read_sidecar(table)
-        if (facts.get("policies_sha256"), facts.get("seeds")) == (policies, seeds):
-            return
-    choices = choose(str(leg.folder) for leg in legs)
-    evaluation = Evaluation(config, choices, DENSITIES, range(scale.drives))
-    results: list[EpisodeResult] = []
-    with closing(evaluation.rows(scale.jobs)) as found:
-        for result in found:
-            results.append(result)
-            yield Progress(len(results), len(evaluation), "driving")
-    own = [[r for r in results if r.driver == choice.name] for choice in choices]
-    rows = [summary(leg, driven, own[0]) for leg, driven in zip(legs, own, strict=True)]
-    write_rows(table, rows)
-    made = provenance(
-        config,
-        processes=scale.jobs,
-        seeds=seeds,
-        policies_sha256=policies,
-        settings=asdict(config),
-    )
-    write_sidecar(table, made)
+    rows = [row for row in rows if known[row["training"]] == policies[row["training"]]]
+    held = Counter(map(_cell, rows))
+    origin = {
+        "seeds": f"0 to {scale.drives - 1}",
+        "wall_time_s": {leg.folder.name: wall_time_s(leg.clock) for leg in legs},
+        "policies_sha256": policies,
+        "settings": settings,
+    }
+    folders = {leg.folder.name: leg.folder for leg in legs}
+    for done, cell in enumerate(cells):
+        if held[cell] >= scale.drives:
+            continue
+        choices = choose([str(folders[cell.training])])
+        seeds = range(scale.drives)
+        evaluation = Evaluation(legs[0].config, choices, [int(cell.vehicles)], seeds)
+        here: list[Row] = []
+        with closing(evaluation.rows(scale.jobs)) as found:
+            for result in found:
+                outcome = {
+                    "seed": str(result.seed),
+                    "mean_reward": repr(result.mean_reward),
+                    "mean_speed_m_s": repr(result.mean_speed_m_s),
+                    "ego_hit": str(result.ego_hit),
+                }
+                here.append({**cell._asdict(), **outcome})
+                driven = done * scale.drives + len(here)
+                yield Progress(driven, len(cells) * scale.drives, cell.training)
+        rows = [*(row for row in rows if _cell(row) != cell), *here]
+        write_rows(table, rows)
+        write_sidecar(table, provenance(legs[0].config, processes=scale.jobs, **origin))
+
+
+def _cell(row: Row) -> Cell:
+    return Cell(row["training"], row["vehicles"])
 
 
 def _legs(scale: Scale) -> list[Leg]:
@@ -88,29 +116,3 @@ def _leg(folder: Path, config: Config) -> Leg:
     learning, variant = config.learning, folder.name.partition("-")[0]
     episodes, every = learning.episodes, learning.evaluate_every
     return Leg(variant, learning.seed, episodes, config, folder, every)
-
-
-def summary(leg: Leg, driven: Sequence[EpisodeResult], long: Sequence[EpisodeResult]) -> Row:
-    """What a training took and what its driver does, paired with the long training's driver.
-
-    ``driven`` and ``long`` are of the same traffic in the same order.
-    """
-    seconds = wall_time_s(leg.clock)
-    row = {
-        "training": leg.variant,
-        "seed": str(leg.seed),
-        "episodes": str(leg.stop),
-        "wall_time_s": "" if seconds is None else f"{seconds:.1f}",
-        "drives": str(len(driven)),
-        "ego_hits": str(sum(result.ego_hit for result in driven)),
-    }
-    for name in ("mean_reward", "mean_speed_m_s"):
-        here = [getattr(result, name) for result in driven]
-        there = [getattr(result, name) for result in long]
-        gain = mean_with_interval(a - b for a, b in zip(here, there, strict=True))
-        row |= _cells(name, mean_with_interval(here)) | _cells(f"{name}_gain", gain)
-    return row
-
-
-def _cells(name: str, mean: Mean) -> Row:
-    return {name: f"{mean.value:.6g}", f"{name}_ci95": f"{mean.half_width:.6g}"}

@@ -8,7 +8,7 @@ from drl_av.config import Config, load_config
 
 MEANINGS = {
     "curves": "learning curves: with and without the check, two buffers and prioritized replay",
-    "fast": "the preset fast on every seed, beside the driver of the whole schedule",
+    "fast": "the preset fast on every seed, beside the driver of the whole schedule of 10000",
     "speeds": "mean speed against the number of vehicles, to where the drivers meet",
     "strict": "what the check strict costs the shipped driver, and each of its bounds",
     "adaptation": "safety triggers of the shipped driver with and without learning on",
