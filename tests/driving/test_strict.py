@@ -11,6 +11,7 @@ rolls 45 m. The ego at 20 m/s ``reaches``, by a decision of one second and braki
 and has to stay 0.5 m short of where the vehicle ahead comes to rest if that brakes now.
 """
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -41,6 +42,7 @@ from drl_av.driving.stopping import reach
 from drl_av.driving.strict import Strict
 from drl_av.errors import ConfigError
 from drl_av.studies.plain_world import NONE, ROAD, Mover, Orders, World, separation
+from drl_av.studies.reproduction.strictness import cells
 from drl_av.traffic.ring import Road
 
 CONFIG = Config().updated("safety", check="strict")
@@ -310,6 +312,36 @@ def test_a_lane_change_asked_for_too_close_to_the_vehicle_ahead_is_braked_and_tu
 def test_a_check_whose_ego_brakes_harder_than_the_others_is_no_check() -> None:
     with pytest.raises(ConfigError, match=r"must be at least ego\.hard_brake_m_s2"):
         named_check(CONFIG.updated("strict", braking_m_s2=3.9))
+
+
+@pytest.mark.parametrize(
+    ("section", "settings", "told"),
+    [
+        (
+            "traffic",
+            {"acceleration_max_m_s2": 2.1},
+            "most strict.acceleration_m_s2, 2, and not 2.1",
+        ),
+        ("ego", {"hard_brake_m_s2": 3.9}, "most ego.hard_brake_m_s2, 3.9, and not 4"),
+        ("ego", {"accelerate_m_s2": 2.5}, "takes the ego to accelerate at, 2, and not 2.5"),
+        ("strict", {"follower_braking_m_s2": 4.1}, "hardest braking, 4, and not 4.1"),
+        ("strict", {"lateral_speed_m_s": 0.7}, "most strict.lateral_speed_m_s, 0.7, and not 0.76"),
+        ("simulation", {"step_length_s": 1.0}, "most strict.follower_response_s, 0.5, and not 1"),
+    ],
+)
+def test_traffic_that_does_not_keep_to_the_bounds_is_refused(
+    section: str, settings: dict[str, float], told: str
+) -> None:
+    with pytest.raises(ConfigError, match=re.escape(told)):
+        named_check(CONFIG.updated(section, **settings))
+    named_check(CONFIG.updated(section, **settings).updated("safety", check="paper"))
+
+
+def test_bounds_and_traffic_may_be_moved_together() -> None:
+    quick = CONFIG.updated("traffic", acceleration_max_m_s2=3.0)
+    named_check(quick.updated("strict", acceleration_m_s2=3.0))
+    for cell in cells():
+        named_check(cell.config(CONFIG))
 
 
 def test_a_steered_lane_change_is_none_of_its_business() -> None:
