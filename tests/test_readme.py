@@ -45,14 +45,7 @@ def test_the_console_commands_work_one_after_the_other_in_an_empty_folder(tmp_pa
         if verb == "evaluate":
             options = [o for o in options if o not in ("--episodes", "20")]
         small = [] if verb == "train" and "--resume" in options else SMALL[verb]
-        done = subprocess.run(
-            [sys.executable, "-m", "drl_av", verb, *options, *small],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            timeout=120,
-        )
-        assert done.returncode == 0, f"{shlex.join(command)}: {done.stderr}"
+        run(tmp_path, "-m", "drl_av", verb, *options, *small)
     for made in ("my_loop/highway.sumocfg", "runs/first/policy.safetensors", "table.csv"):
         assert (tmp_path / made).exists()
     assert (tmp_path / "figures" / "mean_speed.png").exists()
@@ -61,12 +54,28 @@ def test_the_console_commands_work_one_after_the_other_in_an_empty_folder(tmp_pa
 
 
 def test_the_python_example_runs(tmp_path: Path) -> None:
-    (example,) = fenced("python")
+    done = run(tmp_path, "-c", fenced("python")[0])
+    assert done.stdout.startswith("none") or "lane" in done.stdout or "road" in done.stdout
+
+
+def test_roads_and_settings_of_ones_own(tmp_path: Path) -> None:
+    (settings,) = fenced("toml")
+    (tmp_path / "mine.toml").write_text(settings)
+    run(tmp_path, "-m", "drl_av", "scenario", "my_loop")
+    small = ["--preset", "fast", "--config", "mine.toml", "--episodes", "1"]
+    run(tmp_path, "-m", "drl_av", "train", "--out", "mine", *small)
+    assert 'lateral_plant = "steering"' in (tmp_path / "mine" / "config.toml").read_text()
+    run(tmp_path, "-c", fenced("python")[1])
+    short = ["--decisions", "2", "--video", "story.mp4"]
+    run(tmp_path, "-m", "drl_av", "replay", "--scenario", "my_story", *short)
+
+
+def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     done = subprocess.run(
-        [sys.executable, "-c", example], cwd=tmp_path, capture_output=True, text=True, timeout=60
+        [sys.executable, *arguments], cwd=folder, capture_output=True, text=True, timeout=120
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("none") or "lane" in done.stdout or "road" in done.stdout
+    return done
 
 
 def test_the_tables_are_those_of_the_committed_results() -> None:

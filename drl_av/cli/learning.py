@@ -60,7 +60,8 @@ def adapt(options: argparse.Namespace) -> int:
         if not options.resume:
             take_over(training, policy_file(choice.run))
             run.create(config, training)
-        return _carry_on("adapt", run, training, options.tensorboard, word)
+        rival = "idm" if options.resume and options.run is None else word
+        return _carry_on("adapt", run, training, options.tensorboard, rival)
 
 
 def _training_config(options: argparse.Namespace, run: "Run") -> Config:

@@ -63,7 +63,7 @@ _SECTIONS: dict[str, type[Section]] = {
 
 @dataclass(frozen=True)
 class Config:
-    """All settings of a run, one section a room; immutable, compared by value."""
+    """All settings of a run, in sections; immutable, compared by value."""
 
     simulation: SimulationConfig = SimulationConfig()
     traffic: TrafficConfig = TrafficConfig()
