@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drl_av.errors import CheckpointError
 
-FloatArray = NDArray[np.float32]
+Float32Array = NDArray[np.float32]
 State = dict[str, np.ndarray]
 
 
@@ -21,12 +21,12 @@ class Batch(NamedTuple):
     a prioritized buffer keeps the rows.
     """
 
-    s_t: FloatArray
+    s_t: Float32Array
     a_t: NDArray[np.int64]
-    r_tp1: FloatArray
-    discount: FloatArray
-    s_tp1: FloatArray
-    weights: FloatArray | None = None
+    r_tp1: Float32Array
+    discount: Float32Array
+    s_tp1: Float32Array
+    weights: Float32Array | None = None
     slots: NDArray[np.int64] | None = None
 
 
@@ -38,7 +38,7 @@ class Ring:
 
     def __init__(self, capacity: int, observation_size: int) -> None:
         self.observation_size = observation_size
-        self.rows: FloatArray = np.empty((capacity, 2 * observation_size + 3), np.float32)
+        self.rows: Float32Array = np.empty((capacity, 2 * observation_size + 3), np.float32)
         self.filled = 0
         self.next_slot = 0
 
@@ -46,7 +46,12 @@ class Ring:
         return self.filled
 
     def append(
-        self, s_t: FloatArray, a_t: int, r_tp1: float, discount: float, s_tp1: FloatArray | float
+        self,
+        s_t: Float32Array,
+        a_t: int,
+        r_tp1: float,
+        discount: float,
+        s_tp1: Float32Array | float,
     ) -> int:
         """Store a transition over the oldest one when full; returns its slot."""
         slot, n = self.next_slot, self.observation_size
@@ -58,9 +63,9 @@ class Ring:
         self.filled = max(self.filled, slot + 1)
         return slot
 
-    def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
+    def draw(self, count: int, rng: np.random.Generator) -> Float32Array:
         """``count`` of the stored rows, uniformly and with replacement."""
-        drawn: FloatArray = self.rows.take(rng.integers(0, self.filled, count), axis=0)
+        drawn: Float32Array = self.rows.take(rng.integers(0, self.filled, count), axis=0)
         return drawn
 
     def endings(self) -> int:
@@ -96,7 +101,7 @@ class Ring:
         self.rows[: self.filled] = rows
 
 
-def batch_of(rows: FloatArray, observation_size: int) -> Batch:
+def batch_of(rows: Float32Array, observation_size: int) -> Batch:
     """Rows of a ring, (rows, 2 n + 3), cut into the parts of a transition."""
     n = observation_size
     return Batch(
@@ -114,8 +119,8 @@ class Buffer(Protocol):
     def __len__(self) -> int: ...
     @property
     def collisions(self) -> int: ...
-    def add_safe(self, s_t: FloatArray, a_t: int, r_tp1: float, s_tp1: FloatArray) -> None: ...
-    def add_collision(self, s_t: FloatArray, a_t: int, r_col: float) -> None: ...
+    def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None: ...
+    def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None: ...
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch: ...
     def state(self) -> State: ...
     def restore(self, state: State) -> None: ...
@@ -124,7 +129,7 @@ class Buffer(Protocol):
         """Nothing changes over the training, ``progress`` from 0 to 1, unless a buffer says so."""
         return None
 
-    def learned_from(self, batch: Batch, td_errors: FloatArray) -> None:
+    def learned_from(self, batch: Batch, td_errors: Float32Array) -> None:
         """Errors change nothing, unless a buffer says so; of a batch ``sample`` gave, (rows,)."""
         return None
 
@@ -153,11 +158,11 @@ class TwoBuffers(Buffer):
         """Rows of Buf_C."""
         return len(self.collision)
 
-    def add_safe(self, s_t: FloatArray, a_t: int, r_tp1: float, s_tp1: FloatArray) -> None:
+    def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
         """Algorithm 1, line 11: (s_t, a_t, s_tp1, r_tp1) into Buf_S."""
         self.safe.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
-    def add_collision(self, s_t: FloatArray, a_t: int, r_col: float) -> None:
+    def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
         """Algorithm 1, lines 6 and 9: (s_t, a_t, *, r_col) into Buf_C."""
         self.collision.append(s_t, a_t, r_col, 0.0, 0.0)
 
@@ -210,11 +215,11 @@ class UniformBuffer(Buffer):
         """Stored rows of discount 0."""
         return self.ring.endings()
 
-    def add_safe(self, s_t: FloatArray, a_t: int, r_tp1: float, s_tp1: FloatArray) -> None:
+    def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
         """Store (s_t, a_t, s_tp1, r_tp1) with discount gamma."""
         self.ring.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
-    def add_collision(self, s_t: FloatArray, a_t: int, r_col: float) -> None:
+    def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
         """Store (s_t, a_t, *, r_col) with discount 0."""
         self.ring.append(s_t, a_t, r_col, 0.0, 0.0)
 

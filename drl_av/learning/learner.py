@@ -12,23 +12,26 @@ from torch import Tensor
 from torch.optim.adam import adam
 
 from drl_av.errors import CheckpointError
-from drl_av.learning.buffers import Batch, FloatArray, State
+from drl_av.learning.buffers import Batch, Float32Array, State
 from drl_av.learning.qnetwork import LEAK, Layers, QNetwork
 
 
 def double_q_target(
-    r_tp1: FloatArray, discount: FloatArray, q_next_online: FloatArray, q_next_target: FloatArray
-) -> FloatArray:
+    r_tp1: Float32Array,
+    discount: Float32Array,
+    q_next_online: Float32Array,
+    q_next_target: Float32Array,
+) -> Float32Array:
     """r + discount * Q^(s', argmax_a Q(s', a)): the online network selects, the target values.
 
     Algorithm 1, line 14, sample from Buf_S. Shapes: (rows,), (rows,), and twice (rows, actions).
     """
     a_next = q_next_online.argmax(axis=1)
-    target: FloatArray = r_tp1 + discount * q_next_target[np.arange(len(a_next)), a_next]
+    target: Float32Array = r_tp1 + discount * q_next_target[np.arange(len(a_next)), a_next]
     return target
 
 
-def td_error(target: FloatArray, q_t: FloatArray, a_t: NDArray[np.int64]) -> FloatArray:
+def td_error(target: Float32Array, q_t: Float32Array, a_t: NDArray[np.int64]) -> Float32Array:
     """y - Q(s, a): how far the target lies above the value, (rows,).
 
     Algorithm 1, line 15. Shapes: (rows,), (rows, actions), (rows,).
@@ -36,7 +39,7 @@ def td_error(target: FloatArray, q_t: FloatArray, a_t: NDArray[np.int64]) -> Flo
     return target - q_t[np.arange(len(a_t)), a_t]
 
 
-def q_gradient(weighted_td: FloatArray, a_t: NDArray[np.int64], action_size: int) -> FloatArray:
+def q_gradient(weighted_td: Float32Array, a_t: NDArray[np.int64], action_size: int) -> Float32Array:
     """The derivative of mean (y - Q(s, a))^2 by every Q(s, .): zero but at the action taken.
 
     Algorithm 1, line 15. Shapes: (rows,), (rows,); returns (rows, action_size).
@@ -46,7 +49,7 @@ def q_gradient(weighted_td: FloatArray, a_t: NDArray[np.int64], action_size: int
     return gradient
 
 
-def forward(layers: Layers, s: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+def forward(layers: Layers, s: Float32Array) -> tuple[list[Float32Array], Float32Array]:
     """What enters each layer, (rows, inputs) each, and Q(s, .), (rows, actions)."""
     entered = [s]
     for weight, bias in layers[:-1]:
@@ -54,12 +57,14 @@ def forward(layers: Layers, s: FloatArray) -> tuple[list[FloatArray], FloatArray
         z += bias
         entered.append(np.maximum(z, z * LEAK, out=z))
     weight, bias = layers[-1]
-    q: FloatArray = entered[-1] @ weight.T
+    q: Float32Array = entered[-1] @ weight.T
     q += bias
     return entered, q
 
 
-def backward(layers: Layers, entered: list[FloatArray], dq: FloatArray, gradients: Layers) -> None:
+def backward(
+    layers: Layers, entered: list[Float32Array], dq: Float32Array, gradients: Layers
+) -> None:
     """Write the gradient of every weight and bias into ``gradients``, by the chain rule.
 
     Shapes: ``entered`` as from ``forward``, ``dq`` (rows, actions).
@@ -86,7 +91,7 @@ class Learner:
         torch.set_num_threads(1)
         self.network = network
         self.learning_rate = learning_rate
-        self.td_errors: FloatArray = np.zeros(0, np.float32)
+        self.td_errors: Float32Array = np.zeros(0, np.float32)
         self._online = network.flat.detach()
         self._target = self._online.clone()
         self._gradient = torch.zeros_like(self._online)

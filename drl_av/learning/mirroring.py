@@ -1,12 +1,12 @@
 """Learning from the road as a mirror shows it: left and right swapped."""
 
 from drl_av.driving.mirror import Mirror
-from drl_av.learning.buffers import Batch, FloatArray
+from drl_av.learning.buffers import Batch, Float32Array
 
 
-def mirrored_observations(s: FloatArray, mirror: Mirror) -> FloatArray:
+def mirrored_observations(s: Float32Array, mirror: Mirror) -> Float32Array:
     """s[..., permutation] * sign, for scaled observations (rows, n) or (n,)."""
-    reflected: FloatArray = s.take(mirror.observation_permutation, axis=-1)
+    reflected: Float32Array = s.take(mirror.observation_permutation, axis=-1)
     reflected *= mirror.observation_sign
     return reflected
 

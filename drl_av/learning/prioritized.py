@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drl_av.errors import CheckpointError
-from drl_av.learning.buffers import Batch, Buffer, FloatArray, Ring, State, batch_of
+from drl_av.learning.buffers import Batch, Buffer, Float32Array, Ring, State, batch_of
 
 Numbers = NDArray[np.float64]
 Slots = NDArray[np.int64]
@@ -15,7 +15,7 @@ Slots = NDArray[np.int64]
 BLOCK = 64
 
 
-def importance_weights(probability: Numbers, count: int, exponent: float) -> FloatArray:
+def importance_weights(probability: Numbers, count: int, exponent: float) -> Float32Array:
     """(N P(i))^-beta, divided by the greatest of them.
 
     Schaul 2015, sec. 3.4. Shapes: (rows,), returns (rows,); ``count`` is N.
@@ -104,11 +104,11 @@ class PrioritizedBuffer(Buffer):
         """Stored rows of discount 0."""
         return self.ring.endings()
 
-    def add_safe(self, s_t: FloatArray, a_t: int, r_tp1: float, s_tp1: FloatArray) -> None:
+    def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
         """Store (s_t, a_t, s_tp1, r_tp1) with discount gamma."""
         self._new(self.ring.append(s_t, a_t, r_tp1, self.discount, s_tp1))
 
-    def add_collision(self, s_t: FloatArray, a_t: int, r_col: float) -> None:
+    def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
         """Store (s_t, a_t, *, r_col) with discount 0."""
         self._new(self.ring.append(s_t, a_t, r_col, 0.0, 0.0))
 
@@ -133,7 +133,7 @@ class PrioritizedBuffer(Buffer):
         start = self.importance_exponent_start
         self.importance_exponent = start + (1.0 - start) * progress
 
-    def learned_from(self, batch: Batch, td_errors: FloatArray) -> None:
+    def learned_from(self, batch: Batch, td_errors: Float32Array) -> None:
         """Give the rows of a batch the priority that their errors before learning earn."""
         assert batch.slots is not None
         p = np.abs(td_errors, dtype=np.float64) + self.priority_floor

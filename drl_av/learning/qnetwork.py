@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
-FloatArray = NDArray[np.float32]
-Layers = list[tuple[FloatArray, FloatArray]]
+from drl_av.learning.buffers import Float32Array
+
+Layers = list[tuple[Float32Array, Float32Array]]
 
 LEAK = 0.01
 _LEAK = np.float32(LEAK)
@@ -47,7 +47,7 @@ class QNetwork(nn.Module):
         """Copies and pickles keep the parameters views of their own vector."""
         return _rebuilt, (self.sizes, self.flat.numpy())
 
-    def split(self, flat: FloatArray) -> Layers:
+    def split(self, flat: Float32Array) -> Layers:
         """Views of a vector as long as ``flat``: (outputs, inputs) weight, (outputs,) bias."""
         layers, start = [], 0
         for inputs, outputs in zip(self.sizes[:-1], self.sizes[1:], strict=True):
@@ -57,7 +57,10 @@ class QNetwork(nn.Module):
         return layers
 
     def forward(self, s: Tensor) -> Tensor:
-        """Q(s, .): (rows, observation_size) -> (rows, action_size)."""
+        """Q(s, .): (rows, observation_size) -> (rows, action_size).
+
+        For whoever uses the network in torch; training and driving do the same in numpy.
+        """
         *hidden, last = self.layers
         for layer in hidden:
             s = nn.functional.leaky_relu(layer(s), LEAK)
@@ -65,7 +68,7 @@ class QNetwork(nn.Module):
         return values
 
 
-def _rebuilt(sizes: tuple[int, ...], flat: FloatArray) -> QNetwork:
+def _rebuilt(sizes: tuple[int, ...], flat: Float32Array) -> QNetwork:
     network = QNetwork(np.random.default_rng(0), sizes[0], sizes[-1], sizes[1:-1])
     network.flat.copy_(torch.from_numpy(flat))
     return network
@@ -82,17 +85,17 @@ class GreedyPolicy:
         views = network.split(network.flat.numpy())
         self._hidden, self._last = views[:-1], views[-1]
 
-    def values(self, s_t: FloatArray) -> FloatArray:
+    def values(self, s_t: Float32Array) -> Float32Array:
         """Q(s_t, .): (observation_size,) -> (action_size,)."""
         for weight, bias in self._hidden:
             s_t = weight.dot(s_t)
             s_t += bias
             np.maximum(s_t, s_t * _LEAK, out=s_t)
         weight, bias = self._last
-        values: FloatArray = weight.dot(s_t)
+        values: Float32Array = weight.dot(s_t)
         values += bias
         return values
 
-    def __call__(self, s_t: FloatArray) -> int:
+    def __call__(self, s_t: Float32Array) -> int:
         """The action of the greatest value; the first of several equal ones."""
         return int(self.values(s_t).argmax())
