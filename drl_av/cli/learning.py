@@ -3,19 +3,80 @@
 import argparse
 import sys
 from contextlib import closing
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drl_av.cli.options import overridden
-from drl_av.config import Config
+from drl_av.cli.arguments import whole
+from drl_av.cli.settings import driving, overridden
+from drl_av.cli.status import INTERRUPTED
+from drl_av.config import REPLAYS, Config
 from drl_av.errors import ConfigError, RunError, SimulationError
-from drl_av.presets import adaptation, preset
+from drl_av.presets import PRESETS, adaptation, preset
 
 if TYPE_CHECKING:
     from drl_av.learning.run import Run
     from drl_av.learning.training import Training
     from drl_av.studies.drivers import Choice
 
-INTERRUPTED = 130
+
+def add_train_options(parser: argparse.ArgumentParser) -> None:
+    """What can be said to ``train``."""
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="RUN", help="the run's folder; must be new"
+    )
+    parser.add_argument(
+        "--preset", metavar="NAME", help=f"one of: {', '.join(PRESETS)} (default: paper)"
+    )
+    numbers = ", ".join(f"{name} {found.learning.episodes}" for name, found in PRESETS.items())
+    parser.add_argument(
+        "--episodes",
+        type=whole(1),
+        metavar="N",
+        help=f"of at most 200 s each (default: the preset's, {numbers})",
+    )
+    parser.add_argument(
+        "--seed", type=whole(0), metavar="S", help="of all that is random (default: the preset's)"
+    )
+    parser.add_argument(
+        "--replay", metavar="KIND", help=f"one of: {', '.join(REPLAYS)} (default: the preset's)"
+    )
+    driving(parser, "the preset's")
+    parser.add_argument("--resume", action="store_true", help="go on where the run was stopped")
+    parser.add_argument(
+        "--tensorboard", action="store_true", help="also write TensorBoard events into the run"
+    )
+
+
+def add_adapt_options(parser: argparse.ArgumentParser) -> None:
+    """What can be said to ``adapt``."""
+    parser.add_argument(
+        "run",
+        nargs="?",
+        metavar="RUN",
+        help="folder of the run to begin from (default: the driver that ships)",
+    )
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="RUN2", help="the new run's folder; must be new"
+    )
+    parser.add_argument(
+        "--episodes", type=whole(1), metavar="N", help="of at most 200 s each (default: 30000)"
+    )
+    parser.add_argument(
+        "--learning-rate",
+        type=float,
+        metavar="X",
+        help="Adam's step size; 0 learns nothing, on the same traffic (default: 1e-05)",
+    )
+    parser.add_argument(
+        "--seed", type=whole(0), metavar="S", help="of all that is random (default: the RUN's)"
+    )
+    driving(parser, "the RUN's")
+    parser.add_argument(
+        "--resume", action="store_true", help="go on where RUN2 was stopped; needs no RUN"
+    )
+    parser.add_argument(
+        "--tensorboard", action="store_true", help="also write TensorBoard events into RUN2"
+    )
 
 
 def train(options: argparse.Namespace) -> int:

@@ -195,7 +195,7 @@ ABORTED = """
 import os, sys
 from drl_av import cli
 from drl_av.studies import evaluation
-cli.SAVE_EVERY_S, drive, driven = 0.0, evaluation.drive, iter(range(9))
+cli.evaluate.SAVE_EVERY_S, drive, driven = 0.0, evaluation.drive, iter(range(9))
 
 def aborting(*arguments):
     if next(driven) == 3:

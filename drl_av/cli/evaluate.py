@@ -1,0 +1,87 @@
+"""The verb ``evaluate``: drivers compared on the same seeded traffic."""
+
+import argparse
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+from drl_av.cli.arguments import whole
+from drl_av.cli.settings import driving, overridden
+from drl_av.cli.status import INTERRUPTED
+from drl_av.studies import DENSITIES
+
+SAVE_EVERY_S = 5.0
+"""What an evaluation may lose where its process dies; SUMO can take it along."""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """What can be said to it."""
+    parser.add_argument(
+        "runs", nargs="*", metavar="RUN", help="runs' folders (default: the driver that ships)"
+    )
+    parser.add_argument(
+        "--driver",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="also these: idm, idm-mobil, idm-sumo, random, pretrained (which ships), or RUNs",
+    )
+    parser.add_argument(
+        "--vehicles",
+        nargs="+",
+        type=whole(0),
+        metavar="N",
+        help=f"numbers of vehicles around the ego (default: {' '.join(map(str, DENSITIES))})",
+    )
+    parser.add_argument(
+        "--episodes", type=whole(1), default=50, metavar="N", help="for each number of vehicles"
+    )
+    parser.add_argument(
+        "--seed",
+        type=whole(0),
+        default=0,
+        metavar="S",
+        help="of the first episode's traffic, below 1000000",
+    )
+    parser.add_argument("--jobs", type=whole(1), default=1, metavar="N", help="processes")
+    parser.add_argument("--out", type=Path, metavar="FILE.csv", help="write a row an episode")
+    parser.add_argument("--json", type=Path, metavar="FILE.json", help="write the summary")
+    driving(parser, "the first RUN's")
+
+
+def evaluate(options: argparse.Namespace) -> int:
+    """Drive, keep the rows, and print what they come to."""
+    from drl_av.cli.console import print_summaries, progress_bar
+    from drl_av.studies.drivers import choose, config_of
+    from drl_av.studies.evaluation import Evaluation, summarize, write_rows, write_summaries
+    from drl_av.studies.files import require_writable
+
+    require_writable(options.out, options.json)
+    choices = choose([*options.runs, *options.driver] or ["pretrained"])
+    config = overridden(config_of(choices), options)
+    seeds = range(options.seed, options.seed + options.episodes)
+    evaluation = Evaluation(config, choices, tuple(options.vehicles or ()), seeds)
+    rows, status, saved_s = [], 0, time.monotonic()
+    try:
+        with (
+            progress_bar("evaluating", len(evaluation)) as bar,
+            closing(evaluation.rows(options.jobs)) as found,
+        ):
+            for row in found:
+                rows.append(row)
+                bar.advance(f"{row.driver}, {row.vehicles} vehicles", row.decisions)
+                if options.out and time.monotonic() - saved_s > SAVE_EVERY_S:
+                    write_rows(options.out, rows)
+                    saved_s = time.monotonic()
+    except KeyboardInterrupt:
+        status = INTERRUPTED
+        print(f"drl-av: interrupted after {len(rows)} episodes.", file=sys.stderr)
+    finally:
+        if rows and options.out:
+            write_rows(options.out, rows)
+    if rows and options.json:
+        write_summaries(options.json, summarize(rows))
+    if rows:
+        print_summaries(summarize(rows))
+    return status

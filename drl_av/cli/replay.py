@@ -1,0 +1,88 @@
+"""The verb ``replay``: a driver in sumo-gui or on film, or a recorded episode again."""
+
+import argparse
+from pathlib import Path
+
+from drl_av.cli.arguments import rate, whole
+from drl_av.cli.settings import driving, overridden
+from drl_av.errors import RecordingError
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """What can be said to it."""
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        "source",
+        nargs="?",
+        metavar="RUN | RECORDING",
+        help="a run's folder, or what --record kept (default: the driver that ships)",
+    )
+    which.add_argument(
+        "--driver", metavar="NAME", help="idm, idm-mobil, idm-sumo, random or pretrained"
+    )
+    parser.add_argument("--seed", type=whole(0), metavar="S", help="of the traffic (default: 0)")
+    parser.add_argument(
+        "--vehicles", type=whole(0), metavar="N", help="vehicles around the ego (default: 15)"
+    )
+    parser.add_argument(
+        "--decisions",
+        type=whole(1),
+        metavar="N",
+        help="at most so many, one a second (default: the RUN's, 200)",
+    )
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--gui", action="store_true", help="in sumo-gui (default)")
+    how.add_argument("--video", type=Path, metavar="FILE.mp4", help="as .mp4 or .gif, no screen")
+    parser.add_argument("--rate", type=rate, default=2.0, metavar="X", help="times real time")
+    parser.add_argument("--record", type=Path, metavar="FILE.npz", help="keep the episode")
+    driving(parser, "the RUN's")
+
+
+def replay(options: argparse.Namespace) -> int:
+    """Drive one episode before somebody's eyes."""
+    from drl_av.studies.drivers import build, choose, config_of
+    from drl_av.studies.files import require_writable
+    from drl_av.studies.replay import Film, Pacer, Ride, load_recording, ride_again
+    from drl_av.video import require_film
+
+    require_writable(options.record, options.video)
+    if options.video:
+        require_film(options.video, options.rate)
+    given = (options.source, options.driver, "pretrained")
+    source = next(word for word in given if word is not None)
+    if Path(source).is_file() and Path(source).suffix != ".safetensors":
+        _refuse_settings(options)
+        ride = ride_again(load_recording(Path(source)))
+    else:
+        choices = choose([source])
+        config = overridden(config_of(choices), options)
+        if options.decisions:
+            config = config.updated("simulation", decisions_per_episode=options.decisions)
+        [(name, driver)] = build(choices, config).items()
+        ride = Ride(config, driver, name, options.seed or 0, options.vehicles)
+    film = Film(ride.name)
+    if options.video:
+        recording, result = ride.drive("rgb_array", film)
+        print(f"{options.video}: {film.write(options.video, rate=options.rate)} frames")
+    else:
+        recording, result = ride.drive("human", Pacer(options.rate))
+    if options.record:
+        recording.save(options.record)
+        print(f"{options.record}: recorded")
+    print(
+        f"{ride.name}, {result.vehicles} vehicles, seed {result.seed}: "
+        f"{'exactly as recorded, ' if ride.recording else ''}{result.decisions} decisions, "
+        f"{result.mean_speed_m_s:.2f} m/s, reward {result.mean_reward:.3f}, "
+        f"{result.safety_triggers} safety triggers, {result.collision or 'no collision'}"
+    )
+    return 0
+
+
+def _refuse_settings(options: argparse.Namespace) -> None:
+    names = ("seed", "vehicles", "decisions", "scenario", "safety_check", "config")
+    given = [name for name in names if getattr(options, name) is not None]
+    if given:
+        raise RecordingError(
+            f"--{given[0].replace('_', '-')} cannot be changed in {options.source}: "
+            "a recording is replayed as it was recorded."
+        )

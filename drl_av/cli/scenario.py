@@ -1,0 +1,41 @@
+"""The verb ``scenario``: a road of one's own, for SUMO too."""
+
+import argparse
+from pathlib import Path
+
+from drl_av.cli.arguments import whole
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """What can be said to it."""
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder to write; must be new")
+    parser.add_argument(
+        "--circumference-m", type=float, default=500.0, metavar="M", help="every lane's, in metres"
+    )
+    parser.add_argument("--lanes", type=whole(1), default=3, metavar="N", help="number of lanes")
+    parser.add_argument(
+        "--lane-width-m", type=float, default=3.8, metavar="M", help="every lane's, in metres"
+    )
+    parser.add_argument(
+        "--barricade",
+        type=whole(0),
+        nargs="+",
+        default=(),
+        metavar="LANE",
+        help="lanes to close, 0 the rightmost (default: none)",
+    )
+
+
+def scenario(options: argparse.Namespace) -> int:
+    """Write the folder, and say how to open it."""
+    from drl_av.traffic.scenario import ScenarioDescription, write_scenario
+
+    description = ScenarioDescription(
+        circumference_m=options.circumference_m,
+        lanes=options.lanes,
+        lane_width_m=options.lane_width_m,
+        barricaded_lanes=tuple(options.barricade),
+    )
+    write_scenario(options.folder, description)
+    print(f"{options.folder}: open it with sumo-gui -c {options.folder / 'highway.sumocfg'}")
+    return 0

@@ -1,0 +1,36 @@
+"""Options of every verb that drives, and the config that they come to."""
+
+import argparse
+from pathlib import Path
+
+from drl_av.config import SAFETY_CHECKS, Config, load_config
+
+
+def driving(parser: argparse.ArgumentParser, whose: str) -> None:
+    """Where, under which check, and with which settings; ``whose`` are the defaults."""
+    parser.add_argument(
+        "--scenario",
+        metavar="DIR",
+        help=f"scenario folder, or the name of a shipped one (default: {whose})",
+    )
+    parser.add_argument(
+        "--safety-check",
+        metavar="NAME",
+        help=f"one of: {', '.join(SAFETY_CHECKS)} (default: {whose})",
+    )
+    parser.add_argument(
+        "--config", metavar="FILE.toml", help=f"settings as TOML, laid over {whose}"
+    )
+
+
+def overridden(config: Config, options: argparse.Namespace) -> Config:
+    """Lay what the command line says over a config."""
+    config = load_config(options.config, config)
+    if options.scenario is not None:
+        config = config.updated("simulation", scenario=options.scenario)
+    if options.safety_check is not None:
+        config = config.updated("safety", check=options.safety_check)
+    folder = Path(config.simulation.scenario)
+    if folder.is_dir():
+        config = config.updated("simulation", scenario=str(folder.absolute()))
+    return config
