@@ -1,11 +1,14 @@
 """The adversary that looks for a way round a check, and finds one round the paper's only."""
 
 import warnings
+from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drl_av.config import Config
+from drl_av.driving.actions import Longitudinal
 from drl_av.driving.checks import named_check
 from drl_av.driving.drivers.rules import RandomDriver
 from drl_av.driving.stopping import stopping_distance
@@ -14,6 +17,7 @@ from drl_av.episode import drive
 from drl_av.studies.falsification import FAMILIES, PLACED, genes, orders, play, scripted, search
 from drl_av.studies.plain_world import NONE, Mover, one_by_one
 from drl_av.studies.strict_at_once import StrictAtOnce
+from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
 
 STRICT = Config().updated("safety", check="strict")
 
@@ -63,3 +67,19 @@ def test_the_random_driver_hits_nothing_under_strict_in_sumo() -> None:
     env.close()
     assert not any(result.ego_hit for result in results)
     assert sum(result.safety_triggers for result in results) > 20
+
+
+def test_on_a_short_loop_the_ego_stops_for_one_that_is_nearer_behind_than_ahead(
+    tmp_path: Path,
+) -> None:
+    # 111 m of road to it, of which braking hard from 30 m/s takes 105; 79 m the other way round
+    ego = PlacedVehicle("ego", 1, 10.0, 30.0, 30.0)
+    standing = PlacedVehicle("standing", 1, 126.0, 0.0, 0.1)
+    write_scenario(tmp_path / "loop", ScenarioDescription(200.0, vehicles=(ego, standing)))
+    config = STRICT.updated("simulation", scenario=str(tmp_path / "loop"))
+    with closing(HighwayEnv(config=config)) as env:
+        env.reset(seed=1)
+        for _ in range(40):
+            *_, info = env.step(Longitudinal.ACCELERATE)
+            assert info["collision"] is None
+        assert info["speed_m_s"] == 0.0
