@@ -232,15 +232,15 @@ class Simulation:
         return best[1], float(front_m - best[0])
 
     def _step(self, command: Command) -> Collision | None:
-        if not self.road.holds(command.y_m, float(self._width_m[EGO])):
-            return Collision(CollisionKind.HIT_EDGE, None)
         vehicle = self._sumo.vehicle
-        vehicle.setSpeed(EGO_ID, command.speed_m_s)
         sideways_m = 0.0
         if command.y_m != self._ego_y_m:
+            if not self.road.holds(command.y_m, float(self._width_m[EGO])):
+                return Collision(CollisionKind.HIT_EDGE, None)
             sideways_m = command.y_m - self._lateral_m(EGO_ID)
             vehicle.changeSublane(EGO_ID, sideways_m)
             self._ego_y_m = command.y_m
+        vehicle.setSpeed(EGO_ID, command.speed_m_s)
         self._sumo.simulationStep()
         self._ego_lateral_speed_m_s = sideways_m / self._config.simulation.step_length_s
         collision = None
