@@ -31,7 +31,7 @@ test: lint
 
 # The shipped driver, trained again (minutes).
 pretrained: setup
-	$(BIN)/drl-av train --preset fast --episodes 1000 --out runs/pretrained
+	$(BIN)/drl-av train --preset fast --episodes 2000 --out runs/pretrained
 	cd runs/pretrained && cp config.toml evaluations.csv policy.safetensors ../../drl_av/pretrained/
 
 # The level-1 driver of the traffic, trained again among level-0 drivers (minutes).

@@ -17,6 +17,7 @@ from drl_av.studies.strictness_figure import change
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "docs" / "results"
+MOST_VEHICLES = 30
 Row = dict[str, str]
 
 
@@ -28,6 +29,34 @@ def speed_table() -> str:
 def collision_table() -> str:
     """Episodes in which the ego hit something / was hit."""
     return pivot(read("evaluation.csv"), "driver", collisions)
+
+
+def driving_table() -> str:
+    """How the shipped driver drives, by density and over those up to the paper's 30 vehicles."""
+    driven = [row for row in read("evaluation.csv") if row["driver"] == "pretrained"]
+    densities = sorted({int(row["vehicles"]) for row in driven})
+    columns = [[r for r in driven if int(r["vehicles"]) == density] for density in densities]
+    columns.append([r for r in driven if int(r["vehicles"]) <= MOST_VEHICLES])
+
+    def line(name: str, value: Callable[[Row], float], digits: int) -> str:
+        means = (mean_with_interval(map(value, rows)).value for rows in columns)
+        return f"| {name} | " + " | ".join(f"{mean:.{digits}f}" for mean in means) + " |"
+
+    def share_nearer(row: Row) -> float:
+        return 100 * int(row["d_safe_violations"]) / int(row["decisions"])
+
+    lines = [
+        "| vehicles | " + " | ".join(map(str, densities)) + f" | up to {MOST_VEHICLES} |",
+        "|" + " --- |" * (len(columns) + 1),
+        line("reward a decision", lambda row: float(row["mean_reward"]), 3),
+        line("r_v", lambda row: float(row["mean_r_v"]), 3),
+        line("r_y", lambda row: float(row["mean_r_y"]), 3),
+        line("r_x", lambda row: float(row["mean_r_x"]), 3),
+        line("nearer than d_safe, %", share_nearer, 1),
+        line("lane changes", lambda row: float(row["lane_changes"]), 1),
+        line("taken back", lambda row: float(row["aborted_lane_changes"]), 1),
+    ]
+    return "\n".join(lines)
 
 
 def check_table() -> str:
@@ -153,7 +182,12 @@ def strict_table() -> str:
     return "\n".join([*lines, "| collisions | " + " | ".join(cells) + " |"])
 
 
-TABLES = {"speed": speed_table, "collisions": collision_table, "check": check_table}
+TABLES = {
+    "speed": speed_table,
+    "driving": driving_table,
+    "collisions": collision_table,
+    "check": check_table,
+}
 WITH_RESULTS = {
     "gain": ("paired.csv", gain_table),
     "convergence": ("convergence.csv", convergence_table),
