@@ -112,8 +112,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.road = loaded.road
         level_1 = load_level_1(self.road) if config.traffic.level_1_share else None
         self.traffic_drivers = TrafficDrivers(config, self.road, level_1)
-        self._scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
-        bounds = self._scale.bounds
+        self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
+        bounds = self.scale.bounds
         self.observation_space = gymnasium.spaces.Box(-bounds, bounds, dtype=np.float32)
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
         self._masked = action_mask
@@ -218,7 +218,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.indicators = seen.vector()
 
     def _observe(self) -> Observation:
-        return self._scale(self.indicators)
+        return self.scale(self.indicators)
 
     def _info(self) -> dict[str, Any]:
         info = {

@@ -51,6 +51,9 @@ class LearningConfig(Section):
     mirrored: bool = setting(
         False, "ours", "half of each minibatch seen in a mirror, left and right swapped"
     )
+    counterfactuals: int = setting(
+        0, "ours", "other actions a decision whose outcome is remembered too", low=0, high=12
+    )
     evaluate_every: int = setting(100, "Sec. IV-C", "episodes between evaluations", low=1)
     evaluation_episodes: int = setting(10, "ours", "episodes in an evaluation", low=1, high=10_000)
     checkpoint_every: int = setting(50, "ours", "episodes between checkpoints", low=1)

@@ -16,6 +16,7 @@ from drl_av.env import TRAINING_SEEDS, HighwayEnv
 from drl_av.episode import drive
 from drl_av.learning.buffers import State
 from drl_av.learning.checkpoint import rng_from_json, rng_to_json
+from drl_av.learning.counterfactuals import remember_others
 from drl_av.learning.experience import make_buffer
 from drl_av.learning.exploration import epsilon_greedy, linear_epsilon
 from drl_av.learning.learner import Learner
@@ -120,9 +121,12 @@ class Training:
         s_t, info = self._env.reset(seed=seed)
         rewards, speeds, losses, triggers, over = [], [], [], 0, False
         while not over:
+            before = self._env.scene
             a_t = epsilon_greedy(epsilon, len(ACTIONS), partial(self._greedy, s_t), self._rng)
             s_tp1, r_tp1, terminated, truncated, info = self._env.step(a_t)
             self._remember(s_t, a_t, r_tp1, s_tp1, terminated, info)
+            if self._config.counterfactuals and not terminated:
+                self._remember_others(before, s_t, a_t, info["executed_action"])
             losses += [self._learn() for _ in range(gradient_steps)]
             rewards.append(r_tp1)
             speeds.append(info["speed_m_s"])
@@ -216,6 +220,14 @@ class Training:
             self._buffer.add_collision(s_t, info["executed_action"], r_col)
         else:
             self._buffer.add_safe(s_t, info["executed_action"], r_tp1, s_tp1)
+
+    def _remember_others(
+        self, before: Scene, s_t: npt.NDArray[np.float32], a_t: int, executed: int
+    ) -> None:
+        """What some of the actions neither proposed nor executed would have led to."""
+        drawn = self._rng.choice(len(ACTIONS), self._config.counterfactuals, replace=False)
+        others = [ACTIONS[number] for number in drawn if number not in (a_t, executed)]
+        remember_others(self._buffer, self._env, before, s_t, ACTIONS[executed], others)
 
     def _learn(self) -> float:
         """Lines 13 to 15."""

@@ -38,6 +38,7 @@ class ScriptedEnv:
         self.seeds: list[int] = []
 
     simulation = SimpleNamespace(placed_vehicles=None)
+    scene = None
 
     def require_room(self) -> None:
         """There is room for any number of vehicles on the script."""

@@ -1,0 +1,73 @@
+"""What the ego would see now, had it decided otherwise (ours).
+
+Counterfactual data augmentation (Pitis, Creager and Garg, 2020): how each action moves the ego is
+known exactly, and within one decision the others hardly react to it, so theirs stays as it was.
+"""
+
+from typing import NamedTuple
+
+from drl_av.config import Config
+from drl_av.driving.actions import Action
+from drl_av.driving.affordances import Affordances, Neighbor
+from drl_av.driving.maneuver import Scene, plan
+from drl_av.traffic.ring import Road
+
+
+class Motion(NamedTuple):
+    """Where one decision takes the ego."""
+
+    distance_m: float
+    """Along the road, by semi-implicit Euler as in SUMO."""
+    speed_m_s: float
+    y_m: float
+    lateral_speed_m_s: float
+
+
+def motion(scene: Scene, action: Action, config: Config) -> Motion:
+    """How the ego moves in a scene if it carries out an action."""
+    commands, _ = plan(scene, action, config.ego, config.simulation)
+    distance_m = config.simulation.step_length_s * sum(command.speed_m_s for command in commands)
+    return Motion(distance_m, *commands[-1])
+
+
+def seen_after(other: Motion, made: Motion, seen: Affordances, road: Road) -> Affordances | None:
+    """The affordances after another motion than the one that was made, which led to ``seen``.
+
+    None where they are not known: in another lane the ego has other neighbours, a vehicle
+    alongside has no gap that could change, and one that would be alongside has no sign.
+    """
+    y_m = seen.ego_y_m + other.y_m - made.y_m
+    if road.lane_of(y_m) != seen.lane:
+        return None
+    further_m = other.distance_m - made.distance_m
+    faster_m_s = other.speed_m_s - made.speed_m_s
+    leftwards_m_s = other.lateral_speed_m_s - made.lateral_speed_m_s
+
+    neighbors: list[Neighbor | None] = []
+    for toward, neighbor in zip((-1, 1) * 3, seen[:6], strict=True):
+        if neighbor is None:
+            neighbors.append(None)
+            continue
+        gap_m = neighbor.gap_m + toward * further_m
+        if neighbor.gap_m == 0.0 or gap_m <= 0.0:
+            return None
+        moved = Neighbor(
+            neighbor.vehicle,
+            gap_m,
+            neighbor.relative_speed_m_s - faster_m_s,
+            neighbor.lateral_offset_m - (y_m - seen.ego_y_m),
+            neighbor.relative_lateral_speed_m_s - leftwards_m_s,
+        )
+        neighbors.append(moved if gap_m <= seen.range_m else None)
+    own_front, own_rear, right_front, right_rear, left_front, left_rear = neighbors
+    return seen._replace(
+        own_front=own_front,
+        own_rear=own_rear,
+        right_front=right_front,
+        right_rear=right_rear,
+        left_front=left_front,
+        left_rear=left_rear,
+        ego_speed_m_s=seen.ego_speed_m_s + faster_m_s,
+        ego_y_m=y_m,
+        ego_lateral_speed_m_s=seen.ego_lateral_speed_m_s + leftwards_m_s,
+    )

@@ -1,0 +1,37 @@
+"""Experience of the decisions that were not made, beside that of the one that was (ours)."""
+
+from collections.abc import Iterable
+
+from drl_av.driving.actions import Action
+from drl_av.driving.counterfactual import motion, seen_after
+from drl_av.driving.maneuver import Scene
+from drl_av.driving.reward import desired, rewards
+from drl_av.env import HighwayEnv
+from drl_av.learning.buffers import Buffer, Float32Array
+
+
+def remember_others(
+    buffer: Buffer,
+    env: HighwayEnv,
+    before: Scene,
+    s_t: Float32Array,
+    executed: Action,
+    others: Iterable[Action],
+) -> None:
+    """Put what other actions would have led to into the buffers, where that is known.
+
+    An action that the check replaces goes into Buf_C, as in Algorithm 1, line 6; the others lead
+    to what ``counterfactual.seen_after`` says of the scene that ``executed`` led to.
+    """
+    config, after = env.config, env.scene.seen
+    made = motion(before, executed, config)
+    for other in others:
+        if env.safety_check(before, other).action != other:
+            buffer.add_collision(s_t, other.number, config.reward.collision_reward)
+            continue
+        seen = seen_after(motion(before, other, config), made, after, env.road)
+        if seen is None:
+            continue
+        target = desired(seen, config.reward, config.safety)
+        r_tp1 = rewards(seen, target, config.reward, config.safety.minimum_gap_m).total
+        buffer.add_safe(s_t, other.number, r_tp1, env.scale(seen.vector()))

@@ -1,0 +1,85 @@
+"""What is remembered of the decisions that were not made."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from worlds import LEFT, RIGHT, ROAD, ahead, scene
+
+from drl_av.config import Config
+from drl_av.driving.actions import Action, Lateral, Longitudinal
+from drl_av.driving.affordances import INDICATORS, ObservationScale
+from drl_av.driving.checks import named_check
+from drl_av.env import HighwayEnv
+from drl_av.learning.buffers import TwoBuffers
+from drl_av.learning.counterfactuals import remember_others
+from drl_av.learning.training import Training
+
+CONFIG = Config()
+N = len(INDICATORS)
+S_T = np.linspace(-1, 1, N, dtype=np.float32)
+KEEP = Lateral.KEEP
+MAINTAIN, ACCELERATE, BRAKE = (
+    Action(KEEP, how)
+    for how in (Longitudinal.MAINTAIN, Longitudinal.ACCELERATE, Longitudinal.BRAKE)
+)
+
+
+def remembered(before: Any, after: Any, executed: Action, *others: Action) -> TwoBuffers:
+    """The buffers after one decision on a road without SUMO."""
+    env: Any = SimpleNamespace(
+        config=CONFIG,
+        road=ROAD,
+        scene=after,
+        safety_check=named_check(CONFIG),
+        scale=ObservationScale(CONFIG.observation, CONFIG.ego.max_speed_m_s, ROAD),
+    )
+    buffers = TwoBuffers(N, 10, 10, discount=0.9, collision_fraction=0.25)
+    remember_others(buffers, env, before, S_T, executed, others)
+    return buffers
+
+
+def test_an_action_that_the_check_would_replace_is_a_collision() -> None:
+    # 25 m ahead, closing at 5 m/s: 25 - 3 * 5 is less than 15, and T_C is 5 s: maintain
+    before = scene(ahead(25.0, speed_m_s=15.0))
+    buffers = remembered(before, scene(ahead(20.0, speed_m_s=15.0)), MAINTAIN, ACCELERATE)
+    assert (len(buffers.safe), len(buffers.collision)) == (0, 1)
+    row = buffers.collision.rows[0]
+    assert np.array_equal(row[:N], S_T)
+    assert row[-3:].tolist() == [ACCELERATE.number, CONFIG.reward.collision_reward, 0.0]
+
+
+def test_had_it_braked_the_reward_is_that_of_18_m_s_where_20_are_wanted() -> None:
+    # the vehicle ahead drives at 20 m/s, 26 m ahead, which is d_safe: v_des is 20 m/s, and no
+    # lane is better. Braking ends 1.5 m further behind it at 18 m/s, where v_des is 20 + 1.5 / 8
+    now = scene(ahead(26.0), ahead(26.0, LEFT), ahead(26.0, RIGHT))
+    buffers = remembered(now, now, MAINTAIN, BRAKE)
+    assert (len(buffers.safe), len(buffers.collision)) == (1, 0)
+    row = buffers.safe.rows[0]
+    r_v = np.exp(-(((20 + 1.5 / 8) - 18) ** 2) / 10) - 1
+    assert row[-3:] == pytest.approx([BRAKE.number, r_v / 3, 0.9], abs=1e-6)
+    gap_m, speed = row[N] * CONFIG.observation.gap_scale_m, row[N + 24]
+    assert gap_m == pytest.approx(27.5, abs=1e-4)
+    assert speed == pytest.approx((18 - 15) / 15)  # 0 at half of the ego's 30 m/s
+
+
+def test_what_is_not_known_is_not_remembered() -> None:
+    beside = scene(ahead(0.0, y_m=7.6))
+    buffers = remembered(scene(), beside, MAINTAIN, BRAKE)
+    assert len(buffers) == 0
+
+
+def test_a_training_remembers_others_beside_those_it_made() -> None:
+    def rows(counterfactuals: int) -> tuple[int, int]:
+        config = CONFIG.updated("learning", counterfactuals=counterfactuals, batch_size=8)
+        config = config.updated("simulation", decisions_per_episode=20)
+        with HighwayEnv(config=config) as env:
+            training = Training(env)
+            row = training.run_episode()
+        return row.decisions, len(training._buffer)
+
+    decisions, plain = rows(0)
+    more, all_others = rows(12)
+    assert decisions == more == 20
+    assert plain <= 2 * 20 < all_others <= 12 * 20 + 20
