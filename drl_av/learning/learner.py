@@ -9,7 +9,6 @@ import torch
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from torch import Tensor
-from torch.optim.adam import adam
 
 from drl_av.errors import CheckpointError
 from drl_av.learning.buffers import Batch, Float32Array, State
@@ -133,14 +132,15 @@ class Learner:
         return float(weighted_td.dot(td)) / rows
 
     def _adam(self) -> None:
-        adam(
+        """The step of torch.optim.Adam(fused=True), without the half of its time around it."""
+        self._step.add_(1)
+        torch._fused_adam_(
             [self._online],
             [self._gradient],
             [self._first_moment],
             [self._second_moment],
             [],
             [self._step],
-            fused=True,
             amsgrad=False,
             beta1=0.9,
             beta2=0.999,
