@@ -21,6 +21,7 @@ from drl_av.studies.reproduction.provenance import (
     provenance,
     read_sidecar,
     sidecar,
+    stored_config,
     write_sidecar,
 )
 from drl_av.studies.reproduction.scale import Progress, Scale
@@ -51,11 +52,14 @@ def fast(scale: Scale) -> Generator[Progress, None, None]:
     table = scale.out / TABLE
     require_writable(table, sidecar(table))
     legs = _legs(scale)
-    settings = {leg.folder.name: asdict(leg.config) for leg in legs}
+    configs = {leg.folder.name: leg.config for leg in legs}
     with intact(table):
         facts, rows = read_sidecar(table), read_rows(table)
-        made = facts["settings"] if rows else {}
-        rows = [row for row in rows if made[row["training"]] == settings.get(row["training"])]
+        made = {
+            name: stored_config(settings, str(sidecar(table)))
+            for name, settings in (facts["settings"] if rows else {}).items()
+        }
+        rows = [row for row in rows if made[row["training"]] == configs.get(row["training"])]
         known = facts["policies_sha256"] if rows else {}
     cells = [Cell(leg.folder.name, str(n)) for leg in legs for n in DENSITIES]
     held = Counter(map(_cell, rows))
@@ -72,7 +76,7 @@ def fast(scale: Scale) -> Generator[Progress, None, None]:
         "seeds": f"0 to {scale.drives - 1}",
         "wall_time_s": {leg.folder.name: wall_time_s(leg.clock) for leg in legs},
         "policies_sha256": policies,
-        "settings": settings,
+        "settings": {name: asdict(config) for name, config in configs.items()},
     }
     folders = {leg.folder.name: leg.folder for leg in legs}
     for done, cell in enumerate(cells):
