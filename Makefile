@@ -31,12 +31,12 @@ test: lint
 
 # The shipped driver, trained again (minutes).
 pretrained: setup
-	$(BIN)/drl-av train --preset fast --episodes 2000 --out runs/pretrained
+	$(BIN)/drl-av train --config drl_av/pretrained/config.toml --out runs/pretrained
 	cd runs/pretrained && cp config.toml evaluations.csv policy.safetensors ../../drl_av/pretrained/
 
 # The level-1 driver of the traffic, trained again among level-0 drivers (minutes).
 level_1: setup
-	$(BIN)/drl-av train --preset fast --episodes 1000 --config tools/level_0_traffic.toml --out runs/level_1
+	$(BIN)/drl-av train --config drl_av/pretrained/level_1/config.toml --out runs/level_1
 	cd runs/level_1 && cp config.toml evaluations.csv policy.safetensors \
 	    ../../drl_av/pretrained/level_1/
 
