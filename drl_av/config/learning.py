@@ -49,7 +49,7 @@ class LearningConfig(Section):
         False, "ours", "traffic depends on the seed and the episode's number, not on the learning"
     )
     mirrored: bool = setting(
-        False, "ours", "half of each minibatch seen in a mirror, left and right swapped"
+        False, "ours", "learns and decides in a mirror too, left and right swapped"
     )
     counterfactuals: int = setting(
         0, "ours", "other actions a decision whose outcome is remembered too", low=0, high=12

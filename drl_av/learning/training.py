@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.config.learning import LearningConfig
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.maneuver import Scene
@@ -20,7 +21,7 @@ from drl_av.learning.counterfactuals import remember_others
 from drl_av.learning.experience import make_buffer
 from drl_av.learning.exploration import epsilon_greedy, linear_epsilon
 from drl_av.learning.learner import Learner
-from drl_av.learning.mirroring import mirror_half
+from drl_av.learning.mirroring import MirroredPolicy, mirror_half
 from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
 
 EVALUATION_SEEDS = 900_000
@@ -59,11 +60,16 @@ class EvaluationRow:
     safety_triggers: float
 
 
+def greedy_policy(network: QNetwork, config: LearningConfig) -> GreedyPolicy:
+    """How a network that was trained with these settings decides; follows its every change."""
+    return MirroredPolicy(network, MIRROR) if config.mirrored else GreedyPolicy(network)
+
+
 class GreedyDriver:
     """The learned driver: the action of the greatest value."""
 
-    def __init__(self, network: QNetwork) -> None:
-        self._policy = GreedyPolicy(network)
+    def __init__(self, policy: GreedyPolicy) -> None:
+        self._policy = policy
 
     def start(self, seed: int) -> None:
         """Nothing to do: no memory, no chance."""
@@ -88,7 +94,7 @@ class Training:
         self._rng = np.random.default_rng(self._config.seed)
         hidden = (self._config.hidden_units,) * 2
         self.network = QNetwork(self._rng, len(INDICATORS), len(ACTIONS), hidden)
-        self._greedy = GreedyPolicy(self.network)
+        self.policy = greedy_policy(self.network, self._config)
         self._learner = Learner(self.network, self._config.learning_rate)
         self._buffer = make_buffer(self._config, len(INDICATORS))
         self.episodes_done = 0
@@ -122,7 +128,7 @@ class Training:
         rewards, speeds, losses, triggers, over = [], [], [], 0, False
         while not over:
             before = self._env.scene
-            a_t = epsilon_greedy(epsilon, len(ACTIONS), partial(self._greedy, s_t), self._rng)
+            a_t = epsilon_greedy(epsilon, len(ACTIONS), partial(self.policy, s_t), self._rng)
             s_tp1, r_tp1, terminated, truncated, info = self._env.step(a_t)
             self._remember(s_t, a_t, r_tp1, s_tp1, terminated, info)
             if self._config.counterfactuals and not terminated:
@@ -157,7 +163,7 @@ class Training:
         numbers = np.linspace(traffic.vehicles_min, traffic.vehicles_max, count).round()
         if placed is not None:
             numbers[:] = placed
-        driver = GreedyDriver(self.network)
+        driver = GreedyDriver(self.policy)
         results = [
             drive(self._env, driver, "ddqn", EVALUATION_SEEDS + i, int(vehicles))
             for i, vehicles in enumerate(numbers)

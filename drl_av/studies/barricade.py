@@ -80,8 +80,9 @@ class Witness(HighwayEnv):
 
 
 def study_config(check: str, seed: int, episodes: int) -> Config:
-    """The preset ``fast`` with one gradient step a decision, on the barricaded highway."""
-    fast = preset("fast").updated("learning", seed=seed, episodes=episodes, gradient_steps=1)
+    """The preset ``fast`` on the barricaded highway, learning once a decision from what happened."""
+    plain = {"gradient_steps": 1, "counterfactuals": 0}
+    fast = preset("fast").updated("learning", seed=seed, episodes=episodes, **plain)
     return fast.updated("simulation", scenario=SCENARIO).updated("safety", check=check)
 
 
@@ -104,7 +105,7 @@ def _one_training(config: Config, trained_episodes: int) -> Iterator[BarricadeRo
             decisions = training.run_episode().decisions
             found = (env.barricade_proposals, env.hit)
             yield BarricadeRow(check, seed, "training", episode, decisions, *found)
-        driver = GreedyDriver(training.network)
+        driver = GreedyDriver(training.policy)
         for episode in range(trained_episodes):
             decisions = drive(env, driver, check, episode, TRAINED_VEHICLES).decisions
             found = (env.barricade_proposals, env.hit)

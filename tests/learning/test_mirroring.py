@@ -1,8 +1,11 @@
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 
 from drl_av.driving.mirror import MIRROR, Mirror
 from drl_av.learning.buffers import TwoBuffers
-from drl_av.learning.mirroring import mirror_half, mirrored_observations
+from drl_av.learning.mirroring import MirroredPolicy, mirror_half, mirrored_observations
+from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
 
 # Three indicators: gap right, gap left, own y from the middle of the road; two actions swap.
 ROAD = Mirror(
@@ -41,3 +44,21 @@ def test_mirroring_a_batch_leaves_the_experience_itself_alone():
     before = buffer.state()["safe.rows"]
     mirror_half(buffer.sample(8, np.random.default_rng(0)), ROAD)
     assert np.array_equal(buffer.state()["safe.rows"], before)
+
+
+def test_a_mirrored_policy_takes_the_mean_of_what_it_sees_on_both_sides():
+    network = QNetwork(np.random.default_rng(3), 3, 3, hidden=(4,))
+    policy, plain = MirroredPolicy(network, ROAD), GreedyPolicy(network)
+    s = np.array([0.3, 0.7, -1.0], np.float32)
+    here, there = plain.values(s), plain.values(np.array([0.7, 0.3, 1.0], np.float32))
+    expected = [(here[0] + there[0]) / 2, (here[1] + there[2]) / 2, (here[2] + there[1]) / 2]
+    assert np.allclose(policy.values(s), expected)
+    assert not np.allclose(policy.values(s), here)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_it_turns_left_where_a_mirror_would_have_it_turn_right(seed: int):
+    rng = np.random.default_rng(seed)
+    policy = MirroredPolicy(QNetwork(rng), MIRROR)
+    s = rng.standard_normal(27).astype(np.float32)
+    assert policy(mirrored_observations(s, MIRROR)) == MIRROR.action_permutation[policy(s)]
