@@ -13,10 +13,10 @@ PRESETS: dict[str, Config] = {
         epsilon_end=0.05,
         learning_rate=1e-3,
         learning_rate_end_fraction=0.01,
-        gradient_steps=3,
+        gradient_steps=2,
         mirrored=True,
-        counterfactuals=3,
-        safe_capacity=200_000,
+        counterfactuals=6,
+        safe_capacity=300_000,
         target_update_episodes=2,
     ),
 }

@@ -137,7 +137,7 @@ def test_a_fast_driver_is_adapted_slowly_too() -> None:
     learning = adaptation(preset("fast")).learning
     assert learning.learning_rate == 1e-5 < Config().learning.learning_rate
     assert (learning.learning_rate_end_fraction, learning.gradient_steps) == (1.0, 1)
-    assert learning.episodes == 30_000
+    assert (learning.episodes, learning.counterfactuals) == (30_000, 0)
 
 
 def test_every_violation_lands_in_the_collision_buffer_beside_the_trainings_own(
