@@ -52,7 +52,7 @@ class LearningConfig(Section):
         False, "ours", "learns and decides in a mirror too, left and right swapped"
     )
     counterfactuals: int = setting(
-        0, "ours", "other actions a decision whose outcome is remembered too", low=0, high=12
+        0, "ours", "other actions drawn a decision, whose outcome is remembered too", low=0, high=12
     )
     evaluate_every: int = setting(100, "Sec. IV-C", "episodes between evaluations", low=1)
     evaluation_episodes: int = setting(10, "ours", "episodes in an evaluation", low=1, high=10_000)

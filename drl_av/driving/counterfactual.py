@@ -34,7 +34,8 @@ def seen_after(other: Motion, made: Motion, seen: Affordances, road: Road) -> Af
     """The affordances after another motion than the one that was made, which led to ``seen``.
 
     None where they are not known: in another lane the ego has other neighbours, a vehicle
-    alongside has no gap that could change, and one that would be alongside has no sign.
+    alongside has no gap that could change, and one that would be alongside has no sign. A
+    vehicle near the far side of the loop stays on the side where it was.
     """
     y_m = seen.ego_y_m + other.y_m - made.y_m
     if road.lane_of(y_m) != seen.lane:

@@ -20,16 +20,20 @@ def remember_others(
 ) -> None:
     """Put what other actions would have led to into the buffers, where that is known.
 
-    An action that the check replaces goes into Buf_C, as in Algorithm 1, line 6; the others lead
-    to what ``counterfactual.seen_after`` says of the scene that ``executed`` led to.
+    An action that the check replaces goes into Buf_C, as in Algorithm 1, line 6, and so does one
+    that leaves the open lanes; the others lead to what ``counterfactual.seen_after`` says of the
+    scene that ``executed`` led to. An imagined collision with a vehicle is not known, so not kept.
     """
     config, after = env.config, env.scene.seen
     made = motion(before, executed, config)
+    width_m = float(before.snapshot.width_m[0])
     for other in others:
-        if env.safety_check(before, other).action != other:
+        imagined = motion(before, other, config)
+        on_road = imagined.y_m == before.seen.ego_y_m or env.road.holds(imagined.y_m, width_m)
+        if not on_road or env.safety_check(before, other).action != other:
             buffer.add_collision(s_t, other.number, config.reward.collision_reward)
             continue
-        seen = seen_after(motion(before, other, config), made, after, env.road)
+        seen = seen_after(imagined, made, after, env.road)
         if seen is None:
             continue
         target = desired(seen, config.reward, config.safety)

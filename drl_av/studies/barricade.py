@@ -80,7 +80,7 @@ class Witness(HighwayEnv):
 
 
 def study_config(check: str, seed: int, episodes: int) -> Config:
-    """The preset ``fast`` on the barricaded highway, learning once a decision from what happened."""
+    """The preset ``fast`` on that highway, learning once a decision and from what happened."""
     plain = {"gradient_steps": 1, "counterfactuals": 0}
     fast = preset("fast").updated("learning", seed=seed, episodes=episodes, **plain)
     return fast.updated("simulation", scenario=SCENARIO).updated("safety", check=check)

@@ -1,5 +1,6 @@
 """What is remembered of the decisions that were not made."""
 
+from collections.abc import Iterable
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,9 @@ from drl_av.config import Config
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS, ObservationScale
 from drl_av.driving.checks import named_check
+from drl_av.driving.maneuver import LaneChange, Scene
 from drl_av.env import HighwayEnv
+from drl_av.learning import training as training_module
 from drl_av.learning.buffers import TwoBuffers
 from drl_av.learning.counterfactuals import remember_others
 from drl_av.learning.training import Training
@@ -26,13 +29,15 @@ MAINTAIN, ACCELERATE, BRAKE = (
 )
 
 
-def remembered(before: Any, after: Any, executed: Action, *others: Action) -> TwoBuffers:
+def remembered(
+    before: Any, after: Any, executed: Action, *others: Action, config: Config = CONFIG
+) -> TwoBuffers:
     """The buffers after one decision on a road without SUMO."""
     env: Any = SimpleNamespace(
-        config=CONFIG,
+        config=config,
         road=ROAD,
         scene=after,
-        safety_check=named_check(CONFIG),
+        safety_check=named_check(config),
         scale=ObservationScale(CONFIG.observation, CONFIG.ego.max_speed_m_s, ROAD),
     )
     buffers = TwoBuffers(N, 10, 10, discount=0.9, collision_fraction=0.25)
@@ -70,6 +75,19 @@ def test_what_is_not_known_is_not_remembered() -> None:
     assert len(buffers) == 0
 
 
+def test_leaving_the_road_is_a_collision_where_no_check_forbids_it() -> None:
+    # 1.8 m wide, 0.76 m to the right of the rightmost lane's centre: 0.24 m from the edge
+    out = LaneChange(0, -1)
+    before = scene(y_m=-0.76, v_y=-0.76, lane_change=out)
+    further = Action(Lateral.RIGHT, Longitudinal.MAINTAIN)
+    back = Action(Lateral.LEFT, Longitudinal.MAINTAIN)
+    unchecked = CONFIG.updated("safety", check="permit_all")
+    buffers = remembered(before, scene(y_m=0.0), back, further, config=unchecked)
+    assert (len(buffers.safe), len(buffers.collision)) == (0, 1)
+    buffers = remembered(before, scene(y_m=0.0), back, back, config=unchecked)
+    assert (len(buffers.safe), len(buffers.collision)) == (1, 0)
+
+
 def test_a_training_remembers_others_beside_those_it_made() -> None:
     def rows(counterfactuals: int) -> tuple[int, int]:
         config = CONFIG.updated("learning", counterfactuals=counterfactuals, batch_size=8)
@@ -83,3 +101,41 @@ def test_a_training_remembers_others_beside_those_it_made() -> None:
     more, all_others = rows(12)
     assert decisions == more == 20
     assert plain <= 2 * 20 < all_others <= 12 * 20 + 20
+
+
+@pytest.mark.parametrize("check", ["paper", "permit_all"])
+def test_it_asks_what_neither_proposal_nor_execution_would_have_led_to_from_the_scene_before(
+    check: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[Scene, Action, list[Action]]] = []
+
+    def note(
+        buffer: Any, env: Any, before: Scene, s_t: Any, executed: Action, others: Iterable[Action]
+    ) -> None:
+        assert env.scene is not before
+        asked.append((before, executed, list(others)))
+
+    monkeypatch.setattr(training_module, "remember_others", note)
+    config = CONFIG.updated("learning", counterfactuals=12).updated("safety", check=check)
+    config = config.updated("traffic", vehicles_min=30, vehicles_max=30)
+    with HighwayEnv(config=config) as env:
+        infos: list[dict[str, Any]] = []
+        scenes: list[Scene] = []
+        step = env.step
+
+        def watched(action: int) -> Any:
+            scenes.append(env.scene)
+            done = step(action)
+            infos.append(done[-1])
+            return done
+
+        monkeypatch.setattr(env, "step", watched)
+        row = Training(env).run_episode()
+    assert row.collided is (check == "permit_all")
+    assert (row.safety_triggers > 0) is (check == "paper")
+    assert len(asked) == row.decisions - row.collided  # what an ending led others to: unknown
+    for now, info, (before, executed, others) in zip(scenes, infos, asked, strict=False):
+        assert before is now
+        assert executed.number == info["executed_action"]
+        left_out = {info["proposed_action"], info["executed_action"]}
+        assert {other.number for other in others} == set(range(12)) - left_out

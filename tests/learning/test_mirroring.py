@@ -1,11 +1,19 @@
+from pathlib import Path
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drl_av.config import Config
 from drl_av.driving.mirror import MIRROR, Mirror
+from drl_av.env import HighwayEnv
+from drl_av.learning import checkpoint
 from drl_av.learning.buffers import TwoBuffers
 from drl_av.learning.mirroring import MirroredPolicy, mirror_half, mirrored_observations
 from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
+from drl_av.learning.training import Training
+from drl_av.studies.drivers import learned_driver
 
 # Three indicators: gap right, gap left, own y from the middle of the road; two actions swap.
 ROAD = Mirror(
@@ -62,3 +70,22 @@ def test_it_turns_left_where_a_mirror_would_have_it_turn_right(seed: int):
     policy = MirroredPolicy(QNetwork(rng), MIRROR)
     s = rng.standard_normal(27).astype(np.float32)
     assert policy(mirrored_observations(s, MIRROR)) == MIRROR.action_permutation[policy(s)]
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_run_that_learns_in_a_mirror_decides_in_it_then_and_ever_after(
+    mirrored: bool, tmp_path: Path
+) -> None:
+    config = Config().updated("learning", mirrored=mirrored, batch_size=8)
+    with HighwayEnv(config=config) as env:
+        training = Training(env)
+    checkpoint.save_policy(tmp_path / "policy.safetensors", training.network, config)
+    driver, _ = learned_driver(tmp_path / "policy.safetensors")
+    rng = np.random.default_rng(1)
+    states = rng.standard_normal((50, 27)).astype(np.float32)
+    alike = [
+        policy(mirrored_observations(s, MIRROR)) == MIRROR.action_permutation[policy(s)]
+        for policy in (training.policy, lambda s: driver.act(None, s).number)
+        for s in states
+    ]
+    assert all(alike) is mirrored

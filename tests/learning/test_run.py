@@ -28,6 +28,8 @@ episodes = {EPISODES}
 evaluate_every = 3
 checkpoint_every = 2
 evaluation_episodes = 2
+mirrored = true
+counterfactuals = 6
 """
 RESULTS = ("episodes.csv", "evaluations.csv", "checkpoint.safetensors", "policy.safetensors")
 HARNESS = """

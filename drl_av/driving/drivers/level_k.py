@@ -45,7 +45,8 @@ def level_0(around: Surroundings, config: Level0Config, ego: EgoConfig) -> Decis
 class Level1:
     """A greedy policy learned among level-0 drivers, in numpy.
 
-    It sees and acts as the ego did while it learned, by the ``config`` of that training.
+    It sees as the ego did while it learned, by the ``config`` of that training, and decides by
+    the network alone, without a mirror.
     """
 
     def __init__(self, layers: Layers, config: Config, road: Road) -> None:

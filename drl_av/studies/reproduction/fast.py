@@ -41,7 +41,8 @@ def fast(scale: Scale) -> Generator[Progress, None, None]:
     """Train both, drive all through the same traffic, and keep ``fast.csv`` up to date.
 
     The long training is that of the learning curves, seed 0, and goes on from there. What the
-    table holds already, made with the same settings, is neither trained nor driven again.
+    table holds already, made with the same settings and policy, is not driven again; a whole
+    table is left alone.
 
     Raises:
         DrlAvError: as ``Evaluation``; the trainings' folders hold others; or the disk refuses.
@@ -98,6 +99,7 @@ def fast(scale: Scale) -> Generator[Progress, None, None]:
                 driven = done * scale.drives + len(here)
                 yield Progress(driven, len(cells) * scale.drives, cell.training)
         rows = [*(row for row in rows if _cell(row) != cell), *here]
+        rows.sort(key=lambda row: cells.index(_cell(row)))
         write_rows(table, rows)
         write_sidecar(table, provenance(legs[0].config, processes=scale.jobs, **origin))
 
