@@ -1,8 +1,22 @@
 """Learning from the road as a mirror shows it, and deciding by it: left and right swapped."""
 
+from drl_av.config import Config
 from drl_av.driving.mirror import Mirror
+from drl_av.errors import ConfigError
 from drl_av.learning.buffers import Batch, Float32Array
 from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
+from drl_av.traffic.ring import Road
+
+
+def require_symmetry(config: Config, road: Road) -> None:
+    """Raise ConfigError where the reward is another in the mirror: y_des fixed, off the middle."""
+    middle_m = road.center_m(len(road.open_lanes) - 1) / 2
+    fixed = config.learning.mirrored and config.reward.desired == "fixed"
+    if fixed and config.reward.desired_lateral_m != middle_m:
+        raise ConfigError(
+            f"reward.desired_lateral_m = {config.reward.desired_lateral_m:g} is not the middle of "
+            f"the road, {middle_m:g} m: learn there with learning.mirrored = false."
+        )
 
 
 def mirrored_observations(s: Float32Array, mirror: Mirror) -> Float32Array:

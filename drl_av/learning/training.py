@@ -21,7 +21,7 @@ from drl_av.learning.counterfactuals import remember_others
 from drl_av.learning.experience import make_buffer
 from drl_av.learning.exploration import epsilon_greedy, linear_epsilon
 from drl_av.learning.learner import Learner
-from drl_av.learning.mirroring import MirroredPolicy, mirror_half
+from drl_av.learning.mirroring import MirroredPolicy, mirror_half, require_symmetry
 from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
 
 EVALUATION_SEEDS = 900_000
@@ -83,11 +83,13 @@ class Training:
     """Algorithm 1 at an episode boundary; all its randomness comes from ``learning.seed``.
 
     Raises:
-        ConfigError: ``traffic.vehicles_max`` vehicles do not fit on the road.
+        ConfigError: ``traffic.vehicles_max`` vehicles do not fit on the road; or the driver is
+            to learn in a mirror where the reward is another one.
     """
 
     def __init__(self, env: HighwayEnv) -> None:
         env.require_room()
+        require_symmetry(env.config, env.road)
         self._env = env
         self.config = env.config
         self._config = env.config.learning

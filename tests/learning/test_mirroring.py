@@ -8,12 +8,19 @@ from hypothesis import strategies as st
 from drl_av.config import Config
 from drl_av.driving.mirror import MIRROR, Mirror
 from drl_av.env import HighwayEnv
+from drl_av.errors import ConfigError
 from drl_av.learning import checkpoint
 from drl_av.learning.buffers import TwoBuffers
-from drl_av.learning.mirroring import MirroredPolicy, mirror_half, mirrored_observations
+from drl_av.learning.mirroring import (
+    MirroredPolicy,
+    mirror_half,
+    mirrored_observations,
+    require_symmetry,
+)
 from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
 from drl_av.learning.training import Training
 from drl_av.studies.drivers import learned_driver
+from drl_av.traffic.ring import Road
 
 # Three indicators: gap right, gap left, own y from the middle of the road; two actions swap.
 ROAD = Mirror(
@@ -89,3 +96,16 @@ def test_a_run_that_learns_in_a_mirror_decides_in_it_then_and_ever_after(
         for s in states
     ]
     assert all(alike) is mirrored
+
+
+def test_a_lane_that_is_always_the_desired_one_is_no_road_to_mirror_unless_it_is_the_middle_one():
+    def config(desired: str, lateral_m: float, mirrored: bool = True) -> Config:
+        reward = {"desired": desired, "desired_lateral_m": lateral_m}
+        return Config().updated("reward", **reward).updated("learning", mirrored=mirrored)
+
+    road = Road(500.0, 3.8, (True, True, True))
+    with pytest.raises(ConfigError, match="is not the middle of the road"):
+        require_symmetry(config("fixed", 7.6), road)
+    require_symmetry(config("fixed", 3.8), road)
+    require_symmetry(config("fixed", 7.6, mirrored=False), road)
+    require_symmetry(config("traffic", 7.6), road)

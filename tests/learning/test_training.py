@@ -16,6 +16,7 @@ from drl_av.learning import training as module
 from drl_av.learning.buffers import Batch, TwoBuffers, UniformBuffer
 from drl_av.learning.run import Run, train
 from drl_av.learning.training import EVALUATION_SEEDS, Training
+from drl_av.traffic.ring import Road
 from drl_av.traffic.snapshot import Collision, CollisionKind
 
 KEEP, HARD_BRAKE, LEFT = 0, 3, 8
@@ -38,6 +39,7 @@ class ScriptedEnv:
         self.seeds: list[int] = []
 
     simulation = SimpleNamespace(placed_vehicles=None)
+    road = Road(500.0, 3.8, (True, True, True))
     scene = None
 
     def require_room(self) -> None:
