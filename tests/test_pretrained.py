@@ -10,10 +10,12 @@ from drl_av.presets import preset
 from drl_av.studies.drivers import PRETRAINED, learned_driver
 
 
-def test_it_is_what_the_preset_fast_trains_in_1000_episodes() -> None:
+def test_it_is_what_the_preset_fast_trains_in_5000_episodes_at_half_the_rate() -> None:
     _, config = learned_driver(PRETRAINED)
-    longer = preset("fast").updated("learning", episodes=1000)
-    assert config == load_config(PRETRAINED / "config.toml") == longer
+    longer = {"episodes": 5000, "learning_rate": 1e-3, "learning_rate_end_fraction": 0.01}
+    longer |= {"safe_capacity": 1_000_000, "evaluate_every": 250}
+    expected = preset("fast").updated("learning", **longer)
+    assert config == load_config(PRETRAINED / "config.toml") == expected
 
 
 def test_it_overtakes_the_rule_based_driver_on_the_same_traffic_without_hitting_anything() -> None:
