@@ -1,21 +1,22 @@
 """The shipped driver: what it was trained with, and that it drives."""
 
+from dataclasses import asdict
+
 import numpy as np
 
-from drl_av.config import load_config
+from drl_av.config import Config, load_config
 from drl_av.driving.drivers.rules import IdmDriver
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
-from drl_av.presets import preset
 from drl_av.studies.drivers import PRETRAINED, learned_driver
 
 
-def test_it_is_what_the_preset_fast_trains_in_5000_episodes_at_half_the_rate() -> None:
+def test_it_learnt_from_what_happened_alone_and_in_a_mirror_among_the_default_traffic() -> None:
     _, config = learned_driver(PRETRAINED)
-    longer = {"episodes": 5000, "learning_rate": 1e-3, "learning_rate_end_fraction": 0.01}
-    longer |= {"safe_capacity": 1_000_000, "evaluate_every": 250}
-    expected = preset("fast").updated("learning", **longer)
-    assert config == load_config(PRETRAINED / "config.toml") == expected
+    learning = config.learning
+    assert config == load_config(PRETRAINED / "config.toml")
+    assert config.updated("learning", **asdict(Config().learning)) == Config()
+    assert (learning.episodes, learning.mirrored, learning.counterfactuals) == (2000, True, 0)
 
 
 def test_it_overtakes_the_rule_based_driver_on_the_same_traffic_without_hitting_anything() -> None:
