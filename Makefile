@@ -49,6 +49,9 @@ results: setup
 	    --episodes 50 --seed 0 --jobs 2 --out docs/results/check_permit_all.csv
 	$(BIN)/drl-av evaluate pretrained --scenario barricaded_right_lane --vehicles 15 \
 	    --episodes 100 --jobs 2 --out docs/results/barricade_pretrained.csv
+	$(BIN)/drl-av evaluate pretrained idm idm-mobil idm-sumo --vehicles $(DENSITIES) \
+	    --config docs/results/reference_acc.toml --episodes 100 --jobs 2 \
+	    --out docs/results/reference_acc.csv
 	$(BIN)/python tools/compare_step_lengths.py --out docs/results/step_length.csv
 	$(BIN)/python tools/falsify_safety.py --check strict > docs/results/falsified_strict.txt
 	$(BIN)/python tools/falsify_safety.py --check paper > docs/results/falsified_paper.txt

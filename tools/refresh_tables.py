@@ -42,9 +42,6 @@ def driving_table() -> str:
         means = (mean_with_interval(map(value, rows)).value for rows in columns)
         return f"| {name} | " + " | ".join(f"{mean:.{digits}f}" for mean in means) + " |"
 
-    def share_nearer(row: Row) -> float:
-        return 100 * int(row["d_safe_violations"]) / int(row["decisions"])
-
     lines = [
         "| vehicles | " + " | ".join(map(str, densities)) + f" | up to {MOST_VEHICLES} |",
         "|" + " --- |" * (len(columns) + 1),
@@ -56,6 +53,36 @@ def driving_table() -> str:
         line("lane changes", lambda row: float(row["lane_changes"]), 1),
         line("taken back", lambda row: float(row["aborted_lane_changes"]), 1),
     ]
+    return "\n".join(lines)
+
+
+def share_nearer(row: Row) -> float:
+    """Decisions after which the vehicle ahead is nearer than d_safe, percent."""
+    return 100 * int(row["d_safe_violations"]) / int(row["decisions"])
+
+
+def reference_table() -> str:
+    """What each driver does with the numbers of the paper's actions, and with a reference."""
+    tables = {"numbers": read("evaluation.csv"), "`acc`": read("reference_acc.csv")}
+    names = ("driver", "accelerate and maintain by", "reward a decision", "r_v")
+    names += ("nearer than d_safe, %", "mean speed, m/s", "ego hit something")
+    lines = ["| " + " | ".join(names) + " |", "|" + " --- |" * len(names)]
+    for driver in dict.fromkeys(row["driver"] for row in tables["`acc`"]):
+        for reference, rows in tables.items():
+            own = [
+                row
+                for row in rows
+                if row["driver"] == driver and int(row["vehicles"]) <= MOST_VEHICLES
+            ]
+            reward, r_v = (
+                mean_with_interval(float(row[name]) for row in own).value
+                for name in ("mean_reward", "mean_r_v")
+            )
+            nearer = mean_with_interval(map(share_nearer, own)).value
+            lines.append(
+                f"| `{driver}` | {reference} | {reward:.3f} | {r_v:.3f} | {nearer:.1f} "
+                f"| {mean_speed(own)} | {count(own, 'ego_hit')} of {len(own)} |"
+            )
     return "\n".join(lines)
 
 
@@ -190,6 +217,7 @@ TABLES = {
 }
 WITH_RESULTS = {
     "gain": ("paired.csv", gain_table),
+    "reference": ("reference_acc.csv", reference_table),
     "convergence": ("convergence.csv", convergence_table),
     "cost": ("curves.csv", cost_table),
     "fast": ("fast.csv", fast_table),

@@ -9,6 +9,7 @@ from drl_av.config import Config
 from drl_av.driving.drivers import Decisions
 from drl_av.driving.drivers.finite_state import State, finite_state
 from drl_av.driving.drivers.level_k import Level1, level_0
+from drl_av.driving.drivers.right_of_way import give_way
 from drl_av.driving.surroundings import Surroundings, surroundings
 from drl_av.traffic.population import Kind
 from drl_av.traffic.ring import FloatArray, Road
@@ -44,7 +45,7 @@ class TrafficDrivers:
         for kind, rows in self._rows.items():
             acceleration, side = self._drivers[kind](snapshot, rows)
             wishes += map(Wish, rows.tolist(), acceleration.tolist(), side.tolist())
-        return wishes
+        return give_way(wishes, snapshot, self._road, self._config.strict)
 
     def _by_finite_state(self, snapshot: Snapshot, rows: IntArray) -> Decisions:
         around = self._look(snapshot, rows, self._config.observation.range_m)

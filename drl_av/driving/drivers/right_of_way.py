@@ -1,0 +1,73 @@
+"""Who may enter a lane that another vehicle enters from its other side.
+
+Neither is in the other's lane until they meet in the middle, so no gap tells them of each other,
+and SUMO lets both begin.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from drl_av.config import StrictConfig
+from drl_av.traffic.ring import Road
+from drl_av.traffic.snapshot import Snapshot, Wish
+
+REACTION_S = 1.0
+"""A decision."""
+MINIMUM_GAP_M = 2.5
+
+
+class Entry(NamedTuple):
+    """A vehicle on its way into a lane, or about to begin."""
+
+    row: int
+    lane: int
+
+
+def give_way(
+    wishes: Sequence[Wish], snapshot: Snapshot, road: Road, bounds: StrictConfig
+) -> list[Wish]:
+    """The wishes without the lane changes that come too close to one from the other side.
+
+    Too close is where the rear one could not stop behind the one in front. Who is on the way goes
+    first, then whose wish stands first; the others stay in their lanes for this decision.
+    """
+    if not any(wish.side for wish in wishes):
+        return list(wishes)
+    entries = _under_way(snapshot, road)
+    allowed = []
+    for wish in wishes:
+        if wish.side:
+            lane = road.lane_of(float(snapshot.y_m[wish.row])) + wish.side
+            entry = Entry(wish.row, lane)
+            if any(_meet(entry, other, snapshot, road, bounds) for other in entries):
+                wish = wish._replace(side=0)
+            else:
+                entries.append(entry)
+        allowed.append(wish)
+    return allowed
+
+
+def _under_way(snapshot: Snapshot, road: Road) -> list[Entry]:
+    """Everybody who moves sideways, and the lane whose centre comes next."""
+    entries = []
+    for row, speed in enumerate(snapshot.lateral_speed_m_s.tolist()):
+        if speed:
+            y_m = float(snapshot.y_m[row])
+            lane = road.lane_of(y_m)
+            leaves = (y_m - road.center_m(lane)) * speed >= 0.0
+            entries.append(Entry(row, lane + (1 if speed > 0 else -1) * leaves))
+    return entries
+
+
+def _meet(one: Entry, other: Entry, snapshot: Snapshot, road: Road, bounds: StrictConfig) -> bool:
+    center_m = road.center_m(one.lane)
+    sides = [float(snapshot.y_m[entry.row]) < center_m for entry in (one, other)]
+    if one.lane != other.lane or sides[0] == sides[1]:
+        return False
+    ahead_m = float(road.ahead_m(snapshot.s_m[one.row], snapshot.s_m[other.row]))
+    rear, front = (one.row, other.row) if ahead_m >= 0.0 else (other.row, one.row)
+    lengths_m = snapshot.length_m[[one.row, other.row]]
+    gap_m = abs(ahead_m) - float(lengths_m.sum()) / 2
+    fast, slow = (float(snapshot.speed_m_s[row]) for row in (rear, front))
+    stops_later_m = max(fast**2 - slow**2, 0.0) / (2 * bounds.follower_braking_m_s2)
+    return gap_m < MINIMUM_GAP_M + REACTION_S * fast + stops_later_m
