@@ -55,6 +55,7 @@ results: setup
 	$(BIN)/python tools/compare_step_lengths.py --out docs/results/step_length.csv
 	$(BIN)/python tools/falsify_safety.py --check strict > docs/results/falsified_strict.txt
 	$(BIN)/python tools/falsify_safety.py --check paper > docs/results/falsified_paper.txt
+	$(BIN)/python tools/long_run.py --episodes 5000 --out runs/long_run.csv > docs/results/long_run.txt
 	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
 	$(BIN)/python tools/benchmark.py --rounds 9 > docs/results/benchmark.txt
 	$(BIN)/python tools/draw_picture.py docs/drive.png
