@@ -7,13 +7,11 @@ and SUMO lets both begin.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from drl_av.config import StrictConfig
+from drl_av.config import Config
+from drl_av.driving.stopping import stopping_distance
+from drl_av.traffic.population import STANDSTILL_GAP_M
 from drl_av.traffic.ring import Road
 from drl_av.traffic.snapshot import Snapshot, Wish
-
-REACTION_S = 1.0
-"""A decision."""
-MINIMUM_GAP_M = 2.5
 
 
 class Entry(NamedTuple):
@@ -23,13 +21,12 @@ class Entry(NamedTuple):
     lane: int
 
 
-def give_way(
-    wishes: Sequence[Wish], snapshot: Snapshot, road: Road, bounds: StrictConfig
-) -> list[Wish]:
+def give_way(wishes: Sequence[Wish], snapshot: Snapshot, road: Road, config: Config) -> list[Wish]:
     """The wishes without the lane changes that come too close to one from the other side.
 
-    Too close is where the rear one could not stop behind the one in front. Who is on the way goes
-    first, then whose wish stands first; the others stay in their lanes for this decision.
+    Too close is where the rear one, braking from the next decision on, could not stop behind the
+    one in front. Who is on the way goes first, then whose wish stands first; the others stay in
+    their lanes for this decision.
     """
     if not any(wish.side for wish in wishes):
         return list(wishes)
@@ -39,7 +36,7 @@ def give_way(
         if wish.side:
             lane = road.lane_of(float(snapshot.y_m[wish.row])) + wish.side
             entry = Entry(wish.row, lane)
-            if any(_meet(entry, other, snapshot, road, bounds) for other in entries):
+            if any(_meet(entry, other, snapshot, road, config) for other in entries):
                 wish = wish._replace(side=0)
             else:
                 entries.append(entry)
@@ -59,7 +56,7 @@ def _under_way(snapshot: Snapshot, road: Road) -> list[Entry]:
     return entries
 
 
-def _meet(one: Entry, other: Entry, snapshot: Snapshot, road: Road, bounds: StrictConfig) -> bool:
+def _meet(one: Entry, other: Entry, snapshot: Snapshot, road: Road, config: Config) -> bool:
     center_m = road.center_m(one.lane)
     sides = [float(snapshot.y_m[entry.row]) < center_m for entry in (one, other)]
     if one.lane != other.lane or sides[0] == sides[1]:
@@ -69,5 +66,7 @@ def _meet(one: Entry, other: Entry, snapshot: Snapshot, road: Road, bounds: Stri
     lengths_m = snapshot.length_m[[one.row, other.row]]
     gap_m = abs(ahead_m) - float(lengths_m.sum()) / 2
     fast, slow = (float(snapshot.speed_m_s[row]) for row in (rear, front))
-    stops_later_m = max(fast**2 - slow**2, 0.0) / (2 * bounds.follower_braking_m_s2)
-    return gap_m < MINIMUM_GAP_M + REACTION_S * fast + stops_later_m
+    braking, step_s = config.strict.follower_braking_m_s2, config.simulation.step_length_s
+    fast_m, slow_m = (stopping_distance(speed, braking, step_s) for speed in (fast, slow))
+    rolled_m = config.simulation.decision_interval_s * fast + max(float(fast_m - slow_m), 0.0)
+    return gap_m < STANDSTILL_GAP_M + rolled_m

@@ -45,7 +45,7 @@ class TrafficDrivers:
         for kind, rows in self._rows.items():
             acceleration, side = self._drivers[kind](snapshot, rows)
             wishes += map(Wish, rows.tolist(), acceleration.tolist(), side.tolist())
-        return give_way(wishes, snapshot, self._road, self._config.strict)
+        return give_way(wishes, snapshot, self._road, self._config)
 
     def _by_finite_state(self, snapshot: Snapshot, rows: IntArray) -> Decisions:
         around = self._look(snapshot, rows, self._config.observation.range_m)

@@ -5,17 +5,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from worlds import CENTER, LEFT, RIGHT, ROAD, Car, ahead, behind, snapshot
 
-from drl_av.config import StrictConfig
+from drl_av.config import Config
 from drl_av.driving.drivers.right_of_way import give_way
 from drl_av.traffic.snapshot import Snapshot, Wish
 
-BOUNDS = StrictConfig()  # who is behind brakes at 4 m/s^2
+CONFIG = Config()  # who is behind brakes at 4 m/s^2 from the next decision on, in steps of 0.5 s
 
 
 def sides(shot: Snapshot, *wanted: tuple[int, int]) -> list[int]:
     """What is left of (row, side) wishes."""
     wishes = [Wish(row, 1.5, side) for row, side in wanted]
-    left = give_way(wishes, shot, ROAD, BOUNDS)
+    left = give_way(wishes, shot, ROAD, CONFIG)
     assert [(w.row, w.acceleration_m_s2) for w in left] == [(row, 1.5) for row, _ in wanted]
     return [wish.side for wish in left]
 
@@ -23,9 +23,9 @@ def sides(shot: Snapshot, *wanted: tuple[int, int]) -> list[int]:
 @pytest.mark.parametrize(
     ("gap_m", "side"),
     [
-        # at 20 m/s behind 12 m/s: 2.5 + 1 s * 20 + (400 - 144) / 8 = 54.5 m
-        (54.0, 0),
-        (55.0, -1),
+        # at 20 m/s behind 12 m/s: 2.5 + 1 s * 20 + (45 - 15) m of braking = 52.5 m
+        (52.0, 0),
+        (53.0, -1),
     ],
 )
 def test_nobody_enters_in_front_of_one_that_comes_from_the_other_side_and_could_not_stop(
