@@ -43,19 +43,11 @@ level_1: setup
 # Every number, table and figure of the README (hours; what docs/results holds is not made again).
 results: setup
 	$(BIN)/drl-av reproduce --jobs 2
-	$(BIN)/drl-av evaluate random --safety-check paper --vehicles $(DENSITIES) \
-	    --episodes 50 --seed 0 --jobs 2 --out docs/results/check_paper.csv
-	$(BIN)/drl-av evaluate random idm-sumo --safety-check permit_all --vehicles $(DENSITIES) \
-	    --episodes 50 --seed 0 --jobs 2 --out docs/results/check_permit_all.csv
-	$(BIN)/drl-av evaluate pretrained --scenario barricaded_right_lane --vehicles 15 \
-	    --episodes 100 --jobs 2 --out docs/results/barricade_pretrained.csv
-	$(BIN)/drl-av evaluate pretrained idm idm-mobil idm-sumo --vehicles $(DENSITIES) \
-	    --config docs/results/reference_acc.toml --episodes 100 --jobs 2 \
-	    --out docs/results/reference_acc.csv
 	$(BIN)/python tools/compare_step_lengths.py --out docs/results/step_length.csv
 	$(BIN)/python tools/falsify_safety.py --check strict > docs/results/falsified_strict.txt
 	$(BIN)/python tools/falsify_safety.py --check paper > docs/results/falsified_paper.txt
 	$(BIN)/python tools/long_run.py --episodes 5000 --out runs/long_run.csv > docs/results/long_run.txt
+	$(BIN)/python tools/check_background_traffic.py > docs/results/background_traffic.txt
 	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
 	$(BIN)/python tools/benchmark.py --rounds 9 > docs/results/benchmark.txt
 	$(BIN)/python tools/draw_picture.py docs/drive.png

@@ -86,6 +86,21 @@ def reference_table() -> str:
     return "\n".join(lines)
 
 
+def barricade_table() -> str:
+    """How the shipped driver drives beside a closed lane, and on the open road."""
+    tables = {"closed": read("barricade_pretrained.csv"), "open": read("evaluation.csv")}
+    lines = [
+        "| right lane | episodes | ego hit something | was hit | mean speed, m/s |",
+        "|" + " --- |" * 5,
+    ]
+    densities = {row["vehicles"] for row in tables["closed"]}
+    for lane, rows in tables.items():
+        own = [r for r in rows if r["driver"] == "pretrained" and r["vehicles"] in densities]
+        hits, hit = count(own, "ego_hit"), count(own, "collided") - count(own, "ego_hit")
+        lines.append(f"| {lane} | {len(own)} | {hits} | {hit} | {mean_speed(own)} |")
+    return "\n".join(lines)
+
+
 def check_table() -> str:
     """Drivers with the check and without it, over the densities of those tables."""
     rows = read("check_paper.csv") + read("check_permit_all.csv")
@@ -217,6 +232,7 @@ TABLES = {
 }
 WITH_RESULTS = {
     "gain": ("paired.csv", gain_table),
+    "barricade": ("barricade_pretrained.csv", barricade_table),
     "reference": ("reference_acc.csv", reference_table),
     "convergence": ("convergence.csv", convergence_table),
     "cost": ("curves.csv", cost_table),

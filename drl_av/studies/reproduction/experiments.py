@@ -8,11 +8,13 @@ from drl_av.studies.reproduction.published import figures
 from drl_av.studies.reproduction.scale import Experiment
 from drl_av.studies.reproduction.speeds import speeds
 from drl_av.studies.reproduction.strictness import strictness
+from drl_av.studies.reproduction.variations import variations
 
 EXPERIMENTS: dict[str, Experiment] = {
     "curves": curves,
     "fast": fast,
     "speeds": speeds,
+    "variations": variations,
     "strict": strictness,
     "adaptation": adaptation,
     "barricade": barricade,

@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 
 from drl_av.errors import DrlAvError
+from drl_av.studies.reproduction import driven
 from drl_av.studies.reproduction import speeds as module
+from drl_av.studies.reproduction.driven import DrivenTable
 from drl_av.studies.reproduction.provenance import write_sidecar
 from drl_av.studies.reproduction.scale import Scale
 from drl_av.studies.reproduction.speeds import speeds
@@ -62,29 +64,29 @@ def test_stops_where_they_meet_and_drives_nothing_twice(
     list(speeds(scale))
     assert densities(scale.out) == ["1", "30"]
     before = (scale.out / "evaluation.csv").read_bytes()
-    driven: list[int] = []
-    rows = module.Evaluation.rows
+    counts: list[int] = []
+    rows = driven.Evaluation.rows
 
     def counted(evaluation: Any, jobs: int) -> Iterator[Any]:
-        driven.append(len(evaluation))
+        counts.append(len(evaluation))
         return rows(evaluation, jobs)
 
-    monkeypatch.setattr(module.Evaluation, "rows", counted)
+    monkeypatch.setattr(driven.Evaluation, "rows", counted)
     list(speeds(scale))
-    assert not driven
+    assert not counts
     list(speeds(scale._replace(drives=3)))
-    assert driven == [12, 12]
+    assert counts == [12, 12]
     assert before != (scale.out / "evaluation.csv").read_bytes()
-    monkeypatch.setattr(module, "checksum", lambda file: "that of another policy")
+    monkeypatch.setattr(driven, "checksum", lambda file: "that of another policy")
     list(speeds(scale))
-    assert driven == [12, 12, 8, 8]
+    assert counts == [12, 12, 8, 8]
     assert (scale.out / "evaluation.csv").read_bytes() == before
 
 
 @pytest.mark.parametrize("harm", ["a column", "a number", "the time"])
 def test_a_damaged_table_is_told_in_one_sentence_and_kept(scale: Scale, harm: str) -> None:
     config = scale.over(module.config_of(module.choose(["pretrained"])))
-    facts = module._facts(scale, config, 5.0)
+    facts = DrivenTable(scale, "evaluation.csv", config, module.choose(["pretrained"])).facts()
     if harm == "the time":
         del facts["wall_time_s"]
     write_sidecar(scale.out / "evaluation.csv", facts)
