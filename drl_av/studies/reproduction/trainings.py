@@ -53,21 +53,27 @@ def trained(
     table.path.parent.mkdir(parents=True, exist_ok=True)
     scale.runs.mkdir(parents=True, exist_ok=True)
     require_writable(table.path, sidecar(table.path))
-    with intact(table.path):
-        _require_same_settings(table)
+    _require_same_settings(table)
     goals = list({leg.folder: leg for legs in rounds for leg in legs}.values())
     _collect(scale, table, goals)
     yield _progress(table, goals)
     for legs in rounds:
         try:
-            missing = _missing(table, legs)
-            with closing(ENGINES[scale.engine](drive_leg, missing, scale.jobs)) as engine:
+            left = missing(table, legs)
+            with closing(ENGINES[scale.engine](drive_leg, left, scale.jobs)) as engine:
                 for ended in engine:
                     if ended:
                         _collect(scale, table, goals)
                     yield _progress(table, goals)
         finally:
             _collect(scale, table, goals)
+
+
+def missing(table: Table, legs: Iterable[Leg]) -> list[Leg]:
+    """The legs that have not brought all their rows; raises DrlAvError as ``trained``."""
+    _require_same_settings(table)
+    last = _last_episodes(table)
+    return [leg for leg in legs if last.get((leg.variant, str(leg.seed)), 0) < leg.last_row]
 
 
 def merged(stored: Iterable[Row], found: Iterable[Row], variants: Iterable[str]) -> list[Row]:
@@ -96,11 +102,6 @@ def _by_training(rows: Iterable[Row]) -> dict[Training, list[Row]]:
     return {key: [group[e] for e in sorted(group)] for key, group in groups.items()}
 
 
-def _missing(table: Table, legs: Iterable[Leg]) -> list[Leg]:
-    last = _last_episodes(table)
-    return [leg for leg in legs if last.get((leg.variant, str(leg.seed)), 0) < leg.last_row]
-
-
 def _last_episodes(table: Table) -> dict[Training, int]:
     groups = _by_training(_stored(table))
     return {key: int(rows[-1]["episode"]) for key, rows in groups.items()}
@@ -116,9 +117,13 @@ def _progress(table: Table, goals: Sequence[Leg]) -> Progress:
 
 def _require_same_settings(table: Table) -> None:
     facts = read_sidecar(table.path)
-    for variant, settings in facts.get("settings", {}).items():
-        made = stored_config(settings, str(sidecar(table.path)))
-        same = all(facts.get(name) == value for name, value in table.identity.items())
+    with intact(table.path):
+        stored = {
+            variant: stored_config(settings, str(sidecar(table.path)))
+            for variant, settings in facts.get("settings", {}).items()
+        }
+    same = all(facts.get(name) == value for name, value in table.identity.items())
+    for variant, made in stored.items():
         if made != table.configs.get(variant) or not same:
             raise DrlAvError(
                 f"{table.path} holds {variant} trained with other settings: choose another folder "

@@ -5,8 +5,7 @@ from typing import Any
 
 import pytest
 
-from drl_av.learning.checkpoint import load_policy
-from drl_av.studies.drivers import PRETRAINED
+from drl_av.learning import checkpoint
 from drl_av.studies.reproduction import adaptation as module
 from drl_av.studies.reproduction import trainings
 from drl_av.studies.reproduction.adaptation import adaptation
@@ -31,7 +30,7 @@ def here(work: Any, jobs: list[Leg], processes: int) -> Any:
         yield [job]
 
 
-def test_both_begin_as_the_shipped_driver_and_only_one_of_them_learns(
+def test_both_begin_as_the_shipped_driver_trained_anew_and_only_one_of_them_learns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "settings.toml").write_text(SETTINGS)
@@ -46,14 +45,31 @@ def test_both_begin_as_the_shipped_driver_and_only_one_of_them_learns(
         for variant in ("adaptation", "no_adaptation")
         for episode in ("2", "4", "5")
     ]
-    shipped, _ = load_policy(PRETRAINED / "policy.safetensors")
-    changed = {}
-    for variant in ("adaptation", "no_adaptation"):
-        network, _ = load_policy(runs / f"{variant}-0" / "policy.safetensors")
-        changed[variant] = bool((network.flat != shipped.flat).any())
-    assert changed == {"adaptation": True, "no_adaptation": False}
-    seeds = [
-        [row["seed"] for row in read_rows(runs / f"{variant}-0" / "episodes.csv")]
-        for variant in changed
-    ]
+    names = ("pretrained-1", "adaptation-0", "no_adaptation-0")
+    weights, remembered = {}, {}
+    for name in names:
+        network, _ = checkpoint.load_policy(runs / name / "policy.safetensors")
+        tensors, _ = checkpoint.load(runs / name / "checkpoint.safetensors")
+        weights[name] = network.flat
+        remembered[name] = sum(
+            len(tensors[f"buffer.{kind}.rows"]) for kind in ("safe", "collision")
+        )
+    changed = {name: bool((weights[name] != weights[names[0]]).any()) for name in names}
+    assert changed == {"pretrained-1": False, "adaptation-0": True, "no_adaptation-0": False}
+    # what is driven since comes on top of the training's own experience
+    assert all(remembered[name] > remembered[names[0]] > 15 for name in names[1:])
+    seeds = [[row["seed"] for row in read_rows(runs / name / "episodes.csv")] for name in names[1:]]
     assert seeds[0] == seeds[1]
+
+
+def test_a_whole_table_asks_for_no_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "settings.toml").write_text(SETTINGS)
+    monkeypatch.setitem(trainings.ENGINES, "here", here)
+    scale = Scale(
+        engine="here", runs=tmp_path / "runs", out=tmp_path, config=str(tmp_path / "settings.toml")
+    )
+    list(adaptation(scale))
+    list(adaptation(scale._replace(runs=tmp_path / "elsewhere")))
+    assert list((tmp_path / "elsewhere").iterdir()) == []
