@@ -24,12 +24,15 @@ import json
 import os
 import statistics
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from typing import NamedTuple
 
 import torch
 from benchmark_rows import NUMBERS, ROWS, Row
+
+from drl_av.studies.reproduction.provenance import made_by
 
 SEEDS = 1_000
 """First traffic seed of the episodes that are timed."""
@@ -59,13 +62,18 @@ def main() -> None:
     if unknown := set(options.rows) - set(ROWS):
         parser.error(f"there is no row {unknown.pop()!r}; the rows are: {', '.join(ROWS)}")
     torch.set_num_threads(1)
+    begun_s = time.monotonic()
     seeds = range(SEEDS, SEEDS + options.episodes)
     with ExitStack() as stack:
         rows = [row for name in options.rows or ROWS for row in ROWS[name](seeds, stack)]
         if hasattr(os, "sched_setaffinity"):
             os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
         results = list(in_turn(rows, options.rounds))
-    print(json.dumps([r._asdict() for r in results]) if options.json else table(results))
+    if options.json:
+        print(json.dumps([r._asdict() for r in results]))
+    else:
+        print(table(results))
+        print(made_by(time.monotonic() - begun_s))
 
 
 def in_turn(rows: Sequence[Row], rounds: int) -> Iterator[Result]:

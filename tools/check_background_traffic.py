@@ -10,6 +10,7 @@ changes a vehicle and minute. Exits with 1 where anything collided.
 
 import argparse
 import sys
+import time
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.driving.drivers.traffic import TrafficDrivers
 from drl_av.level_1 import load_level_1
+from drl_av.studies.reproduction.provenance import made_by
 from drl_av.traffic.population import EGO_ID
 from drl_av.traffic.scenario import find_scenario, load_scenario
 from drl_av.traffic.simulation import Simulation
@@ -129,7 +131,7 @@ def main() -> int:
     )
     parser.add_argument("--mix", nargs="+", default=MIXES, metavar="FSM,L0,L1", help="shares")
     options = parser.parse_args()
-    collided = 0
+    collided, begun_s = 0, time.monotonic()
     for mix in options.mix:
         tally = check(with_shares(mix), options.episodes, options.vehicles)
         collided += tally.collisions + tally.overlaps
@@ -140,6 +142,7 @@ def main() -> int:
             "a vehicle and minute",
             flush=True,
         )
+    print(made_by(time.monotonic() - begun_s))
     return 1 if collided else 0
 
 

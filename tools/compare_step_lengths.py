@@ -19,6 +19,7 @@ from drl_av.config import Config
 from drl_av.driving.drivers.rules import IdmDriver
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
+from drl_av.studies.reproduction.provenance import provenance, write_sidecar
 
 STEP_LENGTHS_S = (1.0, 0.5, 0.25, 0.2, 0.1)
 SEEDS = 2_000
@@ -73,11 +74,18 @@ def main() -> None:
     parser.add_argument("--vehicles", type=int, default=30, help="(default: 30)")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
     options = parser.parse_args()
+    begun_s = time.monotonic()
     rows = [measure(step, options.episodes, options.vehicles) for step in STEP_LENGTHS_S]
     with options.out.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
+    facts = provenance(
+        Config(),
+        seeds=f"{SEEDS} to {SEEDS + options.episodes - 1}",
+        wall_time_s=round(time.monotonic() - begun_s, 1),
+    )
+    write_sidecar(options.out, {**facts, "step_length_s": STEP_LENGTHS_S})
     for row in rows:
         print(row)
 

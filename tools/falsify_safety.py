@@ -12,6 +12,7 @@ and what the ego asks for. Ends with status 1 if the ego hit somebody under ``st
 import argparse
 import json
 import sys
+import time
 import warnings
 from dataclasses import replace
 from itertools import pairwise
@@ -26,6 +27,7 @@ from drl_av.errors import ScenarioError
 from drl_av.studies.falsification import FAMILIES, PLACED, Tally, genes, orders, play, scripted
 from drl_av.studies.falsification import search as learn
 from drl_av.studies.plain_world import Judge, Mover, one_by_one
+from drl_av.studies.reproduction.provenance import made_by
 from drl_av.studies.strict_at_once import StrictAtOnce
 
 CLOSING_M_S = (0.0, 5.0, 10.0, 15.0, 20.0, 30.0)
@@ -149,8 +151,13 @@ def main() -> int:
     scenes = arguments.scenes or (50 if arguments.sumo else 100_000 if strict else 1000)
     work = in_sumo if arguments.sumo else search if strict or arguments.search else envelope
     warnings.filterwarnings("ignore", module="cma")
+    begun_s = time.monotonic()
     rows = work(config, arguments.family or list(FAMILIES), scenes, arguments.seed)
-    print(json.dumps(rows, indent=2)) if arguments.json else show(rows)
+    if arguments.json:
+        print(json.dumps(rows, indent=2))
+    else:
+        show(rows)
+        print(made_by(time.monotonic() - begun_s))
     return 1 if strict and any(row["ego_hit"] for row in rows) else 0
 
 

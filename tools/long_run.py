@@ -10,6 +10,7 @@ hit by a vehicle that broke no bound.
 import argparse
 import csv
 import sys
+import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from drl_av.driving.drivers.rules import RandomDriver
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
 from drl_av.studies.bounds import Auditor
+from drl_av.studies.reproduction.provenance import made_by
 from drl_av.traffic.collisions import overlapping
 from drl_av.traffic.snapshot import Collision, Command
 
@@ -105,7 +107,7 @@ def main() -> int:
     base = load_config(arguments.config).updated("safety", check=arguments.check)
     worlds, driver = environments(base), RandomDriver()
     names = list(worlds)
-    done = read(arguments.out)
+    begun_s, done = time.monotonic(), read(arguments.out)
     known = {int(row["seed"]) for row in done}
     with arguments.out.open("a", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
@@ -116,7 +118,10 @@ def main() -> int:
             if seed not in known:
                 writer.writerow(worlds[mix].episode(driver, mix, seed))
                 file.flush()
-    return report(read(arguments.out))
+    status = report(read(arguments.out))
+    if not done:
+        print(made_by(time.monotonic() - begun_s))
+    return status
 
 
 def read(path: Path) -> list[dict[str, str]]:

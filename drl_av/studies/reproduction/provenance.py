@@ -25,7 +25,7 @@ INTEGRATION = "semi-implicit Euler"
 def provenance(config: Config, **facts: Any) -> dict[str, Any]:
     """Everything about this process that a results file depends on, and the caller's own facts."""
     return {
-        "command": shlex.join(["drl-av", *sys.argv[1:]]),
+        "command": command(),
         "date": datetime.now(UTC).date().isoformat(),
         "python": platform.python_version(),
         **{package: version(package) for package in PACKAGES},
@@ -34,6 +34,25 @@ def provenance(config: Config, **facts: Any) -> dict[str, Any]:
         "machine": machine(),
         **facts,
     }
+
+
+def command() -> str:
+    """The command line of this process, as somebody in the project's folder would give it."""
+    program = Path(sys.argv[0])
+    tool = program.parent.name == "tools"
+    return shlex.join(
+        [*(("python", f"tools/{program.name}") if tool else ("drl-av",)), *sys.argv[1:]]
+    )
+
+
+def made_by(seconds: float) -> str:
+    """Command, time, versions and machine in a line, for results that are a text."""
+    facts = provenance(Config())
+    versions = ", ".join(f"{package} {facts[package]}" for package in ("python", *PACKAGES))
+    return (
+        f"made by {facts['command']} in {seconds:.0f} s on {facts['date']}: "
+        f"{versions}; {facts['machine']}"
+    )
 
 
 def checksum(file: Path) -> str:
