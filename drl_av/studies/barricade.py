@@ -86,18 +86,8 @@ def study_config(check: str, seed: int, episodes: int) -> Config:
     return fast.updated("simulation", scenario=SCENARIO).updated("safety", check=check)
 
 
-def barricade_rows(
-    seeds: Iterable[int] = SEEDS,
-    episodes: int = EPISODES,
-    trained_episodes: int = TRAINED_EPISODES,
-) -> Iterator[BarricadeRow]:
-    """Train with and without the check, a row an episode; then drive what was trained."""
-    for seed in seeds:
-        for check in CHECKS:
-            yield from _one_training(study_config(check, seed, episodes), trained_episodes)
-
-
-def _one_training(config: Config, trained_episodes: int) -> Iterator[BarricadeRow]:
+def barricade_rows(config: Config, trained_episodes: int) -> Iterator[BarricadeRow]:
+    """Train with the check of the config, a row an episode; then drive what was trained."""
     check, seed = config.safety.check, config.learning.seed
     with closing(Witness(config=config)) as env:
         training = Training(env)

@@ -15,6 +15,7 @@ from drl_av.studies.barricade import (
 )
 from drl_av.studies.files import require_writable
 from drl_av.studies.reproduction.provenance import (
+    made_otherwise,
     provenance,
     read_sidecar,
     sidecar,
@@ -28,28 +29,32 @@ TABLE = "barricade.csv"
 
 
 def barricade(scale: Scale) -> Generator[Progress, None, None]:
-    """Write ``barricade.csv``, unless it is there, made with the same settings.
+    """Write ``barricade.csv``, unless it is there.
 
     Its size is the study's own: minutes, whatever the scale.
 
     Raises:
-        DrlAvError: the disk refuses.
+        DrlAvError: the table was made with other settings; or the disk refuses.
     """
     scale.out.mkdir(parents=True, exist_ok=True)
     table = scale.out / TABLE
     require_writable(table, sidecar(table))
-    config = study_config(CHECKS[0], SEEDS[0], EPISODES)
-    stored = read_sidecar(table).get("settings")
+    configs = [
+        scale.over(study_config(check, seed, EPISODES)) for seed in SEEDS for check in CHECKS
+    ]
     with intact(table):
-        if table.exists() and stored and stored_config(stored, str(sidecar(table))) == config:
+        if table.exists():
+            if stored_config(read_sidecar(table)["settings"], str(sidecar(table))) != configs[0]:
+                raise made_otherwise(table)
             return
-    total = len(SEEDS) * len(CHECKS) * (EPISODES + TRAINED_EPISODES)
+    total = sum(config.learning.episodes + TRAINED_EPISODES for config in configs)
     begun_s, rows = monotonic(), []
-    for row in barricade_rows(SEEDS, EPISODES, TRAINED_EPISODES):
-        rows.append(row)
-        yield Progress(len(rows), total, f"{row.safety_check}, seed {row.seed}")
-    write_barricade_rows(table, rows)
+    for config in configs:
+        for row in barricade_rows(config, TRAINED_EPISODES):
+            rows.append(row)
+            yield Progress(len(rows), total, f"{row.safety_check}, seed {row.seed}")
     spent_s = round(monotonic() - begun_s, 1)
     seeds = f"{SEEDS[0]} to {SEEDS[-1]}"
-    facts = provenance(config, seeds=seeds, wall_time_s=spent_s, settings=asdict(config))
+    facts = provenance(configs[0], seeds=seeds, wall_time_s=spent_s, settings=asdict(configs[0]))
     write_sidecar(table, facts)
+    write_barricade_rows(table, rows)

@@ -1,18 +1,19 @@
 """A table of evaluation episodes, of which only the missing ones are driven."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from time import monotonic
 from typing import Any
 
 from drl_av.config import Config
 from drl_av.episode import EpisodeResult
 from drl_av.studies.drivers import Choice, policy_file
-from drl_av.studies.evaluation import Evaluation, write_rows
+from drl_av.studies.evaluation import Evaluation
 from drl_av.studies.files import require_writable
 from drl_av.studies.reproduction.provenance import (
     checksum,
+    made_otherwise,
     provenance,
     read_sidecar,
     sidecar,
@@ -20,16 +21,22 @@ from drl_av.studies.reproduction.provenance import (
     write_sidecar,
 )
 from drl_av.studies.reproduction.scale import Scale
-from drl_av.studies.reproduction.tables import Row, intact, read_rows
+from drl_av.studies.reproduction.tables import Row, intact, read_rows, write_rows
+
+Columns = Callable[[EpisodeResult], Row]
+
+
+def all_columns(result: EpisodeResult) -> Row:
+    """All that is known of an episode."""
+    return {name: str(value) for name, value in asdict(result).items()}
 
 
 class DrivenTable:
-    """Some drivers on the same traffic, ``scale.drives`` episodes at each number of vehicles.
-
-    Rows that the file holds already, made with the same settings and policy, are kept.
+    """Episodes of some drivers in cells: rows that have some columns in common.
 
     Raises:
-        DrlAvError: the file is damaged, or the disk refuses.
+        DrlAvError: the file was made with other settings or another policy, or is damaged; or the
+            disk refuses.
     """
 
     def __init__(self, scale: Scale, name: str, config: Config, choices: Sequence[Choice]) -> None:
@@ -42,58 +49,59 @@ class DrivenTable:
         scale.out.mkdir(parents=True, exist_ok=True)
         require_writable(self.path, sidecar(self.path))
         with intact(self.path):
-            self.rows, self._spent_s = self._kept()
+            facts = read_sidecar(self.path)
+            self.rows = read_rows(self.path)
+            self._seeds()
+            self._spent_s = float(facts["wall_time_s"]) if facts else 0.0
+            if facts and not self._made(facts):
+                raise made_otherwise(self.path)
 
-    def at(self, vehicles: int) -> list[EpisodeResult]:
-        """The rows of one number of vehicles."""
-        drives = self._scale.drives
-        return [row for row in self.rows if row.vehicles == vehicles and row.seed < drives]
+    def of(self, cell: Row) -> list[Row]:
+        """The rows of a cell."""
+        return [row for row in self.rows if cell.items() <= row.items()]
 
-    def drive(self, vehicles: int) -> Generator[int, None, None]:
-        """Drive one number of vehicles, where rows of it are missing; tells how many are driven.
+    def drive(
+        self,
+        cell: Row,
+        config: Config,
+        vehicles: int,
+        columns: Columns = all_columns,
+    ) -> Generator[int, None, None]:
+        """Drive a cell, where rows of it are missing; tells how many are driven.
 
         Raises:
             DrlAvError: as ``Evaluation``; or the disk refuses.
         """
-        seeds = range(self._scale.drives)
-        evaluation = Evaluation(self._config, self._choices, [vehicles], seeds)
-        if len(self.at(vehicles)) >= len(evaluation):
+        evaluation = Evaluation(config, self._choices, [vehicles], range(self._scale.drives))
+        if len(self.of(cell)) >= len(evaluation):
             return
         begun_s, here = monotonic(), []
         with closing(evaluation.rows(self._scale.jobs)) as found:
-            for row in found:
-                here.append(row)
+            for result in found:
+                here.append(columns(result))
                 yield len(here)
         self._spent_s += monotonic() - begun_s
-        self.rows = [*(row for row in self.rows if row.vehicles != vehicles), *here]
-        self.rows.sort(key=lambda row: row.vehicles)
-        write_rows(self.path, self.rows)
+        self.rows = [*(row for row in self.rows if not cell.items() <= row.items()), *here]
         write_sidecar(self.path, self.facts())
+        write_rows(self.path, self.rows)
 
     def facts(self) -> dict[str, Any]:
         """What made the rows."""
         return provenance(
             self._config,
             processes=self._scale.jobs,
-            seeds=f"0 to {self._scale.drives - 1}",
+            seeds=self._seeds(),
             wall_time_s=round(self._spent_s, 1),
             **self._identity,
             settings=asdict(self._config),
         )
 
-    def _kept(self) -> tuple[list[EpisodeResult], float]:
-        """What an earlier command left that still holds, and the seconds spent on it."""
-        facts = read_sidecar(self.path)
-        if not facts or facts.get("policy_sha256") != self._identity.get("policy_sha256"):
-            return [], 0.0
-        if stored_config(facts["settings"], str(sidecar(self.path))) != self._config:
-            return [], 0.0
-        return list(map(_result, read_rows(self.path))), float(facts["wall_time_s"])
+    def _seeds(self) -> str:
+        seeds = sorted(int(row["seed"]) for row in self.rows)
+        return f"{seeds[0]} to {seeds[-1]}" if seeds else ""
 
-
-def _result(row: Row) -> EpisodeResult:
-    values: dict[str, Any] = {
-        item.name: row[item.name] == "True" if item.type is bool else item.type(row[item.name])  # type: ignore[operator]
-        for item in fields(EpisodeResult)
-    }
-    return EpisodeResult(**values)
+    def _made(self, facts: dict[str, Any]) -> bool:
+        """Whether these drivers with these settings made the rows."""
+        if facts.get("policy_sha256") != self._identity.get("policy_sha256"):
+            return False
+        return stored_config(facts["settings"], str(sidecar(self.path))) == self._config

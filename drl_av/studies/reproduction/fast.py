@@ -18,6 +18,7 @@ from drl_av.studies.reproduction.engines import ENGINES
 from drl_av.studies.reproduction.legs import Leg, drive_leg, episodes_driven, wall_time_s
 from drl_av.studies.reproduction.provenance import (
     checksum,
+    made_otherwise,
     provenance,
     read_sidecar,
     sidecar,
@@ -41,11 +42,10 @@ def fast(scale: Scale) -> Generator[Progress, None, None]:
     """Train both, drive all through the same traffic, and keep ``fast.csv`` up to date.
 
     The long training is that of the learning curves, seed 0, and goes on from there. What the
-    table holds already, made with the same settings and policy, is not driven again; a whole
-    table is left alone.
+    table holds already is not driven again; a whole table is left alone.
 
     Raises:
-        DrlAvError: as ``Evaluation``; the trainings' folders hold others; or the disk refuses.
+        DrlAvError: as ``DrivenTable``; or the trainings' folders hold others.
         SimulationError: a training cannot go on.
     """
     scale.out.mkdir(parents=True, exist_ok=True)
@@ -56,14 +56,14 @@ def fast(scale: Scale) -> Generator[Progress, None, None]:
     configs = {leg.folder.name: leg.config for leg in legs}
     with intact(table):
         facts, rows = read_sidecar(table), read_rows(table)
-        made = {
+        stored = {
             name: stored_config(settings, str(sidecar(table)))
-            for name, settings in (facts["settings"] if rows else {}).items()
+            for name, settings in facts.get("settings", {}).items()
         }
-        rows = [row for row in rows if made[row["training"]] == configs.get(row["training"])]
-        known = facts["policies_sha256"] if rows else {}
-    cells = [Cell(leg.folder.name, str(n)) for leg in legs for n in DENSITIES]
-    held = Counter(map(_cell, rows))
+        cells = [Cell(leg.folder.name, str(n)) for leg in legs for n in DENSITIES]
+        held = Counter(map(_cell, rows))
+    if any(made != configs.get(name, made) for name, made in stored.items()):
+        raise made_otherwise(table)
     if all(held[cell] >= scale.drives for cell in cells):
         return
     total = sum(leg.stop for leg in legs)
@@ -71,37 +71,47 @@ def fast(scale: Scale) -> Generator[Progress, None, None]:
         for _ in engine:
             yield Progress(sum(episodes_driven(leg.folder) for leg in legs), total, "training")
     policies = {leg.folder.name: checksum(policy_file(leg.folder)) for leg in legs}
-    rows = [row for row in rows if known[row["training"]] == policies[row["training"]]]
-    held = Counter(map(_cell, rows))
-    origin = {
-        "seeds": f"0 to {scale.drives - 1}",
-        "wall_time_s": {leg.folder.name: wall_time_s(leg.clock) for leg in legs},
-        "policies_sha256": policies,
-        "settings": {name: asdict(config) for name, config in configs.items()},
-    }
+    known = facts.get("policies_sha256", {})
+    if any(policy != policies.get(name, policy) for name, policy in known.items()):
+        raise made_otherwise(table)
+    times = {leg.folder.name: wall_time_s(leg.clock) for leg in legs}
     folders = {leg.folder.name: leg.folder for leg in legs}
     for done, cell in enumerate(cells):
         if held[cell] >= scale.drives:
             continue
         choices = choose([str(folders[cell.training])])
-        seeds = range(scale.drives)
-        evaluation = Evaluation(legs[0].config, choices, [int(cell.vehicles)], seeds)
+        evaluation = Evaluation(legs[0].config, choices, [int(cell.vehicles)], range(scale.drives))
         here: list[Row] = []
         with closing(evaluation.rows(scale.jobs)) as found:
             for result in found:
                 outcome = {
                     "seed": str(result.seed),
-                    "mean_reward": repr(result.mean_reward),
-                    "mean_speed_m_s": repr(result.mean_speed_m_s),
+                    "mean_reward": str(result.mean_reward),
+                    "mean_speed_m_s": str(result.mean_speed_m_s),
                     "ego_hit": str(result.ego_hit),
                 }
                 here.append({**cell._asdict(), **outcome})
                 driven = done * scale.drives + len(here)
                 yield Progress(driven, len(cells) * scale.drives, cell.training)
         rows = [*(row for row in rows if _cell(row) != cell), *here]
-        rows.sort(key=lambda row: cells.index(_cell(row)))
+        rows.sort(key=lambda row: _place(_cell(row)))
+        made = provenance(
+            legs[0].config,
+            processes=scale.jobs,
+            seeds=f"0 to {max(int(row['seed']) for row in rows)}",
+            wall_time_s=facts.get("wall_time_s", {}) | times,
+            policies_sha256=known | policies,
+            settings=facts.get("settings", {})
+            | {name: asdict(config) for name, config in configs.items()},
+        )
+        write_sidecar(table, made)
         write_rows(table, rows)
-        write_sidecar(table, provenance(legs[0].config, processes=scale.jobs, **origin))
+
+
+def _place(cell: Cell) -> tuple[bool, int, int]:
+    """Where a cell stands in the table: the long training first."""
+    variant, _, seed = cell.training.partition("-")
+    return variant != "paper", int(seed), int(cell.vehicles)
 
 
 def _cell(row: Row) -> Cell:

@@ -7,7 +7,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import Config
+from drl_av.config import Config, load_config
 from drl_av.errors import RunError
 from drl_av.studies.reproduction.tables import Row
 
@@ -23,8 +23,13 @@ class Leg(NamedTuple):
     folder: Path
     every: int
     """Episodes that a row of its table sums up."""
-    policy: Path | None = None
-    """Where the driver comes from that goes on learning; None for one that begins anew."""
+    origin: "Leg | None" = None
+    """The training whose driver goes on learning here; None for one that begins anew."""
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is a folder to go on from."""
+        return (self.folder / "config.toml").is_file()
 
     @property
     def last_row(self) -> int:
@@ -38,29 +43,34 @@ class Leg(NamedTuple):
         return self.folder.with_suffix(".seconds.csv")
 
 
+def require_same_settings(leg: Leg) -> None:
+    """Raise RunError where the leg's folder was begun with other settings."""
+    if leg.begun and load_config(leg.folder / "config.toml") != leg.config:
+        raise RunError(
+            f"{leg.folder} was begun with other settings: choose another folder with --runs, "
+            "or move it away."
+        )
+
+
 def drive_leg(leg: Leg) -> None:
     """Train up to the leg's last episode, from the last checkpoint on; nothing where it is done.
 
     Raises:
         RunError: the folder holds a training with other settings, or another process is in it.
     """
+    require_same_settings(leg)
     from drl_av.env import HighwayEnv
     from drl_av.learning.adaptation import take_over
     from drl_av.learning.run import Run, train
     from drl_av.learning.training import Training
 
     run = Run(leg.folder)
-    if run.config_file.is_file() and run.read_config() != leg.config:
-        raise RunError(
-            f"{leg.folder} was begun with other settings: choose another folder with --runs, "
-            "or move it away."
-        )
     with closing(HighwayEnv(config=leg.config)) as env, ExitStack() as stack:
         training = Training(env)
-        if not run.config_file.is_file():
-            if leg.policy:
-                take_over(training, leg.policy)
-            run.create(leg.config, training if leg.policy else None)
+        if not leg.begun:
+            if leg.origin:
+                take_over(training, Run(leg.origin.folder).policy_file)
+            run.create(leg.config, training if leg.origin else None)
         stack.enter_context(run.alone())
         run.restore(training)
         if training.episodes_done >= leg.stop:

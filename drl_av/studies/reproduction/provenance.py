@@ -77,15 +77,24 @@ def sidecar(table: Path) -> Path:
 
 
 def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
-    """Write it whole or not at all; raises DrlAvError where the disk refuses."""
+    """Write it, before the table, whole or not at all; raises DrlAvError where the disk refuses."""
     write_whole(sidecar(table), json.dumps(facts, indent=2).encode() + b"\n")
 
 
 def read_sidecar(table: Path) -> dict[str, Any]:
-    """What made the table, nothing where there is none yet; raises DrlAvError."""
+    """What made the table, nothing where there is none yet.
+
+    Raises:
+        DrlAvError: it cannot be read, or there is a table and nothing beside it.
+    """
     path = sidecar(table)
-    if not path.exists():
+    if not path.exists() and not table.exists():
         return {}
+    if not path.exists():
+        raise DrlAvError(
+            f"{table} has no {path.name} beside it that says what made it: put that back, or move "
+            "the table away to make it anew."
+        )
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -93,6 +102,14 @@ def read_sidecar(table: Path) -> dict[str, Any]:
     if not isinstance(facts, dict):
         raise DrlAvError(f"{path} holds no provenance: put back what was there.")
     return facts
+
+
+def made_otherwise(table: Path) -> DrlAvError:
+    """What to raise instead of writing over somebody's results."""
+    return DrlAvError(
+        f"{table} was made with other settings or another driver: choose another folder with "
+        f"--out, or move it and {sidecar(table).name} away to make it anew."
+    )
 
 
 def stored_config(settings: dict[str, Any], name: str) -> Config:

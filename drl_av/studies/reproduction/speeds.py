@@ -2,8 +2,9 @@
 
 from collections.abc import Generator, Iterator
 from contextlib import closing
+from dataclasses import fields
 from itertools import count
-from pathlib import Path
+from typing import Any
 
 from drl_av.config import Config
 from drl_av.episode import EpisodeResult
@@ -13,7 +14,7 @@ from drl_av.studies.files import require_writable
 from drl_av.studies.reproduction.driven import DrivenTable
 from drl_av.studies.reproduction.paired import Paired, paired
 from drl_av.studies.reproduction.scale import Progress, Scale
-from drl_av.studies.reproduction.tables import write_rows
+from drl_av.studies.reproduction.tables import Row, intact, write_rows
 
 DRIVER, BASELINES = "pretrained", ("idm", "idm-mobil", "idm-sumo")
 TABLE, PAIRED = "evaluation.csv", "paired.csv"
@@ -25,27 +26,30 @@ def speeds(scale: Scale) -> Generator[Progress, None, None]:
     """Drive all drivers through the same traffic, and keep ``evaluation.csv`` up to date.
 
     Beyond the densities of the tables it goes on until the driver's gain on the best baseline is
-    no longer certain, or the road is full. A density that the table holds already, made with the
-    same settings and policy, is not driven again.
+    no longer certain, or the road is full. A density that the table holds already is not driven
+    again.
 
     Raises:
-        DrlAvError: as ``Evaluation``; or the disk refuses.
+        DrlAvError: as ``DrivenTable``.
     """
     choices = choose([DRIVER, *BASELINES])
     config = scale.over(config_of(choices))
     table = DrivenTable(scale, TABLE, config, choices)
     require_writable(scale.out / PAIRED)
+    with intact(table.path):
+        list(map(_result, table.rows))
     done = 0
     for vehicles in _densities(config):
-        for driven in table.drive(vehicles):
+        cell = {"vehicles": str(vehicles)}
+        for driven in table.drive(cell, config, vehicles):
             total = len(choices) * scale.drives * len({*DENSITIES, vehicles})
             yield Progress(done + driven, max(total, done), f"{vehicles} vehicles")
-        here = table.at(vehicles)
-        done += len(here)
-        _write_gains(scale.out / PAIRED, table.rows)
-        gains = paired(here, DRIVER, BASELINES)
-        yield Progress(done, max(done, len(here) * len(DENSITIES)), "", _told(gains))
-        if vehicles >= max(DENSITIES) and min(g.lower_m_s for g in gains if g.best) <= 0:
+        done += len(table.of(cell))
+        gains = paired(map(_result, table.rows), DRIVER, BASELINES)
+        write_rows(scale.out / PAIRED, [gain.row() for gain in gains])
+        here = [gain for gain in gains if gain.vehicles == vehicles]
+        yield Progress(done, max(done, len(table.of(cell)) * len(DENSITIES)), "", _told(here))
+        if vehicles >= max(DENSITIES) and min(g.lower_m_s for g in here if g.best) <= 0:
             return
 
 
@@ -70,5 +74,9 @@ def _told(gains: list[Paired]) -> str:
     return f"{gains[0].vehicles} vehicles: {gains[0].driver} gains {', '.join(cells)}, m/s"
 
 
-def _write_gains(file: Path, rows: list[EpisodeResult]) -> None:
-    write_rows(file, [gain.row() for gain in paired(rows, DRIVER, BASELINES)])
+def _result(row: Row) -> EpisodeResult:
+    values: dict[str, Any] = {
+        item.name: row[item.name] == "True" if item.type is bool else item.type(row[item.name])  # type: ignore[operator]
+        for item in fields(EpisodeResult)
+    }
+    return EpisodeResult(**values)

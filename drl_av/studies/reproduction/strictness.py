@@ -1,27 +1,16 @@
 """What the check ``strict`` costs the shipped driver, and what each of its bounds does (ours)."""
 
-from collections import Counter
 from collections.abc import Generator
-from contextlib import closing
-from dataclasses import asdict
-from time import monotonic
+from functools import partial
 from typing import NamedTuple
 
 from drl_av.config import Config
+from drl_av.episode import EpisodeResult
 from drl_av.studies import DENSITIES
-from drl_av.studies.drivers import PRETRAINED, choose, config_of, policy_file
-from drl_av.studies.evaluation import Evaluation
-from drl_av.studies.files import require_writable
-from drl_av.studies.reproduction.provenance import (
-    checksum,
-    provenance,
-    read_sidecar,
-    sidecar,
-    stored_config,
-    write_sidecar,
-)
+from drl_av.studies.drivers import choose, config_of
+from drl_av.studies.reproduction.driven import DrivenTable
 from drl_av.studies.reproduction.scale import Progress, Scale
-from drl_av.studies.reproduction.tables import Row, intact, read_rows, write_rows
+from drl_av.studies.reproduction.tables import Row
 
 TABLE = "strict.csv"
 VEHICLES = 15
@@ -46,6 +35,10 @@ class Cell(NamedTuple):
     value: str
     vehicles: int
 
+    def row(self) -> Row:
+        """What its rows have in common."""
+        return {**self._asdict(), "vehicles": str(self.vehicles)}
+
     def config(self, base: Config) -> Config:
         """The settings it is driven with."""
         base = base.updated("safety", check=self.check)
@@ -68,55 +61,27 @@ def cells() -> list[Cell]:
 def strictness(scale: Scale) -> Generator[Progress, None, None]:
     """Drive the shipped driver under both checks, and keep ``strict.csv`` up to date.
 
-    A cell that the table holds already, made with the same settings and policy, is not driven
-    again.
+    A cell that the table holds already is not driven again.
 
     Raises:
-        DrlAvError: as ``Evaluation``; or the disk refuses.
+        DrlAvError: as ``DrivenTable``.
     """
     choices = choose(["pretrained"])
     config = scale.over(config_of(choices))
-    scale.out.mkdir(parents=True, exist_ok=True)
-    table = scale.out / TABLE
-    require_writable(table, sidecar(table))
-    policy = checksum(policy_file(PRETRAINED))
-    with intact(table):
-        facts = read_sidecar(table)
-        same = facts.get("policy_sha256") == policy
-        same = same and stored_config(facts["settings"], str(sidecar(table))) == config
-        rows, spent_s = (read_rows(table), float(facts["wall_time_s"])) if same else ([], 0.0)
-        held = Counter(map(_cell, rows))
+    table = DrivenTable(scale, TABLE, config, choices)
     total = len(cells()) * scale.drives
     for done, cell in enumerate(cells()):
-        if held[cell] >= scale.drives:
-            continue
-        begun_s, here = monotonic(), []
-        evaluation = Evaluation(cell.config(config), choices, [cell.vehicles], range(scale.drives))
-        with closing(evaluation.rows(scale.jobs)) as found:
-            for result in found:
-                outcome = {
-                    "seed": str(result.seed),
-                    "mean_speed_m_s": repr(result.mean_speed_m_s),
-                    "collided": str(result.collided),
-                    "ego_hit": str(result.ego_hit),
-                    "safety_triggers": str(result.safety_triggers),
-                }
-                here.append({**cell._asdict(), "vehicles": str(cell.vehicles), **outcome})
-                told = f"{cell.check} {cell.bound} {cell.value}".strip()
-                yield Progress(done * scale.drives + len(here), total, told)
-        spent_s += monotonic() - begun_s
-        rows = [*(row for row in rows if _cell(row) != cell), *here]
-        write_rows(table, rows)
-        made = provenance(
-            config,
-            processes=scale.jobs,
-            seeds=f"0 to {scale.drives - 1}",
-            wall_time_s=round(spent_s, 1),
-            policy_sha256=policy,
-            settings=asdict(config),
-        )
-        write_sidecar(table, made)
+        own = cell.config(config)
+        for driven in table.drive(cell.row(), own, cell.vehicles, partial(_columns, cell)):
+            told = f"{cell.check} {cell.bound} {cell.value}".strip()
+            yield Progress(done * scale.drives + driven, total, told)
 
 
-def _cell(row: Row) -> Cell:
-    return Cell(row["check"], row["bound"], row["value"], int(row["vehicles"]))
+def _columns(cell: Cell, result: EpisodeResult) -> Row:
+    return cell.row() | {
+        "seed": str(result.seed),
+        "mean_speed_m_s": str(result.mean_speed_m_s),
+        "collided": str(result.collided),
+        "ego_hit": str(result.ego_hit),
+        "safety_triggers": str(result.safety_triggers),
+    }

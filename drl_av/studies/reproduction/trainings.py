@@ -10,8 +10,15 @@ from drl_av.config import Config
 from drl_av.errors import DrlAvError
 from drl_av.studies.files import require_writable
 from drl_av.studies.reproduction.engines import ENGINES
-from drl_av.studies.reproduction.legs import Leg, drive_leg, episodes_driven, wall_time_s
+from drl_av.studies.reproduction.legs import (
+    Leg,
+    drive_leg,
+    episodes_driven,
+    require_same_settings,
+    wall_time_s,
+)
 from drl_av.studies.reproduction.provenance import (
+    made_otherwise,
     provenance,
     read_sidecar,
     sidecar,
@@ -30,10 +37,8 @@ class Table(NamedTuple):
 
     path: Path
     configs: Mapping[str, Config]
-    """The settings of every variant, with seed 0."""
+    """The settings of every variant, with seed 0, and of what they begin from."""
     rows_of: Callable[[Leg], list[Row]]
-    identity: Mapping[str, str] = {}
-    """What else must be the same for rows to stand in one table."""
     written: Callable[[list[Row]], None] = lambda rows: None
     """Called with the rows when the file is new."""
 
@@ -44,10 +49,11 @@ def trained(
     """Drive the legs of each round, and keep the table up to date.
 
     What the table holds already is not trained again, whether or not the folders of those
-    trainings are still there.
+    trainings are still there. What a leg begins from is trained first.
 
     Raises:
-        DrlAvError: the table was made with other settings, or the disk refuses.
+        DrlAvError: the table was made with other settings, the disk refuses, or the episodes are
+            fewer than a row sums up.
         RunError, SimulationError: a training cannot go on.
     """
     table.path.parent.mkdir(parents=True, exist_ok=True)
@@ -55,25 +61,33 @@ def trained(
     require_writable(table.path, sidecar(table.path))
     _require_same_settings(table)
     goals = list({leg.folder: leg for legs in rounds for leg in legs}.values())
-    _collect(scale, table, goals)
-    yield _progress(table, goals)
+    for leg in goals:
+        require_same_settings(leg)
+        if leg.last_row < 1:
+            raise DrlAvError(
+                f"{leg.stop} episodes make no row of {table.path.name}, which sums up "
+                f"{leg.every}: ask for as many at the least."
+            )
+    last = _collect(scale, table, goals)
+    yield _progress(last, goals)
     for legs in rounds:
+        left = [leg for leg in legs if _last_row(last, leg) < leg.last_row]
+        origins = {leg.origin.folder: leg.origin for leg in left if leg.origin and not leg.begun}
         try:
-            left = missing(table, legs)
-            with closing(ENGINES[scale.engine](drive_leg, left, scale.jobs)) as engine:
-                for ended in engine:
-                    if ended:
-                        _collect(scale, table, goals)
-                    yield _progress(table, goals)
+            for jobs in filter(None, (list(origins.values()), left)):
+                with closing(ENGINES[scale.engine](drive_leg, jobs, scale.jobs)) as engine:
+                    for ended in engine:
+                        if ended:
+                            last = _collect(scale, table, goals)
+                        yield _progress(last, [*origins.values(), *goals])
         finally:
-            _collect(scale, table, goals)
-
-
-def missing(table: Table, legs: Iterable[Leg]) -> list[Leg]:
-    """The legs that have not brought all their rows; raises DrlAvError as ``trained``."""
-    _require_same_settings(table)
-    last = _last_episodes(table)
-    return [leg for leg in legs if last.get((leg.variant, str(leg.seed)), 0) < leg.last_row]
+            last = _collect(scale, table, goals)
+    for leg in goals:
+        if _last_row(last, leg) < leg.last_row:
+            raise DrlAvError(
+                f"{leg.folder} holds no rows of its training up to episode {leg.last_row}: give "
+                "--runs a folder that all processes share."
+            )
 
 
 def merged(stored: Iterable[Row], found: Iterable[Row], variants: Iterable[str]) -> list[Row]:
@@ -102,33 +116,27 @@ def _by_training(rows: Iterable[Row]) -> dict[Training, list[Row]]:
     return {key: [group[e] for e in sorted(group)] for key, group in groups.items()}
 
 
-def _last_episodes(table: Table) -> dict[Training, int]:
-    groups = _by_training(_stored(table))
-    return {key: int(rows[-1]["episode"]) for key, rows in groups.items()}
+def _last_row(last: Mapping[Training, int], leg: Leg) -> int:
+    return last.get((leg.variant, str(leg.seed)), 0)
 
 
-def _progress(table: Table, goals: Sequence[Leg]) -> Progress:
-    last = _last_episodes(table)
-    done = [max(last.get((g.variant, str(g.seed)), 0), episodes_driven(g.folder)) for g in goals]
-    return Progress(
-        sum(map(min, done, (goal.stop for goal in goals))), sum(goal.stop for goal in goals)
-    )
+def _progress(last: Mapping[Training, int], legs: Sequence[Leg]) -> Progress:
+    """Episodes in the table, and those since then of the trainings that are under way."""
+    done = 0
+    for leg in legs:
+        held = _last_row(last, leg)
+        done += min(max(held, episodes_driven(leg.folder) if held < leg.stop else 0), leg.stop)
+    return Progress(done, sum(leg.stop for leg in legs))
 
 
 def _require_same_settings(table: Table) -> None:
-    facts = read_sidecar(table.path)
     with intact(table.path):
         stored = {
             variant: stored_config(settings, str(sidecar(table.path)))
-            for variant, settings in facts.get("settings", {}).items()
+            for variant, settings in read_sidecar(table.path).get("settings", {}).items()
         }
-    same = all(facts.get(name) == value for name, value in table.identity.items())
-    for variant, made in stored.items():
-        if made != table.configs.get(variant) or not same:
-            raise DrlAvError(
-                f"{table.path} holds {variant} trained with other settings: choose another folder "
-                "with --out, or move the file away to train all anew."
-            )
+    if any(made != table.configs.get(variant) for variant, made in stored.items()):
+        raise made_otherwise(table.path)
 
 
 def _stored(table: Table) -> list[Row]:
@@ -139,32 +147,29 @@ def _stored(table: Table) -> list[Row]:
     return rows
 
 
-def _collect(scale: Scale, table: Table, goals: Sequence[Leg]) -> None:
-    """Bring table and sidecar up to date with the folders of the trainings."""
+def _collect(scale: Scale, table: Table, goals: Sequence[Leg]) -> dict[Training, int]:
+    """Bring table and sidecar up to date with the trainings' folders; each one's last episode."""
     stored = _stored(table)
     found = [row for leg in goals for row in table.rows_of(leg)]
     rows = merged(stored, found, table.configs)
-    if not rows or rows == stored:
-        return
-    write_rows(table.path, rows)
-    config = table.configs[rows[0]["variant"]]
-    write_sidecar(table.path, provenance(config, **_facts(scale, table, goals)))
-    with intact(table.path):
-        table.written(rows)
+    if rows and rows != stored:
+        config = table.configs[rows[0]["variant"]]
+        write_sidecar(table.path, provenance(config, **_facts(scale, table, goals, rows)))
+        write_rows(table.path, rows)
+        with intact(table.path):
+            table.written(rows)
+    return {key: int(own[-1]["episode"]) for key, own in _by_training(rows).items()}
 
 
-def _facts(scale: Scale, table: Table, goals: Sequence[Leg]) -> dict[str, Any]:
-    facts = read_sidecar(table.path)
-    times = dict(facts.get("wall_time_s", {}))
+def _facts(scale: Scale, table: Table, goals: Sequence[Leg], rows: Sequence[Row]) -> dict[str, Any]:
+    times = dict(read_sidecar(table.path).get("wall_time_s", {}))
     for leg in goals:
         if (seconds := wall_time_s(leg.clock)) is not None:
             times[leg.folder.name] = max(times.get(leg.folder.name, 0.0), round(seconds, 1))
-    settings = {leg.variant: asdict(table.configs[leg.variant]) for leg in goals}
     return {
         "engine": scale.engine,
         "processes": scale.jobs,
-        "seeds": sorted({leg.seed for leg in goals}),
+        "seeds": sorted({int(row["seed"]) for row in rows}),
         "wall_time_s": times,
-        **table.identity,
-        "settings": facts.get("settings", {}) | settings,
+        "settings": {variant: asdict(config) for variant, config in table.configs.items()},
     }

@@ -50,11 +50,10 @@ VARIATIONS = (
 def variations(scale: Scale) -> Generator[Progress, None, None]:
     """Drive each of them, and keep its table up to date.
 
-    A density that a table holds already, made with the same settings and policy, is not driven
-    again.
+    A density that a table holds already is not driven again.
 
     Raises:
-        DrlAvError: as ``Evaluation``; or the disk refuses.
+        DrlAvError: as ``DrivenTable``.
     """
     total = sum(len(v.densities) * len(v.drivers) for v in VARIATIONS) * scale.drives
     done = 0
@@ -63,6 +62,6 @@ def variations(scale: Scale) -> Generator[Progress, None, None]:
         config = variation.over(scale.over(config_of(choices)))
         table = DrivenTable(scale, variation.table, config, choices)
         for vehicles in variation.densities:
-            for driven in table.drive(vehicles):
+            for driven in table.drive({"vehicles": str(vehicles)}, config, vehicles):
                 yield Progress(done + driven, total, variation.table)
             done += len(choices) * scale.drives

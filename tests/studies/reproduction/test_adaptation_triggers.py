@@ -45,7 +45,7 @@ def test_both_begin_as_the_shipped_driver_trained_anew_and_only_one_of_them_lear
         for variant in ("adaptation", "no_adaptation")
         for episode in ("2", "4", "5")
     ]
-    names = ("pretrained-1", "adaptation-0", "no_adaptation-0")
+    names = ("pretrained-1", "pretrained-1/adaptation-0", "pretrained-1/no_adaptation-0")
     weights, remembered = {}, {}
     for name in names:
         network, _ = checkpoint.load_policy(runs / name / "policy.safetensors")
@@ -55,7 +55,7 @@ def test_both_begin_as_the_shipped_driver_trained_anew_and_only_one_of_them_lear
             len(tensors[f"buffer.{kind}.rows"]) for kind in ("safe", "collision")
         )
     changed = {name: bool((weights[name] != weights[names[0]]).any()) for name in names}
-    assert changed == {"pretrained-1": False, "adaptation-0": True, "no_adaptation-0": False}
+    assert list(changed.values()) == [False, True, False]
     # what is driven since comes on top of the training's own experience
     assert all(remembered[name] > remembered[names[0]] > 15 for name in names[1:])
     seeds = [[row["seed"] for row in read_rows(runs / name / "episodes.csv")] for name in names[1:]]

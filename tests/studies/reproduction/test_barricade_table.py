@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from drl_av.errors import DrlAvError
 from drl_av.studies.reproduction import barricade as module
 from drl_av.studies.reproduction.scale import Scale
 
@@ -24,6 +25,10 @@ def test_the_table_is_made_once_with_what_made_it_beside_it(
     assert json.loads((tmp_path / "barricade.json").read_text())["seeds"] == "0 to 0"
     written = table.read_bytes()
     assert list(module.barricade(Scale(out=tmp_path))) == []
-    monkeypatch.setattr(module, "EPISODES", 1)
-    assert len(list(module.barricade(Scale(out=tmp_path)))) == 4
-    assert table.read_bytes() != written
+    (tmp_path / "short.toml").write_text("[learning]\nepisodes = 1\n")
+    other = Scale(out=tmp_path, config=str(tmp_path / "short.toml"))
+    with pytest.raises(DrlAvError, match=r"made with other settings .*--out.*barricade\.json away"):
+        list(module.barricade(other))
+    assert table.read_bytes() == written
+    table.unlink()
+    assert len(list(module.barricade(other))) == 4

@@ -138,7 +138,8 @@ def test_what_the_table_holds_is_not_trained_again_though_the_folders_are_lost(
     assert not asked
     assert (told[-1].done, told[-1].total) == (18, 18)
     assert (tmp_path / "curves.csv").read_bytes() == (undisturbed / "curves.csv").read_bytes()
-    make(scale(tmp_path, seeds=3, episodes=9))
+    with pytest.raises(DrlAvError, match=r"paper-1 holds no rows .* up to episode 9"):
+        make(scale(tmp_path, seeds=3, episodes=9))
     assert [(leg.seed, leg.stop) for leg in asked] == [(1, 9), (2, 9)]
 
 
@@ -146,9 +147,23 @@ def test_a_table_of_other_settings_is_refused_and_left(undisturbed: Path, tmp_pa
     for name in ("curves.csv", "curves.json"):
         shutil.copy(undisturbed / name, tmp_path)
     other = TINY.updated("learning", batch_size=32)
-    with pytest.raises(DrlAvError, match=r"holds paper trained with other settings.*--out"):
+    with pytest.raises(DrlAvError, match=r"made with other settings.*--out"):
         make(scale(tmp_path, config=other))
     assert (tmp_path / "curves.csv").read_bytes() == (undisturbed / "curves.csv").read_bytes()
+
+
+def test_rows_of_a_folder_of_other_settings_never_reach_a_table(
+    undisturbed: Path, tmp_path: Path
+) -> None:
+    other = scale(tmp_path, config=TINY.updated("learning", batch_size=32))
+    with pytest.raises(RunError, match=r"begun with other settings.*--runs"):
+        make(other._replace(runs=undisturbed / "runs"))
+    assert not (tmp_path / "curves.csv").exists()
+
+
+def test_fewer_episodes_than_a_row_sums_up_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DrlAvError, match=r"2 episodes make no row of curves\.csv.* sums up 3"):
+        make(scale(tmp_path, episodes=2, full_seeds=0))
 
 
 def test_a_folder_of_other_settings_is_refused(undisturbed: Path) -> None:

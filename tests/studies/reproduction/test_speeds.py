@@ -76,17 +76,31 @@ def test_stops_where_they_meet_and_drives_nothing_twice(
     assert not counts
     list(speeds(scale._replace(drives=3)))
     assert counts == [12, 12]
-    assert before != (scale.out / "evaluation.csv").read_bytes()
-    monkeypatch.setattr(driven, "checksum", lambda file: "that of another policy")
+    whole = (scale.out / "evaluation.csv").read_bytes()
+    assert before != whole
+    # fewer are there already
     list(speeds(scale))
-    assert counts == [12, 12, 8, 8]
-    assert (scale.out / "evaluation.csv").read_bytes() == before
+    assert counts == [12, 12]
+    assert json.loads((scale.out / "evaluation.json").read_text())["seeds"] == "0 to 2"
+    monkeypatch.setattr(driven, "checksum", lambda file: "that of another policy")
+    with pytest.raises(DrlAvError, match=r"evaluation\.csv was made with .* another driver"):
+        list(speeds(scale))
+    assert (scale.out / "evaluation.csv").read_bytes() == whole
+
+
+def test_a_table_that_nobody_says_how_it_was_made_is_left_alone(scale: Scale) -> None:
+    text = "driver,vehicles,seed\nidm,1,0\n"
+    (scale.out / "evaluation.csv").write_text(text)
+    with pytest.raises(DrlAvError, match=r"has no evaluation\.json beside it"):
+        list(speeds(scale))
+    assert (scale.out / "evaluation.csv").read_text() == text
 
 
 @pytest.mark.parametrize("harm", ["a column", "a number", "the time"])
 def test_a_damaged_table_is_told_in_one_sentence_and_kept(scale: Scale, harm: str) -> None:
     config = scale.over(module.config_of(module.choose(["pretrained"])))
-    facts = DrivenTable(scale, "evaluation.csv", config, module.choose(["pretrained"])).facts()
+    table = DrivenTable(scale, "evaluation.csv", config, module.choose(["pretrained"]))
+    facts = table.facts()
     if harm == "the time":
         del facts["wall_time_s"]
     write_sidecar(scale.out / "evaluation.csv", facts)
