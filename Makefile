@@ -40,16 +40,19 @@ level_1: setup
 	cd runs/level_1 && cp config.toml evaluations.csv policy.safetensors \
 	    ../../drl_av/pretrained/level_1/
 
-# Every number, table and figure of the README (hours; what docs/results holds is not made again).
+text = $(BIN)/python tools/$(2) > runs/$(1) && mv runs/$(1) docs/results/$(1)
+
+# Every number, table and figure of the README (hours). What drl-av reproduce has made already is
+# not made again; a tool's text stands once the tool has ended well.
 results: setup
 	$(BIN)/drl-av reproduce --jobs 2
 	$(BIN)/python tools/compare_step_lengths.py --out docs/results/step_length.csv
-	$(BIN)/python tools/falsify_safety.py --check strict > docs/results/falsified_strict.txt
-	$(BIN)/python tools/falsify_safety.py --check paper > docs/results/falsified_paper.txt
-	$(BIN)/python tools/long_run.py --episodes 5000 --out runs/long_run.csv > docs/results/long_run.txt
-	$(BIN)/python tools/check_background_traffic.py > docs/results/background_traffic.txt
 	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
-	$(BIN)/python tools/benchmark.py --rounds 9 > docs/results/benchmark.txt
+	$(call text,falsified_strict.txt,falsify_safety.py --check strict)
+	$(call text,falsified_paper.txt,falsify_safety.py --check paper)
+	$(call text,background_traffic.txt,check_background_traffic.py)
+	$(call text,long_run.txt,long_run.py --episodes 5000 --out runs/long_run.csv)
+	$(call text,benchmark.txt,benchmark.py --rounds 9)
 	$(BIN)/python tools/draw_picture.py docs/drive.png
 	$(BIN)/python tools/refresh_tables.py
 

@@ -10,7 +10,10 @@ a second. Integration is semi-implicit Euler, SUMO's default.
 import argparse
 import csv
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from unittest.mock import patch
 
 import libsumo
 import numpy as np
@@ -26,20 +29,24 @@ SEEDS = 2_000
 
 
 class TrafficTally:
-    """A watcher that counts what the traffic does, the ego left out."""
+    """What the traffic does, the ego left out: looked at each decision, collisions each step."""
 
     def __init__(self) -> None:
         self.speeds: list[float] = []
         self.lanes: list[np.ndarray] = []
-        self.colliding: set[tuple[int, str]] = set()
+        self.colliding: set[str] = set()
 
     def __call__(self, env: HighwayEnv) -> None:
         snapshot = env.scene.snapshot
         self.speeds.append(float(snapshot.speed_m_s[1:].mean()))
         self.lanes.append(np.floor(snapshot.y_m[1:] / env.road.lane_width_m + 0.5))
+
+    def step(self, simulation_step: Callable[[], None]) -> None:
+        """One SUMO step."""
+        simulation_step()
         for record in libsumo.simulation.getCollisions():
             if "ego" not in (record.collider, record.victim):
-                self.colliding.add((env.seed, record.collider))
+                self.colliding |= {record.collider, record.victim}
 
 
 def measure(step_length_s: float, episodes: int, vehicles: int) -> dict[str, float]:
@@ -49,7 +56,9 @@ def measure(step_length_s: float, episodes: int, vehicles: int) -> dict[str, flo
     begun, decisions = time.perf_counter(), 0
     for seed in range(SEEDS, SEEDS + episodes):
         tally = TrafficTally()
-        result = drive(env, IdmDriver(config.safety), "idm", seed, vehicles, tally)
+        stepping = partial(tally.step, libsumo.simulationStep)
+        with patch.object(libsumo, "simulationStep", stepping):
+            result = drive(env, IdmDriver(config.safety), "idm", seed, vehicles, tally)
         decisions += result.decisions
         speeds += tally.speeds
         changes += int(np.count_nonzero(np.diff(np.array(tally.lanes), axis=0)))

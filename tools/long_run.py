@@ -12,6 +12,7 @@ import csv
 import sys
 import time
 from collections import Counter
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,14 @@ from drl_av.driving.drivers.rules import RandomDriver
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
 from drl_av.studies.bounds import Auditor
-from drl_av.studies.reproduction.provenance import made_by
+from drl_av.studies.reproduction.provenance import (
+    made_by,
+    made_otherwise,
+    provenance,
+    read_sidecar,
+    stored_config,
+    write_sidecar,
+)
 from drl_av.traffic.collisions import overlapping
 from drl_av.traffic.snapshot import Collision, Command
 
@@ -86,13 +94,12 @@ class Watched:
 
 
 def environments(base: Config) -> dict[str, Watched]:
-    """An environment for each traffic mix that this version knows."""
+    """An environment for each traffic mix."""
     found = {}
     for mix in MIXES:
         shares = {name: share for name, share in zip(SHARES, mix, strict=True) if share}
-        if all(hasattr(base.traffic, name) for name in shares):
-            words = "+".join(name.removesuffix("_share") for name in shares)
-            found[words or "sumo"] = Watched(base.updated("traffic", **shares))
+        words = "+".join(name.removesuffix("_share") for name in shares)
+        found[words or "sumo"] = Watched(base.updated("traffic", **shares))
     return found
 
 
@@ -107,7 +114,11 @@ def main() -> int:
     base = load_config(arguments.config).updated("safety", check=arguments.check)
     worlds, driver = environments(base), RandomDriver()
     names = list(worlds)
-    begun_s, done = time.monotonic(), read(arguments.out)
+    begun_s, done, facts = time.monotonic(), read(arguments.out), read_sidecar(arguments.out)
+    if facts and stored_config(facts["settings"], str(arguments.out)) != base:
+        parser.error(str(made_otherwise(arguments.out)))
+    if not facts:
+        write_sidecar(arguments.out, provenance(base, settings=asdict(base)))
     known = {int(row["seed"]) for row in done}
     with arguments.out.open("a", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")

@@ -119,8 +119,14 @@ def adapt(options: argparse.Namespace) -> int:
     with closing(HighwayEnv(config=config)) as env:
         training = Training(env)
         if not options.resume:
-            take_over(training, policy_file(choice.run))
+            experienced = take_over(training, policy_file(choice.run))
             run.create(config, training)
+            if not experienced and config.learning.learning_rate > 0:
+                print(
+                    f"drl-av: {word} comes without the experience of its training: it learns "
+                    f"from {config.learning.collisions_to_start} collision rows on.",
+                    file=sys.stderr,
+                )
         rival = "idm" if options.resume and options.run is None else word
         return _carry_on("adapt", run, training, options.tensorboard, rival)
 

@@ -65,7 +65,7 @@ def reproduce(options: argparse.Namespace) -> int:
     from drl_av.studies.reproduction.experiments import EXPERIMENTS
 
     asked = {name: value for name, value in vars(options).items() if name in Scale._fields}
-    scale = Scale(**asked)
+    scale = Scale(**asked)._replace(runs=options.runs.absolute())  # a cluster's are elsewhere
     try:
         for name in options.experiments or EXPERIMENTS:
             with progress_bar(name, 0) as bar, closing(EXPERIMENTS[name](scale)) as experiment:

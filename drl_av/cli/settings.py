@@ -1,9 +1,8 @@
 """Options of every verb that drives, and the config that they come to."""
 
 import argparse
-from pathlib import Path
 
-from drl_av.config import SAFETY_CHECKS, Config, load_config
+from drl_av.config import SAFETY_CHECKS, Config, load_config, located
 
 
 def driving(parser: argparse.ArgumentParser, whose: str) -> None:
@@ -30,7 +29,4 @@ def overridden(config: Config, options: argparse.Namespace) -> Config:
         config = config.updated("simulation", scenario=options.scenario)
     if options.safety_check is not None:
         config = config.updated("safety", check=options.safety_check)
-    folder = Path(config.simulation.scenario)
-    if folder.is_dir():
-        config = config.updated("simulation", scenario=str(folder.absolute()))
-    return config
+    return located(config)

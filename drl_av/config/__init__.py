@@ -116,6 +116,14 @@ def from_toml(text: str, base: Config | None = None, name: str = "config") -> Co
     return config
 
 
+def located(config: Config) -> Config:
+    """The config with the whole path of its scenario, where that names a folder here."""
+    folder = Path(config.simulation.scenario)
+    if not folder.is_dir():
+        return config
+    return config.updated("simulation", scenario=str(folder.absolute()))
+
+
 def load_config(path: str | Path | None, base: Config | None = None) -> Config:
     """Read a TOML file over ``base``, or the base alone; raises ConfigError, naming the file."""
     if path is None:

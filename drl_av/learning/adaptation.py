@@ -7,18 +7,20 @@ from drl_av.learning import checkpoint
 from drl_av.learning.training import Training
 
 
-def take_over(training: Training, policy_file: Path) -> None:
-    """Begin a training as the driver of a run, whose policy this is, with all that the run kept.
+def take_over(training: Training, policy_file: Path) -> bool:
+    """Begin a training as a driver that was trained, and say whether its experience came along.
 
-    Algorithm 1 goes on where the run's checkpoint left it: both networks, Adam's moments and the
-    experience. Where there is none, the policy is both networks, and experience has to come.
+    From a run's own ``policy.safetensors`` Algorithm 1 goes on where the run's checkpoint left
+    it: both networks, Adam's moments and the experience. Where there is none, or for a policy file
+    of another name, the policy is both networks, and experience has to come.
 
     Raises:
         CheckpointError: a file is damaged, or does not fit the settings of this training.
     """
     tensors, numbers = training.state()
     checkpoint_file = policy_file.with_name("checkpoint.safetensors")
-    if checkpoint_file.is_file():
+    experienced = policy_file.name == "policy.safetensors" and checkpoint_file.is_file()
+    if experienced:
         tensors, found = checkpoint.load(checkpoint_file)
         if found.get("kind") != "training":
             raise CheckpointError(f"{checkpoint_file} is not a training's: put back the run's own.")
@@ -27,3 +29,4 @@ def take_over(training: Training, policy_file: Path) -> None:
         flat = network.flat.detach().numpy()
         tensors |= {"learner.online": flat, "learner.target": flat}
     training.restore(tensors, numbers)
+    return experienced

@@ -185,7 +185,9 @@ def test_both_meet_the_same_traffic_and_only_one_learns(
     assert {row["mean_loss"] for row in rows(frozen)} == {"0.0"}
 
 
-def test_the_shipped_driver_brings_its_policy_and_waits_for_experience(tmp_path: Path) -> None:
+def test_the_shipped_driver_brings_its_policy_and_waits_for_experience(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     settings = tmp_path / "short.toml"
     settings.write_text(
         "[simulation]\ndecisions_per_episode = 5\n[learning]\nevaluation_episodes = 1\n"
@@ -198,6 +200,23 @@ def test_the_shipped_driver_brings_its_policy_and_waits_for_experience(tmp_path:
         np.testing.assert_array_equal(tensors(out)[f"learner.{name}"], network.flat.detach())
     assert tensors(out)["learner.step"] == 0
     assert len(tensors(out)["buffer.safe.rows"]) == 10
+    told = "pretrained comes without the experience of its training: it learns from 64 collision"
+    assert told in capsys.readouterr().err
+
+
+def test_a_policy_file_of_another_name_comes_without_the_experience_beside_it(
+    trained: Path, quick: str, tmp_path: Path
+) -> None:
+    for name, copied in (
+        ("policy.safetensors", "best.safetensors"),
+        ("checkpoint.safetensors", "checkpoint.safetensors"),
+    ):
+        shutil.copy(trained / name, tmp_path / copied)
+    out = tmp_path / "adapted"
+    file = str(tmp_path / "best.safetensors")
+    assert main(["adapt", file, "--out", str(out), "--config", quick, "--episodes", "1"]) == 0
+    driven = int(rows(out)[0]["decisions"])
+    assert 0 < len(tensors(out)["buffer.safe.rows"]) <= driven
 
 
 def test_killed_before_and_after_its_first_episodes_it_ends_in_the_same_bytes(

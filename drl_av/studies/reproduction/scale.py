@@ -4,7 +4,7 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import Config, load_config
+from drl_av.config import Config, load_config, located
 
 MEANINGS = {
     "curves": "learning curves: with and without the check, two buffers and prioritized replay",
@@ -46,7 +46,7 @@ class Scale(NamedTuple):
 
     def over(self, config: Config) -> Config:
         """An experiment's settings as they are asked for; raises ConfigError."""
-        return load_config(self.config, config)
+        return located(load_config(self.config, config))
 
 
 class Progress(NamedTuple):
