@@ -7,6 +7,7 @@ python tools/refresh_tables.py --check    exit 1 where README.md and the files d
 import argparse
 import csv
 import json
+import math
 import re
 import sys
 from collections.abc import Callable, Iterable
@@ -157,10 +158,10 @@ def convergence_table() -> str:
     lines = ["| " + " | ".join(names) + " |", "|" + " --- |" * len(names)]
     for row in read("convergence.csv"):
         cells = [f"`{row['variant']}`", row["seeds"], f"{row['converged_at']} of {row['episodes']}"]
-        cells += [
-            f"{float(row[name]):.{digits}f} ± {float(row[f'{name}_ci95']):.{digits}f}"
-            for name, digits in columns.values()
-        ]
+        for name, digits in columns.values():
+            half_width = float(row[f"{name}_ci95"])
+            interval = f" ± {half_width:.{digits}f}" if math.isfinite(half_width) else ""
+            cells.append(f"{float(row[name]):.{digits}f}{interval}")
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 

@@ -93,8 +93,19 @@ COLUMNS = {
 
 
 def convergence(rows: Sequence[Row]) -> list[Row]:
-    """A row a variant: since when it is near its end, and its end with the 95 % half-widths."""
-    return [_summary(rows, variant) for variant in dict.fromkeys(row["variant"] for row in rows)]
+    """Since when a variant is near its end, and its end with the 95 % half-widths.
+
+    A row as far as all seeds go, and where some go on, one of those that go furthest.
+    """
+    summaries = []
+    for variant in dict.fromkeys(row["variant"] for row in rows):
+        own = [row for row in rows if row["variant"] == variant]
+        last: dict[str, int] = {}
+        for row in own:
+            last[row["seed"]] = max(last.get(row["seed"], 0), int(row["episode"]))
+        for far in sorted({min(last.values()), max(last.values())}):
+            summaries.append(_summary([r for r in own if last[r["seed"]] >= far], variant))
+    return summaries
 
 
 def _summary(rows: Sequence[Row], variant: str) -> Row:

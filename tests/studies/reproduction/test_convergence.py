@@ -59,14 +59,16 @@ def row(variant: str, seed: int, episode: int, reward: float, collisions: int) -
 
 def test_ends_are_means_of_seeds_each_over_its_last_tenth() -> None:
     # 20 evaluations: the last two are the end. Seed 0 ends at (-0.1 - 0.3) / 2 = -0.2, seed 1 at 0,
-    # and goes on alone for ever worse, which belongs to no mean over seeds.
+    # and goes on alone for ever worse, which belongs to no mean over seeds but its own.
     rewards = {0: [-1.0] * 18 + [-0.1, -0.3], 1: [-1.0] * 18 + [0.0, 0.0] + [-9.0] * 5}
     rows = [
         row("paper", seed, 100 * (place + 1), reward, 2 if place == 19 else 0)
         for seed, values in rewards.items()
         for place, reward in enumerate(values)
     ]
-    [found] = convergence(rows)
+    found, longest = convergence(rows)
+    assert (longest["seeds"], longest["episodes"], longest["reward"]) == ("1", "2500", "-9")
+    assert math.isinf(float(longest["reward_ci95"]))
     assert (found["seeds"], found["episodes"]) == ("2", "2000")
     assert float(found["reward"]) == pytest.approx(-0.1)
     # t(0.975, 1) = 12.706; standard error of -0.2 and 0 is 0.1
