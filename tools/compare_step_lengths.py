@@ -85,16 +85,16 @@ def main() -> None:
     options = parser.parse_args()
     begun_s = time.monotonic()
     rows = [measure(step, options.episodes, options.vehicles) for step in STEP_LENGTHS_S]
-    with options.out.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
     facts = provenance(
         Config(),
         seeds=f"{SEEDS} to {SEEDS + options.episodes - 1}",
         wall_time_s=round(time.monotonic() - begun_s, 1),
     )
     write_sidecar(options.out, {**facts, "step_length_s": STEP_LENGTHS_S})
+    with options.out.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
     for row in rows:
         print(row)
 

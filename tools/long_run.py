@@ -20,6 +20,7 @@ from drl_av.config import SAFETY_CHECKS, Config, load_config
 from drl_av.driving.drivers.rules import RandomDriver
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
+from drl_av.errors import DrlAvError
 from drl_av.studies.bounds import Auditor
 from drl_av.studies.reproduction.provenance import (
     made_by,
@@ -114,9 +115,14 @@ def main() -> int:
     base = load_config(arguments.config).updated("safety", check=arguments.check)
     worlds, driver = environments(base), RandomDriver()
     names = list(worlds)
-    begun_s, done, facts = time.monotonic(), read(arguments.out), read_sidecar(arguments.out)
-    if facts and stored_config(facts["settings"], str(arguments.out)) != base:
-        parser.error(str(made_otherwise(arguments.out)))
+    begun_s, done = time.monotonic(), read(arguments.out)
+    try:
+        facts = read_sidecar(arguments.out)
+        if facts and stored_config(facts["settings"], str(arguments.out)) != base:
+            raise made_otherwise(arguments.out)
+    except DrlAvError as error:
+        parser.error(str(error))
+    spent_s = facts.get("wall_time_s", 0.0)
     if not facts:
         write_sidecar(arguments.out, provenance(base, settings=asdict(base)))
     known = {int(row["seed"]) for row in done}
@@ -124,14 +130,18 @@ def main() -> int:
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         if not done:
             writer.writeheader()
-        for number in range(arguments.first, arguments.first + arguments.episodes):
-            seed, mix = FIRST_SEED + number, names[number // 30 % len(names)]
-            if seed not in known:
-                writer.writerow(worlds[mix].episode(driver, mix, seed))
-                file.flush()
+        try:
+            for number in range(arguments.first, arguments.first + arguments.episodes):
+                seed, mix = FIRST_SEED + number, names[number // 30 % len(names)]
+                if seed not in known:
+                    writer.writerow(worlds[mix].episode(driver, mix, seed))
+                    file.flush()
+        finally:
+            spent_s += round(time.monotonic() - begun_s, 1)
+            made = provenance(base, wall_time_s=spent_s, settings=asdict(base))
+            write_sidecar(arguments.out, made)
     status = report(read(arguments.out))
-    if not done:
-        print(made_by(time.monotonic() - begun_s))
+    print(made_by(spent_s))
     return status
 
 

@@ -44,6 +44,7 @@ __all__ = [
     "TrafficConfig",
     "from_toml",
     "load_config",
+    "located",
 ]
 
 _SECTIONS: dict[str, type[Section]] = {

@@ -7,6 +7,7 @@ from time import monotonic
 from drl_av.studies.barricade import (
     CHECKS,
     EPISODES,
+    SCENARIO,
     SEEDS,
     TRAINED_EPISODES,
     barricade_rows,
@@ -40,7 +41,12 @@ def barricade(scale: Scale) -> Generator[Progress, None, None]:
     table = scale.out / TABLE
     require_writable(table, sidecar(table))
     configs = [
-        scale.over(study_config(check, seed, EPISODES)) for seed in SEEDS for check in CHECKS
+        scale.over(study_config(check, seed, EPISODES))
+        .updated("simulation", scenario=SCENARIO)
+        .updated("safety", check=check)
+        .updated("learning", seed=seed)
+        for seed in SEEDS
+        for check in CHECKS
     ]
     with intact(table):
         if table.exists():

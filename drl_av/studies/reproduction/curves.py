@@ -12,7 +12,7 @@ from drl_av.studies.reproduction.tables import Row, write_rows
 from drl_av.studies.reproduction.trainings import Table, trained
 
 CHANGES: dict[str, dict[str, dict[str, Any]]] = {
-    "paper": {},
+    "paper": {"safety": {"check": "paper"}, "learning": {"replay": "two-buffer"}},
     "permit_all": {"safety": {"check": "permit_all"}},
     "prioritized": {"learning": {"replay": "prioritized"}},
 }

@@ -40,7 +40,7 @@ class DrivenTable:
     """
 
     def __init__(self, scale: Scale, name: str, config: Config, choices: Sequence[Choice]) -> None:
-        self._scale, self._config, self._choices = scale, config, choices
+        self._scale, self.config, self._choices = scale, config, choices
         self._identity: dict[str, str] = {}
         for choice in choices:
             if choice.run:
@@ -67,33 +67,37 @@ class DrivenTable:
         vehicles: int,
         columns: Columns = all_columns,
     ) -> Generator[int, None, None]:
-        """Drive a cell, where rows of it are missing; tells how many are driven.
+        """Drive what is missing of a cell; tells how many episodes of it there are.
 
         Raises:
             DrlAvError: as ``Evaluation``; or the disk refuses.
         """
-        evaluation = Evaluation(config, self._choices, [vehicles], range(self._scale.drives))
-        if len(self.of(cell)) >= len(evaluation):
+        first = len(self.of(cell)) // len(self._choices)
+        if first >= self._scale.drives:
             return
+        seeds = range(first, self._scale.drives)
+        evaluation = Evaluation(config, self._choices, [vehicles], seeds)
         begun_s, here = monotonic(), []
         with closing(evaluation.rows(self._scale.jobs)) as found:
             for result in found:
                 here.append(columns(result))
-                yield len(here)
+                yield first * len(self._choices) + len(here)
         self._spent_s += monotonic() - begun_s
-        self.rows = [*(row for row in self.rows if not cell.items() <= row.items()), *here]
+        ends = [place for place, row in enumerate(self.rows, 1) if cell.items() <= row.items()]
+        end = ends[-1] if ends else len(self.rows)
+        self.rows[end:end] = here
         write_sidecar(self.path, self.facts())
         write_rows(self.path, self.rows)
 
     def facts(self) -> dict[str, Any]:
         """What made the rows."""
         return provenance(
-            self._config,
+            self.config,
             processes=self._scale.jobs,
             seeds=self._seeds(),
             wall_time_s=round(self._spent_s, 1),
             **self._identity,
-            settings=asdict(self._config),
+            settings=asdict(self.config),
         )
 
     def _seeds(self) -> str:
@@ -104,4 +108,4 @@ class DrivenTable:
         """Whether these drivers with these settings made the rows."""
         if facts.get("policy_sha256") != self._identity.get("policy_sha256"):
             return False
-        return stored_config(facts["settings"], str(sidecar(self.path))) == self._config
+        return stored_config(facts["settings"], str(sidecar(self.path))) == self.config

@@ -10,12 +10,18 @@ from typing import NamedTuple
 from drl_av.config import Config
 from drl_av.presets import preset
 from drl_av.studies import DENSITIES
-from drl_av.studies.drivers import choose, policy_file
+from drl_av.studies.drivers import choose
 from drl_av.studies.evaluation import Evaluation
 from drl_av.studies.files import require_writable
 from drl_av.studies.reproduction.curves import variant_config
 from drl_av.studies.reproduction.engines import ENGINES
-from drl_av.studies.reproduction.legs import Leg, drive_leg, episodes_driven, wall_time_s
+from drl_av.studies.reproduction.legs import (
+    Leg,
+    drive_leg,
+    episodes_driven,
+    require_same_settings,
+    wall_time_s,
+)
 from drl_av.studies.reproduction.provenance import (
     checksum,
     made_otherwise,
@@ -60,47 +66,54 @@ def fast(scale: Scale) -> Generator[Progress, None, None]:
             name: stored_config(settings, str(sidecar(table)))
             for name, settings in facts.get("settings", {}).items()
         }
-        cells = [Cell(leg.folder.name, str(n)) for leg in legs for n in DENSITIES]
-        held = Counter(map(_cell, rows))
+        rows.sort(key=_place)
     if any(made != configs.get(name, made) for name, made in stored.items()):
         raise made_otherwise(table)
-    if all(held[cell] >= scale.drives for cell in cells):
+    held = Counter(map(_cell, rows))
+    cells = [Cell(leg.folder.name, str(n)) for leg in legs for n in DENSITIES]
+    missing = [cell for cell in cells if held[cell] < scale.drives]
+    if not missing:
         return
-    total = sum(leg.stop for leg in legs)
-    with closing(ENGINES[scale.engine](drive_leg, legs, scale.jobs)) as engine:
+    left = [leg for leg in legs if leg.folder.name in {cell.training for cell in missing}]
+    for leg in left:
+        require_same_settings(leg)
+    total = sum(leg.stop for leg in left)
+    with closing(ENGINES[scale.engine](drive_leg, left, scale.jobs)) as engine:
         for _ in engine:
-            yield Progress(sum(episodes_driven(leg.folder) for leg in legs), total, "training")
-    policies = {leg.folder.name: checksum(policy_file(leg.folder)) for leg in legs}
-    known = facts.get("policies_sha256", {})
-    if any(policy != policies.get(name, policy) for name, policy in known.items()):
-        raise made_otherwise(table)
-    times = {leg.folder.name: wall_time_s(leg.clock) for leg in legs}
-    folders = {leg.folder.name: leg.folder for leg in legs}
-    for done, cell in enumerate(cells):
-        if held[cell] >= scale.drives:
-            continue
-        choices = choose([str(folders[cell.training])])
-        evaluation = Evaluation(legs[0].config, choices, [int(cell.vehicles)], range(scale.drives))
-        here: list[Row] = []
+            yield Progress(sum(episodes_driven(leg.folder) for leg in left), total, "training")
+    policies, times = facts.get("policies_sha256", {}), facts.get("wall_time_s", {})
+    for leg in left:
+        name, policy = leg.folder.name, checksum(leg.policy)
+        if policies.get(name, policy) != policy:
+            raise made_otherwise(table)
+        policies[name] = policy
+        if (seconds := wall_time_s(leg.clock)) is not None:
+            times[name] = round(seconds, 1)
+    driven, total = 0, sum(scale.drives - held[cell] for cell in missing)
+    for cell in missing:
+        choices = choose([str(scale.runs / cell.training)])
+        seeds = range(held[cell], scale.drives)
+        evaluation = Evaluation(legs[0].config, choices, [int(cell.vehicles)], seeds)
         with closing(evaluation.rows(scale.jobs)) as found:
             for result in found:
-                outcome = {
-                    "seed": str(result.seed),
-                    "mean_reward": str(result.mean_reward),
-                    "mean_speed_m_s": str(result.mean_speed_m_s),
-                    "ego_hit": str(result.ego_hit),
-                }
-                here.append({**cell._asdict(), **outcome})
-                driven = done * scale.drives + len(here)
-                yield Progress(driven, len(cells) * scale.drives, cell.training)
-        rows = [*(row for row in rows if _cell(row) != cell), *here]
-        rows.sort(key=lambda row: _place(_cell(row)))
+                rows.append(
+                    {
+                        **cell._asdict(),
+                        "seed": str(result.seed),
+                        "mean_reward": str(result.mean_reward),
+                        "mean_speed_m_s": str(result.mean_speed_m_s),
+                        "ego_hit": str(result.ego_hit),
+                    }
+                )
+                driven += 1
+                yield Progress(driven, total, cell.training)
+        rows.sort(key=_place)
         made = provenance(
             legs[0].config,
             processes=scale.jobs,
             seeds=f"0 to {max(int(row['seed']) for row in rows)}",
-            wall_time_s=facts.get("wall_time_s", {}) | times,
-            policies_sha256=known | policies,
+            wall_time_s=times,
+            policies_sha256=policies,
             settings=facts.get("settings", {})
             | {name: asdict(config) for name, config in configs.items()},
         )
@@ -108,10 +121,10 @@ def fast(scale: Scale) -> Generator[Progress, None, None]:
         write_rows(table, rows)
 
 
-def _place(cell: Cell) -> tuple[bool, int, int]:
-    """Where a cell stands in the table: the long training first."""
-    variant, _, seed = cell.training.partition("-")
-    return variant != "paper", int(seed), int(cell.vehicles)
+def _place(row: Row) -> tuple[bool, int, int, int]:
+    """Where a row stands in the table: those of the long training first."""
+    variant, _, number = row["training"].partition("-")
+    return variant != "paper", int(number), int(row["vehicles"]), int(row["seed"])
 
 
 def _cell(row: Row) -> Cell:

@@ -27,6 +27,11 @@ class Leg(NamedTuple):
     """The training whose driver goes on learning here; None for one that begins anew."""
 
     @property
+    def policy(self) -> Path:
+        """The driver of the training, as soon as it has saved one."""
+        return self.folder / "policy.safetensors"
+
+    @property
     def begun(self) -> bool:
         """Whether there is a folder to go on from."""
         return (self.folder / "config.toml").is_file()
@@ -44,7 +49,9 @@ class Leg(NamedTuple):
 
 
 def require_same_settings(leg: Leg) -> None:
-    """Raise RunError where the leg's folder was begun with other settings."""
+    """Raise RunError where the leg's folder, or its origin's, was begun with other settings."""
+    if leg.origin:
+        require_same_settings(leg.origin)
     if leg.begun and load_config(leg.folder / "config.toml") != leg.config:
         raise RunError(
             f"{leg.folder} was begun with other settings: choose another folder with --runs, "
@@ -69,7 +76,7 @@ def drive_leg(leg: Leg) -> None:
         training = Training(env)
         if not leg.begun:
             if leg.origin:
-                take_over(training, Run(leg.origin.folder).policy_file)
+                take_over(training, leg.origin.policy)
             run.create(leg.config, training if leg.origin else None)
         stack.enter_context(run.alone())
         run.restore(training)

@@ -18,6 +18,7 @@ from drl_av.studies.reproduction.legs import (
     wall_time_s,
 )
 from drl_av.studies.reproduction.provenance import (
+    checksum,
     made_otherwise,
     provenance,
     read_sidecar,
@@ -40,7 +41,7 @@ class Table(NamedTuple):
     """The settings of every variant, with seed 0, and of what they begin from."""
     rows_of: Callable[[Leg], list[Row]]
     written: Callable[[list[Row]], None] = lambda rows: None
-    """Called with the rows when the file is new."""
+    """Called with the rows whenever they were looked at."""
 
 
 def trained(
@@ -62,32 +63,41 @@ def trained(
     _require_same_settings(table)
     goals = list({leg.folder: leg for legs in rounds for leg in legs}.values())
     for leg in goals:
-        require_same_settings(leg)
         if leg.last_row < 1:
             raise DrlAvError(
                 f"{leg.stop} episodes make no row of {table.path.name}, which sums up "
                 f"{leg.every}: ask for as many at the least."
             )
-    last = _collect(scale, table, goals)
+    last = _last_episodes(_stored(table))
+    goals_left = _left(last, goals)
+    for leg in goals_left:
+        require_same_settings(leg)
+    _require_same_origins(table, goals_left)
+    last = _collect(scale, table, goals_left)
     yield _progress(last, goals)
     for legs in rounds:
-        left = [leg for leg in legs if _last_row(last, leg) < leg.last_row]
+        left = _left(last, legs)
         origins = {leg.origin.folder: leg.origin for leg in left if leg.origin and not leg.begun}
         try:
             for jobs in filter(None, (list(origins.values()), left)):
                 with closing(ENGINES[scale.engine](drive_leg, jobs, scale.jobs)) as engine:
                     for ended in engine:
                         if ended:
-                            last = _collect(scale, table, goals)
+                            last = _collect(scale, table, goals_left)
                         yield _progress(last, [*origins.values(), *goals])
+                _require_same_origins(table, left)
         finally:
-            last = _collect(scale, table, goals)
-    for leg in goals:
-        if _last_row(last, leg) < leg.last_row:
-            raise DrlAvError(
-                f"{leg.folder} holds no rows of its training up to episode {leg.last_row}: give "
-                "--runs a folder that all processes share."
-            )
+            last = _collect(scale, table, goals_left)
+    for leg in _left(last, goals):
+        raise DrlAvError(
+            f"{leg.folder} lacks rows of its training up to episode {leg.last_row}: put back its "
+            "files, or give --runs a folder that all processes share."
+        )
+
+
+def _left(last: Mapping[Training, int], legs: Iterable[Leg]) -> list[Leg]:
+    """Those that have not brought all their rows."""
+    return [leg for leg in legs if _last_row(last, leg) < leg.last_row]
 
 
 def merged(stored: Iterable[Row], found: Iterable[Row], variants: Iterable[str]) -> list[Row]:
@@ -130,13 +140,27 @@ def _progress(last: Mapping[Training, int], legs: Sequence[Leg]) -> Progress:
 
 
 def _require_same_settings(table: Table) -> None:
+    """The table's, where there is one."""
     with intact(table.path):
         stored = {
             variant: stored_config(settings, str(sidecar(table.path)))
             for variant, settings in read_sidecar(table.path).get("settings", {}).items()
         }
-    if any(made != table.configs.get(variant) for variant, made in stored.items()):
+    if stored and stored != dict(table.configs):
         raise made_otherwise(table.path)
+
+
+def _require_same_origins(table: Table, legs: Iterable[Leg]) -> None:
+    """The table's, where it has legs of those origins."""
+    stored, found = read_sidecar(table.path).get("policies_sha256", {}), _policies(legs)
+    if any(found.get(name, policy) != policy for name, policy in stored.items()):
+        raise made_otherwise(table.path)
+
+
+def _policies(legs: Iterable[Leg]) -> dict[str, str]:
+    """Whose drivers go on learning: checksums of those that are there."""
+    origins = {leg.origin.folder.name: leg.origin for leg in legs if leg.origin}
+    return {name: checksum(leg.policy) for name, leg in origins.items() if leg.policy.is_file()}
 
 
 def _stored(table: Table) -> list[Row]:
@@ -147,29 +171,36 @@ def _stored(table: Table) -> list[Row]:
     return rows
 
 
-def _collect(scale: Scale, table: Table, goals: Sequence[Leg]) -> dict[Training, int]:
-    """Bring table and sidecar up to date with the trainings' folders; each one's last episode."""
-    stored = _stored(table)
-    found = [row for leg in goals for row in table.rows_of(leg)]
-    rows = merged(stored, found, table.configs)
-    if rows and rows != stored:
-        config = table.configs[rows[0]["variant"]]
-        write_sidecar(table.path, provenance(config, **_facts(scale, table, goals, rows)))
-        write_rows(table.path, rows)
-        with intact(table.path):
-            table.written(rows)
+def _last_episodes(rows: Iterable[Row]) -> dict[Training, int]:
     return {key: int(own[-1]["episode"]) for key, own in _by_training(rows).items()}
 
 
-def _facts(scale: Scale, table: Table, goals: Sequence[Leg], rows: Sequence[Row]) -> dict[str, Any]:
-    times = dict(read_sidecar(table.path).get("wall_time_s", {}))
-    for leg in goals:
+def _collect(scale: Scale, table: Table, legs: Sequence[Leg]) -> dict[Training, int]:
+    """Bring table and sidecar up to date with the trainings' folders; each one's last episode."""
+    stored = _stored(table)
+    rows = merged(stored, [row for leg in legs for row in table.rows_of(leg)], table.configs)
+    if rows != stored:
+        config = table.configs[rows[0]["variant"]]
+        write_sidecar(table.path, provenance(config, **_facts(scale, table, legs, rows)))
+        write_rows(table.path, rows)
+    if rows:
+        with intact(table.path):
+            table.written(rows)
+    return _last_episodes(rows)
+
+
+def _facts(scale: Scale, table: Table, legs: Sequence[Leg], rows: Sequence[Row]) -> dict[str, Any]:
+    facts = read_sidecar(table.path)
+    times = dict(facts.get("wall_time_s", {}))
+    for leg in legs:
         if (seconds := wall_time_s(leg.clock)) is not None:
             times[leg.folder.name] = max(times.get(leg.folder.name, 0.0), round(seconds, 1))
+    policies = facts.get("policies_sha256", {}) | _policies(legs)
     return {
         "engine": scale.engine,
         "processes": scale.jobs,
         "seeds": sorted({int(row["seed"]) for row in rows}),
         "wall_time_s": times,
+        **({"policies_sha256": policies} if policies else {}),
         "settings": {variant: asdict(config) for variant, config in table.configs.items()},
     }

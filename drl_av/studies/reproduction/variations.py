@@ -55,13 +55,15 @@ def variations(scale: Scale) -> Generator[Progress, None, None]:
     Raises:
         DrlAvError: as ``DrivenTable``.
     """
-    total = sum(len(v.densities) * len(v.drivers) for v in VARIATIONS) * scale.drives
-    done = 0
+    tables = []
     for variation in VARIATIONS:
         choices = choose(variation.drivers)
         config = variation.over(scale.over(config_of(choices)))
-        table = DrivenTable(scale, variation.table, config, choices)
+        tables.append(DrivenTable(scale, variation.table, config, choices))
+    total = sum(len(v.densities) * len(v.drivers) for v in VARIATIONS) * scale.drives
+    done = 0
+    for variation, table in zip(VARIATIONS, tables, strict=True):
         for vehicles in variation.densities:
-            for driven in table.drive({"vehicles": str(vehicles)}, config, vehicles):
+            for driven in table.drive({"vehicles": str(vehicles)}, table.config, vehicles):
                 yield Progress(done + driven, total, variation.table)
-            done += len(choices) * scale.drives
+            done += len(variation.drivers) * scale.drives

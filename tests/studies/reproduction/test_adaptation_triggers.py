@@ -1,15 +1,18 @@
 """Adaptation made anew: the shipped driver on the same traffic, with learning and without."""
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from drl_av.errors import DrlAvError
 from drl_av.learning import checkpoint
 from drl_av.studies.reproduction import adaptation as module
 from drl_av.studies.reproduction import trainings
 from drl_av.studies.reproduction.adaptation import adaptation
 from drl_av.studies.reproduction.legs import Leg
+from drl_av.studies.reproduction.provenance import checksum
 from drl_av.studies.reproduction.scale import Scale
 from drl_av.studies.reproduction.tables import read_rows
 
@@ -73,3 +76,25 @@ def test_a_whole_table_asks_for_no_training(
     list(adaptation(scale))
     list(adaptation(scale._replace(runs=tmp_path / "elsewhere")))
     assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
+def test_legs_of_another_driver_never_come_into_one_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "settings.toml").write_text(SETTINGS)
+    monkeypatch.setitem(trainings.ENGINES, "here", here)
+    scale = Scale(
+        engine="here", runs=tmp_path / "runs", out=tmp_path, config=str(tmp_path / "settings.toml")
+    )
+    list(adaptation(scale))
+    table = tmp_path / "adaptation.csv"
+    policy = checksum(tmp_path / "runs" / "pretrained-1" / "policy.safetensors")
+    facts = json.loads((tmp_path / "adaptation.json").read_text())
+    assert facts["policies_sha256"] == {"pretrained-1": policy}
+    facts["policies_sha256"] = {"pretrained-1": "that of another"}
+    (tmp_path / "adaptation.json").write_text(json.dumps(facts))
+    before = table.read_bytes()
+    with pytest.raises(DrlAvError, match=r"adaptation\.csv was made with .* another driver"):
+        list(adaptation(scale._replace(full_seeds=2)))
+    assert table.read_bytes() == before
+    assert not (tmp_path / "runs" / "pretrained-1" / "adaptation-1").exists()

@@ -138,7 +138,7 @@ def test_what_the_table_holds_is_not_trained_again_though_the_folders_are_lost(
     assert not asked
     assert (told[-1].done, told[-1].total) == (18, 18)
     assert (tmp_path / "curves.csv").read_bytes() == (undisturbed / "curves.csv").read_bytes()
-    with pytest.raises(DrlAvError, match=r"paper-1 holds no rows .* up to episode 9"):
+    with pytest.raises(DrlAvError, match=r"paper-1 lacks rows .* up to episode 9"):
         make(scale(tmp_path, seeds=3, episodes=9))
     assert [(leg.seed, leg.stop) for leg in asked] == [(1, 9), (2, 9)]
 

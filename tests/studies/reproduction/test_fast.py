@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from drl_av.errors import DrlAvError
 from drl_av.studies.reproduction import fast as module
 from drl_av.studies.reproduction.scale import Progress, Scale
 from drl_av.studies.reproduction.tables import read_rows
@@ -58,4 +59,20 @@ def test_every_seed_is_trained_and_driven_through_the_traffic_of_the_long_one(
     assert told(list(module.fast(scale))) == {"training", "paper-0", "fast-0", "fast-1"}
     assert (out / "fast.csv").read_text() == whole
     more = list(module.fast(scale._replace(drives=3)))
-    assert more[-1][:2] == (18, 18)
+    assert more[-1][:2] == (6, 6)  # the third seed of each
+    rows = read_rows(out / "fast.csv")
+    assert [row["seed"] for row in rows] == ["0", "1", "2"] * 6
+
+    # fewer trainings lose nothing of what is there, and more are trained alone
+    assert list(module.fast(scale._replace(drives=3, seeds=1))) == []
+    (runs / "paper-0").rename(tmp_path / "paper-0")
+    assert told(list(module.fast(scale._replace(drives=3, seeds=3)))) == {"training", "fast-2"}
+    assert not (runs / "paper-0").exists()
+    assert read_rows(out / "fast.csv")[:18] == rows
+
+    # other settings are told before anything is trained
+    (tmp_path / "short.toml").write_text(SHORT.replace("decisions_per_episode = 4", ""))
+    before = (out / "fast.csv").read_bytes()
+    with pytest.raises(DrlAvError, match=r"fast\.csv was made with other settings"):
+        list(module.fast(scale._replace(drives=4)))
+    assert (out / "fast.csv").read_bytes() == before

@@ -75,12 +75,12 @@ def test_stops_where_they_meet_and_drives_nothing_twice(
     list(speeds(scale))
     assert not counts
     list(speeds(scale._replace(drives=3)))
-    assert counts == [12, 12]
+    assert counts == [4, 4]  # four drivers on the third seed
     whole = (scale.out / "evaluation.csv").read_bytes()
     assert before != whole
     # fewer are there already
     list(speeds(scale))
-    assert counts == [12, 12]
+    assert counts == [4, 4]
     assert json.loads((scale.out / "evaluation.json").read_text())["seeds"] == "0 to 2"
     monkeypatch.setattr(driven, "checksum", lambda file: "that of another policy")
     with pytest.raises(DrlAvError, match=r"evaluation\.csv was made with .* another driver"):
