@@ -1,13 +1,14 @@
 """The preset ``fast`` on several seeds, beside the driver of the paper's whole schedule (ours)."""
 
 from collections import Counter
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from drl_av.config import Config
+from drl_av.episode import EpisodeResult
 from drl_av.presets import preset
 from drl_av.studies import DENSITIES
 from drl_av.studies.drivers import choose
@@ -56,39 +57,17 @@ def fast(scale: Scale) -> Generator[Progress, None, None]:
     """
     scale.out.mkdir(parents=True, exist_ok=True)
     scale.runs.mkdir(parents=True, exist_ok=True)
-    table = scale.out / TABLE
+    table, legs = scale.out / TABLE, _legs(scale)
     require_writable(table, sidecar(table))
-    legs = _legs(scale)
-    configs = {leg.folder.name: leg.config for leg in legs}
-    with intact(table):
-        facts, rows = read_sidecar(table), read_rows(table)
-        stored = {
-            name: stored_config(settings, str(sidecar(table)))
-            for name, settings in facts.get("settings", {}).items()
-        }
-        rows.sort(key=_place)
-    if any(made != configs.get(name, made) for name, made in stored.items()):
-        raise made_otherwise(table)
+    facts, rows = _stored(table, legs)
     held = Counter(map(_cell, rows))
     cells = [Cell(leg.folder.name, str(n)) for leg in legs for n in DENSITIES]
     missing = [cell for cell in cells if held[cell] < scale.drives]
     if not missing:
         return
     left = [leg for leg in legs if leg.folder.name in {cell.training for cell in missing}]
-    for leg in left:
-        require_same_settings(leg)
-    total = sum(leg.stop for leg in left)
-    with closing(ENGINES[scale.engine](drive_leg, left, scale.jobs)) as engine:
-        for _ in engine:
-            yield Progress(sum(episodes_driven(leg.folder) for leg in left), total, "training")
-    policies, times = facts.get("policies_sha256", {}), facts.get("wall_time_s", {})
-    for leg in left:
-        name, policy = leg.folder.name, checksum(leg.policy)
-        if policies.get(name, policy) != policy:
-            raise made_otherwise(table)
-        policies[name] = policy
-        if (seconds := wall_time_s(leg.clock)) is not None:
-            times[name] = round(seconds, 1)
+    yield from _trained(scale, left)
+    facts = _with_trainings(facts, table, legs, left)
     driven, total = 0, sum(scale.drives - held[cell] for cell in missing)
     for cell in missing:
         choices = choose([str(scale.runs / cell.training)])
@@ -96,29 +75,65 @@ def fast(scale: Scale) -> Generator[Progress, None, None]:
         evaluation = Evaluation(legs[0].config, choices, [int(cell.vehicles)], seeds)
         with closing(evaluation.rows(scale.jobs)) as found:
             for result in found:
-                rows.append(
-                    {
-                        **cell._asdict(),
-                        "seed": str(result.seed),
-                        "mean_reward": str(result.mean_reward),
-                        "mean_speed_m_s": str(result.mean_speed_m_s),
-                        "ego_hit": str(result.ego_hit),
-                    }
-                )
+                rows.append(_row(cell, result))
                 driven += 1
                 yield Progress(driven, total, cell.training)
         rows.sort(key=_place)
-        made = provenance(
-            legs[0].config,
-            processes=scale.jobs,
-            seeds=f"0 to {max(int(row['seed']) for row in rows)}",
-            wall_time_s=times,
-            policies_sha256=policies,
-            settings=facts.get("settings", {})
-            | {name: asdict(config) for name, config in configs.items()},
-        )
-        write_sidecar(table, made)
+        last = max(int(row["seed"]) for row in rows)
+        made = {"processes": scale.jobs, "seeds": f"0 to {last}", **facts}
+        write_sidecar(table, provenance(legs[0].config, **made))
         write_rows(table, rows)
+
+
+def _stored(table: Path, legs: Sequence[Leg]) -> tuple[dict[str, Any], list[Row]]:
+    """What the table holds and what made it; raises DrlAvError where that was something else."""
+    configs = {leg.folder.name: leg.config for leg in legs}
+    with intact(table):
+        facts, rows = read_sidecar(table), read_rows(table)
+        made = {
+            name: stored_config(settings, str(sidecar(table)))
+            for name, settings in facts.get("settings", {}).items()
+        }
+        rows.sort(key=_place)
+    if any(config != configs.get(name, config) for name, config in made.items()):
+        raise made_otherwise(table)
+    return facts, rows
+
+
+def _trained(scale: Scale, legs: Sequence[Leg]) -> Generator[Progress, None, None]:
+    for leg in legs:
+        require_same_settings(leg)
+    total = sum(leg.stop for leg in legs)
+    with closing(ENGINES[scale.engine](drive_leg, legs, scale.jobs)) as engine:
+        for _ in engine:
+            yield Progress(sum(episodes_driven(leg.folder) for leg in legs), total, "training")
+
+
+def _with_trainings(
+    facts: dict[str, Any], table: Path, legs: Sequence[Leg], new: Sequence[Leg]
+) -> dict[str, Any]:
+    """Facts that tell of the new trainings too; raises DrlAvError where they know another one."""
+    policies = {leg.folder.name: checksum(leg.policy) for leg in new}
+    known = facts.get("policies_sha256", {})
+    if any(known.get(name, policy) != policy for name, policy in policies.items()):
+        raise made_otherwise(table)
+    clocks = {leg.folder.name: wall_time_s(leg.clock) for leg in new}
+    times = {name: round(seconds, 1) for name, seconds in clocks.items() if seconds is not None}
+    settings = {leg.folder.name: asdict(leg.config) for leg in legs}
+    return {
+        "wall_time_s": facts.get("wall_time_s", {}) | times,
+        "policies_sha256": known | policies,
+        "settings": facts.get("settings", {}) | settings,
+    }
+
+
+def _row(cell: Cell, result: EpisodeResult) -> Row:
+    return cell._asdict() | {
+        "seed": str(result.seed),
+        "mean_reward": str(result.mean_reward),
+        "mean_speed_m_s": str(result.mean_speed_m_s),
+        "ego_hit": str(result.ego_hit),
+    }
 
 
 def _place(row: Row) -> tuple[bool, int, int, int]:
