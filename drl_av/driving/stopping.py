@@ -62,7 +62,7 @@ def cut_in_gap(
     ego: EgoConfig,
     sim: SimulationConfig,
 ) -> Number:
-    """The gap to the ego at which a vehicle may begin to move in ahead of it, metres.
+    """The gap to the ego beyond which a vehicle may begin to move in ahead of it, metres.
 
     The ego stops behind it if it goes on as it does for one decision and brakes hard then.
     """

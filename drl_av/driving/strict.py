@@ -6,7 +6,8 @@
 2. *Sideways.* It moves at most at ``lateral_speed_m_s``.
 3. *Cutting in.* It begins to move sideways into a lane only with nobody beside it there, and far
    enough ahead of the next vehicle behind it there for that one to stop behind it. Far enough
-   ahead of the ego is ``cut_in_gap``: it goes on as it does for one decision, then brakes hard.
+   ahead of the ego is more than ``cut_in_gap``: it goes on as it does for one decision, then
+   brakes hard.
    Whose body is over a lane's line is in that lane; within ``CENTERED_M`` of a lane's centre
    nobody has begun to leave it, and who comes past a centre begins anew.
 4. *Following.* Behind an ego whose body is over the line of its lane it stays behind: within
@@ -24,15 +25,15 @@ lane change may meet on its way to the end or on its way out; then the way out i
 decision too. Where no proposal is permitted the way out is taken, which the invariant says is free.
 
 Who may be met: who is in a lane that the ego's body is over, and who may come between where it is,
-the end of its lane change and that of its way out, ``lateral_speed_m_s`` times one decision
-further on the side that it moves to (bound 2). A vehicle may be anywhere between the centres of
-the lanes that its body is over and of the one it moves towards. Those not met yet that move into
-the ego's lanes later leave it ``cut_in_gap`` (bound 3), so that it may still brake when it sees
+the end of its lane change and that of its way out, ``lateral_speed_m_s`` times one decision further
+on the side that it moves to (bound 2). A vehicle may be anywhere between the centres of the lanes
+that its body is over and of the one it moves towards. Those not met yet that move into the ego's
+lanes later leave it more than ``cut_in_gap`` (bound 3), so that it may still brake when it sees
 them. One behind in whose way the ego already is keeps behind it (bound 4); one that the ego moves
 in front of must come to rest behind the ego, whatever that does next. One beside refuses the lane
 change. Two may enter one lane from both sides while neither is in it: the ego turns back at the
-next decision, when its centre is still in its lane, as fast as the other one comes. Its body
-may be over the line by then: the one exception to the invariant, in which it brakes hard as well.
+next decision, when its centre is still in its lane, as fast as the other one comes. Its body may be
+over the line by then: the one exception to the invariant, in which it brakes hard as well.
 
 Under a longitudinal reference (IDM or ACC) the ego rolls at most as far as by the number of its
 action, which is the ``reach`` above, and at least as far as by braking hard, which is what those

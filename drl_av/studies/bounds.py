@@ -108,7 +108,7 @@ class Auditor:
         rate = self._ego_m_s2
         needs_m = cut_in_gap(ego_m_s, rate, other_m_s, config.strict, config.ego, config.simulation)
         self.cut_ins_m.append(float(gap_m - needs_m))
-        if gap_m < needs_m:
+        if gap_m <= needs_m:
             self.breaches.append(Breach(after.time_s, after.ids[row], CUT_IN))
 
     def _watch_followers(self, before: Snapshot, after: Snapshot, acceleration: FloatArray) -> None:

@@ -184,7 +184,7 @@ class Mover:
         stops_m = stopping_distance(faster, strict.follower_braking_m_s2, self.step_s)
         ego_stops_m = stopping_distance(world.speed_m_s[:, :1], ego.hard_brake_m_s2, self.step_s)
         follows = behind_ego_m + ego_stops_m > stops_m + faster * self.step_s + 1.0
-        begins = ~beside & (gap_m >= needs_m) & (~front | follows)
+        begins = ~beside & (gap_m > needs_m) & (~front | follows)
         shares = (lowest[:, :1] <= highest[:, 1:]) & (lowest[:, 1:] <= highest[:, :1])
         is_met = shares & (lead_m[:, 0] > LENGTH_M)
         result: FloatArray = np.where(goes_on | is_in | begins | is_met, side, 0.0)

@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, event, given, settings
+from hypothesis import assume, event, example, given, settings
 from hypothesis import strategies as st
 from worlds import (
     ALONE,
@@ -365,6 +365,19 @@ def test_those_behind_count_on_no_more_than_the_hardest_braking_of_a_model(refer
 # The promise
 
 
+def standing(gap_m: float) -> World:
+    """Both stand, and the other one is about to move into the ego's lane."""
+    return World(
+        x_m=np.array([[5000.0, 5005.0 + gap_m]]),
+        y_m=np.array([[0.0, 3.04]]),
+        speed_m_s=np.zeros((1, 2)),
+        lateral_m_s=np.zeros((1, 2)),
+        origin=np.array([NONE]),
+        target=np.array([NONE]),
+        lane_s=np.full((1, 3), np.inf),
+    )
+
+
 @st.composite
 def pursuits(draw: st.DrawFn) -> World:
     """The ego, which may be in a lane change, and one vehicle ahead anywhere across the road."""
@@ -391,6 +404,8 @@ def pursuits(draw: st.DrawFn) -> World:
     st.floats(-4.0, 2.0),
     st.sampled_from([-1.0, 0.0, 1.0]),
 )
+@example(standing(0.5), Action(KEEP, MAINTAIN), 0.0, -1.0)  # the clearance, and no more
+@example(standing(0.51), Action(KEEP, MAINTAIN), 0.0, -1.0)
 @settings(max_examples=300)
 def test_a_free_way_out_is_free_again_at_the_next_decision_whatever_the_one_ahead_does(
     world: World, proposed: Action, acceleration: float, side: float
