@@ -23,12 +23,11 @@ from drl_av.studies.reproduction.provenance import (
 from drl_av.studies.reproduction.scale import Scale
 from drl_av.studies.reproduction.tables import Row, intact, read_rows, write_rows
 
-Columns = Callable[[EpisodeResult], Row]
 
-
-def all_columns(result: EpisodeResult) -> Row:
-    """All that is known of an episode."""
-    return {name: str(value) for name, value in asdict(result).items()}
+def columns(result: EpisodeResult, *names: str) -> Row:
+    """What is known of an episode: the named columns, or all of them."""
+    values = asdict(result)
+    return {name: str(values[name]) for name in names or values}
 
 
 class DrivenTable:
@@ -65,7 +64,7 @@ class DrivenTable:
         cell: Row,
         config: Config,
         vehicles: int,
-        columns: Columns = all_columns,
+        row_of: Callable[[EpisodeResult], Row] = columns,
     ) -> Generator[int, None, None]:
         """Drive what is missing of a cell; tells how many episodes of it there are.
 
@@ -80,7 +79,7 @@ class DrivenTable:
         begun_s, here = monotonic(), []
         with closing(evaluation.rows(self._scale.jobs)) as found:
             for result in found:
-                here.append(columns(result))
+                here.append(row_of(result))
                 yield first * len(self._choices) + len(here)
         self._spent_s += monotonic() - begun_s
         ends = [place for place, row in enumerate(self.rows, 1) if cell.items() <= row.items()]

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from drl_av.config import Config
-from drl_av.episode import EpisodeResult
 from drl_av.presets import preset
 from drl_av.studies import DENSITIES
 from drl_av.studies.drivers import choose
 from drl_av.studies.evaluation import Evaluation
 from drl_av.studies.files import require_writable
 from drl_av.studies.reproduction.curves import variant_config
+from drl_av.studies.reproduction.driven import columns
 from drl_av.studies.reproduction.engines import ENGINES
 from drl_av.studies.reproduction.legs import (
     Leg,
@@ -36,6 +36,8 @@ from drl_av.studies.reproduction.scale import Progress, Scale
 from drl_av.studies.reproduction.tables import Row, intact, read_rows, write_rows
 
 TABLE = "fast.csv"
+OUTCOME = ("seed", "mean_reward", "mean_speed_m_s", "ego_hit")
+"""What is kept of an episode."""
 
 
 class Cell(NamedTuple):
@@ -75,7 +77,7 @@ def fast(scale: Scale) -> Generator[Progress, None, None]:
         evaluation = Evaluation(legs[0].config, choices, [int(cell.vehicles)], seeds)
         with closing(evaluation.rows(scale.jobs)) as found:
             for result in found:
-                rows.append(_row(cell, result))
+                rows.append(cell._asdict() | columns(result, *OUTCOME))
                 driven += 1
                 yield Progress(driven, total, cell.training)
         rows.sort(key=_place)
@@ -124,15 +126,6 @@ def _with_trainings(
         "wall_time_s": facts.get("wall_time_s", {}) | times,
         "policies_sha256": known | policies,
         "settings": facts.get("settings", {}) | settings,
-    }
-
-
-def _row(cell: Cell, result: EpisodeResult) -> Row:
-    return cell._asdict() | {
-        "seed": str(result.seed),
-        "mean_reward": str(result.mean_reward),
-        "mean_speed_m_s": str(result.mean_speed_m_s),
-        "ego_hit": str(result.ego_hit),
     }
 
 

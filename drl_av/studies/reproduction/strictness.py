@@ -8,11 +8,13 @@ from drl_av.config import Config
 from drl_av.episode import EpisodeResult
 from drl_av.studies import DENSITIES
 from drl_av.studies.drivers import choose, config_of
-from drl_av.studies.reproduction.driven import DrivenTable
+from drl_av.studies.reproduction.driven import DrivenTable, columns
 from drl_av.studies.reproduction.scale import Progress, Scale
 from drl_av.studies.reproduction.tables import Row
 
 TABLE = "strict.csv"
+OUTCOME = ("seed", "mean_speed_m_s", "collided", "ego_hit", "safety_triggers")
+"""What is kept of an episode."""
 VEHICLES = 15
 """Density at which the bounds are moved, one at a time."""
 BOUNDS: dict[str, tuple[float, ...]] = {
@@ -72,16 +74,10 @@ def strictness(scale: Scale) -> Generator[Progress, None, None]:
     total = len(cells()) * scale.drives
     for done, cell in enumerate(cells()):
         own = cell.config(config)
-        for driven in table.drive(cell.row(), own, cell.vehicles, partial(_columns, cell)):
+        for driven in table.drive(cell.row(), own, cell.vehicles, partial(_row, cell)):
             told = f"{cell.check} {cell.bound} {cell.value}".strip()
             yield Progress(done * scale.drives + driven, total, told)
 
 
-def _columns(cell: Cell, result: EpisodeResult) -> Row:
-    return cell.row() | {
-        "seed": str(result.seed),
-        "mean_speed_m_s": str(result.mean_speed_m_s),
-        "collided": str(result.collided),
-        "ego_hit": str(result.ego_hit),
-        "safety_triggers": str(result.safety_triggers),
-    }
+def _row(cell: Cell, result: EpisodeResult) -> Row:
+    return cell.row() | columns(result, *OUTCOME)

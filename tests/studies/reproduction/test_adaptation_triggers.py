@@ -33,15 +33,21 @@ def here(work: Any, jobs: list[Leg], processes: int) -> Any:
         yield [job]
 
 
-def test_both_begin_as_the_shipped_driver_trained_anew_and_only_one_of_them_learns(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scale:
+    """Five short episodes, in this process."""
     (tmp_path / "settings.toml").write_text(SETTINGS)
     monkeypatch.setitem(trainings.ENGINES, "here", here)
-    monkeypatch.setattr(module, "BLOCK", 2)
-    runs = tmp_path / "runs"
     config = str(tmp_path / "settings.toml")
-    list(adaptation(Scale(engine="here", runs=runs, out=tmp_path, config=config)))
+    return Scale(engine="here", runs=tmp_path / "runs", out=tmp_path, config=config)
+
+
+def test_both_begin_as_the_shipped_driver_trained_anew_and_only_one_of_them_learns(
+    scale: Scale, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "BLOCK", 2)
+    runs = scale.runs
+    list(adaptation(scale))
     rows = read_rows(tmp_path / "adaptation.csv")
     assert [(row["variant"], row["seed"], row["episode"]) for row in rows] == [
         (variant, "0", episode)
@@ -65,27 +71,13 @@ def test_both_begin_as_the_shipped_driver_trained_anew_and_only_one_of_them_lear
     assert seeds[0] == seeds[1]
 
 
-def test_a_whole_table_asks_for_no_training(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "settings.toml").write_text(SETTINGS)
-    monkeypatch.setitem(trainings.ENGINES, "here", here)
-    scale = Scale(
-        engine="here", runs=tmp_path / "runs", out=tmp_path, config=str(tmp_path / "settings.toml")
-    )
+def test_a_whole_table_asks_for_no_training(scale: Scale, tmp_path: Path) -> None:
     list(adaptation(scale))
     list(adaptation(scale._replace(runs=tmp_path / "elsewhere")))
     assert list((tmp_path / "elsewhere").iterdir()) == []
 
 
-def test_legs_of_another_driver_never_come_into_one_table(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "settings.toml").write_text(SETTINGS)
-    monkeypatch.setitem(trainings.ENGINES, "here", here)
-    scale = Scale(
-        engine="here", runs=tmp_path / "runs", out=tmp_path, config=str(tmp_path / "settings.toml")
-    )
+def test_legs_of_another_driver_never_come_into_one_table(scale: Scale, tmp_path: Path) -> None:
     list(adaptation(scale))
     table = tmp_path / "adaptation.csv"
     policy = checksum(tmp_path / "runs" / "pretrained-1" / "policy.safetensors")
