@@ -69,7 +69,7 @@ class DrivenTable:
         """Drive what is missing of a cell; tells how many episodes of it there are.
 
         Raises:
-            DrlAvError: as ``Evaluation``; or the disk refuses.
+            DrlAvError: as ``Evaluation``; the table has other columns; or the disk refuses.
         """
         first = len(self.of(cell)) // len(self._choices)
         if first >= self._scale.drives:
@@ -79,7 +79,10 @@ class DrivenTable:
         begun_s, here = monotonic(), []
         with closing(evaluation.rows(self._scale.jobs)) as found:
             for result in found:
-                here.append(row_of(result))
+                row = row_of(result)
+                if self.rows and row.keys() != self.rows[0].keys():
+                    raise made_otherwise(self.path)
+                here.append(row)
                 yield first * len(self._choices) + len(here)
         self._spent_s += monotonic() - begun_s
         ends = [place for place, row in enumerate(self.rows, 1) if cell.items() <= row.items()]

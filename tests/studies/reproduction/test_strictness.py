@@ -41,6 +41,19 @@ def test_both_checks_meet_the_same_traffic_and_what_is_there_is_not_driven_again
     assert bounds.get_legend_handles_labels()[1] == ["clearance"]
 
 
+def test_a_table_of_other_columns_is_left_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "cells", lambda: [module.Cell("paper", "", "", 1)])
+    scale = Scale(out=tmp_path, drives=1, jobs=1)
+    list(module.strictness(scale))
+    monkeypatch.setattr(module, "OUTCOME", ("seed", "collided"))
+    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(DrlAvError, match=r"strict\.csv was made with other settings"):
+        list(module.strictness(scale._replace(drives=2)))
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == kept
+
+
 def drives(check: str, *speeds: float) -> list[dict[str, Any]]:
     return [
         {"check": check, "bound": "", "vehicles": 5, "seed": seed, "mean_speed_m_s": speed}
