@@ -20,6 +20,8 @@ from drl_av.studies.strictness_figure import change
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "docs" / "results"
 MOST_VEHICLES = 30
+ADAPTED_BY = 10_000
+"""Episodes of the adaptation that a row of its table sums up."""
 Row = dict[str, str]
 
 
@@ -209,6 +211,35 @@ def fast_table() -> str:
     return "\n".join(lines)
 
 
+def adaptation_table() -> str:
+    """The driver that goes on learning and the one that does not, as far as both are driven."""
+    rows = read("adaptation.csv")
+    last = {row["variant"]: int(row["episode"]) for row in rows}
+    lines = [
+        "| learning | episodes | safety triggers an episode | reward a decision "
+        "| ego hit something | was hit |",
+        "|" + " --- |" * 6,
+    ]
+    for begin in range(0, min(last.values()), ADAPTED_BY):
+        end = min(begin + ADAPTED_BY, *last.values())
+        for variant, learning in (("adaptation", "on"), ("no_adaptation", "off")):
+            own = [r for r in rows if r["variant"] == variant and begin < int(r["episode"]) <= end]
+            triggers, reward = (
+                mean_with_interval(float(row[f"training_{name}"]) for row in own)
+                for name in ("safety_triggers", "reward")
+            )
+            hits, collided = (
+                sum(round(100 * float(row[f"training_{name}"])) for row in own)
+                for name in ("ego_hits", "collisions")
+            )
+            lines.append(
+                f"| {learning} | {begin + 1:,} to {end:,} "
+                f"| {triggers.value:.4f} ± {triggers.half_width:.4f} "
+                f"| {reward.value:.4f} ± {reward.half_width:.4f} | {hits} | {collided - hits} |"
+            )
+    return "\n".join(lines)
+
+
 def strict_table() -> str:
     """What the check ``strict`` changes in the shipped driver's mean speed, percent."""
     rows = [row for row in read("strict.csv") if not row["bound"]]
@@ -238,6 +269,7 @@ WITH_RESULTS = {
     "convergence": ("convergence.csv", convergence_table),
     "cost": ("curves.csv", cost_table),
     "fast": ("fast.csv", fast_table),
+    "adaptation": ("adaptation.csv", adaptation_table),
     "strict": ("strict.csv", strict_table),
 }
 """Those that the README has as soon as their results are there."""
