@@ -36,10 +36,11 @@ from worlds import (
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.checks import named_check
+from drl_av.driving.encounters import lateral_extent
 from drl_av.driving.maneuver import Scene, steered
 from drl_av.driving.safety import Rule, Verdict
 from drl_av.driving.stopping import reach
-from drl_av.driving.strict import Strict
+from drl_av.driving.strict import Strict, way_out
 from drl_av.errors import ConfigError
 from drl_av.studies.plain_world import NONE, ROAD, Mover, Orders, World, separation
 from drl_av.studies.reproduction.strictness import cells
@@ -378,6 +379,22 @@ def standing(gap_m: float) -> World:
     )
 
 
+def from_both_sides() -> World:
+    """Both stand and are to move into the middle lane: the ego from the left, then the other."""
+    world = standing(0.5)
+    world.y_m, world.lateral_m_s = np.array([[6.84, 0.0]]), np.array([[-0.76, -0.76]])
+    world.origin, world.target = np.array([2]), np.array([1])
+    return world
+
+
+def lanes_of(scene: Scene, row: int) -> set[int]:
+    """Those that its body is over, and the one that it moves towards."""
+    shot = scene.snapshot
+    place = (np.array([values[row]]) for values in (shot.y_m, shot.lateral_speed_m_s, shot.width_m))
+    right_m, left_m = lateral_extent(*place, LANE_M)
+    return {lane for lane in range(3) if right_m[0] < lane * LANE_M < left_m[0]}
+
+
 @st.composite
 def pursuits(draw: st.DrawFn) -> World:
     """The ego, which may be in a lane change, and one vehicle ahead anywhere across the road."""
@@ -406,6 +423,7 @@ def pursuits(draw: st.DrawFn) -> World:
 )
 @example(standing(0.5), Action(KEEP, MAINTAIN), 0.0, -1.0)  # the clearance, and no more
 @example(standing(0.51), Action(KEEP, MAINTAIN), 0.0, -1.0)
+@example(from_both_sides(), Action(KEEP, MAINTAIN), 0.0, 1.0)
 @settings(max_examples=300)
 def test_a_free_way_out_is_free_again_at_the_next_decision_whatever_the_one_ahead_does(
     world: World, proposed: Action, acceleration: float, side: float
@@ -419,6 +437,12 @@ def test_a_free_way_out_is_free_again_at_the_next_decision_whatever_the_one_ahea
     Mover(CONFIG).decision(world, np.array([executed.number]), orders)
     event(f"{executed}, proposal kept: {executed == proposed}")
     assert separation(world).min() > 0
-    assert STRICT.way_out_is_free(world.scene(0))
+    after = world.scene(0)
+    if not STRICT.way_out_is_free(after):  # the one exception: into one lane from both sides
+        assert lanes_of(after, 0) & lanes_of(after, 1) - lanes_of(before, 1)
+        assert executed.lateral != KEEP or before.lane_change is not None
+        back = STRICT(after, proposed).action
+        assert steered(after.lane_change, after.seen.lane, back.lateral) == way_out(after)
+        assert back.longitudinal == HARD_BRAKE
     changed = steered(before.lane_change, before.seen.lane, executed.lateral)
     assert changed is None or ROAD.is_open(changed.target)
