@@ -15,6 +15,7 @@ from pathlib import Path
 from statistics import median
 
 from drl_av.studies.evaluation import Mean, mean_with_interval
+from drl_av.studies.reproduction.adaptation import BLOCK
 from drl_av.studies.strictness_figure import change
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -229,7 +230,7 @@ def adaptation_table() -> str:
                 for name in ("safety_triggers", "reward")
             )
             hits, collided = (
-                sum(round(100 * float(row[f"training_{name}"])) for row in own)
+                sum(round(BLOCK * float(row[f"training_{name}"])) for row in own)
                 for name in ("ego_hits", "collisions")
             )
             lines.append(
