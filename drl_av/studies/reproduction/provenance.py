@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import tomli_w
+from threadpoolctl import threadpool_info
 
 from drl_av.config import Config, from_toml
 from drl_av.errors import DrlAvError
@@ -32,6 +33,7 @@ def provenance(config: Config, **facts: Any) -> dict[str, Any]:
         "step_length_s": config.simulation.step_length_s,
         "integration": INTEGRATION,
         "machine": machine(),
+        "blas": blas(),
         **facts,
     }
 
@@ -51,7 +53,7 @@ def made_by(seconds: float) -> str:
     versions = ", ".join(f"{package} {facts[package]}" for package in ("python", *PACKAGES))
     return (
         f"made by {facts['command']} in {seconds:.0f} s on {facts['date']}: "
-        f"{versions}; {facts['machine']}"
+        f"{versions}; {facts['machine']}; {facts['blas']}"
     )
 
 
@@ -69,6 +71,19 @@ def machine() -> str:
         names = [line.partition(":")[2].strip() for line in lines if "model name" in line]
         model = next(iter(names), model)
     return f"{model}, {os.cpu_count()} cores, {platform.system()}"
+
+
+def blas() -> str:
+    """The linear algebra in this process, and the kernels it chose for this processor.
+
+    Networks trained with other kernels differ in their last bits, and then in all.
+    """
+    libraries = [info for info in threadpool_info() if info["user_api"] == "blas"]
+    told = [
+        f"{info['internal_api']} {info['version']} {info.get('architecture', '')}".rstrip()
+        for info in libraries
+    ]
+    return ", ".join(dict.fromkeys(told)) or "not told"
 
 
 def sidecar(table: Path) -> Path:

@@ -1,5 +1,9 @@
 """What a results file says of its origin, without a path of the machine that made it."""
 
+import os
+import subprocess
+import sys
+
 import pytest
 
 from drl_av.studies.reproduction.provenance import command, made_by
@@ -28,3 +32,12 @@ def test_a_text_tells_its_origin_in_one_line(monkeypatch: pytest.MonkeyPatch) ->
     assert "eclipse-sumo 1." in line
     assert "cores" in line
     assert "\n" not in line
+
+
+def test_it_names_the_kernels_on_which_the_last_bits_of_a_training_depend() -> None:
+    code = "from drl_av.studies.reproduction.provenance import made_by; print(made_by(1))"
+    chosen = {**os.environ, "OPENBLAS_CORETYPE": "Nehalem"}  # every x86-64 processor can
+    made = subprocess.run(
+        [sys.executable, "-c", code], env=chosen, capture_output=True, text=True, check=True
+    )
+    assert made.stdout.rstrip().endswith(" Nehalem")
