@@ -24,6 +24,9 @@ class LearningConfig(Section):
     epsilon_fraction: float = setting(
         0.7, "Sec. IV-C", "share of the episodes over which it falls", low=0.001, high=1
     )
+    networks: int = setting(
+        1, "ours", "networks that learn from batches of their own, and decide by their mean", low=1
+    )
     replay: str = setting("two-buffer", "Alg. 1", "experience replay", choices=REPLAYS)
     batch_size: int = setting(64, "ours", "rows in a minibatch", low=2, high=100_000)
     collision_fraction: float = setting(

@@ -136,7 +136,7 @@ def load_policy(
         raise CheckpointError(
             f"{path} was written with other settings than this version knows: {error}"
         ) from error
-    hidden = (config.learning.hidden_units,) * 2
+    hidden = (config.learning.hidden_units * config.learning.networks,) * 2
     network = QNetwork(np.random.default_rng(0), observation_size, action_size, hidden)
     parameters = dict(network.named_parameters())
     expected = {name: ("float32", *parameter.shape) for name, parameter in parameters.items()}

@@ -18,6 +18,7 @@ from drl_av.episode import drive
 from drl_av.learning.buffers import State
 from drl_av.learning.checkpoint import rng_from_json, rng_to_json
 from drl_av.learning.counterfactuals import remember_others
+from drl_av.learning.ensemble import MeanPolicy, merged
 from drl_av.learning.experience import make_buffer
 from drl_av.learning.exploration import epsilon_greedy, linear_epsilon
 from drl_av.learning.learner import Learner
@@ -95,11 +96,23 @@ class Training:
         self._config = env.config.learning
         self._rng = np.random.default_rng(self._config.seed)
         hidden = (self._config.hidden_units,) * 2
-        self.network = QNetwork(self._rng, len(INDICATORS), len(ACTIONS), hidden)
-        self.policy = greedy_policy(self.network, self._config)
-        self._learner = Learner(self.network, self._config.learning_rate)
+        networks = [
+            QNetwork(self._rng, len(INDICATORS), len(ACTIONS), hidden)
+            for _ in range(self._config.networks)
+        ]
+        policies = [greedy_policy(network, self._config) for network in networks]
+        self.policy = policies[0] if len(policies) == 1 else MeanPolicy(policies)
+        self.learners = {
+            f"learner{number or ''}": Learner(network, self._config.learning_rate)
+            for number, network in enumerate(networks)
+        }
         self._buffer = make_buffer(self._config, len(INDICATORS))
         self.episodes_done = 0
+
+    @property
+    def network(self) -> QNetwork:
+        """What has been learnt, all in one."""
+        return merged([learner.network for learner in self.learners.values()])
 
     @property
     def epsilon(self) -> float:
@@ -122,7 +135,8 @@ class Training:
     def run_episode(self) -> EpisodeRow:
         """Lines 3 to 17: one episode, learning after each decision."""
         epsilon = self.epsilon
-        self._learner.learning_rate = self.learning_rate
+        for learner in self.learners.values():
+            learner.learning_rate = self.learning_rate
         self._buffer.anneal(self.episodes_done / self._config.episodes)
         seed = self._traffic_seed()
         gradient_steps = self._config.gradient_steps if self._learns else 0
@@ -135,14 +149,16 @@ class Training:
             self._remember(s_t, a_t, r_tp1, s_tp1, terminated, info)
             if self._config.counterfactuals and not terminated:
                 self._remember_others(before, s_t, a_t, info["executed_action"])
-            losses += [self._learn() for _ in range(gradient_steps)]
+            for _ in range(gradient_steps):
+                losses += [self._learn(learner) for learner in self.learners.values()]
             rewards.append(r_tp1)
             speeds.append(info["speed_m_s"])
             triggers += info["rule"] != "none"
             s_t, over = s_tp1, terminated or truncated
         self.episodes_done += 1
         if self.episodes_done % self._config.target_update_episodes == 0:
-            self._learner.sync_target()
+            for learner in self.learners.values():
+                learner.sync_target()
         collision = info["collision"]
         return EpisodeRow(
             episode=self.episodes_done,
@@ -165,7 +181,7 @@ class Training:
         numbers = np.linspace(traffic.vehicles_min, traffic.vehicles_max, count).round()
         if placed is not None:
             numbers[:] = placed
-        driver = GreedyDriver(self.policy)
+        driver = GreedyDriver(greedy_policy(self.network, self._config))
         results = [
             drive(self._env, driver, "ddqn", EVALUATION_SEEDS + i, int(vehicles))
             for i, vehicles in enumerate(numbers)
@@ -188,13 +204,15 @@ class Training:
 
     def state(self) -> tuple[State, dict[str, Any]]:
         """Tensors and numbers that the rest of the training depends on."""
-        tensors = {f"learner.{k}": v for k, v in self._learner.state().items()}
-        tensors |= {f"buffer.{k}": v for k, v in self._buffer.state().items()}
+        parts = {name: learner.state() for name, learner in self.learners.items()}
+        parts["buffer"] = self._buffer.state()
+        tensors = {f"{part}.{k}": v for part, state in parts.items() for k, v in state.items()}
         return tensors, {"episodes_done": self.episodes_done, "rng": rng_to_json(self._rng)}
 
     def restore(self, tensors: State, numbers: dict[str, Any]) -> None:
         """Go on from ``state`` exactly; raises CheckpointError where it does not fit."""
-        self._learner.restore(_part(tensors, "learner."))
+        for name, learner in self.learners.items():
+            learner.restore(_part(tensors, f"{name}."))
         self._buffer.restore(_part(tensors, "buffer."))
         self._rng = rng_from_json(numbers["rng"])
         self.episodes_done = index(numbers["episodes_done"])
@@ -237,11 +255,11 @@ class Training:
         others = [ACTIONS[number] for number in drawn if number not in (a_t, executed)]
         remember_others(self._buffer, self._env, before, s_t, ACTIONS[executed], others)
 
-    def _learn(self) -> float:
+    def _learn(self, learner: Learner) -> float:
         """Lines 13 to 15."""
         batch = self._buffer.sample(self._config.batch_size, self._rng)
-        loss = self._learner.update(mirror_half(batch, MIRROR) if self._config.mirrored else batch)
-        self._buffer.learned_from(batch, self._learner.td_errors)
+        loss = learner.update(mirror_half(batch, MIRROR) if self._config.mirrored else batch)
+        self._buffer.learned_from(batch, learner.td_errors)
         return loss
 
 

@@ -267,6 +267,7 @@ def test_ctrl_c_saves_and_says_how_to_go_on(
         (["--learning-rate", "2"], "learning.learning_rate is 2.0, but must be from 0 to 1"),
         (["--learning-rate", "nan"], "learning.learning_rate is nan"),
         (["--config", "narrow.toml"], "does not fit a network of 27 -> 7 -> 7 -> 12"),
+        (["--config", "three.toml"], "was trained with learning.networks = 1: go on with as many"),
         (["--config", "blind.toml"], "was trained with other [observation] settings"),
         (["--resume"], "is not a run: it has no config.toml"),
     ],
@@ -280,10 +281,22 @@ def test_what_cannot_be_adapted_is_told_and_leaves_nothing_behind(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "narrow.toml").write_text("[learning]\nhidden_units = 7\n")
+    (tmp_path / "three.toml").write_text("[learning]\nnetworks = 3\n")
     (tmp_path / "blind.toml").write_text("[observation]\nrange_m = 100\n")
+    given = set(tmp_path.iterdir())
     assert main(["adapt", *words, "--out", "out"]) == 1
     assert told in one_sentence(capsys)
-    assert {path.name for path in tmp_path.iterdir()} == {"narrow.toml", "blind.toml"}
+    assert set(tmp_path.iterdir()) == given
+
+
+def test_a_run_goes_on_with_as_many_networks_as_it_has(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    more = tmp_path / "more.toml"
+    more.write_text("[learning]\nnetworks = 2\n")
+    assert main(command(trained, str(more), "more")) == 1
+    assert "learning.networks = 1: go on with as many, not 2" in one_sentence(capsys)
+    assert not trained.with_name("more").exists()
 
 
 def test_a_run_that_is_there_is_not_begun_again_nor_resumed_otherwise(

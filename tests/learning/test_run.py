@@ -30,6 +30,7 @@ checkpoint_every = 2
 evaluation_episodes = 2
 mirrored = true
 counterfactuals = 6
+networks = 2
 """
 RESULTS = ("episodes.csv", "evaluations.csv", "checkpoint.safetensors", "policy.safetensors")
 HARNESS = """
