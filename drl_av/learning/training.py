@@ -103,6 +103,7 @@ class Training:
         policies = [greedy_policy(network, self._config) for network in networks]
         self.policy = policies[0] if len(policies) == 1 else MeanPolicy(policies)
         self.learners = {
+            # the first as in checkpoints from before there were several
             f"learner{number or ''}": Learner(network, self._config.learning_rate)
             for number, network in enumerate(networks)
         }
