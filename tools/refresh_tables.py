@@ -12,7 +12,6 @@ import re
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from statistics import median
 
 from drl_av.studies.evaluation import Mean, mean_with_interval
 from drl_av.studies.reproduction.adaptation import BLOCK
