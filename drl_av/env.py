@@ -23,7 +23,7 @@ from drl_av.level_1 import load_level_1
 from drl_av.traffic.collisions import overlapping
 from drl_av.traffic.scenario import find_scenario, load_scenario
 from drl_av.traffic.simulation import Simulation
-from drl_av.traffic.snapshot import Collision, Snapshot
+from drl_av.traffic.snapshot import EGO, Collision, Snapshot
 
 Observation = npt.NDArray[np.float32]
 TRAINING_SEEDS = (1_000_000, 2**31)
@@ -174,7 +174,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self._over = True  # should SUMO end in the middle
         snapshot, collision = self.simulation.advance(commands, wishes)
         self._look(snapshot, lane_change)
-        if collision is None and self.scene.seen.touched:
+        if collision is None and self.scene.seen.may_touch(float(snapshot.width_m[EGO])):
             collision = overlapping(snapshot, self.road)
         self.decisions += 1
         target = desired(self.scene.seen, self.config.reward, self.config.safety)
