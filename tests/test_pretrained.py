@@ -1,13 +1,17 @@
 """The shipped driver: what it was trained with, and that it drives."""
 
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from drl_av.config import Config, load_config
 from drl_av.driving.drivers.rules import IdmDriver
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
+from drl_av.learning.checkpoint import load_policy, save_policy
+from drl_av.level_1 import LEVEL_1
 from drl_av.studies.drivers import PRETRAINED, learned_driver
 
 
@@ -17,6 +21,15 @@ def test_it_learnt_from_what_happened_alone_and_in_a_mirror_among_the_default_tr
     assert config == load_config(PRETRAINED / "config.toml")
     assert config.updated("learning", **asdict(Config().learning)) == Config()
     assert (learning.episodes, learning.mirrored, learning.counterfactuals) == (2000, True, 0)
+
+
+@pytest.mark.parametrize("folder", [PRETRAINED, LEVEL_1], ids=["driver", "level_1"])
+def test_what_ships_is_what_this_version_would_write(folder: Path, tmp_path: Path) -> None:
+    networks, config = load_policy(folder / "policy.safetensors")
+    assert (folder / "config.toml").read_text() == config.to_toml()
+    save_policy(tmp_path / "policy.safetensors", networks, config)
+    written = (tmp_path / "policy.safetensors").read_bytes()
+    assert (folder / "policy.safetensors").read_bytes() == written
 
 
 def test_it_overtakes_the_rule_based_driver_on_the_same_traffic_without_hitting_anything() -> None:

@@ -25,7 +25,7 @@ class LearningConfig(Section):
         0.7, "Sec. IV-C", "share of the episodes over which it falls", low=0.001, high=1
     )
     networks: int = setting(
-        1, "ours", "networks that learn from batches of their own, and decide by their mean", low=1
+        1, "ours", "networks that learn apart, and decide by their mean", low=1, high=100
     )
     replay: str = setting("two-buffer", "Alg. 1", "experience replay", choices=REPLAYS)
     batch_size: int = setting(64, "ours", "rows in a minibatch", low=2, high=100_000)

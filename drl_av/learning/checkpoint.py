@@ -1,9 +1,11 @@
 """One safetensors file, written whole or not at all, and read without unpickling anything."""
 
 import contextlib
+import copy
 import hashlib
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -110,16 +112,22 @@ def load(path: Path) -> tuple[State, dict[str, Any]]:
     return tensors, metadata
 
 
-def save_policy(path: Path, network: QNetwork, config: Config) -> None:
-    """Write the network's named tensors and the config that built it; raises CheckpointError."""
-    tensors = {name: tensor.numpy() for name, tensor in network.state_dict().items()}
+def save_policy(path: Path, networks: Sequence[QNetwork], config: Config) -> None:
+    """Write a network's named tensors and the config that built it; raises CheckpointError.
+
+    Those of several networks have one axis more, the first.
+    """
+    named = [network.state_dict() for network in networks]
+    tensors = {name: np.stack([own[name].numpy() for own in named]) for name in named[0]}
+    if len(networks) == 1:
+        tensors = {name: tensor[0] for name, tensor in tensors.items()}
     save(path, tensors, {"kind": "policy", "config": config.to_toml()})
 
 
 def load_policy(
     path: Path, observation_size: int = 27, action_size: int = 12
-) -> tuple[QNetwork, Config]:
-    """The network and the config of a policy file.
+) -> tuple[list[QNetwork], Config]:
+    """The networks, one or several, and the config of a policy file.
 
     Raises:
         CheckpointError: as ``load``; or the file holds no policy, or one of other shapes than
@@ -136,19 +144,23 @@ def load_policy(
         raise CheckpointError(
             f"{path} was written with other settings than this version knows: {error}"
         ) from error
-    hidden = (config.learning.hidden_units * config.learning.networks,) * 2
+    hidden, count = (config.learning.hidden_units,) * 2, config.learning.networks
     network = QNetwork(np.random.default_rng(0), observation_size, action_size, hidden)
-    parameters = dict(network.named_parameters())
-    expected = {name: ("float32", *parameter.shape) for name, parameter in parameters.items()}
+    axis = (count,) if count > 1 else ()
+    expected = {
+        name: ("float32", *axis, *parameter.shape) for name, parameter in network.named_parameters()
+    }
     found = {name: (str(tensor.dtype), *tensor.shape) for name, tensor in tensors.items()}
     if found != expected:
         raise CheckpointError(
             f"{path} does not fit a network of {' -> '.join(map(str, network.sizes))}: its "
             f"tensors are {found}, not {expected}; take a policy trained for this observation."
         )
-    for name, parameter in parameters.items():
-        parameter.detach().numpy()[...] = tensors[name]
-    return network, config
+    networks = [network, *(copy.deepcopy(network) for _ in range(count - 1))]
+    for number, own in enumerate(networks):
+        for name, parameter in own.named_parameters():
+            parameter.detach().numpy()[...] = tensors[name][number] if axis else tensors[name]
+    return networks, config
 
 
 def rng_to_json(rng: np.random.Generator) -> dict[str, Any]:

@@ -148,7 +148,7 @@ class Run:
                 sizes[file.name] = stream.tell()
         tensors, numbers = training.state()
         numbers |= {"kind": "training", "config": training.config.to_toml(), "sizes": sizes}
-        checkpoint.save_policy(self.policy_file, training.network, training.config)
+        checkpoint.save_policy(self.policy_file, training.networks, training.config)
         checkpoint.save(self.checkpoint_file, tensors, numbers)
 
     def append(self, file: Path, row: EpisodeRow | EvaluationRow) -> None:

@@ -1,5 +1,6 @@
 """Algorithm 1, an episode at a time."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from operator import index
@@ -18,7 +19,7 @@ from drl_av.episode import drive
 from drl_av.learning.buffers import State
 from drl_av.learning.checkpoint import rng_from_json, rng_to_json
 from drl_av.learning.counterfactuals import remember_others
-from drl_av.learning.ensemble import MeanPolicy, merged
+from drl_av.learning.ensemble import MeanPolicy
 from drl_av.learning.experience import make_buffer
 from drl_av.learning.exploration import epsilon_greedy, linear_epsilon
 from drl_av.learning.learner import Learner
@@ -61,9 +62,18 @@ class EvaluationRow:
     safety_triggers: float
 
 
-def greedy_policy(network: QNetwork, config: LearningConfig) -> GreedyPolicy:
-    """How a network that was trained with these settings decides; follows its every change."""
-    return MirroredPolicy(network, MIRROR) if config.mirrored else GreedyPolicy(network)
+def greedy_policy(networks: Sequence[QNetwork], config: LearningConfig) -> GreedyPolicy:
+    """How networks that were trained with these settings decide; follows their every change."""
+    policies = [
+        MirroredPolicy(network, MIRROR) if config.mirrored else GreedyPolicy(network)
+        for network in networks
+    ]
+    return policies[0] if len(policies) == 1 else MeanPolicy(policies)
+
+
+def learner_names(count: int) -> list[str]:
+    """What the tensors of each learner begin with in a checkpoint."""
+    return ["learner", *(f"learner{number}" for number in range(1, count))]
 
 
 class GreedyDriver:
@@ -96,24 +106,17 @@ class Training:
         self._config = env.config.learning
         self._rng = np.random.default_rng(self._config.seed)
         hidden = (self._config.hidden_units,) * 2
-        networks = [
+        self.networks = [
             QNetwork(self._rng, len(INDICATORS), len(ACTIONS), hidden)
             for _ in range(self._config.networks)
         ]
-        policies = [greedy_policy(network, self._config) for network in networks]
-        self.policy = policies[0] if len(policies) == 1 else MeanPolicy(policies)
-        self.learners = {
-            # the first as in checkpoints from before there were several
-            f"learner{number or ''}": Learner(network, self._config.learning_rate)
-            for number, network in enumerate(networks)
+        self.policy = greedy_policy(self.networks, self._config)
+        self._learners = {
+            name: Learner(network, self._config.learning_rate)
+            for name, network in zip(learner_names(len(self.networks)), self.networks, strict=True)
         }
         self._buffer = make_buffer(self._config, len(INDICATORS))
         self.episodes_done = 0
-
-    @property
-    def network(self) -> QNetwork:
-        """What has been learnt, all in one."""
-        return merged([learner.network for learner in self.learners.values()])
 
     @property
     def epsilon(self) -> float:
@@ -136,7 +139,7 @@ class Training:
     def run_episode(self) -> EpisodeRow:
         """Lines 3 to 17: one episode, learning after each decision."""
         epsilon = self.epsilon
-        for learner in self.learners.values():
+        for learner in self._learners.values():
             learner.learning_rate = self.learning_rate
         self._buffer.anneal(self.episodes_done / self._config.episodes)
         seed = self._traffic_seed()
@@ -151,14 +154,14 @@ class Training:
             if self._config.counterfactuals and not terminated:
                 self._remember_others(before, s_t, a_t, info["executed_action"])
             for _ in range(gradient_steps):
-                losses += [self._learn(learner) for learner in self.learners.values()]
+                losses += [self._learn(learner) for learner in self._learners.values()]
             rewards.append(r_tp1)
             speeds.append(info["speed_m_s"])
             triggers += info["rule"] != "none"
             s_t, over = s_tp1, terminated or truncated
         self.episodes_done += 1
         if self.episodes_done % self._config.target_update_episodes == 0:
-            for learner in self.learners.values():
+            for learner in self._learners.values():
                 learner.sync_target()
         collision = info["collision"]
         return EpisodeRow(
@@ -182,7 +185,7 @@ class Training:
         numbers = np.linspace(traffic.vehicles_min, traffic.vehicles_max, count).round()
         if placed is not None:
             numbers[:] = placed
-        driver = GreedyDriver(greedy_policy(self.network, self._config))
+        driver = GreedyDriver(self.policy)
         results = [
             drive(self._env, driver, "ddqn", EVALUATION_SEEDS + i, int(vehicles))
             for i, vehicles in enumerate(numbers)
@@ -205,14 +208,14 @@ class Training:
 
     def state(self) -> tuple[State, dict[str, Any]]:
         """Tensors and numbers that the rest of the training depends on."""
-        parts = {name: learner.state() for name, learner in self.learners.items()}
+        parts = {name: learner.state() for name, learner in self._learners.items()}
         parts["buffer"] = self._buffer.state()
         tensors = {f"{part}.{k}": v for part, state in parts.items() for k, v in state.items()}
         return tensors, {"episodes_done": self.episodes_done, "rng": rng_to_json(self._rng)}
 
     def restore(self, tensors: State, numbers: dict[str, Any]) -> None:
         """Go on from ``state`` exactly; raises CheckpointError where it does not fit."""
-        for name, learner in self.learners.items():
+        for name, learner in self._learners.items():
             learner.restore(_part(tensors, f"{name}."))
         self._buffer.restore(_part(tensors, "buffer."))
         self._rng = rng_from_json(numbers["rng"])

@@ -80,8 +80,8 @@ class Witness(HighwayEnv):
 
 
 def study_config(check: str, seed: int, episodes: int) -> Config:
-    """The preset ``fast`` on that highway, learning once a decision and from what happened."""
-    plain = {"gradient_steps": 1, "counterfactuals": 0}
+    """The preset ``fast`` on that highway, with one network that learns from what happened."""
+    plain = {"networks": 1, "batch_size": 64, "learning_rate": 2e-3, "counterfactuals": 0}
     fast = preset("fast").updated("learning", seed=seed, episodes=episodes, **plain)
     return fast.updated("simulation", scenario=SCENARIO).updated("safety", check=check)
 

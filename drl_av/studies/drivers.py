@@ -118,14 +118,14 @@ def learned_driver(path: Path) -> tuple[Driver, Config]:
     from drl_av.learning.training import GreedyDriver, greedy_policy
 
     file = policy_file(path)
-    network, config = load_policy(file)
+    networks, config = load_policy(file)
     settings = file.with_name("config.toml")
     if path.is_dir() and settings.is_file() and load_config(settings) != config:
         raise CheckpointError(
             f"{file} belongs to other settings than {settings}: put back the policy of that run, "
             "or name the policy file itself."
         )
-    return GreedyDriver(greedy_policy(network, config.learning)), config
+    return GreedyDriver(greedy_policy(networks, config.learning)), config
 
 
 def policy_file(path: Path) -> Path:

@@ -159,7 +159,7 @@ def test_every_violation_lands_in_the_collision_buffer_beside_the_trainings_own(
 def test_what_it_proposes_is_what_the_trained_network_values_most(
     frozen: Path, trained: Path
 ) -> None:
-    network, _ = checkpoint.load_policy(trained / "policy.safetensors")
+    (network,), _ = checkpoint.load_policy(trained / "policy.safetensors")
     policy, known = GreedyPolicy(network), len(tensors(trained)["buffer.collision.rows"])
     overruled = tensors(frozen)["buffer.collision.rows"][known:]
     if any(row["collided"] == "True" for row in rows(frozen)):
@@ -195,7 +195,7 @@ def test_the_shipped_driver_brings_its_policy_and_waits_for_experience(
     out = tmp_path / "adapted"
     words = ["adapt", "--out", str(out), "--episodes", "2", "--config", str(settings)]
     assert main(words) == 0
-    network, _ = checkpoint.load_policy(PRETRAINED / "policy.safetensors")
+    (network,), _ = checkpoint.load_policy(PRETRAINED / "policy.safetensors")
     for name in ("online", "target"):
         np.testing.assert_array_equal(tensors(out)[f"learner.{name}"], network.flat.detach())
     assert tensors(out)["learner.step"] == 0

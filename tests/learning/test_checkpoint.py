@@ -186,22 +186,25 @@ def test_a_writer_killed_at_any_moment_leaves_a_whole_checkpoint(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
 
 
-def test_a_policy_file_stands_on_its_own(tmp_path):
-    config = preset("fast").updated("learning", hidden_units=30)
-    network = QNetwork(np.random.default_rng(0), hidden=(30, 30))
-    save_policy(tmp_path / "policy.safetensors", network, config)
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_policy_file_stands_on_its_own(tmp_path, count):
+    config = preset("fast").updated("learning", hidden_units=30, networks=count)
+    rng = np.random.default_rng(0)
+    networks = [QNetwork(rng, hidden=(30, 30)) for _ in range(count)]
+    save_policy(tmp_path / "policy.safetensors", networks, config)
     found, found_config = load_policy(tmp_path / "policy.safetensors")
     assert found_config == config
-    assert torch.equal(found.flat, network.flat)
-    s = torch.ones(1, 27)
-    assert torch.equal(found(s), network(s))
+    for mine, its in zip(found, networks, strict=True):
+        assert torch.equal(mine.flat, its.flat)
+        s = torch.ones(1, 27)
+        assert torch.equal(mine(s), its(s))
 
 
 def test_other_users_can_read_the_policy_with_safetensors_alone(tmp_path):
     from safetensors.torch import load_file
 
     network = QNetwork(np.random.default_rng(0))
-    save_policy(tmp_path / "policy.safetensors", network, preset("paper"))
+    save_policy(tmp_path / "policy.safetensors", [network], preset("paper"))
     tensors = load_file(tmp_path / "policy.safetensors")
     assert torch.equal(tensors["layers.1.weight"], network.layers[1].weight)
 
@@ -210,11 +213,15 @@ def test_a_policy_of_other_shapes_or_none_at_all_is_refused(tmp_path, saved):
     with pytest.raises(CheckpointError, match="holds no policy"):
         load_policy(saved)
     path = tmp_path / "policy.safetensors"
-    save_policy(path, QNetwork(np.random.default_rng(0), hidden=(30, 30)), preset("paper"))
+    save_policy(path, [QNetwork(np.random.default_rng(0), hidden=(30, 30))], preset("paper"))
     with pytest.raises(CheckpointError, match="does not fit a network of 27 -> 100") as error:
         load_policy(path)
     assert one_sentence(error)
-    save_policy(path, QNetwork(np.random.default_rng(0), action_size=6), preset("paper"))
+    save_policy(path, [QNetwork(np.random.default_rng(0), action_size=6)], preset("paper"))
+    with pytest.raises(CheckpointError, match="does not fit"):
+        load_policy(path)
+    several = preset("paper").updated("learning", networks=2)
+    save_policy(path, [QNetwork(np.random.default_rng(0))], several)
     with pytest.raises(CheckpointError, match="does not fit"):
         load_policy(path)
     save(path, {}, {"kind": "policy", "config": "[learning]\nwings = 2\n"})

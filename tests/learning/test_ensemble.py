@@ -1,21 +1,23 @@
-"""Several networks that learn apart and decide together: their mean, in one network too."""
+"""Several networks that learn apart, decide by their mean, and go on as they were."""
 
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 
 from drl_av.config import Config
 from drl_av.env import HighwayEnv
-from drl_av.learning import checkpoint
+from drl_av.errors import CheckpointError
 from drl_av.learning.adaptation import take_over
-from drl_av.learning.ensemble import MeanPolicy, divided, merged
+from drl_av.learning.ensemble import MeanPolicy
 from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
+from drl_av.learning.run import Run
 from drl_av.learning.training import Training
+from drl_av.studies.drivers import learned_driver
 
 TOGETHER = (
     Config()
@@ -25,66 +27,76 @@ TOGETHER = (
 )
 
 
-def tiny(*parameters: float) -> QNetwork:
+@pytest.fixture
+def env() -> Iterator[HighwayEnv]:
+    with closing(HighwayEnv(config=TOGETHER)) as env:
+        yield env
+
+
+def tiny(*parameters: float) -> GreedyPolicy:
     """One input, one hidden unit in one layer, two actions."""
     network = QNetwork(np.random.default_rng(0), 1, 2, (1,))
     network.flat.copy_(torch.tensor(parameters))
-    return network
+    return GreedyPolicy(network)
 
 
-def test_two_networks_of_one_hidden_unit_are_one_of_two() -> None:
+def test_two_that_disagree_decide_by_the_mean_of_their_values() -> None:
     # s = 3: z = 2 * 3 + 1 = 7, Q = (7 + 1, -7 + 2) = (8, -5)
     one = tiny(2.0, 1.0, 1.0, -1.0, 1.0, 2.0)
     # s = 3: z = -4 * 3 + 2 = -10 -> -0.1, Q = (10 * -0.1, 20 * -0.1 + 5) = (-1, 3)
     other = tiny(-4.0, 2.0, 10.0, 20.0, 0.0, 5.0)
-    both = merged([one, other])
-    assert both.sizes == (1, 2, 2)
-    s_t = np.array([3.0], np.float32)
-    for policy in (GreedyPolicy(both), MeanPolicy([GreedyPolicy(one), GreedyPolicy(other)])):
-        assert policy.values(s_t) == pytest.approx([3.5, -1.0], abs=1e-6)
-        assert policy(s_t) == 0  # the other alone would take 1
+    both, s_t = MeanPolicy([one, other]), np.array([3.0], np.float32)
+    for _ in range(2):  # whoever is asked twice says the same
+        assert both.values(s_t) == pytest.approx([3.5, -1.0], abs=1e-6)
+    assert (one(s_t), other(s_t), both(s_t)) == (0, 1, 0)
 
 
-@given(count=st.integers(1, 5), seed=st.integers(0, 1000), units=st.integers(1, 9))
-def test_merged_networks_value_as_their_mean_and_can_be_divided_again(
-    count: int, seed: int, units: int
+def test_each_learns_at_every_decision_from_a_batch_of_its_own(env: HighwayEnv) -> None:
+    training = Training(env)
+    first, *others = training.networks
+    for network in others:  # alike at first, so that the batches alone tell them apart
+        network.flat.copy_(first.flat)
+    for learner in training._learners.values():
+        learner.sync_target()
+    row = training.run_episode()
+    assert [learner.steps for learner in training._learners.values()] == [row.decisions] * 3
+    for network in others:
+        assert not torch.equal(network.flat, first.flat)
+    assert not torch.equal(others[0].flat, others[1].flat)
+
+
+def test_what_is_saved_drives_as_the_training_did_and_goes_on_as_it_was(
+    env: HighwayEnv, tmp_path: Path
 ) -> None:
-    rng = np.random.default_rng(seed)
-    networks = [QNetwork(rng, hidden=(units, units)) for _ in range(count)]
-    whole = merged(networks)
-    s_t = rng.normal(size=27).astype(np.float32)
-    mean = np.mean([GreedyPolicy(network).values(s_t) for network in networks], axis=0)
-    np.testing.assert_allclose(GreedyPolicy(whole).values(s_t), mean, atol=1e-5)
-    parts = divided(whole, count)
-    mean = np.mean([GreedyPolicy(part).values(s_t) for part in parts], axis=0)
-    np.testing.assert_allclose(GreedyPolicy(whole).values(s_t), mean, atol=1e-5)
-    for part, network in zip(parts, networks, strict=True):
-        for mine, its in zip(part.layers[:-1], network.layers[:-1], strict=True):  # type: ignore[arg-type]
-            assert torch.equal(mine.weight, its.weight)
-            assert torch.equal(mine.bias, its.bias)
+    training, run = Training(env), Run(tmp_path / "run")
+    training.run_episode()
+    run.create(TOGETHER, training)
+    driver, config = learned_driver(run.folder)
+    assert config == TOGETHER
+    states: Any = np.random.default_rng(1).standard_normal((200, 27)).astype(np.float32)
+    decided = [training.policy(s_t) for s_t in states]
+    assert [driver.act(env.scene, s_t).number for s_t in states] == decided
+    assert len(set(decided)) > 1
+    alone = [GreedyPolicy(network) for network in training.networks]
+    assert any([policy(s_t) for s_t in states] != decided for policy in alone)
 
-
-def test_a_training_of_three_learns_three_and_drives_by_their_mean(tmp_path: Path) -> None:
-    with closing(HighwayEnv(config=TOGETHER)) as env:
-        training = Training(env)
-        begun = [learner.network.flat.clone() for learner in training.learners.values()]
-        row = training.run_episode()
-        learnt = [learner.network for learner in training.learners.values()]
-        assert [learner.steps for learner in training.learners.values()] == [row.decisions] * 3
-        for before, network in zip(begun, learnt, strict=True):
-            assert not torch.equal(before, network.flat)
-        assert not torch.equal(learnt[0].flat, learnt[1].flat)
-
-        s_t, _ = env.reset(seed=1)
-        values = training.policy.values(s_t)
-        file = tmp_path / "driver.safetensors"
-        checkpoint.save_policy(file, training.network, TOGETHER)
-        stored, _ = checkpoint.load_policy(file)
-        assert stored.sizes == (27, 300, 300, 12)
+    bare = tmp_path / "driver.safetensors"
+    bare.write_bytes(run.policy_file.read_bytes())
+    for file, experienced in ((run.policy_file, True), (bare, False)):
         adapted = Training(env)
-        assert not take_over(adapted, file)
-        for network in (stored, adapted.network):
-            apart = [GreedyPolicy(own).values(s_t) for own in divided(network, 3)]
-            alone = [GreedyPolicy(own).values(s_t) for own in learnt]
-            np.testing.assert_allclose(np.mean(apart, axis=0), np.mean(alone, axis=0), atol=1e-5)
-        np.testing.assert_allclose(adapted.policy.values(s_t), values, atol=1e-5)
+        assert take_over(adapted, file) is experienced
+        for mine, its in zip(adapted.networks, training.networks, strict=True):
+            assert torch.equal(mine.flat, its.flat)
+        steps = [learner.steps for learner in adapted._learners.values()]
+        assert steps == [20 if experienced else 0] * 3
+
+
+@pytest.mark.parametrize("name", ["policy.safetensors", "driver.safetensors"])
+def test_it_goes_on_with_as_many_as_it_has(name: str, env: HighwayEnv, tmp_path: Path) -> None:
+    run = Run(tmp_path / "run")
+    run.create(TOGETHER, Training(env))
+    (run.folder / "driver.safetensors").write_bytes(run.policy_file.read_bytes())
+    env.config = TOGETHER.updated("learning", networks=1)
+    told = "was trained with learning.networks = 3: go on with as many, not 1"
+    with pytest.raises(CheckpointError, match=told):
+        take_over(Training(env), run.folder / name)

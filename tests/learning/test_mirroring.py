@@ -86,7 +86,7 @@ def test_a_run_that_learns_in_a_mirror_decides_in_it_then_and_ever_after(
     config = Config().updated("learning", mirrored=mirrored, batch_size=8)
     with HighwayEnv(config=config) as env:
         training = Training(env)
-    checkpoint.save_policy(tmp_path / "policy.safetensors", training.network, config)
+    checkpoint.save_policy(tmp_path / "policy.safetensors", training.networks, config)
     driver, _ = learned_driver(tmp_path / "policy.safetensors")
     rng = np.random.default_rng(1)
     states = rng.standard_normal((50, 27)).astype(np.float32)

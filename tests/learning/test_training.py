@@ -81,8 +81,8 @@ def scripted(
         (training._buffer, "add_collision"),
         (training._buffer, "add_safe"),
         (training._buffer, "sample"),
-        (training.learners["learner"], "update"),
-        (training.learners["learner"], "sync_target"),
+        (training._learners["learner"], "update"),
+        (training._learners["learner"], "sync_target"),
     ):
         record(owner, name, tape)
     return training, tape, env
@@ -167,7 +167,7 @@ def test_without_unsafe_proposals_and_collisions_it_is_plain_double_dqn() -> Non
         twins.append(training)
     assert isinstance(twins[0]._buffer, TwoBuffers)
     assert isinstance(twins[1]._buffer, UniformBuffer)
-    ours, plain = (twin.learners["learner"].state() for twin in twins)
+    ours, plain = (twin._learners["learner"].state() for twin in twins)
     for name in ours:
         np.testing.assert_array_equal(ours[name], plain[name])
 
@@ -180,7 +180,7 @@ def test_prioritized_rows_have_the_priority_of_their_last_error(mirrored: bool) 
     sample, expected = training._buffer.sample, np.ones(4)
 
     def watched(*arguments: Any) -> Batch:
-        errors = training.learners["learner"].td_errors.astype(float)
+        errors = training._learners["learner"].td_errors.astype(float)
         for slot, error in zip(batches[-1].slots if batches else (), errors, strict=True):  # type: ignore[arg-type]
             expected[slot] = abs(error) + 1e-6
         batches.append(sample(*arguments))

@@ -88,7 +88,7 @@ def run_folder(folder: Path, config: Config = SHORT) -> Path:
     folder.mkdir(parents=True)
     units = (config.learning.hidden_units,) * 2
     save_policy(
-        folder / "policy.safetensors", QNetwork(np.random.default_rng(3), 27, 12, units), config
+        folder / "policy.safetensors", [QNetwork(np.random.default_rng(3), 27, 12, units)], config
     )
     return folder
 

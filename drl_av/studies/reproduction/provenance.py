@@ -1,6 +1,5 @@
 """What made a results file: command, versions, SUMO's steps, machine, and the time it took."""
 
-import hashlib
 import json
 import os
 import platform
@@ -57,9 +56,16 @@ def made_by(seconds: float) -> str:
     )
 
 
-def checksum(file: Path) -> str:
-    """SHA-256 of a file."""
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+def checksum(policy: Path) -> str:
+    """SHA-256 of a policy file's tensors: the same driver, whatever settings came up since.
+
+    Raises:
+        CheckpointError: as ``checkpoint.load``.
+    """
+    from drl_av.learning import checkpoint
+
+    tensors, _ = checkpoint.load(policy)
+    return checkpoint.checksum(tensors, "")
 
 
 def machine() -> str:

@@ -131,7 +131,7 @@ def run(tmp_path: Path) -> Path:
     """A run's folder with a policy nobody trained, of another top speed than the default."""
     config = CONFIG.updated("learning", hidden_units=16).updated("ego", max_speed_m_s=25.0)
     network = QNetwork(np.random.default_rng(7), hidden=(16, 16))
-    save_policy(tmp_path / "policy.safetensors", network, config)
+    save_policy(tmp_path / "policy.safetensors", [network], config)
     (tmp_path / "config.toml").write_text(config.to_toml())
     return tmp_path
 
@@ -161,7 +161,7 @@ def test_level_1_that_cannot_be_read_is_told_in_one_sentence(run: Path, harm: st
     else:
         sizes = {"another network": (26, 12), "no network": (27, 11)}[harm]
         network = QNetwork(np.random.default_rng(0), *sizes, hidden=(16, 16))
-        save_policy(file, network, CONFIG)
+        save_policy(file, [network], CONFIG)
     told = r"^The level-1 driver .*policy\.safetensors is missing, damaged, or no policy \(.*make"
     with pytest.raises(CheckpointError, match=told):
         load_level_1(ROAD, run)

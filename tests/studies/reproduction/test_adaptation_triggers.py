@@ -57,7 +57,7 @@ def test_both_begin_as_the_shipped_driver_trained_anew_and_only_one_of_them_lear
     names = ("pretrained-1", "pretrained-1/adaptation-0", "pretrained-1/no_adaptation-0")
     weights, remembered = {}, {}
     for name in names:
-        network, _ = checkpoint.load_policy(runs / name / "policy.safetensors")
+        (network,), _ = checkpoint.load_policy(runs / name / "policy.safetensors")
         tensors, _ = checkpoint.load(runs / name / "checkpoint.safetensors")
         weights[name] = network.flat
         remembered[name] = sum(
