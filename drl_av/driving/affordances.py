@@ -117,18 +117,21 @@ def affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
         )
     )
     lane = road.lane_of(y_m[EGO])
+    own_m, right_m, left_m = (road.center_m(lane) + road.lane_width_m * sign for sign in SIDES)
     lap_m, half_lap_m = road.circumference_m, road.circumference_m / 2
-    centers_m = [road.center_m(lane) + road.lane_width_m * sign for sign in SIDES]
+    ego_s_m, ego_length_m, half_lane_m = s_m[EGO], length_m[EGO], road.lane_width_m / 2
     gaps_m, rows = [math.inf] * len(SLOTS), [EGO] * len(SLOTS)
     for row in range(1, len(s_m)):
-        ahead_m = (s_m[row] - s_m[EGO] + half_lap_m) % lap_m - half_lap_m
-        gap_m = abs(ahead_m) - (length_m[row] + length_m[EGO]) / 2
-        reach_m = width_m[row] / 2 + road.lane_width_m / 2
-        for place, center_m in enumerate(centers_m):
-            if abs(y_m[row] - center_m) < reach_m:
-                slot = 2 * place + (ahead_m < 0.0)
-                if gap_m < gaps_m[slot]:
-                    gaps_m[slot], rows[slot] = gap_m, row
+        ahead_m = (s_m[row] - ego_s_m + half_lap_m) % lap_m - half_lap_m
+        gap_m = abs(ahead_m) - (length_m[row] + ego_length_m) / 2
+        reach_m = width_m[row] / 2 + half_lane_m
+        rear = ahead_m < 0.0
+        if abs(y_m[row] - own_m) < reach_m and gap_m < gaps_m[rear]:
+            gaps_m[rear], rows[rear] = gap_m, row
+        if abs(y_m[row] - right_m) < reach_m and gap_m < gaps_m[2 + rear]:
+            gaps_m[2 + rear], rows[2 + rear] = gap_m, row
+        if abs(y_m[row] - left_m) < reach_m and gap_m < gaps_m[4 + rear]:
+            gaps_m[4 + rear], rows[4 + rear] = gap_m, row
     own_front, own_rear, right_front, right_rear, left_front, left_rear = (
         None
         if gap_m > range_m

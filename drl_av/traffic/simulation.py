@@ -13,6 +13,7 @@ from drl_av.errors import SimulationError
 from drl_av.traffic.collisions import classify
 from drl_av.traffic.connection import (
     connection,
+    getters,
     load_arguments,
     program,
     require_display,
@@ -40,6 +41,7 @@ from drl_av.traffic.wishes import (
 ALL_SPEED_CHECKS_OFF = 32
 NO_AUTONOMOUS_LANE_CHANGES = 0
 RANDOM_LANE_CHANGE_S = 5.0
+STATE = ("getLaneID", "getLanePosition", "getLateralLanePosition", "getSpeed", "getLateralSpeed")
 VIEW = "View #0"
 GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "1280,720")
 GUI_ZOOM = 350.0
@@ -62,6 +64,7 @@ class Simulation:
         self._config = config
         self._gui = gui
         self._sumo = connection(gui)
+        self._read = getters(self._sumo, STATE)
         # not sumo.exceptions: those are traci's classes, and libsumo raises one of its own
         self._errors = (self._sumo.TraCIException, self._sumo.FatalTraCIError)
         self._ids: tuple[str, ...] = ()
@@ -262,20 +265,15 @@ class Simulation:
         return float(self.road.center_m(lane) + vehicle.getLateralLanePosition(name))
 
     def _snapshot(self) -> Snapshot:
-        vehicle, lane_positions = self._sumo.vehicle, self.scenario.lane_positions
-        places = [lane_positions[lane] for lane in map(vehicle.getLaneID, self._ids)]
-        front_m = zip(places, map(vehicle.getLanePosition, self._ids), strict=True)
-        offset_m = zip(places, map(vehicle.getLateralLanePosition, self._ids), strict=True)
+        lanes, at_m, aside_m, speeds, laterals = ([*map(read, self._ids)] for read in self._read)
+        places = [*map(self.scenario.lane_positions.__getitem__, lanes)]
         lap_m, width_m = self.road.circumference_m, self.road.lane_width_m
         half_m = self.scenario.description.vehicle_length_m / 2
-        s_m, y_m, speed, lateral = np.array(
-            (
-                [(start_m + at_m - half_m) % lap_m for (_, start_m), at_m in front_m],
-                [lane * width_m + aside_m for (lane, _), aside_m in offset_m],
-                [*map(vehicle.getSpeed, self._ids)],
-                [*map(vehicle.getLateralSpeed, self._ids)],
-            )
-        )
+        fronts = zip(places, at_m, strict=True)
+        centers = zip(places, aside_m, strict=True)
+        along_m = [(start_m + at - half_m) % lap_m for (_, start_m), at in fronts]
+        across_m = [lane * width_m + aside for (lane, _), aside in centers]
+        s_m, y_m, speed, lateral = np.array((along_m, across_m, speeds, laterals))
         lateral[EGO] = self._ego_lateral_speed_m_s
         return Snapshot(
             time_s=float(self._sumo.simulation.getTime()),
