@@ -2,14 +2,16 @@
 
     python tools/plan_speeds.py
 
-The shipped driver, and its lane changes at speeds for which every sequence of five longitudinal
-decisions is tried on the reward before each, in the same episodes as ``drl-av reproduce speeds``.
+The shipped driver, and the same one at speeds for which every sequence of five longitudinal
+decisions is tried on the reward before each, in the same episodes as ``drl-av reproduce speeds``;
+then what that gains, paired by episode.
 """
 
 import argparse
 import time
 from contextlib import closing
 
+from drl_av.cli.arguments import whole
 from drl_av.driving.drivers import Driver
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
@@ -28,7 +30,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--episodes", type=int, default=100, help="a density (default: 100)")
+    parser.add_argument("--episodes", type=whole(1), default=100, help="a density (default: 100)")
     options = parser.parse_args()
     begun_s = time.monotonic()
     pretrained, config = learned_driver(PRETRAINED)
@@ -37,6 +39,7 @@ def main() -> None:
         "planned speeds": PlannedSpeeds(pretrained, config, HORIZON),
     }
     print(f"{'':<16}" + "".join(f"{term:>20}" for term in (*TERMS, "ego_hit")))
+    driven: list[dict[str, list[float]]] = []
     with closing(HighwayEnv(config=config)) as env:
         for name, driver in drivers.items():
             results = [
@@ -44,11 +47,21 @@ def main() -> None:
                 for vehicles in VEHICLES
                 for seed in range(options.episodes)
             ]
-            means = [mean_with_interval(getattr(row, term) for row in results) for term in TERMS]
-            told = [f"{mean.value:.4f} ± {mean.half_width:.4f}" for mean in means]
+            driven.append({term: [getattr(row, term) for row in results] for term in TERMS})
             hits = f"{sum(row.ego_hit for row in results)} of {len(results)}"
-            print(f"{name:<16}" + "".join(f"{text:>20}" for text in (*told, hits)), flush=True)
+            print(line(name, driven[-1]) + f"{hits:>20}", flush=True)
+    before, after = driven
+    gains = {
+        term: [b - a for a, b in zip(before[term], after[term], strict=True)] for term in TERMS
+    }
+    print(line("gain", gains))
     print(made_by(time.monotonic() - begun_s))
+
+
+def line(name: str, columns: dict[str, list[float]]) -> str:
+    """Means with 95 % intervals."""
+    means = map(mean_with_interval, columns.values())
+    return f"{name:<16}" + "".join(f"{f'{m.value:.4f} ± {m.half_width:.4f}':>20}" for m in means)
 
 
 if __name__ == "__main__":

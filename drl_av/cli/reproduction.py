@@ -6,6 +6,7 @@ from contextlib import closing
 from pathlib import Path
 
 from drl_av.cli.arguments import whole
+from drl_av.settings import did_you_mean
 from drl_av.studies.reproduction.scale import ENGINES, MEANINGS, VARIANTS, Scale
 
 
@@ -16,7 +17,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "experiments",
         nargs="*",
-        choices=[[], *MEANINGS],
+        type=_experiment,
         metavar="EXPERIMENT",
         help=f"{told} (default: all)",
     )
@@ -57,6 +58,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config", metavar="FILE.toml", help="settings as TOML, laid over each experiment's"
     )
+
+
+def _experiment(text: str) -> str:
+    if text not in MEANINGS:
+        hint = did_you_mean(text, MEANINGS)
+        raise argparse.ArgumentTypeError(
+            f"there is no experiment {text!r}{hint}; they are: {', '.join(MEANINGS)}"
+        )
+    return text
 
 
 def reproduce(options: argparse.Namespace) -> int:

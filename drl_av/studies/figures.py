@@ -131,6 +131,9 @@ def read_table(path: Path, columns: Mapping[str, Column]) -> list[dict[str, Any]
                 f"{path} has no column {column!r}: give a file that drl-av evaluate wrote, "
                 "or the folder of a run."
             )
+    for line, row in enumerate(rows, start=2):
+        if None in row or None in row.values():
+            raise DrlAvError(f"{path}, line {line}: there are not as many values as columns.")
     return [
         {column: _value(path, line, row, column, kind) for column, kind in columns.items()}
         for line, row in enumerate(rows, start=2)

@@ -5,6 +5,11 @@ from pathlib import Path
 
 from drl_av.errors import DrlAvError
 
+OF_A_RUN = {
+    *("config.toml", "checkpoint.safetensors", "policy.safetensors"),
+    *("episodes.csv", "evaluations.csv"),
+}
+
 
 def write_whole(path: Path, data: bytes) -> None:
     """Put ``data`` in the file; whatever interrupts it, what was there before stays or is replaced.
@@ -44,7 +49,10 @@ def _try(path: Path) -> None:
         raise DrlAvError(f"{path} is a folder: name a file in it.")
     if path.exists() and not path.is_file():
         raise DrlAvError(f"{path} is there already and no regular file: name a file.")
-    probe = _beside(_target(path))
+    target = _target(path)
+    if target.name in OF_A_RUN and target.exists() and target.with_name("config.toml").exists():
+        raise DrlAvError(f"{path} belongs to the run in that folder: name another file.")
+    probe = _beside(target)
     try:
         try:
             probe.touch()

@@ -1,7 +1,8 @@
 """How much better a driver's speeds could be chosen: by trying every sequence on the reward (ours).
 
-What it gains over the driver itself is what a better estimate of Q could bring in r_v and r_x, as
-long as the lane changes stay as they are.
+What it gains over the driver itself tells what a better choice of speeds might bring. It is no
+bound: no vehicle keeps its speed for long, and elsewhere or at another speed the driver changes
+lanes otherwise, which the plan does not count.
 """
 
 from itertools import product
@@ -23,7 +24,7 @@ class PlannedSpeeds:
     At each decision it takes the first of those ``horizon`` longitudinal decisions that have the
     greatest discounted sum of r_v and r_x. Every sequence is tried in a world in which the vehicle
     ahead keeps its speed, and the one ahead in the other lane takes its place as soon as the
-    ego's lane change brings its centre there.
+    ego's lane change brings its centre there. For the reward ``traffic`` and the kinematic plant.
     """
 
     def __init__(self, driver: Driver, config: Config, horizon: int) -> None:
@@ -85,7 +86,7 @@ class PlannedSpeeds:
         if front is None:
             return _bell(speed_m_s - reward.desired_speed_m_s, 10.0)
         leader_m_s = start_m_s + front.relative_speed_m_s
-        gap_m = np.maximum(front.gap_m + leader_m_s * passed_s - driven_m, 0.0)
+        gap_m = front.gap_m + leader_m_s * passed_s - driven_m
         spare_m = gap_m - max(reward.safe_headway_s * leader_m_s, least_m)
         attainable = leader_m_s + np.maximum(spare_m, 0.0) / reward.catch_up_time_s
         r_v = _bell(speed_m_s - np.minimum(attainable, reward.desired_speed_m_s), 10.0)

@@ -55,7 +55,8 @@ def test_reward_figure_has_three_panels_with_their_best_at_the_desired_values(
         (HEADER, "has no rows"),
         ("driver,vehicles\nidm,5\n", "no column 'mean_speed_m_s'"),
         (HEADER + "idm,five,20\n", "line 2: vehicles is 'five', which is no int"),
-        (HEADER + "idm,5\n", "line 2: mean_speed_m_s is None, which is no float"),
+        (HEADER + "idm,5,20\nidm,5\n", "line 3: there are not as many values as columns"),
+        (HEADER + "idm,5,20,x\n", "line 2: there are not as many values as columns"),
     ],
 )
 def test_a_wrong_table_is_told(tmp_path: Path, text: str, sentence: str) -> None:

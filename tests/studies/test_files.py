@@ -61,3 +61,20 @@ def test_a_figure_that_does_not_fit_on_the_disk_leaves_the_one_of_before(
     with pytest.raises(DrlAvError, match="No space left on device"):
         save_figure(plain_figure("x", "y")[0], path)
     assert path.read_text() == "before"
+
+
+@pytest.mark.parametrize("name", ["policy.safetensors", "evaluations.csv", "config.toml"])
+def test_nothing_is_written_over_what_belongs_to_a_run(tmp_path: Path, name: str) -> None:
+    run, elsewhere = tmp_path / "run", tmp_path / "elsewhere"
+    for folder in (run, elsewhere):
+        folder.mkdir()
+        (folder / "evaluations.csv").write_text("mine")
+    require_writable(run / name, elsewhere / "evaluations.csv")  # no run yet
+    for own in ("config.toml", name):
+        (run / own).write_text("the run's")
+    with pytest.raises(DrlAvError, match="belongs to the run in that folder: name another file"):
+        require_writable(run / name)
+    (tmp_path / "link").symlink_to(run / name)
+    with pytest.raises(DrlAvError, match="belongs to the run"):
+        require_writable(tmp_path / "link")
+    require_writable(run / "table.csv", elsewhere / "evaluations.csv")
