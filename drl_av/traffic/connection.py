@@ -51,7 +51,7 @@ def connection(gui: bool) -> ModuleType:
 def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[[str], Any]]:
     """Functions of ``sumo.vehicle``; those of libsumo without SWIG's Python around them.
 
-    It is a third of what reading a number of a vehicle costs.
+    It is a quarter to a third of what reading a number of a vehicle costs.
     """
     within = getattr(sumo, "_libsumo", None)
     return [getattr(within, f"vehicle_{name}", getattr(sumo.vehicle, name)) for name in names]
