@@ -143,7 +143,7 @@ def read_table(path: Path, columns: Mapping[str, Column]) -> list[dict[str, Any]
 def _value(path: Path, line: int, row: dict[str, str], column: str, kind: Column) -> Any:
     try:
         return kind(row[column])
-    except (ValueError, TypeError) as error:
+    except ValueError as error:
         raise DrlAvError(
             f"{path}, line {line}: {column} is {row[column]!r}, which is no {kind.__name__}."
         ) from error
