@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from drl_av.errors import ConfigError
 from drl_av.settings import Section, setting
 
 REPLAYS = ("two-buffer", "prioritized", "uniform")
@@ -57,6 +58,26 @@ class LearningConfig(Section):
     counterfactuals: int = setting(
         0, "ours", "other actions drawn a decision, whose outcome is remembered too", low=0, high=12
     )
+    speed_weight: float = setting(
+        0.0, "ours", "of v_x / ego.max_speed_m_s - 1, learnt beside the reward", low=0, high=10
+    )
+    unsafe_penalty: float = setting(
+        0.0,
+        "ours",
+        "how much less an unsafe proposal is worth than what is executed in its place; 0: it ends "
+        "in r_col (Alg. 1)",
+        low=0,
+        high=1000,
+    )
     evaluate_every: int = setting(100, "Sec. IV-C", "episodes between evaluations", low=1)
     evaluation_episodes: int = setting(10, "ours", "episodes in an evaluation", low=1, high=10_000)
     checkpoint_every: int = setting(50, "ours", "episodes between checkpoints", low=1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.unsafe_penalty and self.collisions_to_start and self.replay != "two-buffer":
+            raise ConfigError(
+                f"learning.collisions_to_start cannot be counted in {self.replay} replay where "
+                "learning.unsafe_penalty lets unsafe proposals go on: set one of them to 0, or "
+                'learning.replay to "two-buffer".'
+            )

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from drl_av.config import RewardConfig, SafetyConfig
+from drl_av.config import EgoConfig, RewardConfig, SafetyConfig
 from drl_av.driving.affordances import Affordances
 from drl_av.driving.safety import lane_is_clear
 
@@ -43,6 +43,11 @@ def gap_reward(gap_m: float, safe_gap_m: float) -> float:
     if gap_m >= safe_gap_m:
         return 0.0
     return math.exp(-((gap_m - safe_gap_m) ** 2) / (10 * safe_gap_m)) - 1
+
+
+def speed_bonus(speed_m_s: float, ego: EgoConfig, weight: float) -> float:
+    """What may be learnt beside the reward: 0 at the ego's highest speed, else less (ours)."""
+    return weight * (speed_m_s / ego.max_speed_m_s - 1)
 
 
 def safe_gap(speed_m_s: float, headway_s: float, minimum_gap_m: float) -> float:

@@ -125,6 +125,10 @@ class Buffer(Protocol):
     def state(self) -> State: ...
     def restore(self, state: State) -> None: ...
 
+    def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
+        """An unsafe proposal, with what was executed in its place; kept as any safe row."""
+        self.add_safe(s_t, a_t, r_tp1, s_tp1)
+
     def anneal(self, progress: float) -> None:
         """Nothing changes over the training, ``progress`` from 0 to 1, unless a buffer says so."""
         return None
@@ -165,6 +169,10 @@ class TwoBuffers(Buffer):
     def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
         """Algorithm 1, lines 6 and 9: (s_t, a_t, *, r_col) into Buf_C."""
         self.collision.append(s_t, a_t, r_col, 0.0, 0.0)
+
+    def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
+        """An unsafe proposal, with what was executed in its place: into Buf_C, discount gamma."""
+        self.collision.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
         """Algorithm 1, line 13: a minibatch from Buf_S and Buf_C, the safe rows first.

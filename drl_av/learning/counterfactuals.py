@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from drl_av.driving.actions import Action
 from drl_av.driving.counterfactual import motion, seen_after
 from drl_av.driving.maneuver import Scene
-from drl_av.driving.reward import desired, rewards
+from drl_av.driving.reward import desired, rewards, speed_bonus
 from drl_av.env import HighwayEnv
 from drl_av.learning.buffers import Buffer, Float32Array
 
@@ -20,17 +20,21 @@ def remember_others(
 ) -> None:
     """Put what other actions would have led to into the buffers, where that is known.
 
-    An action that the check replaces goes into Buf_C, as in Algorithm 1, line 6, and so does one
-    that leaves the open lanes; the others lead to what ``counterfactual.seen_after`` says of the
-    scene that ``executed`` led to. An imagined collision with a vehicle is not known, so not kept.
+    An action that the check replaces goes into Buf_C, as in Algorithm 1, line 6, or as
+    ``learning.unsafe_penalty`` says, and so does one that leaves the open lanes; the others lead
+    to what ``counterfactual.seen_after`` says of the scene that ``executed`` led to. An imagined
+    collision with a vehicle is not known, so not kept.
     """
     config, after = env.config, env.scene.seen
+    penalty = config.learning.unsafe_penalty
     made = motion(before, executed, config)
     width_m = float(before.snapshot.width_m[0])
     for other in others:
-        imagined = motion(before, other, config)
+        permitted = env.safety_check(before, other).action
+        unsafe = permitted != other
+        imagined = motion(before, permitted if penalty else other, config)
         on_road = imagined.y_m == before.seen.ego_y_m or env.road.holds(imagined.y_m, width_m)
-        if not on_road or env.safety_check(before, other).action != other:
+        if not on_road or (unsafe and not penalty):
             buffer.add_collision(s_t, other.number, config.reward.collision_reward)
             continue
         seen = seen_after(imagined, made, after, env.road)
@@ -38,4 +42,8 @@ def remember_others(
             continue
         target = desired(seen, config.reward, config.safety)
         r_tp1 = rewards(seen, target, config.reward, config.safety.minimum_gap_m).total
-        buffer.add_safe(s_t, other.number, r_tp1, env.scale(seen.vector()))
+        r_tp1 += speed_bonus(seen.ego_speed_m_s, config.ego, config.learning.speed_weight)
+        if unsafe:
+            buffer.add_unsafe(s_t, other.number, r_tp1 - penalty, env.scale(seen.vector()))
+        else:
+            buffer.add_safe(s_t, other.number, r_tp1, env.scale(seen.vector()))

@@ -14,6 +14,7 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.maneuver import Scene
 from drl_av.driving.mirror import MIRROR
+from drl_av.driving.reward import speed_bonus
 from drl_av.env import TRAINING_SEEDS, HighwayEnv
 from drl_av.episode import drive
 from drl_av.learning.buffers import State
@@ -243,13 +244,18 @@ class Training:
         info: dict[str, Any],
     ) -> None:
         """Lines 6 and 8 to 12: an unsafe proposal and a collision into Buf_C, the rest in Buf_S."""
-        r_col = self._env.config.reward.collision_reward
+        config, learning = self._env.config, self._config
+        r_col = config.reward.collision_reward
+        learnt = r_tp1 + speed_bonus(info["speed_m_s"], config.ego, learning.speed_weight)
         if info["rule"] != "none":
-            self._buffer.add_collision(s_t, a_t, r_col)
+            if learning.unsafe_penalty and not terminated:
+                self._buffer.add_unsafe(s_t, a_t, learnt - learning.unsafe_penalty, s_tp1)
+            else:
+                self._buffer.add_collision(s_t, a_t, r_col)
         if terminated:
             self._buffer.add_collision(s_t, info["executed_action"], r_col)
         else:
-            self._buffer.add_safe(s_t, info["executed_action"], r_tp1, s_tp1)
+            self._buffer.add_safe(s_t, info["executed_action"], learnt, s_tp1)
 
     def _remember_others(
         self, before: Scene, s_t: npt.NDArray[np.float32], a_t: int, executed: int

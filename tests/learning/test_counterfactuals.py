@@ -69,6 +69,21 @@ def test_had_it_braked_the_reward_is_that_of_18_m_s_where_20_are_wanted() -> Non
     assert speed == pytest.approx((18 - 15) / 15)  # 0 at half of the ego's 30 m/s
 
 
+def test_under_a_penalty_it_is_worth_what_the_check_executes_in_its_place_and_less() -> None:
+    # as above: accelerating becomes maintaining, which leads to what happened: 20 m/s, 20 m behind
+    # 15 m/s, 0.5 m further than the d_safe of these 15 m/s, but nearer than the ego's 26 m
+    before, after = scene(ahead(25.0, speed_m_s=15.0)), scene(ahead(20.0, speed_m_s=15.0))
+    config = CONFIG.updated("learning", unsafe_penalty=0.5, speed_weight=0.6)
+    buffers = remembered(before, after, MAINTAIN, ACCELERATE, config=config)
+    assert (len(buffers.safe), len(buffers.collision)) == (0, 1)
+    row = buffers.collision.rows[0]
+    r_v, r_x = np.exp(-((5 - 0.5 / 8) ** 2) / 10) - 1, np.exp(-36 / 260) - 1
+    r_y = 0.0  # that near, rule 3 lets the ego into neither of the free lanes
+    expected = (r_v + r_y + r_x) / 3 - 0.6 / 3 - 0.5
+    assert row[-3:] == pytest.approx([ACCELERATE.number, expected, 0.9], abs=1e-6)
+    assert row[N] * CONFIG.observation.gap_scale_m == pytest.approx(20.0, abs=1e-4)
+
+
 def test_what_is_not_known_is_not_remembered() -> None:
     beside = scene(ahead(0.0, y_m=7.6))
     buffers = remembered(scene(), beside, MAINTAIN, BRAKE)

@@ -12,6 +12,7 @@ import pytest
 from drl_av.config import REPLAYS, Config
 from drl_av.driving.affordances import INDICATORS
 from drl_av.env import TRAINING_SEEDS, HighwayEnv
+from drl_av.errors import ConfigError
 from drl_av.learning import training as module
 from drl_av.learning.buffers import Batch, TwoBuffers, UniformBuffer
 from drl_av.learning.run import Run, train
@@ -149,6 +150,48 @@ def test_collision_of_an_overruled_proposal_blames_the_executed_action_too(
     training.run_episode()
     collision = training._buffer.collision  # type: ignore[attr-defined]
     assert collision.rows[:2, -3].tolist() == [LEFT, HARD_BRAKE]
+
+
+def test_under_a_penalty_an_unsafe_proposal_goes_on_as_what_was_executed_in_its_place(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    always(LEFT, monkeypatch)
+    training, _, _ = scripted([QUIET, (HARD_BRAKE, "gap", -0.25, False)], unsafe_penalty=1.5)
+    training.run_episode()
+    collision = training._buffer.collision  # type: ignore[attr-defined]
+    assert len(collision) == 1
+    n = len(INDICATORS)
+    np.testing.assert_array_equal(collision.rows[0, :n], seen(1))
+    np.testing.assert_array_equal(collision.rows[0, n:-3], seen(2))
+    assert collision.rows[0, -3:].tolist() == [LEFT, -1.75, np.float32(GAMMA)]
+
+
+def test_under_a_penalty_a_collision_is_an_ending_all_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    always(LEFT, monkeypatch)
+    training, _, _ = scripted([(HARD_BRAKE, "gap", R_COL, True)], unsafe_penalty=1.5)
+    training.run_episode()
+    collision = training._buffer.collision  # type: ignore[attr-defined]
+    assert collision.rows[:2, -3:].tolist() == [[LEFT, R_COL, 0.0], [HARD_BRAKE, R_COL, 0.0]]
+
+
+def test_the_weight_of_speed_is_learnt_and_not_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    # at 20 of at most 30 m/s a third of the weight is missing: 0.6 * -1 / 3
+    always(LEFT, monkeypatch)
+    script = [QUIET, (HARD_BRAKE, "gap", -0.25, False), (None, "none", R_COL, True)]
+    training, _, _ = scripted(script, speed_weight=0.6, unsafe_penalty=1.0)
+    row = training.run_episode()
+    safe, collision = training._buffer.safe, training._buffer.collision  # type: ignore[attr-defined]
+    assert safe.rows[:2, -2] == pytest.approx([-0.7, -0.45])
+    assert collision.rows[:2, -2] == pytest.approx([-1.45, R_COL])
+    assert row.mean_reward == pytest.approx((-0.5 - 0.25 + R_COL) / 3)
+
+
+def test_what_cannot_be_counted_is_not_waited_for() -> None:
+    waiting = Config().updated("learning", collisions_to_start=64, unsafe_penalty=1.0)
+    with pytest.raises(ConfigError, match="cannot be counted in uniform replay"):
+        waiting.updated("learning", replay="uniform")
 
 
 def test_truncation_keeps_gamma() -> None:
