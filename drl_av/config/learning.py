@@ -59,7 +59,7 @@ class LearningConfig(Section):
         0, "ours", "other actions drawn a decision, whose outcome is remembered too", low=0, high=12
     )
     speed_weight: float = setting(
-        0.0, "ours", "of v_x / ego.max_speed_m_s - 1, learnt beside the reward", low=0, high=10
+        0.0, "ours", "of v_x / ego.max_speed_m_s, learnt beside the reward", low=0, high=10
     )
     unsafe_penalty: float = setting(
         0.0,

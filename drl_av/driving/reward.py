@@ -46,8 +46,8 @@ def gap_reward(gap_m: float, safe_gap_m: float) -> float:
 
 
 def speed_bonus(speed_m_s: float, ego: EgoConfig, weight: float) -> float:
-    """What may be learnt beside the reward: 0 at the ego's highest speed, else less (ours)."""
-    return weight * (speed_m_s / ego.max_speed_m_s - 1)
+    """What may be learnt beside the reward: the weight at the ego's highest speed (ours)."""
+    return weight * speed_m_s / ego.max_speed_m_s
 
 
 def safe_gap(speed_m_s: float, headway_s: float, minimum_gap_m: float) -> float:

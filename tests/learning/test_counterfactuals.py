@@ -79,7 +79,7 @@ def test_under_a_penalty_it_is_worth_what_the_check_executes_in_its_place_and_le
     row = buffers.collision.rows[0]
     r_v, r_x = np.exp(-((5 - 0.5 / 8) ** 2) / 10) - 1, np.exp(-36 / 260) - 1
     r_y = 0.0  # that near, rule 3 lets the ego into neither of the free lanes
-    expected = (r_v + r_y + r_x) / 3 - 0.6 / 3 - 0.5
+    expected = (r_v + r_y + r_x) / 3 + 0.6 * 2 / 3 - 0.5
     assert row[-3:] == pytest.approx([ACCELERATE.number, expected, 0.9], abs=1e-6)
     assert row[N] * CONFIG.observation.gap_scale_m == pytest.approx(20.0, abs=1e-4)
 

@@ -177,14 +177,14 @@ def test_under_a_penalty_a_collision_is_an_ending_all_the_same(
 
 
 def test_the_weight_of_speed_is_learnt_and_not_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    # at 20 of at most 30 m/s a third of the weight is missing: 0.6 * -1 / 3
+    # at 20 of at most 30 m/s: 0.6 * 2 / 3
     always(LEFT, monkeypatch)
     script = [QUIET, (HARD_BRAKE, "gap", -0.25, False), (None, "none", R_COL, True)]
     training, _, _ = scripted(script, speed_weight=0.6, unsafe_penalty=1.0)
     row = training.run_episode()
     safe, collision = training._buffer.safe, training._buffer.collision  # type: ignore[attr-defined]
-    assert safe.rows[:2, -2] == pytest.approx([-0.7, -0.45])
-    assert collision.rows[:2, -2] == pytest.approx([-1.45, R_COL])
+    assert safe.rows[:2, -2] == pytest.approx([-0.1, 0.15])
+    assert collision.rows[:2, -2] == pytest.approx([-0.85, R_COL])
     assert row.mean_reward == pytest.approx((-0.5 - 0.25 + R_COL) / 3)
 
 
