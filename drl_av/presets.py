@@ -37,9 +37,12 @@ def adaptation(config: Config) -> Config:
     """The settings with which the driver trained with ``config`` goes on learning as it drives.
 
     Sec. IV-D of the paper: greedily, over 30,000 episodes, at a lower learning rate. The rest is
-    ours: so much collision experience first that a batch does not repeat the same few rows, and
-    traffic that is the same whatever is learnt.
+    ours: one gradient step a decision, however many networks there are, on a batch as small as the
+    paper preset's; so much collision experience first, where it can be counted, that a batch does
+    not repeat the same few rows; and traffic that is the same whatever is learnt.
     """
+    before = config.learning
+    counted = before.replay == "two-buffer" or not before.unsafe_penalty
     return config.updated(
         "learning",
         episodes=30_000,
@@ -48,9 +51,11 @@ def adaptation(config: Config) -> Config:
         learning_rate=1e-5,
         learning_rate_end_fraction=1.0,
         gradient_steps=1,
+        batch_size=PRESETS["paper"].learning.batch_size,
+        networks_take_turns=True,
         importance_exponent_start=1.0,
         counterfactuals=0,
-        collisions_to_start=64,
+        collisions_to_start=64 if counted else 0,
         traffic_by_episode=True,
         evaluate_every=1_000,
         checkpoint_every=200,

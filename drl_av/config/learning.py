@@ -28,6 +28,9 @@ class LearningConfig(Section):
     networks: int = setting(
         1, "ours", "networks that learn apart, and decide by their mean", low=1, high=100
     )
+    networks_take_turns: bool = setting(
+        False, "ours", "a gradient step is that of one network, in turn, instead of one of each"
+    )
     replay: str = setting("two-buffer", "Alg. 1", "experience replay", choices=REPLAYS)
     batch_size: int = setting(64, "ours", "rows in a minibatch", low=2, high=100_000)
     collision_fraction: float = setting(
@@ -59,7 +62,7 @@ class LearningConfig(Section):
         0, "ours", "other actions drawn a decision, whose outcome is remembered too", low=0, high=12
     )
     speed_weight: float = setting(
-        0.0, "ours", "of v_x / ego.max_speed_m_s, learnt beside the reward", low=0, high=10
+        0.0, "ours", "weight of v_x / ego.max_speed_m_s beside the reward", low=0, high=10
     )
     unsafe_penalty: float = setting(
         0.0,

@@ -1,6 +1,6 @@
 """Experience: the safe and the collision buffer of Algorithm 1, and the one buffer without them.
 
-Endings are data: a row of the collision buffer has discount 0, a safe row gamma.
+Endings are data: a row that ends in r_col has discount 0, any other gamma.
 """
 
 from typing import NamedTuple, Protocol
@@ -126,7 +126,7 @@ class Buffer(Protocol):
     def restore(self, state: State) -> None: ...
 
     def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """An unsafe proposal, with what was executed in its place; kept as any safe row."""
+        """An unsafe proposal, with what was executed in its place; kept as any safe row (ours)."""
         self.add_safe(s_t, a_t, r_tp1, s_tp1)
 
     def anneal(self, progress: float) -> None:
@@ -171,7 +171,7 @@ class TwoBuffers(Buffer):
         self.collision.append(s_t, a_t, r_col, 0.0, 0.0)
 
     def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """An unsafe proposal, with what was executed in its place: into Buf_C, discount gamma."""
+        """An unsafe proposal, with what was executed in its place: into Buf_C too (ours)."""
         self.collision.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:

@@ -20,9 +20,10 @@ def remember_others(
 ) -> None:
     """Put what other actions would have led to into the buffers, where that is known.
 
-    An action that the check replaces goes into Buf_C, as in Algorithm 1, line 6, or as
-    ``learning.unsafe_penalty`` says, and so does one that leaves the open lanes; the others lead
-    to what ``counterfactual.seen_after`` says of the scene that ``executed`` led to. An imagined
+    An action that the check replaces goes into Buf_C, as in Algorithm 1, line 6, and so does one
+    that leaves the open lanes; the others lead to what ``counterfactual.seen_after`` says of the
+    scene that ``executed`` led to. Under ``learning.unsafe_penalty`` an action that the check
+    replaces leads to what its replacement would have led to, where that is known. An imagined
     collision with a vehicle is not known, so not kept.
     """
     config, after = env.config, env.scene.seen

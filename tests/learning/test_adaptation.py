@@ -26,6 +26,7 @@ decisions_per_episode = 15
 [learning]
 episodes = 4
 seed = 2
+target_update_episodes = 3
 evaluate_every = 4
 evaluation_episodes = 1
 """
@@ -130,14 +131,23 @@ def test_settings_are_the_runs_but_for_what_adaptation_is(adapted: Path, trained
     assert found.simulation == before.simulation
     learning = found.learning
     assert (learning.epsilon_start, learning.epsilon_end, learning.learning_rate) == (0, 0, 1e-3)
-    assert (learning.seed, learning.batch_size, learning.episodes) == (2, 64, 5)
+    assert (learning.seed, learning.target_update_episodes, learning.episodes) == (2, 3, 5)
 
 
 def test_a_fast_driver_is_adapted_slowly_too() -> None:
     learning = adaptation(preset("fast")).learning
     assert learning.learning_rate == 1e-5 < Config().learning.learning_rate
     assert (learning.learning_rate_end_fraction, learning.gradient_steps) == (1.0, 1)
-    assert (learning.episodes, learning.counterfactuals) == (30_000, 0)
+    assert (learning.episodes, learning.counterfactuals, learning.batch_size) == (30_000, 0, 64)
+    assert (learning.networks_take_turns, learning.collisions_to_start) == (True, 64)
+
+
+@pytest.mark.parametrize("replay", ["prioritized", "uniform"])
+def test_unsafe_proposals_that_go_on_are_not_waited_for_where_nobody_can_count_them(
+    replay: str,
+) -> None:
+    config = Config().updated("learning", replay=replay, unsafe_penalty=0.5)
+    assert adaptation(config).learning.collisions_to_start == 0
 
 
 def test_every_violation_lands_in_the_collision_buffer_beside_the_trainings_own(
@@ -195,10 +205,11 @@ def test_the_shipped_driver_brings_its_policy_and_waits_for_experience(
     out = tmp_path / "adapted"
     words = ["adapt", "--out", str(out), "--episodes", "2", "--config", str(settings)]
     assert main(words) == 0
-    (network,), _ = checkpoint.load_policy(PRETRAINED / "policy.safetensors")
-    for name in ("online", "target"):
-        np.testing.assert_array_equal(tensors(out)[f"learner.{name}"], network.flat.detach())
-    assert tensors(out)["learner.step"] == 0
+    networks, _ = checkpoint.load_policy(PRETRAINED / "policy.safetensors")
+    for learner, network in zip(("learner", "learner1", "learner2"), networks, strict=True):
+        for name in ("online", "target"):
+            np.testing.assert_array_equal(tensors(out)[f"{learner}.{name}"], network.flat.detach())
+        assert tensors(out)[f"{learner}.step"] == 0
     assert len(tensors(out)["buffer.safe.rows"]) == 10
     told = "pretrained comes without the experience of its training: it learns from 64 collision"
     assert told in capsys.readouterr().err
@@ -267,7 +278,7 @@ def test_ctrl_c_saves_and_says_how_to_go_on(
         (["--learning-rate", "2"], "learning.learning_rate is 2.0, but must be from 0 to 1"),
         (["--learning-rate", "nan"], "learning.learning_rate is nan"),
         (["--config", "narrow.toml"], "does not fit a network of 27 -> 7 -> 7 -> 12"),
-        (["--config", "three.toml"], "was trained with learning.networks = 1: go on with as many"),
+        (["--config", "two.toml"], "was trained with learning.networks = 3: go on with as many"),
         (["--config", "blind.toml"], "was trained with other [observation] settings"),
         (["--resume"], "is not a run: it has no config.toml"),
     ],
@@ -281,7 +292,7 @@ def test_what_cannot_be_adapted_is_told_and_leaves_nothing_behind(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "narrow.toml").write_text("[learning]\nhidden_units = 7\n")
-    (tmp_path / "three.toml").write_text("[learning]\nnetworks = 3\n")
+    (tmp_path / "two.toml").write_text("[learning]\nnetworks = 2\n")
     (tmp_path / "blind.toml").write_text("[observation]\nrange_m = 100\n")
     given = set(tmp_path.iterdir())
     assert main(["adapt", *words, "--out", "out"]) == 1

@@ -84,19 +84,33 @@ def test_under_a_penalty_it_is_worth_what_the_check_executes_in_its_place_and_le
     assert row[N] * CONFIG.observation.gap_scale_m == pytest.approx(20.0, abs=1e-4)
 
 
-def test_what_is_not_known_is_not_remembered() -> None:
+def test_had_it_accelerated_while_it_braked_the_check_would_have_kept_its_speed() -> None:
+    # braking led to 18 m/s; maintaining, the replacement, is 20 m/s and 1.5 m further on
+    before = scene(ahead(25.0, speed_m_s=15.0))
+    after = scene(ahead(21.5, speed_m_s=15.0), speed_m_s=18.0)
+    config = CONFIG.updated("learning", unsafe_penalty=0.5)
+    braked = remembered(before, after, BRAKE, ACCELERATE, config=config).collision.rows[0]
+    assert braked[N] * CONFIG.observation.gap_scale_m == pytest.approx(20.0, abs=1e-4)
+    assert braked[N + 24] == pytest.approx((20 - 15) / 15)
+
+
+@pytest.mark.parametrize("penalty", [0.0, 0.5])
+def test_what_is_not_known_is_not_remembered(penalty: float) -> None:
     beside = scene(ahead(0.0, y_m=7.6))
-    buffers = remembered(scene(), beside, MAINTAIN, BRAKE)
+    config = CONFIG.updated("learning", unsafe_penalty=penalty)
+    buffers = remembered(scene(), beside, MAINTAIN, BRAKE, config=config)
     assert len(buffers) == 0
 
 
-def test_leaving_the_road_is_a_collision_where_no_check_forbids_it() -> None:
+@pytest.mark.parametrize("penalty", [0.0, 0.5])
+def test_leaving_the_road_is_a_collision_where_no_check_forbids_it(penalty: float) -> None:
     # 1.8 m wide, 0.76 m to the right of the rightmost lane's centre: 0.24 m from the edge
     out = LaneChange(0, -1)
     before = scene(y_m=-0.76, v_y=-0.76, lane_change=out)
     further = Action(Lateral.RIGHT, Longitudinal.MAINTAIN)
     back = Action(Lateral.LEFT, Longitudinal.MAINTAIN)
     unchecked = CONFIG.updated("safety", check="permit_all")
+    unchecked = unchecked.updated("learning", unsafe_penalty=penalty)
     buffers = remembered(before, scene(y_m=0.0), back, further, config=unchecked)
     assert (len(buffers.safe), len(buffers.collision)) == (0, 1)
     buffers = remembered(before, scene(y_m=0.0), back, back, config=unchecked)

@@ -65,6 +65,17 @@ def test_each_learns_at_every_decision_from_a_batch_of_its_own(env: HighwayEnv) 
     assert not torch.equal(others[0].flat, others[1].flat)
 
 
+def test_three_that_take_turns_make_one_gradient_step_a_decision(env: HighwayEnv) -> None:
+    # the first learns at decisions 1, 4, ..., 19, and in the next episode from its first one on
+    env.config = TOGETHER.updated("learning", networks_take_turns=True)
+    training = Training(env)
+    steps = []
+    for _ in range(2):
+        assert training.run_episode().decisions == 20
+        steps.append([learner.steps for learner in training._learners.values()])
+    assert steps == [[7, 7, 6], [14, 14, 12]]
+
+
 def test_what_is_saved_drives_as_the_training_did_and_goes_on_as_it_was(
     env: HighwayEnv, tmp_path: Path
 ) -> None:

@@ -188,10 +188,23 @@ def test_the_weight_of_speed_is_learnt_and_not_reported(monkeypatch: pytest.Monk
     assert row.mean_reward == pytest.approx((-0.5 - 0.25 + R_COL) / 3)
 
 
-def test_what_cannot_be_counted_is_not_waited_for() -> None:
+@pytest.mark.parametrize("replay", ["prioritized", "uniform"])
+def test_in_one_ring_it_is_a_row_among_others(replay: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    always(LEFT, monkeypatch)
+    script = [(HARD_BRAKE, "gap", -0.25, False)]
+    training, _, _ = scripted(script, replay=replay, unsafe_penalty=1.5)
+    training.run_episode()
+    rows = training._buffer.ring.rows[:2, -3:]  # type: ignore[attr-defined]
+    gamma = np.float32(GAMMA)
+    assert rows.tolist() == [[LEFT, -1.75, gamma], [HARD_BRAKE, -0.25, gamma]]
+    assert training._buffer.collisions == 0
+
+
+@pytest.mark.parametrize("replay", ["prioritized", "uniform"])
+def test_what_cannot_be_counted_is_not_waited_for(replay: str) -> None:
     waiting = Config().updated("learning", collisions_to_start=64, unsafe_penalty=1.0)
-    with pytest.raises(ConfigError, match="cannot be counted in uniform replay"):
-        waiting.updated("learning", replay="uniform")
+    with pytest.raises(ConfigError, match=f"cannot be counted in {replay} replay"):
+        waiting.updated("learning", replay=replay)
 
 
 def test_truncation_keeps_gamma() -> None:
@@ -248,10 +261,12 @@ def test_importance_exponent_rises_with_the_episodes() -> None:
     assert found == pytest.approx([0.5 + 0.05 * k for k in range(10)])
 
 
+@pytest.mark.parametrize("penalty", [0.0, 1.5])
 @pytest.mark.parametrize("replay", REPLAYS)
-def test_state_of_every_replay_makes_the_round_trip(replay: str) -> None:
+def test_state_of_every_replay_makes_the_round_trip(replay: str, penalty: float) -> None:
     script = [QUIET, (HARD_BRAKE, "gap", -0.25, False), (None, "none", -7.0, True)]
     options = {"replay": replay, "safe_capacity": 20, "collision_capacity": 5}
+    options["unsafe_penalty"] = penalty
     alone, _, _ = scripted(script, **options)
     begun, _, _ = scripted(script, **options)
     for _ in range(10):
