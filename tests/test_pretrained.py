@@ -1,26 +1,25 @@
 """The shipped driver: what it was trained with, and that it drives."""
 
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from drl_av.config import Config, load_config
+from drl_av.config import load_config
 from drl_av.driving.drivers.rules import IdmDriver
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
 from drl_av.learning.checkpoint import load_policy, save_policy
 from drl_av.level_1 import LEVEL_1
+from drl_av.presets import preset
 from drl_av.studies.drivers import PRETRAINED, learned_driver
 
 
-def test_it_learnt_from_what_happened_alone_and_in_a_mirror_among_the_default_traffic() -> None:
+def test_it_learnt_as_the_preset_fast_does_for_longer_and_with_its_eyes_on_speed() -> None:
     _, config = learned_driver(PRETRAINED)
-    learning = config.learning
     assert config == load_config(PRETRAINED / "config.toml")
-    assert config.updated("learning", **asdict(Config().learning)) == Config()
-    assert (learning.episodes, learning.mirrored, learning.counterfactuals) == (2000, True, 0)
+    own = {"speed_weight": 0.6, "unsafe_penalty": 0.5, "discount": 0.95}
+    assert config == preset("fast").updated("learning", episodes=1500, seed=1, **own)
 
 
 @pytest.mark.parametrize("folder", [PRETRAINED, LEVEL_1], ids=["driver", "level_1"])

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 
 from drl_av.errors import DrlAvError
 from drl_av.learning import checkpoint
@@ -57,9 +58,9 @@ def test_both_begin_as_the_shipped_driver_trained_anew_and_only_one_of_them_lear
     names = ("pretrained-1", "pretrained-1/adaptation-0", "pretrained-1/no_adaptation-0")
     weights, remembered = {}, {}
     for name in names:
-        (network,), _ = checkpoint.load_policy(runs / name / "policy.safetensors")
+        networks, _ = checkpoint.load_policy(runs / name / "policy.safetensors")
         tensors, _ = checkpoint.load(runs / name / "checkpoint.safetensors")
-        weights[name] = network.flat
+        weights[name] = torch.cat([network.flat for network in networks])
         remembered[name] = sum(
             len(tensors[f"buffer.{kind}.rows"]) for kind in ("safe", "collision")
         )
