@@ -39,7 +39,7 @@ def strictness_figure(table: Path) -> Figure:
         DrlAvError: the table is missing, or is none of ``reproduction/strictness.py``.
     """
     rows = read_table(table, COLUMNS)
-    figure = Figure(figsize=(10, 4), layout="constrained")
+    figure = Figure(figsize=(11.5, 4), layout="constrained")
     by_density, by_bound = figure.subplots(1, 2)
     plain = [row for row in rows if not row["bound"]]
     numbers = sorted({row["vehicles"] for row in plain if row["check"] == "strict"})
@@ -53,7 +53,7 @@ def strictness_figure(table: Path) -> Figure:
     by_bound.set(xlabel="bound, as a multiple of its default", ylabel="change of the mean speed, %")
     by_bound.set_title(f"one bound moved, among {moved[0]['vehicles']} vehicles" if moved else "")
     if moved:
-        by_bound.legend(frameon=False)
+        figure.legend(loc="outside right center", frameon=False)
     for axes in (by_density, by_bound):
         axes.axhline(0.0, color="#999999", linewidth=1)
         axes.grid(alpha=0.3)
