@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from functools import partial
+from itertools import cycle
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +21,7 @@ from benchmark_drives import commanded, drive, recorded, step_bare
 
 from drl_av.config import Config
 from drl_av.driving.drivers.rules import IdmDriver
-from drl_av.env import HighwayEnv
+from drl_av.env import HighwayEnv, Observation
 from drl_av.learning.experience import make_buffer
 from drl_av.learning.learner import Learner
 from drl_av.learning.qnetwork import QNetwork
@@ -45,10 +46,14 @@ class Row(NamedTuple):
     least_ours: float = 0.0
 
 
+def exploring(config: Config) -> Config:
+    """The same settings with exploration held."""
+    return config.updated("learning", epsilon_start=0.2, epsilon_end=0.2)
+
+
 def crowded(vehicles: int = VEHICLES) -> Config:
     """The paper's settings with as many vehicles in every episode, and exploration held."""
-    config = Config().updated("traffic", vehicles_min=vehicles, vehicles_max=vehicles)
-    return config.updated("learning", epsilon_start=0.2, epsilon_end=0.2)
+    return exploring(Config().updated("traffic", vehicles_min=vehicles, vehicles_max=vehicles))
 
 
 def env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
@@ -104,16 +109,46 @@ def bare_step(rows: int) -> Callable[[], None]:
 
 
 def train_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
-    """Decisions a second, with a gradient step each."""
-    training = Training(stack.enter_context(closing(HighwayEnv(config=crowded()))))
+    """Decisions a second, with a gradient step each; with 30 vehicles it is mostly SUMO's time."""
+    few, most = Config().traffic.vehicles_min, Config().traffic.vehicles_max
+    return [
+        train_row(f"{few} to {most} vehicles", exploring(Config()), seeds, stack, 2.5),
+        train_row(f"{VEHICLES} vehicles", crowded(), seeds, stack),
+    ]
 
-    def ours() -> float:
+
+def train_row(
+    name: str,
+    config: Config,
+    seeds: Sequence[int],
+    stack: ExitStack,
+    least_ratio: float | None = None,
+) -> Row:
+    """Both learn in the same traffic, round after round."""
+    ours, theirs = (stack.enter_context(closing(Rounds(config, seeds))) for _ in range(2))
+    training, rival = Training(ours), stable_baselines3(theirs)
+
+    def train() -> float:
         begun = time.perf_counter()
         decisions = sum(training.run_episode().decisions for _ in seeds)
         return decisions / (time.perf_counter() - begun)
 
-    rival = stable_baselines3(stack.enter_context(closing(HighwayEnv(config=crowded()))))
-    return [Row("training | stable-baselines3's DQN", ours, partial(learn, rival, seeds), 2.5)]
+    beside = partial(learn, rival, seeds)
+    return Row(f"training, {name} | stable-baselines3's DQN", train, beside, least_ratio)
+
+
+class Rounds(HighwayEnv):
+    """The same episodes over and over, whatever seed is asked for."""
+
+    def __init__(self, config: Config, seeds: Sequence[int]) -> None:
+        super().__init__(config=config)
+        self._seeds = cycle(seeds)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start the next one."""
+        return super().reset(seed=next(self._seeds), options=options)
 
 
 def stable_baselines3(env: HighwayEnv) -> Any:

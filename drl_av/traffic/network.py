@@ -13,7 +13,7 @@ from drl_av.traffic.connection import missing_library, program
 from drl_av.traffic.description import ScenarioDescription
 
 EDGES = 4
-CHORD_M = 3.0
+CHORD_M = 6.0
 """Length of the straight pieces that draw the circle, at most."""
 PRECISION = 6
 """Decimals of every length and coordinate in the network file."""

@@ -158,7 +158,8 @@ def _lanes(
         chances = np.where(berths > 0, shares if row else 1.0, 0.0)
         if not chances.any():
             chances = (berths > 0).astype(float)
-        chosen[row] = rng.choice(len(open_lanes), p=chances / chances.sum())
+        limits = (chances / chances.sum()).cumsum()  # rng.choice draws so too, but checks first
+        chosen[row] = (limits / limits[-1]).searchsorted(rng.random(), side="right")
         berths[chosen[row]] -= 1
     return open_lanes[chosen]
 

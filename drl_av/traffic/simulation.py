@@ -266,13 +266,13 @@ class Simulation:
 
     def _snapshot(self) -> Snapshot:
         lanes, at_m, aside_m, speeds, laterals = ([*map(read, self._ids)] for read in self._read)
-        places = [*map(self.scenario.lane_positions.__getitem__, lanes)]
+        places = map(self.scenario.lane_positions.__getitem__, lanes)
         lap_m, width_m = self.road.circumference_m, self.road.lane_width_m
         half_m = self.scenario.description.vehicle_length_m / 2
-        fronts = zip(places, at_m, strict=True)
-        centers = zip(places, aside_m, strict=True)
-        along_m = [(start_m + at - half_m) % lap_m for (_, start_m), at in fronts]
-        across_m = [lane * width_m + aside for (lane, _), aside in centers]
+        along_m, across_m = [], []
+        for (lane, start_m), at, aside in zip(places, at_m, aside_m, strict=True):
+            along_m.append((start_m + at - half_m) % lap_m)
+            across_m.append(lane * width_m + aside)
         s_m, y_m, speed, lateral = np.array((along_m, across_m, speeds, laterals))
         lateral[EGO] = self._ego_lateral_speed_m_s
         return Snapshot(
