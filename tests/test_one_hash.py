@@ -12,11 +12,14 @@ import gymnasium
 import numpy as np
 import pytest
 
-from drl_av.config import Config
+import drl_av.traffic.simulation
+from drl_av.config import Config, SimulationConfig
 from drl_av.driving.drivers.rules import IdmSumoDriver
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
 from drl_av.studies.replay import Recorder, Recording, load_recording, ride_again, states_of
+from drl_av.traffic.connection import load_arguments
+from drl_av.traffic.scenario import ScenarioDescription, write_scenario
 
 CONFIG = Config().updated("simulation", decisions_per_episode=10)
 SEED, VEHICLES = 4, 30
@@ -92,6 +95,42 @@ def test_a_thousand_other_episodes_change_no_hash_and_hold_no_memory(
         held[number] = resident_bytes()
     assert driven(env).hash() == recording.hash()
     assert held[OTHERS] < 1.05 * held[WARM]
+
+
+@pytest.mark.parametrize("name", ["odd lengths", "short steps", "every kind of driver"])
+def test_a_crowd_that_was_taken_off_the_road_leaves_nothing_behind(
+    name: str, tmp_path: Path
+) -> None:
+    write_scenario(tmp_path / "odd", ScenarioDescription(731.3, vehicle_length_m=4.7))
+    config = {
+        "odd lengths": CONFIG.updated("simulation", scenario=str(tmp_path / "odd")),
+        "short steps": CONFIG.updated("simulation", step_length_s=0.1, lateral_resolution_m=0.95),
+        "every kind of driver": CONFIG.updated(
+            "traffic", finite_state_share=0.2, level_0_share=0.2, level_1_share=0.2
+        ),
+    }[name].updated("traffic", speed_gain_max=1.0, random_lane_changes_per_s=0.1)
+    with closing(HighwayEnv(config=config, safety_check="permit_all")) as env:
+        first, ends = driven(env).hash(), []
+        for seed in range(10, 25):
+            env.reset(seed=seed, options={"vehicles": 30})
+            over = False
+            while not over:
+                _, _, collided, truncated, _ = env.step((seed * 7 + env.decisions * 5) % 12)
+                over = collided or truncated
+            ends.append(collided)
+        assert any(ends)
+        assert driven(env).hash() == first
+
+
+def test_nothing_hangs_on_the_random_numbers_of_sumo(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def other_seed(*files: Path, config: SimulationConfig) -> list[str]:
+        return [*load_arguments(*files, config=config), "--seed", "12345"]
+
+    monkeypatch.setattr(drl_av.traffic.simulation, "load_arguments", other_seed)
+    with closing(HighwayEnv(config=CONFIG)) as env:
+        assert driven(env).hash() == recording.hash()
 
 
 def test_the_hash_is_the_same_recorded_and_replayed(recording: Recording, tmp_path: Path) -> None:

@@ -108,7 +108,7 @@ def with_device(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         drl_av.traffic.simulation,
         "load_arguments",
-        lambda *arguments: [*load_arguments(*arguments), *own, "--precision", "9"],
+        lambda *files, config: [*load_arguments(*files, config=config), *own, "--precision", "9"],
     )
 
 

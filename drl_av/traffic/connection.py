@@ -5,8 +5,7 @@ import importlib
 import importlib.util
 import platform
 import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -57,29 +56,11 @@ def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[[str], Any]
     return [getattr(within, f"vehicle_{name}", getattr(sumo.vehicle, name)) for name in names]
 
 
-@contextmanager
-def short_names(files: Sequence[Path]) -> Iterator[list[str]]:
-    """Names under /dev/fd by which libsumo can read the files inside; else their paths.
-
-    libsumo never gives back the copies that it makes of a path, some seven a file and load. Of
-    usual paths they would be 6 % of a process in 5,000 resets.
-    """
-    if not Path("/proc/self/fd").is_dir():
-        yield [str(file) for file in files]
-        return
-    with ExitStack() as stack:
-        opened = [stack.enter_context(file.open("rb")) for file in files]
-        yield [f"/dev/fd/{file.fileno()}" for file in opened]
-
-
-def load_arguments(
-    network: str, additional: Sequence[str], seed: int, config: SimulationConfig
-) -> list[str]:
-    """What SUMO is started with, and loads an episode with."""
+def load_arguments(network: Path, *additional: Path, config: SimulationConfig) -> list[str]:
+    """What SUMO is started with."""
     return [
-        *("--net-file", network),
-        *("--additional-files", ",".join(additional)),
-        *("--seed", str(seed % 2**31)),
+        *("--net-file", str(network)),
+        *("--additional-files", ",".join(map(str, additional))),
         *("--step-length", repr(config.step_length_s)),
         *("--lateral-resolution", repr(config.lateral_resolution_m)),
         *("--time-to-teleport", "-1"),

@@ -3,7 +3,7 @@
 import io
 import subprocess
 from collections.abc import Sequence
-from contextlib import nullcontext, redirect_stdout, suppress
+from contextlib import redirect_stdout, suppress
 from typing import ClassVar
 
 import numpy as np
@@ -17,7 +17,6 @@ from drl_av.traffic.connection import (
     load_arguments,
     program,
     require_display,
-    short_names,
 )
 from drl_av.traffic.population import (
     EGO_ID,
@@ -68,12 +67,14 @@ class Simulation:
         # not sumo.exceptions: those are traci's classes, and libsumo raises one of its own
         self._errors = (self._sumo.TraCIException, self._sumo.FatalTraCIError)
         self._ids: tuple[str, ...] = ()
+        self._step_ms = round(1000 * config.simulation.step_length_s)
 
     def reset(self, seed: int, vehicles: int) -> Snapshot:
-        """Load SUMO anew with a seed and put all vehicles on the road.
+        """Put all vehicles that a seed draws on an empty road.
 
         The episode that follows depends on (scenario, config, seed, vehicles) and the commands
-        alone, whatever ran in this process before.
+        alone, whatever ran in this process before. All chance is drawn here: nothing that SUMO
+        does to these vehicles depends on its own random numbers.
 
         Raises:
             ScenarioError: more vehicles than fit.
@@ -91,9 +92,10 @@ class Simulation:
         self._length_m = np.full(len(self._ids), description.vehicle_length_m)
         self._width_m = np.full(len(self._ids), description.vehicle_width_m)
         try:
-            self._load(seed)
+            self._vacate()
             self._populate(population)
         except (*self._errors, OSError) as error:
+            self.close()
             raise SimulationError(
                 f"SUMO cannot load the scenario {self.scenario.folder} "
                 f"({' '.join(str(error).split()).rstrip('.')}): write it anew, or undo what was "
@@ -101,6 +103,7 @@ class Simulation:
             ) from error
         if self._gui:
             self._follow_ego()
+        self._steps = 0
         self._ego_y_m = self.road.center_m(int(population.lane[EGO]))
         self._ego_lateral_speed_m_s = 0.0
         return self._snapshot()
@@ -178,18 +181,27 @@ class Simulation:
         self._sumo.gui.trackVehicle(VIEW, EGO_ID)
         self._sumo.gui.setZoom(VIEW, GUI_ZOOM)
 
-    def _load(self, seed: int) -> None:
+    def _vacate(self) -> None:
+        """An empty road: the vehicles taken off that of a running SUMO, or SUMO started with one.
+
+        Loading the scenario anew instead would take three times as long as the whole reset.
+        """
+        owner = Simulation._owners.get(self._sumo.__name__)
+        if owner is self and not self._gui:
+            with suppress(*self._errors):  # it may have ended on its own
+                for name in self._sumo.vehicle.getIDList():
+                    self._sumo.vehicle.remove(name)
+                self._sumo.simulationStep()  # until then their names are taken
+                return
+        if owner is not None:
+            owner.close()
         files = (self.scenario.network_file, *self.scenario.additional_files)
-        with short_names(files) if not self._gui else nullcontext(list(map(str, files))) as names:
-            arguments = load_arguments(names[0], names[1:], seed, self._config.simulation)
-            owner = Simulation._owners.get(self._sumo.__name__)
-            if owner is self and not self._gui:
-                self._sumo.load(arguments)
-            else:
-                if owner is not None:
-                    owner.close()
-                self._start(arguments)
+        for file in files:
+            file.stat()  # SUMO would not say in its error which one it cannot find
+        self._start(load_arguments(*files, config=self._config.simulation))
         Simulation._owners[self._sumo.__name__] = self
+        laps = 2 + round(1e5 / self.road.circumference_m)
+        self._sumo.route.add("loop", list(self.scenario.edges) * laps)
 
     def _start(self, arguments: list[str]) -> None:
         if not self._gui:
@@ -203,9 +215,6 @@ class Simulation:
 
     def _populate(self, population: Population) -> None:
         vehicle = self._sumo.vehicle
-        edges = self.scenario.edges
-        laps = 2 + round(1e5 / self.road.circumference_m)
-        self._sumo.route.add("loop", list(edges) * laps)
         for row, name in enumerate(self._ids):
             speed = float(population.speed_m_s[row])
             kind = EGO_ID if row == EGO else "traffic"
@@ -245,6 +254,7 @@ class Simulation:
             self._ego_y_m = command.y_m
         vehicle.setSpeed(EGO_ID, command.speed_m_s)
         self._sumo.simulationStep()
+        self._steps += 1
         self._ego_lateral_speed_m_s = sideways_m / self._config.simulation.step_length_s
         collision = None
         if self._sumo.simulation.getCollidingVehiclesNumber():
@@ -276,7 +286,7 @@ class Simulation:
         s_m, y_m, speed, lateral = np.array((along_m, across_m, speeds, laterals))
         lateral[EGO] = self._ego_lateral_speed_m_s
         return Snapshot(
-            time_s=float(self._sumo.simulation.getTime()),
+            time_s=self._steps * self._step_ms / 1000,
             ids=self._ids,
             s_m=s_m,
             y_m=y_m,
