@@ -3,15 +3,20 @@
 import ctypes
 import importlib
 import importlib.util
+import io
 import platform
 import re
+import subprocess
 from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from drl_av.config import SimulationConfig
 from drl_av.errors import DisplayError, SimulationError
+
+GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "1280,720")
 
 
 def require_display() -> None:
@@ -72,6 +77,16 @@ def load_arguments(network: Path, *additional: Path, config: SimulationConfig) -
         *("--no-warnings", "true"),
         *("--xml-validation", "never"),
     ]
+
+
+def start(sumo: ModuleType, arguments: list[str], view: Path | None) -> None:
+    """Start libsumo, or through traci sumo-gui, which shows a view; it must not run already."""
+    if view is None:
+        sumo.start(["sumo", *arguments])
+        return
+    own = ["--gui-settings-file", str(view), *GUI_OPTIONS]
+    with redirect_stdout(io.StringIO()):
+        sumo.start([str(program("sumo-gui")), *arguments, *own], stdout=subprocess.DEVNULL)
 
 
 def program(name: str) -> Path:

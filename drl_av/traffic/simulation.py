@@ -1,9 +1,7 @@
 """One running SUMO: load, place the traffic, advance by one decision, take a snapshot, close."""
 
-import io
-import subprocess
 from collections.abc import Sequence
-from contextlib import redirect_stdout, suppress
+from contextlib import suppress
 from typing import ClassVar
 
 import numpy as np
@@ -15,8 +13,8 @@ from drl_av.traffic.connection import (
     connection,
     getters,
     load_arguments,
-    program,
     require_display,
+    start,
 )
 from drl_av.traffic.population import (
     EGO_ID,
@@ -42,9 +40,8 @@ NO_AUTONOMOUS_LANE_CHANGES = 0
 RANDOM_LANE_CHANGE_S = 5.0
 STATE = ("getLaneID", "getLanePosition", "getLateralLanePosition", "getSpeed", "getLateralSpeed")
 VIEW = "View #0"
-GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "1280,720")
 GUI_ZOOM = 350.0
-"""In percent of the whole loop's size, about: 120 m of road in a window of that size."""
+"""In percent of the whole loop's size, about: 120 m of road in sumo-gui's window."""
 
 
 class Simulation:
@@ -198,20 +195,11 @@ class Simulation:
         files = (self.scenario.network_file, *self.scenario.additional_files)
         for file in files:
             file.stat()  # SUMO would not say in its error which one it cannot find
-        self._start(load_arguments(*files, config=self._config.simulation))
+        arguments = load_arguments(*files, config=self._config.simulation)
+        start(self._sumo, arguments, self.scenario.view_file if self._gui else None)
         Simulation._owners[self._sumo.__name__] = self
         laps = 2 + round(1e5 / self.road.circumference_m)
         self._sumo.route.add("loop", list(self.scenario.edges) * laps)
-
-    def _start(self, arguments: list[str]) -> None:
-        if not self._gui:
-            self._sumo.start(["sumo", *arguments])
-            return
-        view = str(self.scenario.view_file)
-        own = ["--gui-settings-file", view, *GUI_OPTIONS]
-        sumo_gui = [str(program("sumo-gui")), *arguments, *own]
-        with redirect_stdout(io.StringIO()):
-            self._sumo.start(sumo_gui, stdout=subprocess.DEVNULL)
 
     def _populate(self, population: Population) -> None:
         vehicle = self._sumo.vehicle
