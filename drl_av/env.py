@@ -55,7 +55,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
     ## Starting State
     `options={{"vehicles": n}}` of them, or a number drawn from the config's range, at random
     places within 250 m. A seed determines the whole traffic; without one, each reset draws a new
-    seed of at least 1,000,000 (`info["seed"]`).
+    seed of at least 1,000,000 (`info["seed"]`). What a program of your own changes in
+    SUMO, such as who may use a lane, stays until `close`.
 
     ## Episode End
     Terminated when the ego hits or is hit; truncated after `decisions_per_episode` decisions.

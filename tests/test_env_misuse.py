@@ -110,6 +110,27 @@ def test_a_scenario_that_is_gone_is_told_where_sumo_has_to_read_it(tmp_path: Pat
     env.close()
 
 
+def test_a_reset_that_is_interrupted_leaves_nobody_on_the_road(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(name: str, lane_id: str, position_m: float) -> None:
+        if name == "vehicle4":  # it has been added, but is nowhere yet
+            raise KeyboardInterrupt
+        move_to(name, lane_id, position_m)
+
+    env = HighwayEnv(config=SHORT)
+    first, _ = env.reset(seed=1, options={"vehicles": 2})
+    move_to = libsumo.vehicle.moveTo
+    with monkeypatch.context() as patched:
+        patched.setattr(libsumo.vehicle, "moveTo", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            env.reset(seed=1, options={"vehicles": 9})
+    assert np.array_equal(env.reset(seed=1, options={"vehicles": 2})[0], first)
+    env.step(0)
+    assert len(libsumo.vehicle.getIDList()) == 3
+    env.close()
+
+
 def test_a_reset_that_fails_leaves_no_episode_to_drive_on_in() -> None:
     env = HighwayEnv(config=SHORT)
     env.reset(seed=1, options={"vehicles": 2})

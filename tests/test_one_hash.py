@@ -12,13 +12,13 @@ import gymnasium
 import numpy as np
 import pytest
 
-import drl_av.traffic.simulation
-from drl_av.config import Config, SimulationConfig
+import drl_av.traffic.connection
+from drl_av.config import Config
 from drl_av.driving.drivers.rules import IdmSumoDriver
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
 from drl_av.studies.replay import Recorder, Recording, load_recording, ride_again, states_of
-from drl_av.traffic.connection import load_arguments
+from drl_av.traffic.connection import start_arguments
 from drl_av.traffic.scenario import ScenarioDescription, write_scenario
 
 CONFIG = Config().updated("simulation", decisions_per_episode=10)
@@ -120,15 +120,33 @@ def test_a_crowd_that_was_taken_off_the_road_leaves_nothing_behind(
             ends.append(collided)
         assert any(ends)
         assert driven(env).hash() == first
+        assert env.scene.snapshot.time_s == env.decisions
+
+
+def test_chance_that_a_user_put_into_a_scenario_is_drawn_from_the_seed(tmp_path: Path) -> None:
+    write_scenario(tmp_path / "loop", ScenarioDescription())
+    types = tmp_path / "loop" / "vehicle_types.add.xml"
+    sober = types.read_text()
+    types.write_text(sober.replace('lcKeepRight="0"', 'lcKeepRight="0" lcSigma="0.2"', 1))
+    (tmp_path / "loop" / "SHA256SUMS").unlink()
+    config = CONFIG.updated("simulation", scenario=str(tmp_path / "loop"))
+    with closing(HighwayEnv(config=config)) as env:
+        first = driven(env).hash()
+        env.reset(seed=SEED + 1)
+        assert driven(env).hash() == first
+    types.write_text(sober)
+    with closing(HighwayEnv(config=config)) as env:
+        assert driven(env).hash() != first
 
 
 def test_nothing_hangs_on_the_random_numbers_of_sumo(
     recording: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def other_seed(*files: Path, config: SimulationConfig) -> list[str]:
-        return [*load_arguments(*files, config=config), "--seed", "12345"]
-
-    monkeypatch.setattr(drl_av.traffic.simulation, "load_arguments", other_seed)
+    monkeypatch.setattr(
+        drl_av.traffic.connection,
+        "start_arguments",
+        lambda files, seed, config: start_arguments(files, seed + 12345, config),
+    )
     with closing(HighwayEnv(config=CONFIG)) as env:
         assert driven(env).hash() == recording.hash()
 

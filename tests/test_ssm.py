@@ -20,14 +20,14 @@ from typing import NamedTuple
 
 import pytest
 
-import drl_av.traffic.simulation
+import drl_av.traffic.connection
 from drl_av.config import Config
 from drl_av.driving.drivers import Driver
 from drl_av.driving.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.driving.safety import closing_speed, time_to_collision
 from drl_av.env import HighwayEnv
 from drl_av.episode import drive
-from drl_av.traffic.connection import load_arguments
+from drl_av.traffic.connection import start_arguments
 from drl_av.traffic.scenario import ScenarioDescription, write_scenario
 from drl_av.traffic.snapshot import EGO
 
@@ -106,9 +106,9 @@ def with_device(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     options |= {"range": "250", "extratime": "0", "file": str(file)}
     own = [word for name, value in options.items() for word in (f"--device.ssm.{name}", value)]
     monkeypatch.setattr(
-        drl_av.traffic.simulation,
-        "load_arguments",
-        lambda *files, config: [*load_arguments(*files, config=config), *own, "--precision", "9"],
+        drl_av.traffic.connection,
+        "start_arguments",
+        lambda *arguments: [*start_arguments(*arguments), *own, "--precision", "9"],
     )
 
 

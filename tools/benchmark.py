@@ -8,8 +8,8 @@
     step         a training step (sampled batch, double Q target, gradient, Adam) beside a bare
                  gradient step of PyTorch on one batch: autograd and fused Adam
     train        Algorithm 1 from end to end beside stable-baselines3's DQN on the same
-                 environment with the same episodes, network, batch and buffer; torch on one thread
-                 in both; in the paper's traffic, and with 30 vehicles in every episode
+                 environment with the same traffic seeds, network, batch and buffer; torch on one
+                 thread in both; with the paper's 1 to 30 vehicles, and with 30 in every episode
     highway-env  the environment beside HighwayEnv's highway-v0 at 3 lanes, 30 vehicles and one
                  decision a second, simulated at its own default of 15 Hz
     processes    two processes that drive at once beside one

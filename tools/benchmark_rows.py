@@ -124,7 +124,7 @@ def train_row(
     stack: ExitStack,
     least_ratio: float | None = None,
 ) -> Row:
-    """Both learn in the same traffic, round after round."""
+    """Both learn in the traffic of the same few seeds, round after round."""
     ours, theirs = (stack.enter_context(closing(Rounds(config, seeds))) for _ in range(2))
     training, rival = Training(ours), stable_baselines3(theirs)
 
@@ -138,7 +138,7 @@ def train_row(
 
 
 class Rounds(HighwayEnv):
-    """The same episodes over and over, whatever seed is asked for."""
+    """Starts with the same seeds in turn, whatever seed is asked for."""
 
     def __init__(self, config: Config, seeds: Sequence[int]) -> None:
         super().__init__(config=config)

@@ -7,8 +7,8 @@ import io
 import platform
 import re
 import subprocess
-from collections.abc import Callable, Sequence
-from contextlib import redirect_stdout
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, redirect_stdout
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -61,11 +61,27 @@ def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[[str], Any]
     return [getattr(within, f"vehicle_{name}", getattr(sumo.vehicle, name)) for name in names]
 
 
-def load_arguments(network: Path, *additional: Path, config: SimulationConfig) -> list[str]:
-    """What SUMO is started with."""
+@contextmanager
+def short_names(files: Sequence[Path]) -> Iterator[list[str]]:
+    """Names under /dev/fd by which libsumo can read the files inside; else their paths.
+
+    libsumo never gives back the copies that it makes of a path, some seven a file and start, and
+    takes ``${HOME}`` in one for a variable.
+    """
+    if not Path("/proc/self/fd").is_dir():
+        yield [str(file) for file in files]
+        return
+    with ExitStack() as stack:
+        opened = [stack.enter_context(file.open("rb")) for file in files]
+        yield [f"/dev/fd/{file.fileno()}" for file in opened]
+
+
+def start_arguments(files: Sequence[str], seed: int, config: SimulationConfig) -> list[str]:
+    """What SUMO is started with; the first of the files is the network."""
     return [
-        *("--net-file", str(network)),
-        *("--additional-files", ",".join(map(str, additional))),
+        *("--net-file", files[0]),
+        *("--additional-files", ",".join(files[1:])),
+        *("--seed", str(seed % 2**31)),
         *("--step-length", repr(config.step_length_s)),
         *("--lateral-resolution", repr(config.lateral_resolution_m)),
         *("--time-to-teleport", "-1"),
@@ -79,14 +95,23 @@ def load_arguments(network: Path, *additional: Path, config: SimulationConfig) -
     ]
 
 
-def start(sumo: ModuleType, arguments: list[str], view: Path | None) -> None:
+def start(
+    sumo: ModuleType,
+    files: Sequence[Path],
+    seed: int,
+    config: SimulationConfig,
+    view: Path | None = None,
+) -> None:
     """Start libsumo, or through traci sumo-gui, which shows a view; it must not run already."""
     if view is None:
-        sumo.start(["sumo", *arguments])
+        with short_names(files) as names:
+            sumo.start(["sumo", *start_arguments(names, seed, config)])
         return
+    sumo_gui = str(program("sumo-gui"))
+    arguments = start_arguments([*map(str, files)], seed, config)
     own = ["--gui-settings-file", str(view), *GUI_OPTIONS]
     with redirect_stdout(io.StringIO()):
-        sumo.start([str(program("sumo-gui")), *arguments, *own], stdout=subprocess.DEVNULL)
+        sumo.start([sumo_gui, *arguments, *own], stdout=subprocess.DEVNULL)
 
 
 def program(name: str) -> Path:

@@ -40,6 +40,8 @@ class Scenario:
     """Each lane id's lane index, and the arc length of its start from the start of the loop."""
     additional_files: tuple[Path, ...]
     """What SUMO loads before any vehicle: the vehicle types, and the barricades if any."""
+    as_written: bool
+    """Whether checksums in the folder say so; without them its files may be anything."""
 
     @property
     def network_file(self) -> Path:
@@ -113,19 +115,20 @@ def load_scenario(folder: str | Path) -> Scenario:
         _root(path)
     network_file = folder / scenario_files.NETWORK_FILE
     loop = read_loop(_root(network_file), description, str(network_file))
-    _require_unchanged(folder)
+    as_written = _require_unchanged(folder)
     road = Road(loop.circumference_m, description.lane_width_m, description.open_lanes)
-    return Scenario(folder, description, road, loop.edges, loop.lane_positions, tuple(additional))
+    positions, files = loop.lane_positions, tuple(additional)
+    return Scenario(folder, description, road, loop.edges, positions, files, as_written)
 
 
-def _require_unchanged(folder: Path) -> None:
-    """Compare the files with the checksums beside them; a folder without those is taken as it is.
+def _require_unchanged(folder: Path) -> bool:
+    """Compare the files with the checksums beside them; False without those: taken as it is.
 
     Nothing else would notice a digit of the vehicle types that flipped.
     """
     record = folder / scenario_files.CHECKSUMS_FILE
     if not record.exists():
-        return
+        return False
     names = {path.name for path in folder.iterdir()} & set(scenario_files.ALL_FILES)
     found = scenario_files.checksums({n: _bytes(folder / n) for n in names}).splitlines()
     changed = set(found) ^ set(_text(record).splitlines())
@@ -135,6 +138,7 @@ def _require_unchanged(folder: Path) -> None:
             f"{folder} was changed after it was written, the first difference is in {name!r}: "
             f"{WRITE_ANEW}, or remove {record.name} where the change is meant."
         )
+    return True
 
 
 def shipped_scenarios() -> dict[str, Path]:

@@ -12,7 +12,6 @@ from drl_av.traffic.collisions import classify
 from drl_av.traffic.connection import (
     connection,
     getters,
-    load_arguments,
     require_display,
     start,
 )
@@ -70,8 +69,8 @@ class Simulation:
         """Put all vehicles that a seed draws on an empty road.
 
         The episode that follows depends on (scenario, config, seed, vehicles) and the commands
-        alone, whatever ran in this process before. All chance is drawn here: nothing that SUMO
-        does to these vehicles depends on its own random numbers.
+        alone, whatever ran in this process before. Of a scenario as it was written nothing hangs
+        on SUMO's own clock and random numbers, so it runs on; otherwise it starts anew.
 
         Raises:
             ScenarioError: more vehicles than fit.
@@ -89,10 +88,11 @@ class Simulation:
         self._length_m = np.full(len(self._ids), description.vehicle_length_m)
         self._width_m = np.full(len(self._ids), description.vehicle_width_m)
         try:
-            self._vacate()
-            self._populate(population)
-        except (*self._errors, OSError) as error:
-            self.close()
+            self._put_on_the_road(population, seed)
+        except BaseException as error:
+            self.close()  # Ctrl-C too would leave half a crowd there
+            if not isinstance(error, (*self._errors, OSError)):
+                raise
             raise SimulationError(
                 f"SUMO cannot load the scenario {self.scenario.folder} "
                 f"({' '.join(str(error).split()).rstrip('.')}): write it anew, or undo what was "
@@ -178,28 +178,30 @@ class Simulation:
         self._sumo.gui.trackVehicle(VIEW, EGO_ID)
         self._sumo.gui.setZoom(VIEW, GUI_ZOOM)
 
-    def _vacate(self) -> None:
-        """An empty road: the vehicles taken off that of a running SUMO, or SUMO started with one.
+    def _put_on_the_road(self, population: Population, seed: int) -> None:
+        """On the road of the running SUMO, emptied, or of one that is started.
 
-        Loading the scenario anew instead would take three times as long as the whole reset.
+        To start it, or to load the scenario anew, takes three times as long as all the rest.
         """
-        owner = Simulation._owners.get(self._sumo.__name__)
-        if owner is self and not self._gui:
-            with suppress(*self._errors):  # it may have ended on its own
-                for name in self._sumo.vehicle.getIDList():
-                    self._sumo.vehicle.remove(name)
-                self._sumo.simulationStep()  # until then their names are taken
+        if self._owns_sumo() and self.scenario.as_written and not self._gui:
+            with suppress(*self._errors):  # it has ended, or somebody else has changed something
+                self._vacate()
+                self._populate(population)
                 return
-        if owner is not None:
+        if owner := Simulation._owners.get(self._sumo.__name__):
             owner.close()
         files = (self.scenario.network_file, *self.scenario.additional_files)
-        for file in files:
-            file.stat()  # SUMO would not say in its error which one it cannot find
-        arguments = load_arguments(*files, config=self._config.simulation)
-        start(self._sumo, arguments, self.scenario.view_file if self._gui else None)
+        view = self.scenario.view_file if self._gui else None
+        start(self._sumo, files, seed, self._config.simulation, view)
         Simulation._owners[self._sumo.__name__] = self
         laps = 2 + round(1e5 / self.road.circumference_m)
         self._sumo.route.add("loop", list(self.scenario.edges) * laps)
+        self._populate(population)
+
+    def _vacate(self) -> None:
+        for name in self._sumo.vehicle.getLoadedIDList():
+            self._sumo.vehicle.remove(name)
+        self._sumo.simulationStep()  # until then their names are taken
 
     def _populate(self, population: Population) -> None:
         vehicle = self._sumo.vehicle
