@@ -37,7 +37,7 @@ def speeds(scale: Scale) -> Generator[Progress, None, None]:
     table = DrivenTable(scale, TABLE, config, choices)
     require_writable(scale.out / PAIRED)
     with intact(table.path):
-        list(map(_result, table.rows))
+        list(map(episode_of, table.rows))
     done = 0
     for vehicles in _densities(config):
         cell = {"vehicles": str(vehicles)}
@@ -45,7 +45,7 @@ def speeds(scale: Scale) -> Generator[Progress, None, None]:
             total = len(choices) * scale.drives * len({*DENSITIES, vehicles})
             yield Progress(done + driven, max(total, done), f"{vehicles} vehicles")
         done += len(table.of(cell))
-        gains = paired(map(_result, table.rows), DRIVER, BASELINES)
+        gains = paired(map(episode_of, table.rows), DRIVER, BASELINES)
         write_rows(scale.out / PAIRED, [gain.row() for gain in gains])
         here = [gain for gain in gains if gain.vehicles == vehicles]
         yield Progress(done, max(done, len(table.of(cell)) * len(DENSITIES)), "", _told(here))
@@ -74,7 +74,8 @@ def _told(gains: list[Paired]) -> str:
     return f"{gains[0].vehicles} vehicles: {gains[0].driver} gains {', '.join(cells)}, m/s"
 
 
-def _result(row: Row) -> EpisodeResult:
+def episode_of(row: Row) -> EpisodeResult:
+    """What a row of the table says; raises ValueError or LookupError where it is damaged."""
     values: dict[str, Any] = {
         item.name: row[item.name] == "True" if item.type is bool else item.type(row[item.name])  # type: ignore[operator]
         for item in fields(EpisodeResult)
