@@ -310,8 +310,9 @@ def lane_is_open_and_clear(world: Scene, lane: int) -> bool:
     own_lane = math.floor((float(shot.y_m[0]) + LANE_M / 2) / LANE_M)
     nearest: dict[tuple[int, str], tuple[float, float]] = {}
     for row in range(1, len(shot.ids)):
-        way_m = (float(shot.s_m[row]) - float(shot.s_m[0])) % 500.0
-        end, between_m = ("front", way_m) if way_m < 250 else ("rear", 500 - way_m)
+        # the shorter way round; by less than rounding tells, a vehicle alongside is ahead
+        way_m = (float(shot.s_m[row]) - float(shot.s_m[0]) + 250.0) % 500.0 - 250.0
+        end, between_m = "front" if way_m >= 0 else "rear", abs(way_m)
         gap_m = max(between_m - 5.0, 0.0)
         for candidate in range(3):
             line_m = candidate * LANE_M - LANE_M / 2
