@@ -94,6 +94,13 @@ class RewardConfig(Section):
     worthwhile_gain_m_s: float = setting(
         3.0, "ours", "speed another lane must offer above the own one", low=0, high=30
     )
+    speed_tolerance_m_s: float = setting(
+        1.0,
+        "ours",
+        "how far off v_des may be that of a lane with a vehicle ahead: half of one decision's step",
+        low=0,
+        high=10,
+    )
 
 
 @dataclass(frozen=True)

@@ -71,12 +71,25 @@ def attainable_speed(
     return min(config.desired_speed_m_s, leader_m_s + max(0.0, spare_m) / config.catch_up_time_s)
 
 
+def nearest_desired_speed(speed_m_s: float, attainable_m_s: float, config: RewardConfig) -> float:
+    """The ego's own speed, as far as it is near enough to what its lane allows, m/s (ours).
+
+    Behind another vehicle, up to ``speed_tolerance_m_s`` off is near enough: decisions change the
+    speed in steps. On a free road nothing but the desired speed is.
+    """
+    if attainable_m_s >= config.desired_speed_m_s:
+        return config.desired_speed_m_s
+    lowest = attainable_m_s - config.speed_tolerance_m_s
+    highest = min(attainable_m_s + config.speed_tolerance_m_s, config.desired_speed_m_s)
+    return min(max(speed_m_s, lowest), highest)
+
+
 def desired(seen: Affordances, config: RewardConfig, safety: SafetyConfig) -> Desired:
     """The desired speed and lateral position in this traffic, a function of the indicators.
 
-    ``fixed``: the two numbers of the config. ``traffic``: the speed that the own lane allows, and
-    the centre of the best lane, the nearest of equally good ones; another lane than the own is
-    better only from ``worthwhile_gain_m_s`` on, and only where rule 3 lets the ego into it.
+    ``fixed``: the two numbers of the config. ``traffic``: about the speed that the own lane
+    allows, and the centre of the best lane, the nearest of equally good ones; another lane than the
+    own is better only from ``worthwhile_gain_m_s`` on, and only where rule 3 lets the ego into it.
     """
     if config.desired == "fixed":
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)
@@ -88,7 +101,10 @@ def desired(seen: Affordances, config: RewardConfig, safety: SafetyConfig) -> De
             there = attainable_speed(seen, side, config, safety.minimum_gap_m)
             if there > best and lane_is_clear(seen, seen.lane + side, safety):
                 best, sign = there, side
-    return Desired(own, seen.lane_center_m + sign * seen.lane_width_m)
+    return Desired(
+        nearest_desired_speed(seen.ego_speed_m_s, own, config),
+        seen.lane_center_m + sign * seen.lane_width_m,
+    )
 
 
 def rewards(
