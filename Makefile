@@ -50,7 +50,6 @@ results: setup
 	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
 	$(call text,falsified_strict.txt,falsify_safety.py --check strict)
 	$(call text,falsified_paper.txt,falsify_safety.py --check paper)
-	$(call text,planned_speeds.txt,plan_speeds.py)
 	$(call text,speed_bound.txt,bound_speeds.py)
 	$(call text,background_traffic.txt,check_background_traffic.py)
 	$(call text,long_run.txt,long_run.py --episodes 5000 --out runs/long_run.csv)

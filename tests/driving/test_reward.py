@@ -20,7 +20,7 @@ from worlds import (
     scenes,
 )
 
-from drl_av.config import RewardConfig, SafetyConfig
+from drl_av.config import Config, RewardConfig, SafetyConfig
 from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.driving.maneuver import Scene
 from drl_av.driving.reward import (
@@ -29,12 +29,13 @@ from drl_av.driving.reward import (
     desired,
     gap_reward,
     lateral_reward,
+    nearest_desired_speed,
     rewards,
     safe_gap,
     speed_reward,
 )
 
-TRAFFIC = RewardConfig(catch_up_time_s=8.0, worthwhile_gain_m_s=1.0)
+TRAFFIC = RewardConfig(catch_up_time_s=8.0, worthwhile_gain_m_s=1.0, speed_tolerance_m_s=0.0)
 FIXED = RewardConfig(desired="fixed")
 SAFETY = SafetyConfig()
 MINIMUM_GAP_M = SAFETY.minimum_gap_m
@@ -145,6 +146,42 @@ def test_attainable_speed_is_that_of_the_leader_and_what_closing_the_gap_adds(
 ) -> None:
     world = scene(ahead(gap, CENTER, leader), ahead(5, LEFT, 1.0), speed_m_s=22.0)
     assert attainable_speed(world.seen, 0, TRAFFIC, MINIMUM_GAP_M) == pytest.approx(speed)
+
+
+@pytest.mark.parametrize(
+    ("speed", "attainable", "wanted"),
+    [
+        (20.0, 20.0, 20.0),
+        (21.0, 20.4, 21.0),  # 0.6 m/s off: no decision, of 2 m/s, brings it nearer
+        (19.4, 20.4, 19.4),  # just within 1 m/s
+        (19.0, 20.4, 19.4),  # 1.4 m/s off: 19.4 of what it wants, not 20.4 and not 20.0
+        (22.0, 20.4, 21.4),
+        (29.5, 30.0, 30.0),  # a free road: 30 m/s is what the ego can reach exactly
+        (30.0, 29.6, 30.0),
+        (33.0, 29.6, 30.0),  # never above the speed of a free road
+    ],
+)
+def test_behind_a_vehicle_the_ego_wants_its_own_speed_where_that_is_within_half_a_step(
+    speed: float, attainable: float, wanted: float
+) -> None:
+    config = RewardConfig(speed_tolerance_m_s=1.0)
+    assert nearest_desired_speed(speed, attainable, config) == pytest.approx(wanted)
+
+
+@given(SPEEDS, st.floats(0, 30), st.floats(0, 10))
+def test_the_speed_wanted_is_never_further_than_the_tolerance_from_what_the_lane_allows(
+    speed: float, attainable: float, tolerance: float
+) -> None:
+    config = RewardConfig(speed_tolerance_m_s=tolerance)
+    wanted = nearest_desired_speed(speed, attainable, config)
+    assert abs(wanted - attainable) <= tolerance + 1e-9
+    assert abs(speed - wanted) <= abs(speed - attainable)
+
+
+def test_the_tolerance_is_half_of_what_one_decision_changes() -> None:
+    config = Config()
+    step_m_s = config.ego.accelerate_m_s2 * config.simulation.decision_interval_s
+    assert config.reward.speed_tolerance_m_s == step_m_s / 2
 
 
 def test_alone_the_ego_wants_30_m_s_in_the_lane_where_it_is() -> None:
