@@ -67,7 +67,11 @@ def share_nearer(row: Row) -> float:
 
 def reference_table() -> str:
     """What each driver does with the numbers of the paper's actions, and with a reference."""
-    tables = {"numbers": read("evaluation.csv"), "`acc`": read("reference_acc.csv")}
+    tables = {
+        "numbers": read("evaluation.csv"),
+        "numbers; v_des exact": read("exact_speed.csv"),
+        "`acc`": read("reference_acc.csv"),
+    }
     names = ("driver", "accelerate and maintain by", "reward a decision", "r_v")
     names += ("nearer than d_safe, %", "mean speed, m/s", "ego hit something")
     lines = ["| " + " | ".join(names) + " |", "|" + " --- |" * len(names)]
