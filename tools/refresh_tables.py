@@ -82,6 +82,8 @@ def reference_table() -> str:
                 for row in rows
                 if row["driver"] == driver and int(row["vehicles"]) <= MOST_VEHICLES
             ]
+            if not own:
+                continue
             reward, r_v = (
                 mean_with_interval(float(row[name]) for row in own).value
                 for name in ("mean_reward", "mean_r_v")

@@ -37,7 +37,7 @@ VARIATIONS = (
     Variation("check_paper.csv", ("random",), "safety", {"check": "paper"}),
     Variation("check_permit_all.csv", ("random", "idm-sumo"), "safety", {"check": "permit_all"}),
     Variation("reference_acc.csv", (DRIVER, *BASELINES), "ego", CATCH_UP),
-    Variation("exact_speed.csv", (DRIVER, *BASELINES), "reward", {"speed_tolerance_m_s": 0.0}),
+    Variation("exact_speed.csv", (DRIVER,), "reward", {"speed_tolerance_m_s": 0.0}),
     Variation(
         "barricade_pretrained.csv",
         (DRIVER,),
