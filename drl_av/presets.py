@@ -9,6 +9,7 @@ PRESETS: dict[str, Config] = {
     "fast": Config().updated(
         "learning",
         episodes=200,
+        discount=0.93,
         epsilon_fraction=0.3,
         epsilon_end=0.05,
         learning_rate=3e-3,
@@ -19,6 +20,8 @@ PRESETS: dict[str, Config] = {
         counterfactuals=6,
         safe_capacity=300_000,
         target_update_episodes=2,
+        speed_weight=0.3,
+        unsafe_penalty=0.5,
     ),
 }
 
