@@ -55,14 +55,15 @@ def test_an_action_that_the_check_would_replace_is_a_collision() -> None:
     assert row[-3:].tolist() == [ACCELERATE.number, CONFIG.reward.collision_reward, 0.0]
 
 
-def test_had_it_braked_the_reward_is_that_of_18_m_s_where_20_are_wanted() -> None:
+def test_had_it_braked_the_reward_is_that_of_18_m_s_where_19_are_wanted() -> None:
     # the vehicle ahead drives at 20 m/s, 26 m ahead, which is d_safe: v_des is 20 m/s, and no
-    # lane is better. Braking ends 1.5 m further behind it at 18 m/s, where v_des is 20 + 1.5 / 8
+    # lane is better. Braking ends 1.5 m further behind it at 18 m/s, where the lane allows
+    # 20 + 1.5 / 8, and 1 m/s less will do
     now = scene(ahead(26.0), ahead(26.0, LEFT), ahead(26.0, RIGHT))
     buffers = remembered(now, now, MAINTAIN, BRAKE)
     assert (len(buffers.safe), len(buffers.collision)) == (1, 0)
     row = buffers.safe.rows[0]
-    r_v = np.exp(-(((20 + 1.5 / 8) - 18) ** 2) / 10) - 1
+    r_v = np.exp(-(((20 + 1.5 / 8 - 1) - 18) ** 2) / 10) - 1
     assert row[-3:] == pytest.approx([BRAKE.number, r_v / 3, 0.9], abs=1e-6)
     gap_m, speed = row[N] * CONFIG.observation.gap_scale_m, row[N + 24]
     assert gap_m == pytest.approx(27.5, abs=1e-4)
@@ -71,13 +72,14 @@ def test_had_it_braked_the_reward_is_that_of_18_m_s_where_20_are_wanted() -> Non
 
 def test_under_a_penalty_it_is_worth_what_the_check_executes_in_its_place_and_less() -> None:
     # as above: accelerating becomes maintaining, which leads to what happened: 20 m/s, 20 m behind
-    # 15 m/s, 0.5 m further than the d_safe of these 15 m/s, but nearer than the ego's 26 m
+    # 15 m/s, 0.5 m further than the d_safe of these 15 m/s, but nearer than the ego's 26 m; 1 m/s
+    # above the 15 + 0.5 / 8 that its lane allows will do
     before, after = scene(ahead(25.0, speed_m_s=15.0)), scene(ahead(20.0, speed_m_s=15.0))
     config = CONFIG.updated("learning", unsafe_penalty=0.5, speed_weight=0.6)
     buffers = remembered(before, after, MAINTAIN, ACCELERATE, config=config)
     assert (len(buffers.safe), len(buffers.collision)) == (0, 1)
     row = buffers.collision.rows[0]
-    r_v, r_x = np.exp(-((5 - 0.5 / 8) ** 2) / 10) - 1, np.exp(-36 / 260) - 1
+    r_v, r_x = np.exp(-((5 - 1 - 0.5 / 8) ** 2) / 10) - 1, np.exp(-36 / 260) - 1
     r_y = 0.0  # that near, rule 3 lets the ego into neither of the free lanes
     expected = (r_v + r_y + r_x) / 3 + 0.6 * 2 / 3 - 0.5
     assert row[-3:] == pytest.approx([ACCELERATE.number, expected, 0.9], abs=1e-6)
