@@ -5,7 +5,7 @@ from pathlib import Path
 import safetensors.numpy
 from safetensors import SafetensorError
 
-from drl_av.config import load_config
+from drl_av.config import BEFORE, load_config
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.drivers.level_k import Layers, Level1
@@ -36,7 +36,7 @@ def load_level_1(road: Road, folder: Path = LEVEL_1) -> Level1:
             f"The level-1 driver {file} is missing, damaged, or no policy ({error}): train it "
             "again with make level_1, or set traffic.level_1_share to 0."
         ) from error
-    return Level1(layers, load_config(folder / "config.toml"), road)
+    return Level1(layers, load_config(folder / "config.toml", BEFORE), road)
 
 
 def _require_shapes(layers: Layers) -> None:

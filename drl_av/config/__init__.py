@@ -27,6 +27,7 @@ from drl_av.errors import ConfigError
 from drl_av.settings import Section, did_you_mean
 
 __all__ = [
+    "BEFORE",
     "DESIRED_VALUES",
     "REPLAYS",
     "SAFETY_CHECKS",
@@ -85,6 +86,10 @@ class Config:
     def to_toml(self) -> str:
         """All settings as TOML text; ``from_toml`` reads it back to an equal config."""
         return tomli_w.dumps(asdict(self))
+
+
+BEFORE = Config().updated("reward", speed_tolerance_m_s=0.0)
+"""What older versions did where a setting was none yet: the base of the settings they stored."""
 
 
 def from_toml(text: str, base: Config | None = None, name: str = "config") -> Config:

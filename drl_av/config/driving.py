@@ -97,7 +97,7 @@ class RewardConfig(Section):
     speed_tolerance_m_s: float = setting(
         1.0,
         "ours",
-        "how far off v_des may be that of a lane with a vehicle ahead: half of one decision's step",
+        "how far v_des may be from what the lane allows, behind a vehicle: half a decision's step",
         low=0,
         high=10,
     )

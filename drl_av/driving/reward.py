@@ -71,11 +71,11 @@ def attainable_speed(
     return min(config.desired_speed_m_s, leader_m_s + max(0.0, spare_m) / config.catch_up_time_s)
 
 
-def nearest_desired_speed(speed_m_s: float, attainable_m_s: float, config: RewardConfig) -> float:
-    """The ego's own speed, as far as it is near enough to what its lane allows, m/s (ours).
+def tolerated_speed(speed_m_s: float, attainable_m_s: float, config: RewardConfig) -> float:
+    """The nearest speed to the ego's within the tolerance of what its lane allows, m/s (ours).
 
-    Behind another vehicle, up to ``speed_tolerance_m_s`` off is near enough: decisions change the
-    speed in steps. On a free road nothing but the desired speed is.
+    Behind another vehicle the ego is ``speed_tolerance_m_s`` off for nothing, because decisions
+    change its speed in steps. On a free road there is no tolerance: it can reach that speed.
     """
     if attainable_m_s >= config.desired_speed_m_s:
         return config.desired_speed_m_s
@@ -87,8 +87,8 @@ def nearest_desired_speed(speed_m_s: float, attainable_m_s: float, config: Rewar
 def desired(seen: Affordances, config: RewardConfig, safety: SafetyConfig) -> Desired:
     """The desired speed and lateral position in this traffic, a function of the indicators.
 
-    ``fixed``: the two numbers of the config. ``traffic``: about the speed that the own lane
-    allows, and the centre of the best lane, the nearest of equally good ones; another lane than the
+    ``fixed``: the two numbers of the config. ``traffic``: the ``tolerated_speed`` in the own
+    lane, and the centre of the best lane, the nearest of equally good ones; another lane than the
     own is better only from ``worthwhile_gain_m_s`` on, and only where rule 3 lets the ego into it.
     """
     if config.desired == "fixed":
@@ -102,7 +102,7 @@ def desired(seen: Affordances, config: RewardConfig, safety: SafetyConfig) -> De
             if there > best and lane_is_clear(seen, seen.lane + side, safety):
                 best, sign = there, side
     return Desired(
-        nearest_desired_speed(seen.ego_speed_m_s, own, config),
+        tolerated_speed(seen.ego_speed_m_s, own, config),
         seen.lane_center_m + sign * seen.lane_width_m,
     )
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from drl_av.config import from_toml
+from drl_av.config import BEFORE, from_toml
 from drl_av.errors import CheckpointError
 from drl_av.learning import checkpoint
 from drl_av.learning.training import Training, learner_names
@@ -26,7 +26,8 @@ def take_over(training: Training, policy_file: Path) -> bool:
         tensors, found = checkpoint.load(checkpoint_file)
         if found.get("kind") != "training":
             raise CheckpointError(f"{checkpoint_file} is not a training's: put back the run's own.")
-        trained_with = from_toml(str(found.get("config")), name=f"the config in {checkpoint_file}")
+        told = f"the config in {checkpoint_file}"
+        trained_with = from_toml(str(found.get("config")), BEFORE, told)
     else:
         networks, trained_with = checkpoint.load_policy(policy_file)
         for name, network in zip(learner_names(len(networks)), networks, strict=True):

@@ -13,7 +13,7 @@ import numpy as np
 import safetensors.numpy
 from safetensors import SafetensorError
 
-from drl_av.config import Config, from_toml
+from drl_av.config import BEFORE, Config, from_toml
 from drl_av.errors import CheckpointError, ConfigError
 from drl_av.learning.buffers import State
 from drl_av.learning.qnetwork import QNetwork
@@ -139,7 +139,7 @@ def load_policy(
             f"{path} is a checkpoint, but holds no policy: give the policy.safetensors of a run."
         )
     try:
-        config = from_toml(str(metadata.get("config")), name=f"the config in {path}")
+        config = from_toml(str(metadata.get("config")), BEFORE, f"the config in {path}")
     except ConfigError as error:
         raise CheckpointError(
             f"{path} was written with other settings than this version knows: {error}"

@@ -11,7 +11,7 @@ from dataclasses import astuple, fields
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import Config, from_toml, load_config
+from drl_av.config import BEFORE, Config, from_toml, load_config
 from drl_av.errors import CheckpointError, ConfigError, RunError
 from drl_av.learning import checkpoint
 from drl_av.learning.training import EpisodeRow, EvaluationRow, Training
@@ -74,7 +74,7 @@ class Run:
         """The settings of the run; raises RunError where there is none."""
         if not self.config_file.is_file():
             raise RunError(f"{self.folder} is not a run: it has no config.toml; check the path.")
-        return load_config(self.config_file)
+        return load_config(self.config_file, BEFORE)
 
     @contextmanager
     def alone(self) -> Iterator[None]:
@@ -158,9 +158,9 @@ class Run:
 
 
 def _fits(stored: str, config: Config) -> bool:
-    """Whether they are the same settings; those younger than the checkpoint had their defaults."""
+    """Whether they are the same settings; those younger than the checkpoint as before."""
     try:
-        return from_toml(stored) == config
+        return from_toml(stored, BEFORE) == config
     except ConfigError:
         return False
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import Config, load_config
+from drl_av.config import BEFORE, Config, load_config
 from drl_av.driving.drivers import Driver
 from drl_av.driving.drivers.mobil import MobilDriver
 from drl_av.driving.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
@@ -120,7 +120,7 @@ def learned_driver(path: Path) -> tuple[Driver, Config]:
     file = policy_file(path)
     networks, config = load_policy(file)
     settings = file.with_name("config.toml")
-    if path.is_dir() and settings.is_file() and load_config(settings) != config:
+    if path.is_dir() and settings.is_file() and load_config(settings, BEFORE) != config:
         raise CheckpointError(
             f"{file} belongs to other settings than {settings}: put back the policy of that run, "
             "or name the policy file itself."

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import Config, from_toml
+from drl_av.config import BEFORE, Config, from_toml
 from drl_av.drawing import Caption, Picture, draw
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.drivers import Driver
@@ -78,7 +78,7 @@ def load_recording(path: Path) -> Recording:
             parts = dict(data)
         expected = str(parts.pop("sha256"))
         recording = Recording(
-            from_toml(str(parts["config"]), name="its config"),
+            from_toml(str(parts["config"]), BEFORE, "its config"),
             str(parts["driver"]),
             int(parts["seed"]),
             int(parts["vehicles"]),

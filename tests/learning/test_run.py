@@ -304,6 +304,17 @@ def test_checkpoint_older_than_a_setting_goes_on_with_its_default(copy: Path) ->
     assert main(command(copy, "--resume")) == 0
 
 
+def test_run_older_than_the_tolerance_in_v_des_goes_on_without_it(copy: Path) -> None:
+    file = copy / "checkpoint.safetensors"
+    tensors, numbers = load(file)
+    young = "speed_tolerance_m_s = 1.0\n"
+    assert young in numbers["config"]
+    save(file, tensors, numbers | {"config": numbers["config"].replace(young, "")})
+    (copy / "config.toml").write_text((copy / "config.toml").read_text().replace(young, ""))
+    assert Run(copy).read_config().reward.speed_tolerance_m_s == 0
+    assert main(command(copy, "--resume")) == 0
+
+
 def test_checkpoint_with_a_setting_that_nobody_knows_is_refused(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

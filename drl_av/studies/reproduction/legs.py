@@ -7,7 +7,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import Config, load_config
+from drl_av.config import BEFORE, Config, load_config
 from drl_av.errors import RunError
 from drl_av.studies.reproduction.tables import Row
 
@@ -52,7 +52,7 @@ def require_same_settings(leg: Leg) -> None:
     """Raise RunError where the leg's folder, or its origin's, was begun with other settings."""
     if leg.origin:
         require_same_settings(leg.origin)
-    if leg.begun and load_config(leg.folder / "config.toml") != leg.config:
+    if leg.begun and load_config(leg.folder / "config.toml", BEFORE) != leg.config:
         raise RunError(
             f"{leg.folder} was begun with other settings: choose another folder with --runs, "
             "or move it away."

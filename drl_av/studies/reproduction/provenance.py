@@ -13,7 +13,7 @@ from typing import Any
 import tomli_w
 from threadpoolctl import threadpool_info
 
-from drl_av.config import Config, from_toml
+from drl_av.config import BEFORE, Config, from_toml
 from drl_av.errors import DrlAvError
 from drl_av.studies.files import write_whole
 
@@ -134,9 +134,9 @@ def made_otherwise(table: Path) -> DrlAvError:
 
 
 def stored_config(settings: dict[str, Any], name: str) -> Config:
-    """The config a table was made with; settings younger than the table take their defaults.
+    """The config a table was made with; of settings younger than the table, as it was before.
 
     Raises:
         ConfigError: it holds settings that this version does not know.
     """
-    return from_toml(tomli_w.dumps(settings), name=name)
+    return from_toml(tomli_w.dumps(settings), BEFORE, name)

@@ -3,10 +3,12 @@
 import os
 import subprocess
 import sys
+from dataclasses import asdict
 
 import pytest
 
-from drl_av.studies.reproduction.provenance import command, made_by
+from drl_av.config import Config
+from drl_av.studies.reproduction.provenance import command, made_by, stored_config
 
 
 @pytest.mark.parametrize(
@@ -41,3 +43,11 @@ def test_it_names_the_kernels_on_which_the_last_bits_of_a_training_depend() -> N
         [sys.executable, "-c", code], env=chosen, capture_output=True, text=True, check=True
     )
     assert made.stdout.rstrip().endswith(" Nehalem")
+
+
+def test_settings_stored_before_there_was_a_tolerance_in_v_des_had_none() -> None:
+    settings = asdict(Config())
+    assert stored_config(settings, "curves.json") == Config()
+    del settings["reward"]["speed_tolerance_m_s"]
+    found = stored_config(settings, "curves.json")
+    assert found == Config().updated("reward", speed_tolerance_m_s=0.0)

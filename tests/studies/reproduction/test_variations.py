@@ -19,7 +19,7 @@ def test_each_is_driven_once_in_its_own_settings(
     (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 5\n")
     scale = Scale(out=tmp_path, drives=2, jobs=1, config=str(tmp_path / "short.toml"))
     told = list(module.variations(scale))
-    # two episodes each of one, two, four drivers, one and one driver
+    # two episodes each of the drivers of every table, 1 + 2 + 4 + 1 + 1
     assert [step.done for step in told] == list(range(1, 19))
     assert {step.total for step in told} == {18}
     found = {file.name: read_rows(file) for file in tmp_path.glob("*.csv")}
