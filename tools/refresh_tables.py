@@ -75,8 +75,8 @@ def reference_table() -> str:
     names = ("driver", "settings", "reward a decision", "r_v")
     names += ("nearer than d_safe, %", "mean speed, m/s", "ego hit something")
     lines = ["| " + " | ".join(names) + " |", "|" + " --- |" * len(names)]
-    for driver in dict.fromkeys(row["driver"] for row in tables["`acc`"]):
-        for reference, rows in tables.items():
+    for driver in dict.fromkeys(row["driver"] for rows in tables.values() for row in rows):
+        for settings, rows in tables.items():
             own = [
                 row
                 for row in rows
@@ -90,7 +90,7 @@ def reference_table() -> str:
             )
             nearer = mean_with_interval(map(share_nearer, own)).value
             lines.append(
-                f"| `{driver}` | {reference} | {reward:.3f} | {r_v:.3f} | {nearer:.1f} "
+                f"| `{driver}` | {settings} | {reward:.3f} | {r_v:.3f} | {nearer:.1f} "
                 f"| {mean_speed(own)} | {count(own, 'ego_hit')} of {len(own)} |"
             )
     return "\n".join(lines)

@@ -10,7 +10,7 @@ MEANINGS = {
     "curves": "learning curves: with and without the check, two buffers and prioritized replay",
     "fast": "the preset fast on every seed, beside the driver of the whole schedule of 10000",
     "speeds": "mean speed against the number of vehicles, to where the drivers meet",
-    "variations": "drivers without the check, under cruise control, with v_des exact, beside a closed lane",
+    "variations": "drivers without check, by cruise control, with v_des exact, at a closed lane",
     "strict": "what the check strict costs the shipped driver, and each of its bounds",
     "adaptation": "safety triggers of the shipped driver with and without learning on",
     "barricade": "learning beside a closed lane, with the check and without",
