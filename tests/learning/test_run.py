@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from drl_av.cli import main
-from drl_av.config import load_config
+from drl_av.config import BEFORE, Config, load_config
 from drl_av.errors import RunError
 from drl_av.learning import run as module
 from drl_av.learning.checkpoint import load, load_policy, save
@@ -294,24 +294,19 @@ def test_checkpoint_of_another_config_is_refused(
     assert "belongs to other settings" in one_sentence(capsys.readouterr().err)
 
 
-def test_checkpoint_older_than_a_setting_goes_on_with_its_default(copy: Path) -> None:
+@pytest.mark.parametrize(
+    ("young", "before"),
+    [("collision_fraction = 0.25\n", Config()), ("speed_tolerance_m_s = 1.0\n", BEFORE)],
+    ids=["its default", "what was done before"],
+)
+def test_run_older_than_a_setting_goes_on_with(young: str, before: Config, copy: Path) -> None:
     file = copy / "checkpoint.safetensors"
     tensors, numbers = load(file)
-    young = "collision_fraction = 0.25\n"
     assert young in numbers["config"]
     save(file, tensors, numbers | {"config": numbers["config"].replace(young, "")})
     (copy / "config.toml").write_text((copy / "config.toml").read_text().replace(young, ""))
-    assert main(command(copy, "--resume")) == 0
-
-
-def test_run_older_than_the_tolerance_in_v_des_goes_on_without_it(copy: Path) -> None:
-    file = copy / "checkpoint.safetensors"
-    tensors, numbers = load(file)
-    young = "speed_tolerance_m_s = 1.0\n"
-    assert young in numbers["config"]
-    save(file, tensors, numbers | {"config": numbers["config"].replace(young, "")})
-    (copy / "config.toml").write_text((copy / "config.toml").read_text().replace(young, ""))
-    assert Run(copy).read_config().reward.speed_tolerance_m_s == 0
+    found = Run(copy).read_config()
+    assert (found.reward, found.learning.collision_fraction) == (before.reward, 0.25)
     assert main(command(copy, "--resume")) == 0
 
 
