@@ -197,6 +197,29 @@ def cost_table() -> str:
     return "\n".join(lines)
 
 
+def ends_table() -> str:
+    """What the trainings of the curves end in: mean over the drivers of the mean of each."""
+    rows = read("ends.csv")
+    columns: dict[str, tuple[Callable[[Row], float], int]] = {
+        "reward a decision": (lambda row: float(row["mean_reward"]), 3),
+        "mean speed, m/s": (lambda row: float(row["mean_speed_m_s"]), 2),
+        "collisions an episode": (lambda row: row["collided"] == "True", 3),
+        "ego hit something": (lambda row: row["ego_hit"] == "True", 3),
+    }
+    names = ("training", "drivers", "episodes of each", *columns)
+    lines = ["| " + " | ".join(names) + " |", "|" + " --- |" * len(names)]
+    trainings = list(dict.fromkeys(row["training"] for row in rows))
+    driven = {name: [row for row in rows if row["training"] == name] for name in trainings}
+    for variant in dict.fromkeys(name.rpartition("-")[0] for name in trainings):
+        own = [driven[name] for name in trainings if name.rpartition("-")[0] == variant]
+        cells = [f"`{variant}`", str(len(own)), str(len(own[0]))]
+        for value, digits in columns.values():
+            mean = mean_with_interval(mean_with_interval(map(value, rows)).value for rows in own)
+            cells.append(f"{mean.value:.{digits}f} ± {mean.half_width:.{digits}f}")
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
 def fast_table() -> str:
     """The preset ``fast`` on every seed, and what it gains on the first: the whole schedule."""
     seconds = json.loads((RESULTS / "fast.json").read_text(encoding="utf-8"))["wall_time_s"]
@@ -276,6 +299,7 @@ WITH_RESULTS = {
     "reference": ("exact_speed.csv", reference_table),
     "convergence": ("convergence.csv", convergence_table),
     "cost": ("curves.csv", cost_table),
+    "ends": ("ends.csv", ends_table),
     "fast": ("fast.csv", fast_table),
     "adaptation": ("adaptation.csv", adaptation_table),
     "strict": ("strict.csv", strict_table),

@@ -32,7 +32,7 @@ def curves(scale: Scale) -> Generator[Progress, None, None]:
 
     configs = {variant: variant_config(config, variant) for variant in VARIANTS}
     table = Table(scale.out / TABLE, configs, evaluations_of, written=summarize)
-    goals = _legs(scale, config)
+    goals = curve_legs(scale, config)
     short = [leg._replace(stop=min(leg.stop, scale.episodes)) for leg in goals]
     rounds = [short, [leg for leg in goals if leg.stop > scale.episodes]]
     yield from trained(scale, table, rounds)
@@ -45,7 +45,7 @@ def variant_config(base: Config, variant: str, seed: int = 0) -> Config:
     return base.updated("learning", seed=seed)
 
 
-def _legs(scale: Scale, config: Config) -> list[Leg]:
+def curve_legs(scale: Scale, config: Config) -> list[Leg]:
     """Every training with the last episode that is asked of it."""
     schedule = config.learning.episodes
     return [

@@ -3,6 +3,7 @@
 from drl_av.studies.reproduction.adaptation import adaptation
 from drl_av.studies.reproduction.barricade import barricade
 from drl_av.studies.reproduction.curves import curves
+from drl_av.studies.reproduction.ends import ends
 from drl_av.studies.reproduction.fast import fast
 from drl_av.studies.reproduction.published import figures
 from drl_av.studies.reproduction.scale import Experiment
@@ -12,6 +13,7 @@ from drl_av.studies.reproduction.variations import variations
 
 EXPERIMENTS: dict[str, Experiment] = {
     "curves": curves,
+    "ends": ends,
     "fast": fast,
     "speeds": speeds,
     "variations": variations,

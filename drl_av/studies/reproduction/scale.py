@@ -8,6 +8,7 @@ from drl_av.config import Config, load_config, located
 
 MEANINGS = {
     "curves": "learning curves: with and without the check, two buffers and prioritized replay",
+    "ends": "what the trainings of the curves end in: each driver in the traffic of the evaluation",
     "fast": "the preset fast on every seed, beside the driver of the whole schedule of 10000",
     "speeds": "mean speed against the number of vehicles, to where the drivers meet",
     "variations": "drivers without check, by cruise control, with v_des exact, at a closed lane",

@@ -8,6 +8,7 @@ import pytest
 
 from drl_av.errors import DrlAvError
 from drl_av.studies.reproduction import fast as module
+from drl_av.studies.reproduction import trained_drivers
 from drl_av.studies.reproduction.legs import wall_time_s
 from drl_av.studies.reproduction.scale import Progress, Scale
 from drl_av.studies.reproduction.tables import read_rows
@@ -29,7 +30,7 @@ def told(progress: list[Progress]) -> set[str]:
 def test_every_seed_is_trained_and_driven_through_the_traffic_of_the_long_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "DENSITIES", (1, 2))
+    monkeypatch.setattr(trained_drivers, "DENSITIES", (1, 2))
     (tmp_path / "short.toml").write_text(SHORT)
     runs, out, config = tmp_path / "runs", tmp_path / "out", str(tmp_path / "short.toml")
     scale = Scale(seeds=2, drives=2, jobs=1, runs=runs, out=out, config=config)
@@ -45,6 +46,7 @@ def test_every_seed_is_trained_and_driven_through_the_traffic_of_the_long_one(
     facts = json.loads((out / "fast.json").read_text())
     trainings = ["paper-0", "fast-0", "fast-1"]
     assert list(facts["policies_sha256"]) == trainings
+    assert facts["episodes"] == dict.fromkeys(trainings, 2)
     clocks = {name: wall_time_s(runs / f"{name}.seconds.csv") for name in trainings}
     assert facts["wall_time_s"] == pytest.approx(clocks, abs=0.05)
 
