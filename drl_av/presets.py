@@ -22,6 +22,7 @@ PRESETS: dict[str, Config] = {
         target_update_episodes=2,
         speed_weight=0.3,
         unsafe_penalty=0.5,
+        lane_change_margin=0.02,
     ),
 }
 

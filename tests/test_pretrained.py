@@ -18,7 +18,7 @@ from drl_av.studies.drivers import PRETRAINED, learned_driver
 def test_it_learnt_as_the_preset_fast_does_for_longer_and_with_its_eyes_on_speed() -> None:
     _, config = learned_driver(PRETRAINED)
     assert config == load_config(PRETRAINED / "config.toml")
-    own = {"speed_weight": 0.8, "discount": 0.95, "learning_rate": 1e-3}
+    own = {"speed_weight": 0.8, "discount": 0.95, "learning_rate": 1e-3, "lane_change_margin": 0.04}
     assert config == preset("fast").updated("learning", episodes=1000, seed=1, **own)
 
 

@@ -72,6 +72,13 @@ class LearningConfig(Section):
         low=0,
         high=1000,
     )
+    lane_change_margin: float = setting(
+        0.0,
+        "ours",
+        "what a lane change has to be worth above keeping the lane; in driving, not in Alg. 1",
+        low=0,
+        high=1000,
+    )
     evaluate_every: int = setting(100, "Sec. IV-C", "episodes between evaluations", low=1)
     evaluation_episodes: int = setting(10, "ours", "episodes in an evaluation", low=1, high=10_000)
     checkpoint_every: int = setting(50, "ours", "episodes between checkpoints", low=1)

@@ -1,6 +1,5 @@
 """Algorithm 1, an episode at a time."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import cycle
@@ -10,8 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config.learning import LearningConfig
-from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.maneuver import Scene
 from drl_av.driving.mirror import MIRROR
@@ -21,12 +19,12 @@ from drl_av.episode import drive
 from drl_av.learning.buffers import State
 from drl_av.learning.checkpoint import rng_from_json, rng_to_json
 from drl_av.learning.counterfactuals import remember_others
-from drl_av.learning.ensemble import MeanPolicy
 from drl_av.learning.experience import make_buffer
 from drl_av.learning.exploration import epsilon_greedy, linear_epsilon
+from drl_av.learning.greedy import greedy_driver
 from drl_av.learning.learner import Learner
-from drl_av.learning.mirroring import MirroredPolicy, mirror_half, require_symmetry
-from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
+from drl_av.learning.mirroring import mirror_half, require_symmetry
+from drl_av.learning.qnetwork import QNetwork
 
 EVALUATION_SEEDS = 900_000
 """First traffic seed of the evaluations within training, which never trains on it."""
@@ -64,32 +62,9 @@ class EvaluationRow:
     safety_triggers: float
 
 
-def greedy_policy(networks: Sequence[QNetwork], config: LearningConfig) -> GreedyPolicy:
-    """How networks that were trained with these settings decide; follows their every change."""
-    policies = [
-        MirroredPolicy(network, MIRROR) if config.mirrored else GreedyPolicy(network)
-        for network in networks
-    ]
-    return policies[0] if len(policies) == 1 else MeanPolicy(policies)
-
-
 def learner_names(count: int) -> list[str]:
     """What the tensors of each learner begin with in a checkpoint."""
     return ["learner", *(f"learner{number}" for number in range(1, count))]
-
-
-class GreedyDriver:
-    """The learned driver: the action of the greatest value."""
-
-    def __init__(self, policy: GreedyPolicy) -> None:
-        self._policy = policy
-
-    def start(self, seed: int) -> None:
-        """Nothing to do: no memory, no chance."""
-
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """argmax_a Q(s, a)."""
-        return ACTIONS[self._policy(observation)]
 
 
 class Training:
@@ -112,7 +87,7 @@ class Training:
             QNetwork(self._rng, len(INDICATORS), len(ACTIONS), hidden)
             for _ in range(self._config.networks)
         ]
-        self.policy = greedy_policy(self.networks, self._config)
+        self.driver = greedy_driver(self.networks, self._config)
         self._learners = {
             name: Learner(network, self._config.learning_rate)
             for name, network in zip(learner_names(len(self.networks)), self.networks, strict=True)
@@ -153,7 +128,8 @@ class Training:
         rewards, speeds, losses, triggers, over = [], [], [], 0, False
         while not over:
             before = self._env.scene
-            a_t = epsilon_greedy(epsilon, len(ACTIONS), partial(self.policy, s_t), self._rng)
+            greedy = partial(self.driver.policy, s_t)
+            a_t = epsilon_greedy(epsilon, len(ACTIONS), greedy, self._rng)
             s_tp1, r_tp1, terminated, truncated, info = self._env.step(a_t)
             self._remember(s_t, a_t, r_tp1, s_tp1, terminated, info)
             if self._config.counterfactuals and not terminated:
@@ -190,9 +166,8 @@ class Training:
         numbers = np.linspace(traffic.vehicles_min, traffic.vehicles_max, count).round()
         if placed is not None:
             numbers[:] = placed
-        driver = GreedyDriver(self.policy)
         results = [
-            drive(self._env, driver, "ddqn", EVALUATION_SEEDS + i, int(vehicles))
+            drive(self._env, self.driver, "ddqn", EVALUATION_SEEDS + i, int(vehicles))
             for i, vehicles in enumerate(numbers)
         ]
 

@@ -19,7 +19,7 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.maneuver import Scene, steered
 from drl_av.env import HighwayEnv, Observation
 from drl_av.episode import drive
-from drl_av.learning.training import GreedyDriver, Training
+from drl_av.learning.training import Training
 from drl_av.presets import preset
 from drl_av.studies.files import write_whole
 from drl_av.traffic.snapshot import CollisionKind
@@ -82,8 +82,8 @@ class Witness(HighwayEnv):
 def study_config(check: str, seed: int, episodes: int) -> Config:
     """The preset ``fast`` on that highway, with one network, from what happened, on the reward."""
     plain = {"networks": 1, "batch_size": 64, "learning_rate": 2e-3, "counterfactuals": 0}
-    reward_alone = {"discount": 0.9, "speed_weight": 0.0, "unsafe_penalty": 0.0}
-    fast = preset("fast").updated("learning", seed=seed, episodes=episodes, **plain, **reward_alone)
+    plain |= {"discount": 0.9, "speed_weight": 0.0, "unsafe_penalty": 0.0, "lane_change_margin": 0}
+    fast = preset("fast").updated("learning", seed=seed, episodes=episodes, **plain)
     return fast.updated("simulation", scenario=SCENARIO).updated("safety", check=check)
 
 
@@ -96,9 +96,8 @@ def barricade_rows(config: Config, trained_episodes: int) -> Iterator[BarricadeR
             decisions = training.run_episode().decisions
             found = (env.barricade_proposals, env.hit)
             yield BarricadeRow(check, seed, "training", episode, decisions, *found)
-        driver = GreedyDriver(training.policy)
         for episode in range(trained_episodes):
-            decisions = drive(env, driver, check, episode, TRAINED_VEHICLES).decisions
+            decisions = drive(env, training.driver, check, episode, TRAINED_VEHICLES).decisions
             found = (env.barricade_proposals, env.hit)
             yield BarricadeRow(check, seed, "trained", episode + 1, decisions, *found)
 

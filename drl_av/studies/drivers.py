@@ -115,7 +115,7 @@ def learned_driver(path: Path) -> tuple[Driver, Config]:
             than the folder's config.
     """
     from drl_av.learning.checkpoint import load_policy
-    from drl_av.learning.training import GreedyDriver, greedy_policy
+    from drl_av.learning.greedy import greedy_driver
 
     file = policy_file(path)
     networks, config = load_policy(file)
@@ -125,7 +125,7 @@ def learned_driver(path: Path) -> tuple[Driver, Config]:
             f"{file} belongs to other settings than {settings}: put back the policy of that run, "
             "or name the policy file itself."
         )
-    return GreedyDriver(greedy_policy(networks, config.learning)), config
+    return greedy_driver(networks, config.learning), config
 
 
 def policy_file(path: Path) -> Path:

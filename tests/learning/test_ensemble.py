@@ -85,7 +85,7 @@ def test_what_is_saved_drives_as_the_training_did_and_goes_on_as_it_was(
     driver, config = learned_driver(run.folder)
     assert config == TOGETHER
     states: Any = np.random.default_rng(1).standard_normal((200, 27)).astype(np.float32)
-    decided = [training.policy(s_t) for s_t in states]
+    decided = [training.driver.act(env.scene, s_t).number for s_t in states]
     assert [driver.act(env.scene, s_t).number for s_t in states] == decided
     assert len(set(decided)) > 1
     alone = [GreedyPolicy(network) for network in training.networks]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from worlds import ALONE
 
 from drl_av.config import Config
 from drl_av.driving.mirror import MIRROR, Mirror
@@ -91,8 +92,9 @@ def test_a_run_that_learns_in_a_mirror_decides_in_it_then_and_ever_after(
     rng = np.random.default_rng(1)
     states = rng.standard_normal((50, 27)).astype(np.float32)
     alike = [
-        policy(mirrored_observations(s, MIRROR)) == MIRROR.action_permutation[policy(s)]
-        for policy in (training.policy, lambda s: driver.act(None, s).number)
+        who.act(ALONE, mirrored_observations(s, MIRROR)).number
+        == MIRROR.action_permutation[who.act(ALONE, s).number]
+        for who in (training.driver, driver)
         for s in states
     ]
     assert all(alike) is mirrored

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from worlds import ALONE
 
 from drl_av.config import REPLAYS, Config
 from drl_av.driving.affordances import INDICATORS
@@ -113,6 +115,17 @@ def test_episode_resets_then_acts_remembers_and_learns_at_each_decision() -> Non
         *("act", "add_collision", "add_safe", *learn),
         *("act", "add_safe", *learn),
     ]
+
+
+def test_it_learns_from_lane_changes_that_its_driver_does_not_begin() -> None:
+    training, _, _ = scripted([QUIET] * 3, lane_change_margin=2.0, epsilon_start=0, epsilon_end=0)
+    values = torch.zeros_like(training.networks[0].flat)
+    values[-12 + LEFT] = 1.0  # worth 1 more than any other in every state
+    training.networks[0].flat.copy_(values)
+    assert training.driver.act(ALONE, seen(0)).number == KEEP
+    training.run_episode()
+    rows = training._buffer.safe.rows  # type: ignore[attr-defined]
+    assert rows[:3, -3].tolist() == [LEFT] * 3
 
 
 def test_unsafe_proposal_is_a_collision_and_the_executed_action_is_safe(
