@@ -43,7 +43,8 @@ def adaptation(config: Config) -> Config:
     Sec. IV-D of the paper: greedily, over 30,000 episodes, at a lower learning rate. The rest is
     ours: one gradient step a decision, however many networks there are, on a batch as small as the
     paper preset's; so much collision experience first, where it can be counted, that a batch does
-    not repeat the same few rows; and traffic that is the same whatever is learnt.
+    not repeat the same few rows; and traffic that is the same whatever is learnt. The margin for
+    lane changes stays with the driver that comes of it; no decision of these episodes keeps to it.
     """
     before = config.learning
     counted = before.replay == "two-buffer" or not before.unsafe_penalty

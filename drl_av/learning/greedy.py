@@ -13,7 +13,7 @@ from drl_av.learning.ensemble import MeanPolicy
 from drl_av.learning.mirroring import MirroredPolicy
 from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
 
-_KEEPING = np.array([action.lateral is Lateral.KEEP for action in ACTIONS])
+_CHANGING = np.array([action.lateral is not Lateral.KEEP for action in ACTIONS])
 
 
 class GreedyDriver:
@@ -29,14 +29,18 @@ class GreedyDriver:
         self.policy = policy
         self._margin = lane_change_margin
 
+    def with_margin(self, lane_change_margin: float) -> "GreedyDriver":
+        """The same driver with another margin."""
+        return GreedyDriver(self.policy, lane_change_margin)
+
     def start(self, seed: int) -> None:
         """Nothing to do: no memory, no chance."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """argmax_a Q(s, a), the margin taken off what would begin a lane change."""
         values = self.policy.values(observation)
-        if self._margin and scene.lane_change is None:
-            values[~_KEEPING] -= np.float32(self._margin)
+        if scene.lane_change is None:
+            values[_CHANGING] -= np.float32(self._margin)
         return ACTIONS[values.argmax()]
 
 

@@ -75,6 +75,6 @@ def _draw(axes: Axes, rows: Sequence[Row], variant: str, column: str) -> None:
     for seed in sorted({row["seed"] for row in own}):
         longer = curve([row for row in own if row["seed"] == seed], variant, column)
         axes.plot(longer.episodes, longer.values[0], color=color, linewidth=0.8, alpha=0.6)
-    if column == "mean_reward" and variant != "permit_all":  # which goes nowhere
+    if column == "mean_reward":
         at = converged_at(found.episodes, means.tolist())
         axes.plot(at, means[found.episodes.index(at)], "o", color=color, markersize=7)

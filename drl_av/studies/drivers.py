@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from drl_av.config import BEFORE, Config, load_config
 from drl_av.driving.drivers import Driver
@@ -11,6 +11,9 @@ from drl_av.driving.drivers.mobil import MobilDriver
 from drl_av.driving.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.errors import CheckpointError, ConfigError, RunError
 from drl_av.settings import did_you_mean
+
+if TYPE_CHECKING:
+    from drl_av.learning.greedy import GreedyDriver
 
 PRETRAINED = Path(__file__).parent.parent / "pretrained"
 """Folder of the driver that ships with the package; laid out as a run's."""
@@ -74,18 +77,24 @@ def config_of(choices: Sequence[Choice]) -> Config:
     return learned_driver(run)[1] if run else Config()
 
 
-def build(choices: Iterable[Choice], config: Config) -> dict[str, Driver]:
+def build(choices: Sequence[Choice], config: Config) -> dict[str, Driver]:
     """The drivers by name, for an environment of that config.
+
+    A learned driver keeps its own margin for lane changes, unless the config has another one than
+    ``config_of`` these choices.
 
     Raises:
         RunError, CheckpointError: as ``config_of``; or a learned driver sees the road otherwise.
     """
     drivers: dict[str, Driver] = {}
+    margin = config.learning.lane_change_margin
+    changed = margin != config_of(choices).learning.lane_change_margin
     for name, run in choices:
         if run is None:
             drivers[name] = rule_driver(name, config)
             continue
-        drivers[name], own = learned_driver(run)
+        driver, own = learned_driver(run)
+        drivers[name] = driver.with_margin(margin) if changed else driver
         if _eyes(own) != _eyes(config):
             raise RunError(
                 f"{run} was trained with other [observation] settings or another "
@@ -107,7 +116,7 @@ def rule_driver(name: str, config: Config) -> Driver:
     return RULE_DRIVERS[name](config)
 
 
-def learned_driver(path: Path) -> tuple[Driver, Config]:
+def learned_driver(path: Path) -> tuple["GreedyDriver", Config]:
     """The driver of a run's folder or of a policy file, and the config that built it.
 
     Raises:

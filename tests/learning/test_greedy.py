@@ -64,6 +64,8 @@ def test_the_margin_decides_between_lanes_and_never_between_speeds(values, margi
     alike = [a for a, action in enumerate(ACTIONS) if action.lateral is lateral]
     keeping = max(values[:4])
     assert values[number] == max(values[a] for a in alike)
-    if lateral is not Lateral.KEEP:
+    if lateral is Lateral.KEEP:
+        assert max(values[4:]) - keeping < margin + 1e-5
+    else:
         assert values[number] == max(values[4:])
         assert values[number] - keeping > margin - 1e-5

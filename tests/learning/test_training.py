@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +15,7 @@ from worlds import ALONE
 from drl_av.config import REPLAYS, Config
 from drl_av.driving.affordances import INDICATORS
 from drl_av.env import TRAINING_SEEDS, HighwayEnv
+from drl_av.episode import EpisodeResult
 from drl_av.errors import ConfigError
 from drl_av.learning import training as module
 from drl_av.learning.buffers import Batch, TwoBuffers, UniformBuffer
@@ -117,15 +119,27 @@ def test_episode_resets_then_acts_remembers_and_learns_at_each_decision() -> Non
     ]
 
 
-def test_it_learns_from_lane_changes_that_its_driver_does_not_begin() -> None:
+def test_it_learns_from_lane_changes_that_its_driver_does_not_begin(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     training, _, _ = scripted([QUIET] * 3, lane_change_margin=2.0, epsilon_start=0, epsilon_end=0)
     values = torch.zeros_like(training.networks[0].flat)
     values[-12 + LEFT] = 1.0  # worth 1 more than any other in every state
     training.networks[0].flat.copy_(values)
-    assert training.driver.act(ALONE, seen(0)).number == KEEP
     training.run_episode()
     rows = training._buffer.safe.rows  # type: ignore[attr-defined]
     assert rows[:3, -3].tolist() == [LEFT] * 3
+
+    driven: list[int] = []
+    result = EpisodeResult(*[0] * len(fields(EpisodeResult)))  # type: ignore[arg-type]
+
+    def drive(env: Any, driver: Any, *_: Any) -> EpisodeResult:
+        driven.append(driver.act(ALONE, seen(0)).number)
+        return result
+
+    monkeypatch.setattr(module, "drive", drive)
+    training.evaluate()
+    assert driven == [KEEP] * 10
 
 
 def test_unsafe_proposal_is_a_collision_and_the_executed_action_is_safe(

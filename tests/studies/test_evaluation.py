@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from worlds import ALONE
 
 from drl_av import cli
 from drl_av.config import Config
@@ -37,6 +38,7 @@ from drl_av.studies.evaluation import (
 )
 from drl_av.studies.files import require_writable
 
+KEEP, LEFT = 0, 8
 SHORT = Config().updated("simulation", decisions_per_episode=10)
 COLUMNS = {
     "driver",
@@ -327,6 +329,27 @@ def test_config_is_that_of_the_first_run(tmp_path: Path) -> None:
     run = run_folder(tmp_path / "run", SHORT.updated("safety", check="permit_all"))
     assert config_of(choose(["idm", str(run)])).safety.check == "permit_all"
     assert config_of(choose(["idm"])) == Config()
+
+
+def test_a_run_drives_with_its_own_margin_unless_the_config_has_another(tmp_path: Path) -> None:
+    network = QNetwork(np.random.default_rng(0))
+    network.flat.zero_()
+    network.flat[-12 + LEFT] = 1.0  # worth 1 more than any other in every state
+    choices = []
+    for margin in (2.0, 0.5):
+        path = tmp_path / f"{margin}.safetensors"
+        save_policy(path, [network], SHORT.updated("learning", lane_change_margin=margin))
+        choices += choose([str(path)])
+
+    def decided(config: Config) -> list[int]:
+        drivers = build(choices, config).values()
+        return [driver.act(ALONE, np.zeros(27, np.float32)).number for driver in drivers]
+
+    base = config_of(choices)
+    assert base.learning.lane_change_margin == 2
+    assert decided(base.updated("reward", collision_reward=-1.0)) == [KEEP, LEFT]
+    assert decided(base.updated("learning", lane_change_margin=0.2)) == [LEFT, LEFT]
+    assert decided(base.updated("learning", lane_change_margin=1.5)) == [KEEP, KEEP]
 
 
 @pytest.mark.parametrize(

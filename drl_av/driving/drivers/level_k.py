@@ -46,7 +46,7 @@ class Level1:
     """A greedy policy learned among level-0 drivers, in numpy.
 
     It sees as the ego did while it learned, by the ``config`` of that training, and decides by
-    the network alone, without a mirror.
+    the network alone, without a mirror or a margin.
     """
 
     def __init__(self, layers: Layers, config: Config, road: Road) -> None:

@@ -58,19 +58,19 @@ def drive_trained(
     table = scale.out / name
     require_writable(table, sidecar(table))
     facts, rows = _stored(table, legs)
-    held = Counter(map(_cell, rows))
-    cells = [Cell(leg.folder.name, str(n)) for leg in legs for n in DENSITIES]
+    held, by_name = Counter(map(_cell, rows)), {leg.folder.name: leg for leg in legs}
+    cells = [Cell(training, str(n)) for training in by_name for n in DENSITIES]
     missing = [cell for cell in cells if held[cell] < scale.drives]
     if not missing:
         return
-    left = [leg for leg in legs if leg.folder.name in {cell.training for cell in missing}]
+    left = [by_name[training] for training in dict.fromkeys(cell.training for cell in missing)]
     yield from _trained(scale, left)
     facts = _with_trainings(facts, table, legs, left)
     driven, total = 0, sum(scale.drives - held[cell] for cell in missing)
     for cell in missing:
         choices = choose([str(scale.runs / cell.training)])
         seeds = range(held[cell], scale.drives)
-        config = next(leg.config for leg in legs if leg.folder.name == cell.training)
+        config = by_name[cell.training].config
         evaluation = Evaluation(config, choices, [int(cell.vehicles)], seeds)
         with closing(evaluation.rows(scale.jobs)) as found:
             for result in found:
@@ -94,10 +94,10 @@ def _stored(table: Path, legs: Sequence[Leg]) -> tuple[dict[str, Any], list[Row]
             for name, settings in facts.get("settings", {}).items()
         }
         rows.sort(key=_place)
-        stops = facts.get("episodes", {})
+        stops = {leg.folder.name: leg.stop for leg in legs} | facts.get("episodes", {})
     if any(config != configs.get(name, config) for name, config in made.items()):
         raise made_otherwise(table)
-    if any(stops.get(leg.folder.name, leg.stop) != leg.stop for leg in legs):
+    if any(stops[leg.folder.name] != leg.stop for leg in legs):
         raise made_otherwise(table)
     return facts, rows
 
@@ -105,16 +105,24 @@ def _stored(table: Path, legs: Sequence[Leg]) -> tuple[dict[str, Any], list[Row]
 def _trained(scale: Scale, legs: Sequence[Leg]) -> Generator[Progress, None, None]:
     for leg in legs:
         require_same_settings(leg)
+        _require_not_beyond(leg)
     total = sum(leg.stop for leg in legs)
     with closing(ENGINES[scale.engine](drive_leg, legs, scale.jobs)) as engine:
         for _ in engine:
             yield Progress(sum(episodes_driven(leg.folder) for leg in legs), total, "training")
-    for leg in legs:
-        if (driven := episodes_driven(leg.folder)) > leg.stop:
-            raise RunError(
-                f"{leg.folder} has gone on to episode {driven}, and its driver of episode "
-                f"{leg.stop} is gone: choose another folder with --runs."
-            )
+
+
+def _require_not_beyond(leg: Leg) -> None:
+    """Raise RunError where the driver of the leg's last episode has gone on learning."""
+    from drl_av.learning import checkpoint
+
+    file = leg.folder / "checkpoint.safetensors"
+    done = checkpoint.load(file)[1]["episodes_done"] if file.is_file() else 0
+    if done > leg.stop:
+        raise RunError(
+            f"{leg.folder} has gone on to episode {done}, and its driver of episode {leg.stop} is "
+            "gone: choose another folder with --runs."
+        )
 
 
 def _with_trainings(
