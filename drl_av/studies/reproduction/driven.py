@@ -21,7 +21,7 @@ from drl_av.studies.reproduction.provenance import (
     write_sidecar,
 )
 from drl_av.studies.reproduction.scale import Scale
-from drl_av.studies.reproduction.tables import Row, intact, read_rows, write_rows
+from drl_av.studies.reproduction.tables import Row, intact, read_rows, seeds_held, write_rows
 
 
 def columns(result: EpisodeResult, *names: str) -> Row:
@@ -71,7 +71,8 @@ class DrivenTable:
         Raises:
             DrlAvError: as ``Evaluation``; the table has other columns; or the disk refuses.
         """
-        first = len(self.of(cell)) // len(self._choices)
+        with intact(self.path):
+            first = seeds_held(self.of(cell), len(self._choices))
         if first >= self._scale.drives:
             return
         seeds = range(first, self._scale.drives)

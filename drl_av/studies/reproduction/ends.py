@@ -4,7 +4,6 @@ from collections.abc import Generator
 
 from drl_av.config import Config
 from drl_av.studies.reproduction.curves import curve_legs
-from drl_av.studies.reproduction.legs import Leg
 from drl_av.studies.reproduction.scale import Progress, Scale
 from drl_av.studies.reproduction.trained_drivers import drive_trained
 
@@ -22,9 +21,9 @@ def ends(scale: Scale) -> Generator[Progress, None, None]:
     Raises:
         DrlAvError, SimulationError: as ``drive_trained``.
     """
-    yield from drive_trained(scale, TABLE, _legs(scale), OUTCOME)
-
-
-def _legs(scale: Scale) -> list[Leg]:
     legs = curve_legs(scale, scale.over(Config()))
-    return [leg for leg in legs if leg.stop <= scale.episodes]
+    stopped = [leg for leg in legs if leg.stop <= scale.episodes]
+    if not stopped:
+        told = f"No training stops at episode {scale.episodes}: ends needs more --seeds."
+        yield Progress(1, 1, line=told)
+    yield from drive_trained(scale, TABLE, stopped, OUTCOME)

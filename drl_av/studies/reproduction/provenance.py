@@ -107,6 +107,7 @@ def read_sidecar(table: Path) -> dict[str, Any]:
 
     Raises:
         DrlAvError: it cannot be read, or there is a table and nothing beside it.
+        TypeError: what should have names in it has none.
     """
     path = sidecar(table)
     if not path.exists() and not table.exists():
@@ -122,6 +123,9 @@ def read_sidecar(table: Path) -> dict[str, Any]:
         raise DrlAvError(f"{path} cannot be read ({error}): put back what was there.") from error
     if not isinstance(facts, dict):
         raise DrlAvError(f"{path} holds no provenance: put back what was there.")
+    for name in ("settings", "policies_sha256", "episodes"):
+        if not isinstance(facts.get(name, {}), dict):
+            raise TypeError(f"{name} in {path.name} has no names")
     return facts
 
 

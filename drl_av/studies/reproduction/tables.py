@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -25,11 +25,32 @@ def intact(table: Path) -> Iterator[None]:
 
 
 def read_rows(table: Path) -> list[Row]:
-    """The rows of a CSV file as text; none where there is no file."""
+    """The rows of a CSV file as text; none where there is no file.
+
+    Raises:
+        ValueError: a row is cut short.
+    """
     if not table.exists():
         return []
     with table.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+        text = file.read()
+    rows = list(csv.DictReader(io.StringIO(text, newline="")))
+    if not text.endswith("\n") or any(None in row.values() for row in rows):
+        raise ValueError("a row is cut short")
+    return rows
+
+
+def seeds_held(rows: Iterable[Row], drivers: int = 1) -> int:
+    """How many seeds, from 0 on, the rows have of each of so many drivers.
+
+    Raises:
+        ValueError: one is missing among them, or there twice.
+    """
+    seeds = sorted(int(row["seed"]) for row in rows)
+    count = len(seeds) // drivers
+    if seeds != sorted([*range(count)] * drivers):
+        raise ValueError("a seed is missing, or there twice")
+    return count
 
 
 def write_rows(table: Path, rows: Sequence[Row]) -> None:

@@ -1,6 +1,5 @@
 """What several trainings end in: a table of their drivers' episodes in the same traffic."""
 
-from collections import Counter
 from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import asdict
@@ -31,7 +30,7 @@ from drl_av.studies.reproduction.provenance import (
     write_sidecar,
 )
 from drl_av.studies.reproduction.scale import Progress, Scale
-from drl_av.studies.reproduction.tables import Row, intact, read_rows, write_rows
+from drl_av.studies.reproduction.tables import Row, intact, read_rows, seeds_held, write_rows
 
 
 class Cell(NamedTuple):
@@ -58,8 +57,13 @@ def drive_trained(
     table = scale.out / name
     require_writable(table, sidecar(table))
     facts, rows = _stored(table, legs)
-    held, by_name = Counter(map(_cell, rows)), {leg.folder.name: leg for leg in legs}
+    by_name = {leg.folder.name: leg for leg in legs}
     cells = [Cell(training, str(n)) for training in by_name for n in DENSITIES]
+    own: dict[Cell, list[Row]] = {cell: [] for cell in cells}
+    for row in rows:
+        own.setdefault(_cell(row), []).append(row)
+    with intact(table):
+        held = {cell: seeds_held(found) for cell, found in own.items()}
     missing = [cell for cell in cells if held[cell] < scale.drives]
     if not missing:
         return
@@ -94,6 +98,7 @@ def _stored(table: Path, legs: Sequence[Leg]) -> tuple[dict[str, Any], list[Row]
             for name, settings in facts.get("settings", {}).items()
         }
         rows.sort(key=_place)
+        facts["wall_time_s"] = dict(facts.get("wall_time_s", {}))
         stops = {leg.folder.name: leg.stop for leg in legs} | facts.get("episodes", {})
     if any(config != configs.get(name, config) for name, config in made.items()):
         raise made_otherwise(table)
@@ -137,7 +142,7 @@ def _with_trainings(
     times = {name: round(seconds, 1) for name, seconds in clocks.items() if seconds is not None}
     settings = {leg.folder.name: asdict(leg.config) for leg in legs}
     return {
-        "wall_time_s": facts.get("wall_time_s", {}) | times,
+        "wall_time_s": facts["wall_time_s"] | times,
         "policies_sha256": known | policies,
         "episodes": facts.get("episodes", {}) | {leg.folder.name: leg.stop for leg in legs},
         "settings": facts.get("settings", {}) | settings,

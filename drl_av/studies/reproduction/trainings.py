@@ -191,7 +191,8 @@ def _collect(scale: Scale, table: Table, legs: Sequence[Leg]) -> dict[Training, 
 
 def _facts(scale: Scale, table: Table, legs: Sequence[Leg], rows: Sequence[Row]) -> dict[str, Any]:
     facts = read_sidecar(table.path)
-    times = dict(facts.get("wall_time_s", {}))
+    with intact(table.path):
+        times = {name: float(seconds) for name, seconds in facts.get("wall_time_s", {}).items()}
     for leg in legs:
         if (seconds := wall_time_s(leg.clock)) is not None:
             times[leg.folder.name] = max(times.get(leg.folder.name, 0.0), round(seconds, 1))

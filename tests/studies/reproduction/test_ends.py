@@ -1,7 +1,7 @@
 """What the learning curves' trainings end in, as an experiment of ``drl-av reproduce``."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -95,5 +95,49 @@ def test_drivers_of_other_episodes_are_not_mixed(scale: Scale) -> None:
 
 
 def test_where_all_go_on_to_the_end_there_is_nothing_to_drive(scale: Scale) -> None:
-    assert list(ends(scale._replace(full_seeds=3))) == []
+    [progress] = ends(scale._replace(full_seeds=3))
+    assert progress.line == "No training stops at episode 2: ends needs more --seeds."
     assert not list(scale.runs.iterdir())
+
+
+@pytest.fixture
+def made(scale: Scale) -> Scale:
+    """One training's driver in the table, in two episodes each among 1 and 2 vehicles."""
+    scale = scale._replace(variants=("paper",), seeds=2)
+    list(ends(scale))
+    return scale
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: "".join(line for line in text.splitlines(True) if "paper-1,1,0," not in line),
+        lambda text: text + text.splitlines(True)[-1],
+        lambda text: text[:-3],
+        lambda text: text[: text.rindex(",")] + "\n",
+    ],
+    ids=["a row is lost", "a row is there twice", "the last word is cut", "a column is cut"],
+)
+def test_rows_that_are_not_as_they_were_written_are_told_and_left_alone(
+    damage: Callable[[str], str], made: Scale
+) -> None:
+    table = made.out / "ends.csv"
+    table.write_text(damage(table.read_text()))
+    before = table.read_bytes()
+    for drives in (2, 3):
+        with pytest.raises(DrlAvError, match=r"ends\.csv, or what stands beside it, is damaged"):
+            list(ends(made._replace(drives=drives)))
+    assert table.read_bytes() == before
+
+
+@pytest.mark.parametrize("key", ["settings", "policies_sha256", "episodes", "wall_time_s"])
+@pytest.mark.parametrize("value", [[1], 3, None])
+def test_a_damaged_sidecar_is_told_before_anything_is_driven(
+    key: str, value: object, made: Scale
+) -> None:
+    sidecar = made.out / "ends.json"
+    sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | {key: value}))
+    before = (made.out / "ends.csv").read_bytes()
+    with pytest.raises(DrlAvError, match="is damaged or of another version"):
+        next(ends(made._replace(drives=3)))
+    assert (made.out / "ends.csv").read_bytes() == before

@@ -88,6 +88,18 @@ def test_stops_where_they_meet_and_drives_nothing_twice(
     assert (scale.out / "evaluation.csv").read_bytes() == whole
 
 
+def test_a_row_that_is_lost_is_told(scale: Scale, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module.Paired, "lower_m_s", property(lambda gain: 0.0))
+    list(speeds(scale))
+    table = scale.out / "evaluation.csv"
+    header, _, *rest = table.read_text().splitlines(keepends=True)
+    table.write_text("".join([header, *rest]))
+    before = table.read_bytes()
+    with pytest.raises(DrlAvError, match=r"evaluation\.csv, .* damaged or of another version"):
+        list(speeds(scale._replace(drives=3)))
+    assert table.read_bytes() == before
+
+
 def test_a_table_that_nobody_says_how_it_was_made_is_left_alone(scale: Scale) -> None:
     text = "driver,vehicles,seed\nidm,1,0\n"
     (scale.out / "evaluation.csv").write_text(text)
