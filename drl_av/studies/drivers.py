@@ -81,20 +81,21 @@ def build(choices: Sequence[Choice], config: Config) -> dict[str, Driver]:
     """The drivers by name, for an environment of that config.
 
     A learned driver keeps its own margin for lane changes, unless the config has another one than
-    ``config_of`` these choices.
+    the first of them.
 
     Raises:
         RunError, CheckpointError: as ``config_of``; or a learned driver sees the road otherwise.
     """
     drivers: dict[str, Driver] = {}
+    learned = {name: learned_driver(run) for name, run in choices if run}
+    margins = [own.learning.lane_change_margin for _, own in learned.values()]
     margin = config.learning.lane_change_margin
-    changed = margin != config_of(choices).learning.lane_change_margin
     for name, run in choices:
         if run is None:
             drivers[name] = rule_driver(name, config)
             continue
-        driver, own = learned_driver(run)
-        drivers[name] = driver.with_margin(margin) if changed else driver
+        driver, own = learned[name]
+        drivers[name] = driver if margin == margins[0] else driver.with_margin(margin)
         if _eyes(own) != _eyes(config):
             raise RunError(
                 f"{run} was trained with other [observation] settings or another "
