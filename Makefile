@@ -40,7 +40,7 @@ level_1: setup
 	cd runs/level_1 && cp config.toml evaluations.csv policy.safetensors \
 	    ../../drl_av/pretrained/level_1/
 
-text = $(BIN)/python tools/$(2) > runs/$(1) && mv runs/$(1) docs/results/$(1)
+text = $(BIN)/python $(2) > runs/$(1) && mv runs/$(1) docs/results/$(1)
 
 # Every number, table and figure of the README (hours). What drl-av reproduce has made already is
 # not made again; a tool's text stands once the tool has ended well.
@@ -49,12 +49,12 @@ results: setup
 	$(BIN)/drl-av reproduce --jobs 2
 	$(BIN)/python tools/compare_step_lengths.py --out docs/results/step_length.csv
 	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
-	$(call text,falsified_strict.txt,falsify_safety.py --check strict)
-	$(call text,falsified_paper.txt,falsify_safety.py --check paper)
-	$(call text,speed_bound.txt,bound_speeds.py)
-	$(call text,background_traffic.txt,check_background_traffic.py)
-	$(call text,long_run.txt,long_run.py --episodes 5000 --out runs/long_run.csv)
-	$(call text,benchmark.txt,benchmark.py --rounds 9)
+	$(call text,falsified_strict.txt,-m verification.falsify --check strict)
+	$(call text,falsified_paper.txt,-m verification.falsify --check paper)
+	$(call text,speed_bound.txt,tools/bound_speeds.py)
+	$(call text,background_traffic.txt,tools/check_background_traffic.py)
+	$(call text,long_run.txt,-m verification.long_run --episodes 5000 --out runs/long_run.csv)
+	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
 	$(BIN)/python tools/draw_picture.py docs/drive.png
 	$(BIN)/python tools/refresh_tables.py
 

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from drl_av.cli import main
 from drl_av.config import Config, from_toml, load_config
-from drl_av.env import HighwayEnv
+from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, ScenarioError, SimulationError
 from drl_av.learning import checkpoint
 from drl_av.learning.run import Run

@@ -11,14 +11,16 @@ import pytest
 from PIL import Image
 
 from drl_av.config import Config
-from drl_av.driving.drivers.rules import IdmSumoDriver
-from drl_av.studies.replay import Recording, Ride
+from drl_av.drivers.rules import IdmSumoDriver
+from drl_av.evaluation.recording import Recording
+from drl_av.evaluation.replay import Ride
 
 WATCH = """
 import json, sys, time
 from pathlib import Path
 import traci
-from drl_av.studies.replay import load_recording, ride_again
+from drl_av.evaluation.recording import load_recording
+from drl_av.evaluation.replay import ride_again
 recording, told = load_recording(Path(sys.argv[1])), []
 
 def width():

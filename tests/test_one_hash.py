@@ -14,10 +14,11 @@ import pytest
 
 import drl_av.traffic.connection
 from drl_av.config import Config
-from drl_av.driving.drivers.rules import IdmSumoDriver
-from drl_av.env import HighwayEnv
-from drl_av.episode import drive
-from drl_av.studies.replay import Recorder, Recording, load_recording, ride_again, states_of
+from drl_av.drivers.rules import IdmSumoDriver
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import drive
+from drl_av.evaluation.recording import Recorder, Recording, load_recording, states_of
+from drl_av.evaluation.replay import ride_again
 from drl_av.traffic.connection import start_arguments
 from drl_av.traffic.scenario import ScenarioDescription, write_scenario
 
@@ -28,7 +29,8 @@ WARM = 200
 """Episodes after which every cache is full."""
 PROGRAM = """
 import sys
-from drl_av.studies.replay import ride_again, load_recording, Ride
+from drl_av.evaluation.recording import load_recording
+from drl_av.evaluation.replay import ride_again, Ride
 from test_one_hash import CONFIG, SEED, VEHICLES, IdmSumoDriver
 ride = Ride(CONFIG, IdmSumoDriver(CONFIG.safety), "idm-sumo", SEED, VEHICLES)
 print(ride.drive(sys.argv[1] if sys.argv[1:] else None)[0].hash())

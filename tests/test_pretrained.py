@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from drl_av.config import load_config
-from drl_av.driving.drivers.rules import IdmDriver
-from drl_av.env import HighwayEnv
-from drl_av.episode import drive
+from drl_av.config.presets import preset
+from drl_av.drivers.background.level_1 import LEVEL_1
+from drl_av.drivers.rules import IdmDriver
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import drive
+from drl_av.evaluation.drivers import PRETRAINED, learned_driver
 from drl_av.learning.checkpoint import load_policy, save_policy
-from drl_av.level_1 import LEVEL_1
-from drl_av.presets import preset
-from drl_av.studies.drivers import PRETRAINED, learned_driver
 
 
 def test_it_learnt_as_the_preset_fast_does_for_longer_and_with_its_eyes_on_speed() -> None:

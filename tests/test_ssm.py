@@ -22,11 +22,11 @@ import pytest
 
 import drl_av.traffic.connection
 from drl_av.config import Config
-from drl_av.driving.drivers import Driver
-from drl_av.driving.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
-from drl_av.driving.safety import closing_speed, time_to_collision
-from drl_av.env import HighwayEnv
-from drl_av.episode import drive
+from drl_av.drivers.driver import Driver
+from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import drive
+from drl_av.safety.paper import closing_speed, time_to_collision
 from drl_av.traffic.connection import start_arguments
 from drl_av.traffic.scenario import ScenarioDescription, write_scenario
 from drl_av.traffic.snapshot import EGO

@@ -10,8 +10,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from drl_av.driving.affordances import affordances
-from drl_av.driving.maneuver import LaneChange, Scene
-from drl_av.traffic.ring import Road
+from drl_av.driving.scene import LaneChange, Scene
+from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import Snapshot
 
 LENGTH_M, WIDTH_M, LANE_M = 5.0, 1.8, 3.8

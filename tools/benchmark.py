@@ -33,7 +33,7 @@ from typing import NamedTuple
 import torch
 from benchmark_rows import NUMBERS, ROWS, Row
 
-from drl_av.studies.reproduction.provenance import made_by
+from drl_av.experiments.provenance import made_by
 
 SEEDS = 1_000
 """First traffic seed of the episodes that are timed."""

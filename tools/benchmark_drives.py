@@ -9,7 +9,7 @@ from unittest.mock import patch
 
 import libsumo
 
-from drl_av.env import HighwayEnv
+from drl_av.env.highway import HighwayEnv
 
 COMMANDS = (
     (libsumo.vehicle, "setSpeed"),

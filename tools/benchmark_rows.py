@@ -20,13 +20,13 @@ import torch
 from benchmark_drives import commanded, drive, recorded, step_bare
 
 from drl_av.config import Config
-from drl_av.driving.drivers.rules import IdmDriver
-from drl_av.env import HighwayEnv, Observation
+from drl_av.drivers.rules import IdmDriver
+from drl_av.env.highway import HighwayEnv, Observation
+from drl_av.evaluation.drivers import PRETRAINED, learned_driver
 from drl_av.learning.experience import make_buffer
 from drl_av.learning.learner import Learner
 from drl_av.learning.qnetwork import QNetwork
 from drl_av.learning.training import Training
-from drl_av.studies.drivers import PRETRAINED, learned_driver
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
 
 VEHICLES = 30

@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.env import HighwayEnv
-from drl_av.studies.reproduction.paired import paired
-from drl_av.studies.reproduction.provenance import made_by
-from drl_av.studies.reproduction.speeds import BASELINES, TABLE, episode_of
-from drl_av.studies.reproduction.tables import read_rows
+from drl_av.env.highway import HighwayEnv
+from drl_av.evaluation.paired import paired
+from drl_av.experiments.density_sweep import BASELINES, TABLE, episode_of
+from drl_av.experiments.provenance import made_by
+from drl_av.experiments.tables import read_rows
 
 BOUND = "full throttle"
 VEHICLES = (1, 5, 10)

@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.driving.drivers.traffic import TrafficDrivers
-from drl_av.level_1 import load_level_1
-from drl_av.studies.reproduction.provenance import made_by
+from drl_av.drivers.background.level_1 import load_level_1
+from drl_av.drivers.background.traffic import TrafficDrivers
+from drl_av.experiments.provenance import made_by
 from drl_av.traffic.population import EGO_ID
 from drl_av.traffic.scenario import find_scenario, load_scenario
 from drl_av.traffic.simulation import Simulation

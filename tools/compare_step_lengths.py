@@ -19,10 +19,10 @@ import libsumo
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.driving.drivers.rules import IdmDriver
-from drl_av.env import HighwayEnv
-from drl_av.episode import drive
-from drl_av.studies.reproduction.provenance import provenance, write_sidecar
+from drl_av.drivers.rules import IdmDriver
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import drive
+from drl_av.experiments.provenance import provenance, write_sidecar
 
 STEP_LENGTHS_S = (1.0, 0.5, 0.25, 0.2, 0.1)
 SEEDS = 2_000

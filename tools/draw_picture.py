@@ -10,9 +10,9 @@ from pathlib import Path
 from PIL import Image
 
 from drl_av.drawing import draw
-from drl_av.env import HighwayEnv
-from drl_av.episode import drive
-from drl_av.studies.drivers import build, choose, config_of
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import drive
+from drl_av.evaluation.drivers import build, choose, config_of
 
 
 class LaneChangePicture:

@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
-from drl_av.driving.drivers.rules import RandomDriver
-from drl_av.env import HighwayEnv
+from drl_av.drivers.rules import RandomDriver
+from drl_av.env.highway import HighwayEnv
 
 SEEDS = 3_000
 """First traffic seed of the episodes."""

@@ -13,9 +13,9 @@ import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from drl_av.studies.evaluation import Mean, mean_with_interval
-from drl_av.studies.reproduction.adaptation import BLOCK
-from drl_av.studies.strictness_figure import change
+from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.experiments.adaptation import BLOCK
+from drl_av.experiments.strictness_figure import change
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "docs" / "results"

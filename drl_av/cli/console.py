@@ -21,9 +21,9 @@ from rich.progress import (
 from rich.table import Table
 
 if TYPE_CHECKING:
+    from drl_av.evaluation.statistics import Mean, Summary
+    from drl_av.experiments.options import Progress as Reached
     from drl_av.learning.training import EpisodeRow, EvaluationRow
-    from drl_av.studies.evaluation import Mean, Summary
-    from drl_av.studies.reproduction.scale import Progress as Reached
 
 WIDTH = 110
 """Columns of a table where the output is no terminal."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from drl_av.cli.arguments import whole
 from drl_av.cli.settings import driving, overridden
 from drl_av.cli.status import INTERRUPTED
-from drl_av.studies import DENSITIES
+from drl_av.evaluation import DENSITIES
 
 SAVE_EVERY_S = 5.0
 """What an evaluation may lose where its process dies; SUMO can take it along."""
@@ -53,9 +53,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def evaluate(options: argparse.Namespace) -> int:
     """Drive, keep the rows, and print what they come to."""
     from drl_av.cli.console import print_summaries, progress_bar
-    from drl_av.studies.drivers import choose, config_of
-    from drl_av.studies.evaluation import Evaluation, summarize, write_rows, write_summaries
-    from drl_av.studies.files import require_writable
+    from drl_av.evaluation.comparison import Evaluation, write_rows
+    from drl_av.evaluation.drivers import choose, config_of
+    from drl_av.evaluation.statistics import summarize, write_summaries
+    from drl_av.files import require_writable
 
     require_writable(options.out, options.json)
     choices = choose([*options.runs, *options.driver] or ["pretrained"])

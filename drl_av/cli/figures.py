@@ -20,9 +20,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def figures(options: argparse.Namespace) -> int:
     """Draw what the sources hold."""
-    from drl_av.studies.figures import learning_figure, reward_figure, save_figure, speed_figure
-    from drl_av.studies.lane_change_figure import lane_change_figure
-    from drl_av.studies.reproduction.published import published
+    from drl_av.experiments.drawing import learning_figure, reward_figure, save_figure, speed_figure
+    from drl_av.experiments.figures import published
+    from drl_av.experiments.lane_change_figure import lane_change_figure
 
     folders = [path for path in options.sources if path.is_dir()]
     runs = [folder for folder in folders if (folder / "evaluations.csv").is_file()]

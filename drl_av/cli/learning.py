@@ -10,13 +10,13 @@ from drl_av.cli.arguments import whole
 from drl_av.cli.settings import driving, overridden
 from drl_av.cli.status import INTERRUPTED
 from drl_av.config import REPLAYS, Config
+from drl_av.config.presets import PRESETS, adaptation, preset
 from drl_av.errors import ConfigError, RunError, SimulationError
-from drl_av.presets import PRESETS, adaptation, preset
 
 if TYPE_CHECKING:
+    from drl_av.evaluation.drivers import Choice
     from drl_av.learning.run import Run
     from drl_av.learning.training import Training
-    from drl_av.studies.drivers import Choice
 
 
 def add_train_options(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +81,7 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
 
 def train(options: argparse.Namespace) -> int:
     """Algorithm 1 into a run's folder."""
-    from drl_av.env import HighwayEnv
+    from drl_av.env.highway import HighwayEnv
     from drl_av.learning.board import require_tensorboard
     from drl_av.learning.run import Run
     from drl_av.learning.training import Training
@@ -99,12 +99,12 @@ def train(options: argparse.Namespace) -> int:
 
 def adapt(options: argparse.Namespace) -> int:
     """Continuous adaptation (Sec. IV-D): the driver of a run goes on learning in another run."""
-    from drl_av.env import HighwayEnv
+    from drl_av.env.highway import HighwayEnv
+    from drl_av.evaluation.drivers import choose, policy_file
     from drl_av.learning.adaptation import take_over
     from drl_av.learning.board import require_tensorboard
     from drl_av.learning.run import Run
     from drl_av.learning.training import Training
-    from drl_av.studies.drivers import choose, policy_file
 
     if options.tensorboard:
         require_tensorboard()
@@ -142,7 +142,7 @@ def _training_config(options: argparse.Namespace, run: "Run") -> Config:
 
 
 def _adaptation_config(options: argparse.Namespace, run: "Run", choice: "Choice") -> Config:
-    from drl_av.studies.drivers import build, config_of
+    from drl_av.evaluation.drivers import build, config_of
 
     given = _given(options, "episodes", "seed", "learning_rate")
     if options.resume:

@@ -40,10 +40,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def replay(options: argparse.Namespace) -> int:
     """Drive one episode before somebody's eyes."""
-    from drl_av.studies.drivers import build, choose, config_of
-    from drl_av.studies.files import require_writable
-    from drl_av.studies.replay import Film, Pacer, Ride, load_recording, ride_again
-    from drl_av.video import require_film
+    from drl_av.drawing.film import require_film
+    from drl_av.evaluation.drivers import build, choose, config_of
+    from drl_av.evaluation.recording import load_recording
+    from drl_av.evaluation.replay import Film, Pacer, Ride, ride_again
+    from drl_av.files import require_writable
 
     require_writable(options.record, options.video)
     if options.video:

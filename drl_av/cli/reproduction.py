@@ -6,8 +6,8 @@ from contextlib import closing
 from pathlib import Path
 
 from drl_av.cli.arguments import whole
-from drl_av.settings import did_you_mean
-from drl_av.studies.reproduction.scale import ENGINES, MEANINGS, VARIANTS, Scale
+from drl_av.config.schema import did_you_mean
+from drl_av.experiments.options import ENGINES, MEANINGS, VARIANTS, Scale
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -72,7 +72,7 @@ def _experiment(text: str) -> str:
 def reproduce(options: argparse.Namespace) -> int:
     """Make the experiments that are asked for, one after the other."""
     from drl_av.cli.console import progress_bar
-    from drl_av.studies.reproduction.experiments import EXPERIMENTS
+    from drl_av.experiments.registry import EXPERIMENTS
 
     asked = {name: value for name, value in vars(options).items() if name in Scale._fields}
     scale = Scale(**asked)._replace(runs=options.runs.absolute())  # a cluster's are elsewhere

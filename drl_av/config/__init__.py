@@ -12,19 +12,14 @@ from typing import Any
 import tomli_w
 
 from drl_av.config.drivers import FiniteStateConfig, Level0Config, MobilConfig
-from drl_av.config.driving import (
-    DESIRED_VALUES,
-    SAFETY_CHECKS,
-    EgoConfig,
-    ObservationConfig,
-    RewardConfig,
-    SafetyConfig,
-)
+from drl_av.config.ego import EgoConfig, ObservationConfig
 from drl_av.config.learning import REPLAYS, LearningConfig
-from drl_av.config.road import SimulationConfig, TrafficConfig
-from drl_av.config.strict import StrictConfig
+from drl_av.config.reward import DESIRED_VALUES, RewardConfig
+from drl_av.config.road import SimulationConfig
+from drl_av.config.safety import SAFETY_CHECKS, SafetyConfig, StrictConfig
+from drl_av.config.schema import Section, did_you_mean
+from drl_av.config.traffic import TrafficConfig
 from drl_av.errors import ConfigError
-from drl_av.settings import Section, did_you_mean
 
 __all__ = [
     "BEFORE",

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from drl_av.config.schema import Section, setting
 from drl_av.errors import ConfigError
-from drl_av.settings import Section, setting
 
 REPLAYS = ("two-buffer", "prioritized", "uniform")
 

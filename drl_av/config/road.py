@@ -1,11 +1,11 @@
-"""Settings of the road: how SUMO steps, and who drives on it."""
+"""Settings of the road and of SUMO's steps."""
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
 
+from drl_av.config.schema import Section, setting
 from drl_av.errors import ConfigError
-from drl_av.settings import Section, setting
 
 
 @dataclass(frozen=True)
@@ -37,55 +37,3 @@ class SimulationConfig(Section):
     def steps_per_decision(self) -> int:
         """Number of SUMO steps in one decision."""
         return round(self.decision_interval_s / self.step_length_s)
-
-
-@dataclass(frozen=True)
-class TrafficConfig(Section):
-    """The vehicles around the ego; each draws its own character from these ranges."""
-
-    vehicles_min: int = setting(1, "Sec. IV-B", "fewest vehicles in an episode", low=0, high=1000)
-    vehicles_max: int = setting(30, "Sec. IV-B", "N_T, most vehicles", low=0, high=1000)
-    desired_speed_min_m_s: float = setting(20.0, "ours", "slowest desired speed", low=0, high=60)
-    desired_speed_max_m_s: float = setting(32.0, "ours", "fastest desired speed", low=0.1, high=60)
-    headway_min_s: float = setting(0.8, "ours", "shortest IDM headway", low=0.5, high=10)
-    headway_max_s: float = setting(1.4, "ours", "longest IDM headway", low=0.5, high=10)
-    acceleration_min_m_s2: float = setting(1.0, "ours", "weakest IDM accel", low=0.1, high=10)
-    acceleration_max_m_s2: float = setting(2.0, "ours", "strongest IDM accel", low=0.1, high=10)
-    speed_gain_min: float = setting(0.0, "ours", "least lane-change eagerness", low=0, high=100)
-    speed_gain_max: float = setting(0.0, "ours", "most; 0: changes at random only", low=0, high=100)
-    random_lane_changes_per_s: float = setting(
-        0.002, "ours", "rate at which a vehicle asks for a random lane change", low=0, high=1
-    )
-    lane_evenness: float = setting(
-        2.0, "ours", "how evenly the lanes are used; large is even", low=0.01, high=1000
-    )
-    start_gap_m: float = setting(
-        8.0, "ours", "smallest net gap between vehicles at the start", low=2.5, high=100
-    )
-    finite_state_share: float = setting(
-        0.0, "Sec. IV-B", "chance that a vehicle drives by the finite-state machine", low=0, high=1
-    )
-    level_0_share: float = setting(
-        0.0, "Sec. IV-B", "chance that a vehicle is a level-0 driver", low=0, high=1
-    )
-    level_1_share: float = setting(
-        0.0, "Sec. IV-B", "chance that a vehicle is a level-1 driver", low=0, high=1
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.ordered("vehicles_min", "vehicles_max")
-        self.ordered("desired_speed_min_m_s", "desired_speed_max_m_s")
-        self.ordered("headway_min_s", "headway_max_s")
-        self.ordered("acceleration_min_m_s2", "acceleration_max_m_s2")
-        self.ordered("speed_gain_min", "speed_gain_max")
-        if sum(self.shares) > 1 + 1e-9:
-            raise ConfigError(
-                "traffic: finite_state_share + level_0_share + level_1_share is "
-                f"{sum(self.shares):g}, but must be at most 1; the rest is SUMO's IDM."
-            )
-
-    @property
-    def shares(self) -> tuple[float, float, float]:
-        """Of the finite-state machine, of level 0 and of level 1; the rest is SUMO's IDM."""
-        return self.finite_state_share, self.level_0_share, self.level_1_share

@@ -18,7 +18,7 @@ from drl_av.drawing.panels import (
 )
 from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, draw_band, lay_asphalt, lay_marks
 from drl_av.drawing.sheet import GROUND, OVERSAMPLING, SHEET_SIZE, Sheet
-from drl_av.traffic.ring import Road
+from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import Snapshot
 
 __all__ = ["SHEET_SIZE", "Caption", "Picture", "draw"]

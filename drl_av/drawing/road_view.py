@@ -17,7 +17,7 @@ from drl_av.drawing.sheet import (
     Sheet,
     speed_color,
 )
-from drl_av.traffic.ring import Road
+from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import EGO, Snapshot
 
 _MOVING_SIDEWAYS_M_S = 0.05

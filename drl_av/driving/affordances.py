@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import ObservationConfig
-from drl_av.traffic.ring import FloatArray, Road
+from drl_av.traffic.road import FloatArray, Road
 from drl_av.traffic.snapshot import EGO, Snapshot
 
 SLOTS = ("own_front", "own_rear", "right_front", "right_rear", "left_front", "left_rear")

@@ -9,8 +9,9 @@ from typing import NamedTuple
 from drl_av.config import Config
 from drl_av.driving.actions import Action
 from drl_av.driving.affordances import Affordances, Neighbor
-from drl_av.driving.maneuver import Scene, plan
-from drl_av.traffic.ring import Road
+from drl_av.driving.maneuver import plan
+from drl_av.driving.scene import Scene
+from drl_av.traffic.road import Road
 
 
 class Motion(NamedTuple):

@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 from drl_av.driving.actions import Action
 from drl_av.driving.counterfactual import motion, seen_after
-from drl_av.driving.maneuver import Scene
-from drl_av.driving.reward import desired, rewards, speed_bonus
-from drl_av.env import HighwayEnv
+from drl_av.driving.scene import Scene
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.reward import desired, rewards, speed_bonus
 from drl_av.learning.buffers import Buffer, Float32Array
 
 

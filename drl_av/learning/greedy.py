@@ -7,8 +7,8 @@ import numpy.typing as npt
 
 from drl_av.config.learning import LearningConfig
 from drl_av.driving.actions import ACTIONS, Action, Lateral
-from drl_av.driving.maneuver import Scene
 from drl_av.driving.mirror import MIRROR
+from drl_av.driving.scene import Scene
 from drl_av.learning.ensemble import MeanPolicy
 from drl_av.learning.mirroring import MirroredPolicy
 from drl_av.learning.qnetwork import GreedyPolicy, QNetwork

@@ -5,7 +5,7 @@ from drl_av.driving.mirror import Mirror
 from drl_av.errors import ConfigError
 from drl_av.learning.buffers import Batch, Float32Array
 from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
-from drl_av.traffic.ring import Road
+from drl_av.traffic.road import Road
 
 
 def require_symmetry(config: Config, road: Road) -> None:

@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
-from drl_av.driving.maneuver import Scene
 from drl_av.driving.mirror import MIRROR
-from drl_av.driving.reward import speed_bonus
-from drl_av.env import TRAINING_SEEDS, HighwayEnv
-from drl_av.episode import drive
+from drl_av.driving.scene import Scene
+from drl_av.env.highway import TRAINING_SEEDS, HighwayEnv
+from drl_av.env.reward import speed_bonus
+from drl_av.env.rollout import drive
 from drl_av.learning.buffers import State
 from drl_av.learning.checkpoint import rng_from_json, rng_to_json
 from drl_av.learning.counterfactuals import remember_others

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from drl_av.traffic.ring import Road
+from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Snapshot
 
 

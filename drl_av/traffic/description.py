@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 import tomli_w
 
+from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
-from drl_av.settings import did_you_mean
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "circumference_m": (100, 50_000),

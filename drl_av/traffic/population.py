@@ -10,7 +10,7 @@ import numpy.typing as npt
 from drl_av.config import EgoConfig, TrafficConfig
 from drl_av.errors import ScenarioError
 from drl_av.traffic.description import PlacedVehicle
-from drl_av.traffic.ring import FloatArray, Road
+from drl_av.traffic.road import FloatArray, Road
 
 EGO_ID = "ego"
 SPREAD_M = 250.0

@@ -6,12 +6,12 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
+from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
-from drl_av.settings import did_you_mean
 from drl_av.traffic import scenario_files
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription, from_toml
 from drl_av.traffic.loop import read_loop
-from drl_av.traffic.ring import Road
+from drl_av.traffic.road import Road
 
 __all__ = [
     "PlacedVehicle",

@@ -25,14 +25,14 @@ from drl_av.traffic.population import (
     placed_population,
     random_lane_changes,
 )
-from drl_av.traffic.scenario import Scenario
-from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot, Wish
-from drl_av.traffic.wishes import (
+from drl_av.traffic.requests import (
     ask_for_lane_changes,
     ask_for_speeds,
     is_centered,
     leave_to_wishes,
 )
+from drl_av.traffic.scenario import Scenario
+from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot, Wish
 
 ALL_SPEED_CHECKS_OFF = 32
 NO_AUTONOMOUS_LANE_CHANGES = 0

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
-from drl_av.traffic.ring import FloatArray
+from drl_av.traffic.road import FloatArray
 
 EGO = 0
 """Row of the ego in every array of a snapshot."""

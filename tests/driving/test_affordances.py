@@ -23,9 +23,9 @@ from worlds import (
 
 from drl_av.config import ObservationConfig
 from drl_av.driving.affordances import INDICATORS, Affordances, ObservationScale
-from drl_av.driving.maneuver import Scene
+from drl_av.driving.scene import Scene
 from drl_av.traffic.collisions import overlapping
-from drl_av.traffic.ring import Road
+from drl_av.traffic.road import Road
 
 PAPER_ORDER = [
     f"{slot}_{state}"

@@ -10,8 +10,8 @@ from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS, Affordances
 from drl_av.driving.counterfactual import Motion, motion, seen_after
-from drl_av.driving.maneuver import Scene
-from drl_av.env import HighwayEnv
+from drl_av.driving.scene import Scene
+from drl_av.env.highway import HighwayEnv
 
 CONFIG = Config()
 MAINTAIN = Action(Lateral.KEEP, Longitudinal.MAINTAIN)

@@ -10,7 +10,8 @@ from worlds import CENTER, LANE_M, LEFT, RIGHT, ROAD, scene
 
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
-from drl_av.driving.maneuver import LaneChange, Plan, Scene, plan, steered
+from drl_av.driving.maneuver import Plan, plan, steered
+from drl_av.driving.scene import LaneChange, Scene
 
 STEERED, KINEMATIC = EgoConfig(lateral_plant="steering"), EgoConfig()
 KEEP, TO_RIGHT, TO_LEFT = Lateral.KEEP, Lateral.RIGHT, Lateral.LEFT

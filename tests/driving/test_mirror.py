@@ -9,10 +9,11 @@ from worlds import LEFT, RIGHT, ROAD, ahead, behind, scene, scenes
 from drl_av.config import EgoConfig, ObservationConfig, SafetyConfig, SimulationConfig
 from drl_av.driving.actions import ACTIONS, Action, Lateral
 from drl_av.driving.affordances import INDICATORS, ObservationScale, affordances
-from drl_av.driving.maneuver import LaneChange, Scene, plan
+from drl_av.driving.maneuver import plan
 from drl_av.driving.mirror import MIRROR
-from drl_av.driving.safety import paper
-from drl_av.traffic.ring import Road
+from drl_av.driving.scene import LaneChange, Scene
+from drl_av.safety.paper import paper
+from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import Snapshot
 
 WIDTH_M = 7.6

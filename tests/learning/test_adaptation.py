@@ -13,12 +13,12 @@ import pytest
 
 from drl_av.cli import main
 from drl_av.config import Config, load_config
-from drl_av.env import HighwayEnv
+from drl_av.config.presets import adaptation, preset
+from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError
+from drl_av.evaluation.drivers import PRETRAINED
 from drl_av.learning import checkpoint
 from drl_av.learning.qnetwork import GreedyPolicy
-from drl_av.presets import adaptation, preset
-from drl_av.studies.drivers import PRETRAINED
 
 TRAINED = """
 [simulation]

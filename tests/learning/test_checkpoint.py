@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from drl_av.config.presets import preset
 from drl_av.errors import CheckpointError
 from drl_av.learning.checkpoint import (
     load,
@@ -23,7 +24,6 @@ from drl_av.learning.checkpoint import (
     save_policy,
 )
 from drl_av.learning.qnetwork import QNetwork
-from drl_av.presets import preset
 
 TENSORS = {"online": np.arange(6, dtype=np.float32).reshape(2, 3), "step": np.array(7)}
 METADATA = {"episode": 41, "name": "Straße", "nested": {"a": [1, 2.5, None]}}

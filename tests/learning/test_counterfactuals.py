@@ -11,13 +11,13 @@ from worlds import LEFT, RIGHT, ROAD, ahead, scene
 from drl_av.config import Config
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS, ObservationScale
-from drl_av.driving.checks import named_check
-from drl_av.driving.maneuver import LaneChange, Scene
-from drl_av.env import HighwayEnv
+from drl_av.driving.scene import LaneChange, Scene
+from drl_av.env.highway import HighwayEnv
 from drl_av.learning import training as training_module
 from drl_av.learning.buffers import TwoBuffers
 from drl_av.learning.counterfactuals import remember_others
 from drl_av.learning.training import Training
+from drl_av.safety import named_check
 
 CONFIG = Config()
 N = len(INDICATORS)

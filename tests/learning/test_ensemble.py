@@ -10,14 +10,14 @@ import pytest
 import torch
 
 from drl_av.config import Config
-from drl_av.env import HighwayEnv
+from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError
+from drl_av.evaluation.drivers import learned_driver
 from drl_av.learning.adaptation import take_over
 from drl_av.learning.ensemble import MeanPolicy
 from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
 from drl_av.learning.run import Run
 from drl_av.learning.training import Training
-from drl_av.studies.drivers import learned_driver
 
 TOGETHER = (
     Config()

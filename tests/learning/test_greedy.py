@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from worlds import ALONE, changing
 
 from drl_av.driving.actions import ACTIONS, Lateral
-from drl_av.driving.maneuver import Scene
+from drl_av.driving.scene import Scene
 from drl_av.learning.greedy import GreedyDriver
 from drl_av.learning.qnetwork import GreedyPolicy
 

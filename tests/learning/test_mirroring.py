@@ -8,8 +8,9 @@ from worlds import ALONE
 
 from drl_av.config import Config
 from drl_av.driving.mirror import MIRROR, Mirror
-from drl_av.env import HighwayEnv
+from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError
+from drl_av.evaluation.drivers import learned_driver
 from drl_av.learning import checkpoint
 from drl_av.learning.buffers import TwoBuffers
 from drl_av.learning.mirroring import (
@@ -20,8 +21,7 @@ from drl_av.learning.mirroring import (
 )
 from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
 from drl_av.learning.training import Training
-from drl_av.studies.drivers import learned_driver
-from drl_av.traffic.ring import Road
+from drl_av.traffic.road import Road
 
 # Three indicators: gap right, gap left, own y from the middle of the road; two actions swap.
 ROAD = Mirror(

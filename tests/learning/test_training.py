@@ -14,14 +14,14 @@ from worlds import ALONE
 
 from drl_av.config import REPLAYS, Config
 from drl_av.driving.affordances import INDICATORS
-from drl_av.env import TRAINING_SEEDS, HighwayEnv
-from drl_av.episode import EpisodeResult
+from drl_av.env.highway import TRAINING_SEEDS, HighwayEnv
+from drl_av.env.rollout import EpisodeResult
 from drl_av.errors import ConfigError
 from drl_av.learning import training as module
 from drl_av.learning.buffers import Batch, TwoBuffers, UniformBuffer
 from drl_av.learning.run import Run, train
 from drl_av.learning.training import EVALUATION_SEEDS, Training
-from drl_av.traffic.ring import Road
+from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import Collision, CollisionKind
 
 KEEP, HARD_BRAKE, LEFT = 0, 3, 8

@@ -5,7 +5,7 @@ from types import ModuleType, SimpleNamespace
 import libsumo
 import pytest
 
-from drl_av.env import HighwayEnv
+from drl_av.env.highway import HighwayEnv
 from drl_av.traffic.connection import getters
 
 NAMES = ("getSpeed", "getLaneID")

@@ -21,7 +21,7 @@ from drl_av.traffic.population import (
     draw_population,
     placed_population,
 )
-from drl_av.traffic.ring import Road
+from drl_av.traffic.road import Road
 
 TRAFFIC, EGO = TrafficConfig(), EgoConfig()
 ROADS = st.sampled_from(

@@ -6,7 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from worlds import BARRICADED_ROAD, ROAD
 
-from drl_av.traffic.ring import Road
+from drl_av.traffic.road import Road
 
 
 def way(s_from_m: float, s_to_m: float, road: Road = ROAD) -> float:

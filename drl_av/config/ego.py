@@ -1,0 +1,69 @@
+"""Settings of the ego: what it can do, and how it observes."""
+
+from dataclasses import dataclass
+
+from drl_av.config.schema import Section, setting
+
+LATERAL_PLANTS = ("kinematic", "steering")
+LONGITUDINAL_REFERENCES = ("acceleration", "idm", "acc")
+
+
+@dataclass(frozen=True)
+class EgoConfig(Section):
+    """What the ego can do."""
+
+    max_speed_m_s: float = setting(30.0, "ours", "highest speed of the ego", low=1, high=60)
+    accelerate_m_s2: float = setting(2.0, "Sec. IV-A", "a_1", low=0.1, high=10)
+    brake_m_s2: float = setting(2.0, "Sec. IV-A", "a_1, braking", low=0.1, high=10)
+    hard_brake_m_s2: float = setting(4.0, "Sec. IV-A", "a_2, braking", low=0.1, high=10)
+    lane_change_duration_s: float = setting(5.0, "Table I", "T_LC", low=1, high=20)
+    lateral_plant: str = setting(
+        "kinematic",
+        "Sec. IV-A",
+        "how a lane change moves the ego: at a constant lateral speed, or steered (Sec. III)",
+        choices=LATERAL_PLANTS,
+    )
+    max_curvature_per_m: float = setting(
+        0.2, "ours", "steering: sharpest turn, one of 5 m radius", low=0.01, high=1
+    )
+    max_lateral_acceleration_m_s2: float = setting(
+        2.0, "ours", "steering: most that an abort may take", low=0.1, high=10
+    )
+    steering_interval_s: float = setting(
+        0.05, "ours", "steering: longest time between two curvature commands", low=0.001, high=0.1
+    )
+    longitudinal_reference: str = setting(
+        "acceleration",
+        "Sec. III",
+        "what maintain and accelerate mean: the numbers above, or a model that follows",
+        choices=LONGITUDINAL_REFERENCES,
+    )
+    reference_headway_s: float = setting(
+        1.3, "ours", "idm, acc: time gap; the headway behind d_safe", low=0.1, high=10
+    )
+    reference_standstill_gap_m: float = setting(
+        2.5, "ours", "idm, acc: gap at standstill, SUMO's minGap", low=0, high=20
+    )
+    acc_gap_gain_per_s: float = setting(
+        0.4, "ours", "acc: lambda, rate at which an error in the gap fades", low=0.01, high=10
+    )
+    acc_speed_gain_per_s: float = setting(
+        0.4, "ours", "acc: rate at which an error in the speed fades", low=0.01, high=10
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.ordered("brake_m_s2", "hard_brake_m_s2")
+
+
+@dataclass(frozen=True)
+class ObservationConfig(Section):
+    """Constants that scale the 27 indicators to about [-1, 1]."""
+
+    range_m: float = setting(250.0, "Sec. IV-B", "how far the ego sees", low=10, high=2000)
+    gap_scale_m: float = setting(100.0, "ours", "gap that is observed as 1", low=1, high=2000)
+    speed_scale_m_s: float = setting(10.0, "ours", "relative velocity seen as 1", low=0.1, high=60)
+    lateral_scale_m: float = setting(3.8, "ours", "lateral offset observed as 1", low=0.1, high=50)
+    lateral_speed_scale_m_s: float = setting(
+        0.76, "ours", "lateral velocity observed as 1", low=0.01, high=10
+    )

@@ -1,0 +1,67 @@
+"""Whole configs by name, and the one that continuous adaptation makes of another."""
+
+from drl_av.config import Config
+from drl_av.config.schema import did_you_mean
+from drl_av.errors import ConfigError
+
+PRESETS: dict[str, Config] = {
+    "paper": Config(),
+    "fast": Config().updated(
+        "learning",
+        episodes=200,
+        discount=0.93,
+        epsilon_fraction=0.3,
+        epsilon_end=0.05,
+        learning_rate=3e-3,
+        learning_rate_end_fraction=0.005,
+        batch_size=256,
+        networks=3,
+        mirrored=True,
+        counterfactuals=6,
+        safe_capacity=300_000,
+        target_update_episodes=2,
+        speed_weight=0.3,
+        unsafe_penalty=0.5,
+        lane_change_margin=0.02,
+    ),
+}
+
+
+def preset(name: str) -> Config:
+    """The settings of a named preset; raises ConfigError with the nearest name."""
+    if name not in PRESETS:
+        raise ConfigError(
+            f"There is no preset {name!r}{did_you_mean(name, PRESETS)}; "
+            f"the presets are: {', '.join(PRESETS)}."
+        )
+    return PRESETS[name]
+
+
+def adaptation(config: Config) -> Config:
+    """The settings with which the driver trained with ``config`` goes on learning as it drives.
+
+    Sec. IV-D of the paper: greedily, over 30,000 episodes, at a lower learning rate. The rest is
+    ours: one gradient step a decision, however many networks there are, on a batch as small as the
+    paper preset's; so much collision experience first, where it can be counted, that a batch does
+    not repeat the same few rows; and traffic that is the same whatever is learnt. The margin for
+    lane changes stays with the driver that comes of it; no decision of these episodes keeps to it.
+    """
+    before = config.learning
+    counted = before.replay == "two-buffer" or not before.unsafe_penalty
+    return config.updated(
+        "learning",
+        episodes=30_000,
+        epsilon_start=0.0,
+        epsilon_end=0.0,
+        learning_rate=1e-5,
+        learning_rate_end_fraction=1.0,
+        gradient_steps=1,
+        batch_size=PRESETS["paper"].learning.batch_size,
+        networks_take_turns=True,
+        importance_exponent_start=1.0,
+        counterfactuals=0,
+        collisions_to_start=64 if counted else 0,
+        traffic_by_episode=True,
+        evaluate_every=1_000,
+        checkpoint_every=200,
+    )

@@ -1,0 +1,54 @@
+"""Settings of the safety checks."""
+
+from dataclasses import dataclass
+
+from drl_av.config.schema import Section, setting
+
+SAFETY_CHECKS = ("permit_all", "paper", "strict")
+
+
+@dataclass(frozen=True)
+class SafetyConfig(Section):
+    """The short-horizon safety check (eq. 2 and 3)."""
+
+    check: str = setting("paper", "Sec. III", "which safety check", choices=SAFETY_CHECKS)
+    minimum_ttc_s: float = setting(3.0, "Table I", "T_min", low=0, high=60)
+    hard_brake_ttc_s: float = setting(2.0, "Table I", "T_HB", low=0, high=60)
+    brake_ttc_s: float = setting(3.0, "Table I", "T_B", low=0, high=60)
+    accelerate_ttc_s: float = setting(8.0, "Table I", "T_A", low=0, high=60)
+    minimum_gap_m: float = setting(15.0, "Table I", "d_TVmin", low=0, high=250)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.ordered("hard_brake_ttc_s", "brake_ttc_s", "accelerate_ttc_s")
+
+
+@dataclass(frozen=True)
+class StrictConfig(Section):
+    """Bounds on the other vehicles under which ``strict`` lets the ego hit nothing.
+
+    The vehicle types of a scenario keep to them (``traffic/scenario_files.py``).
+    """
+
+    braking_m_s2: float = setting(
+        4.0, "ours", "hardest braking of a vehicle ahead: its emergencyDecel", low=0.1, high=20
+    )
+    acceleration_m_s2: float = setting(
+        2.0, "ours", "strongest acceleration of a vehicle behind: its accel", low=0, high=20
+    )
+    lateral_speed_m_s: float = setting(
+        0.76, "ours", "fastest move sideways: its maxSpeedLat", low=0, high=10
+    )
+    follower_response_s: float = setting(
+        0.5,
+        "ours",
+        "after which a vehicle behind brakes for the ego, a SUMO step",
+        low=0,
+        high=5,
+    )
+    follower_braking_m_s2: float = setting(
+        4.0, "ours", "and as hard as this, if it must: its decel", low=0.1, high=20
+    )
+    clearance_m: float = setting(
+        0.5, "ours", "what is left of every gap in the worst case", low=0, high=50
+    )

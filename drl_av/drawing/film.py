@@ -1,0 +1,177 @@
+"""Pictures in a row: moments between two decisions, and a film of them as a file."""
+
+import os
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from drl_av.errors import RecordingError
+from drl_av.traffic.road import FloatArray, Road
+from drl_av.traffic.snapshot import Snapshot
+
+Picture = npt.NDArray[np.uint8]
+
+
+def interpolated(a: Snapshot, b: Snapshot, fraction: float, road: Road) -> Snapshot:
+    """The scene ``fraction`` of the way from ``a`` to ``b``, for vehicles that are in both.
+
+    A vehicle's way round the loop is the one nearest to what its mean speed would cover.
+    """
+    a, b = _rows(a, b.ids), _rows(b, a.ids)
+    expected_m = (a.speed_m_s + b.speed_m_s) / 2 * (b.time_s - a.time_s)
+    travel_m = expected_m + road.ahead_m(0.0, b.s_m - a.s_m - expected_m)
+    s_m = (a.s_m + fraction * travel_m) % road.circumference_m
+    return replace(
+        a,
+        time_s=a.time_s + fraction * (b.time_s - a.time_s),
+        s_m=np.where(s_m < road.circumference_m, s_m, 0.0),
+        y_m=_between(a.y_m, b.y_m, fraction),
+        speed_m_s=_between(a.speed_m_s, b.speed_m_s, fraction),
+        lateral_speed_m_s=_between(a.lateral_speed_m_s, b.lateral_speed_m_s, fraction),
+    )
+
+
+def _between(a: FloatArray, b: FloatArray, fraction: float) -> FloatArray:
+    return a + fraction * (b - a)
+
+
+def _rows(snapshot: Snapshot, wanted: tuple[str, ...]) -> Snapshot:
+    """The vehicles whose id is wanted, the ego first and the others by id."""
+    if snapshot.ids == wanted:
+        return snapshot
+    kept = [row for row, name in enumerate(snapshot.ids) if name in set(wanted)]
+    kept.sort(key=lambda row: (row > 0, snapshot.ids[row]))
+    return replace(
+        snapshot,
+        ids=tuple(snapshot.ids[row] for row in kept),
+        s_m=snapshot.s_m[kept],
+        y_m=snapshot.y_m[kept],
+        speed_m_s=snapshot.speed_m_s[kept],
+        lateral_speed_m_s=snapshot.lateral_speed_m_s[kept],
+        length_m=snapshot.length_m[kept],
+        width_m=snapshot.width_m[kept],
+    )
+
+
+def write_video(path: str | os.PathLike[str], frames: Iterable[Picture], fps: float) -> int:
+    """Write uint8 frames of one shape (H, W, 3) to an .mp4 or .gif file; returns their number.
+
+    The file appears under its name only when it is complete. An .mp4 is written frame by frame
+    (H.264, yuv420p, padded to even sizes); a .gif is held in memory and suits short clips.
+    """
+    path = Path(path).resolve()
+    require_film(path, fps)
+    write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix.lower()}")
+    try:
+        with _told(path):
+            temporary.touch()
+        count = write(temporary, path, iter(frames), fps)
+        with _told(path):
+            os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return count
+
+
+def require_film(path: Path, fps: float) -> None:
+    """Raise RecordingError where ``write_video`` could not write, before anything is drawn."""
+    if path.suffix.lower() not in (".mp4", ".gif"):
+        given = f"not in {path.suffix}" if path.suffix else "and it has no suffix"
+        raise RecordingError(f"Cannot write {path}: its name must end in .mp4 or .gif, {given}.")
+    if not path.parent.is_dir():
+        raise RecordingError(
+            f"Cannot write {path}: the folder {path.parent} does not exist; create it first."
+        )
+    if path.is_dir():
+        raise RecordingError(f"Cannot write {path}: it is a folder; choose another name.")
+    if not fps > 0:
+        raise RecordingError(f"Cannot write {path} at {fps:g} frames a second: choose more than 0.")
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Failures of the file system and of ffmpeg, told in one sentence."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or "the video encoder stopped early"
+        raise RecordingError(
+            f"Cannot write the video {path}: {reason}; "
+            "check that the disk has room and that the folder may be written to."
+        ) from error
+
+
+def _first(frames: Iterator[Picture], path: Path) -> Picture:
+    for frame in frames:
+        return frame
+    raise RecordingError(f"Cannot write {path}: there are no frames; record an episode first.")
+
+
+def _write_mp4(temporary: Path, path: Path, frames: Iterator[Picture], fps: float) -> int:
+    frame = _even(_first(frames, path))
+    height, width = frame.shape[:2]
+    with _told(path):
+        encoder = _encoder(temporary, (width, height), fps)
+    count = 0
+    with closing(encoder):
+        while True:
+            with _told(path):
+                encoder.send(np.ascontiguousarray(frame))
+            count += 1
+            following = next(frames, None)
+            if following is None:
+                break
+            frame = _even(following)
+    with _told(path):
+        if imageio_ffmpeg.count_frames_and_secs(str(temporary))[0] != count:
+            raise RuntimeError("frames are missing from the file")
+    return count
+
+
+def _encoder(
+    temporary: Path, size: tuple[int, int], fps: float
+) -> Generator[None, Picture | None, None]:
+    """An H.264 encoder that takes frames of that (width, height) by ``send``."""
+    encoder: Generator[None, Picture | None, None] = imageio_ffmpeg.write_frames(
+        str(temporary),
+        size,
+        fps=fps,
+        codec="libx264",
+        pix_fmt_out="yuv420p",
+        macro_block_size=1,
+        ffmpeg_log_level="quiet",
+        output_params=["-crf", "20", "-preset", "fast", "-movflags", "+faststart"],
+    )
+    encoder.send(None)
+    return encoder
+
+
+def _even(frame: Picture) -> Picture:
+    """The frame with its last row or column repeated where its size is odd."""
+    height, width = frame.shape[:2]
+    return np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+
+
+def _write_gif(temporary: Path, path: Path, frames: Iterator[Picture], fps: float) -> int:
+    images = [_indexed(_first(frames, path)), *map(_indexed, frames)]
+    with _told(path):
+        images[0].save(
+            temporary,
+            save_all=True,
+            append_images=images[1:],
+            duration=round(1000 / fps),
+            loop=0,
+        )
+    return len(images)
+
+
+def _indexed(frame: Picture) -> Image.Image:
+    """The frame with 256 colours, as a .gif holds it."""
+    return Image.fromarray(frame).quantize(256, dither=Image.Dither.NONE)

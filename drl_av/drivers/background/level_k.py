@@ -1,0 +1,91 @@
+"""Level-k drivers: level 0 by rule, level 1 the best response to traffic of level 0.
+
+Li, Oyler, Zhang, Yildiz, Kolmanovsky and Girard 2017; the rule of level 0 is that of Albaba and
+Yildiz 2020, the accelerations are those of the ego's actions.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import Config, EgoConfig, Level0Config
+from drl_av.drivers.background.surroundings import FRONT, LEFT, OWN, RIGHT, Surroundings
+from drl_av.drivers.driver import Decisions
+from drl_av.driving.actions import ACTIONS, Longitudinal
+from drl_av.driving.affordances import ObservationScale
+from drl_av.traffic.road import FloatArray, Road
+
+LEAK = np.float32(0.01)
+Layers = Sequence[tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]]
+"""Weight (outputs, inputs) and bias (outputs,) of each layer; leaky ReLU between them."""
+
+LEVEL_0 = np.array(
+    [
+        [Longitudinal.HARD_BRAKE, Longitudinal.BRAKE, Longitudinal.MAINTAIN],
+        [Longitudinal.BRAKE, Longitudinal.MAINTAIN, Longitudinal.ACCELERATE],
+        [Longitudinal.ACCELERATE, Longitudinal.ACCELERATE, Longitudinal.ACCELERATE],
+    ]
+)
+"""Rows: the vehicle ahead is close, nominal, far; columns: approaching, stable, moving away."""
+
+
+def level_0(around: Surroundings, config: Level0Config, ego: EgoConfig) -> Decisions:
+    """Keep the lane and look at nothing but the vehicle ahead, coarsely."""
+    distance = np.digitize(
+        around.gap_m[:, OWN, FRONT], (config.close_m, config.nominal_m), right=True
+    )
+    speed = around.relative_speed_m_s[:, OWN, FRONT]
+    motion = 1 + np.sign(speed).astype(np.intp) * (np.abs(speed) > config.stable_m_s)
+    return Decisions(
+        _accelerations(ego)[LEVEL_0[distance, motion]], np.zeros(len(speed), dtype=np.intp)
+    )
+
+
+class Level1:
+    """A greedy policy learned among level-0 drivers, in numpy.
+
+    It sees as the ego did while it learned, by the ``config`` of that training, and decides by
+    the network alone, without a mirror or a margin.
+    """
+
+    def __init__(self, layers: Layers, config: Config, road: Road) -> None:
+        self._layers = layers
+        self.range_m = config.observation.range_m
+        self._scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
+        self._acceleration_m_s2 = _accelerations(config.ego)[[a.longitudinal for a in ACTIONS]]
+        self._safety = config.safety
+        self._side = np.array([action.lateral.sign for action in ACTIONS])
+
+    def __call__(self, around: Surroundings) -> Decisions:
+        """The action of the greatest value, for each vehicle; the first of several equal ones.
+
+        A lane change is asked for where rules 2 and 3 of the safety check permit it, under which
+        the policy learned; but never while one is under way: SUMO does not turn back.
+        """
+        best = self.values(self._scale(around.vectors())).argmax(axis=1)
+        side = np.where(around.under_way, 0, self._side[best])
+        for sign, lane in ((1, LEFT), (-1, RIGHT)):
+            side[(side == sign) & ~self._is_clear(around, lane)] = 0
+        return Decisions(self._acceleration_m_s2[best], side)
+
+    def _is_clear(self, around: Surroundings, lane: int) -> npt.NDArray[np.bool_]:
+        """Eq. 2 for the vehicle ahead and for front and rear of a lane that exists."""
+        closing_m_s = around.relative_speed_m_s * (-1.0, 1.0)
+        to_spare_m = around.gap_m - self._safety.minimum_ttc_s * closing_m_s
+        enough = to_spare_m > self._safety.minimum_gap_m
+        clear: npt.NDArray[np.bool_] = around.has_lane[:, lane] & enough[:, OWN, FRONT]
+        return clear & enough[:, lane].all(axis=1)
+
+    def values(self, observations: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Q(s, .): (R, 27) -> (R, 12)."""
+        *hidden, (weight, bias) = self._layers
+        rows = observations
+        for inner, offset in hidden:
+            rows = rows @ inner.T + offset
+            rows = np.maximum(rows, rows * LEAK)
+        return rows @ weight.T + bias
+
+
+def _accelerations(ego: EgoConfig) -> FloatArray:
+    return np.array([longitudinal.acceleration_m_s2(ego) for longitudinal in Longitudinal])

@@ -1,0 +1,72 @@
+"""Who may enter a lane that another vehicle enters from its other side.
+
+Neither is in the other's lane until they meet in the middle, so no gap tells them of each other,
+and SUMO lets both begin.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from drl_av.config import Config
+from drl_av.safety.stopping import stopping_distance
+from drl_av.traffic.population import STANDSTILL_GAP_M
+from drl_av.traffic.road import Road
+from drl_av.traffic.snapshot import Snapshot, Wish
+
+
+class Entry(NamedTuple):
+    """A vehicle on its way into a lane, or about to begin."""
+
+    row: int
+    lane: int
+
+
+def give_way(wishes: Sequence[Wish], snapshot: Snapshot, road: Road, config: Config) -> list[Wish]:
+    """The wishes without the lane changes that come too close to one from the other side.
+
+    Too close is where the rear one, braking from the next decision on, could not stop behind the
+    one in front. Who is on the way goes first, then whose wish stands first; the others stay in
+    their lanes for this decision.
+    """
+    if not any(wish.side for wish in wishes):
+        return list(wishes)
+    entries = _under_way(snapshot, road)
+    allowed = []
+    for wish in wishes:
+        if wish.side:
+            lane = road.lane_of(float(snapshot.y_m[wish.row])) + wish.side
+            entry = Entry(wish.row, lane)
+            if any(_meet(entry, other, snapshot, road, config) for other in entries):
+                wish = wish._replace(side=0)
+            else:
+                entries.append(entry)
+        allowed.append(wish)
+    return allowed
+
+
+def _under_way(snapshot: Snapshot, road: Road) -> list[Entry]:
+    """Everybody who moves sideways, and the lane whose centre comes next."""
+    entries = []
+    for row, speed in enumerate(snapshot.lateral_speed_m_s.tolist()):
+        if speed:
+            y_m = float(snapshot.y_m[row])
+            lane = road.lane_of(y_m)
+            leaves = (y_m - road.center_m(lane)) * speed >= 0.0
+            entries.append(Entry(row, lane + (1 if speed > 0 else -1) * leaves))
+    return entries
+
+
+def _meet(one: Entry, other: Entry, snapshot: Snapshot, road: Road, config: Config) -> bool:
+    center_m = road.center_m(one.lane)
+    sides = [float(snapshot.y_m[entry.row]) < center_m for entry in (one, other)]
+    if one.lane != other.lane or sides[0] == sides[1]:
+        return False
+    ahead_m = float(road.ahead_m(snapshot.s_m[one.row], snapshot.s_m[other.row]))
+    rear, front = (one.row, other.row) if ahead_m >= 0.0 else (other.row, one.row)
+    lengths_m = snapshot.length_m[[one.row, other.row]]
+    gap_m = abs(ahead_m) - float(lengths_m.sum()) / 2
+    fast, slow = (float(snapshot.speed_m_s[row]) for row in (rear, front))
+    braking, step_s = config.strict.follower_braking_m_s2, config.simulation.step_length_s
+    fast_m, slow_m = (stopping_distance(speed, braking, step_s) for speed in (fast, slow))
+    rolled_m = config.simulation.decision_interval_s * fast + max(float(fast_m - slow_m), 0.0)
+    return gap_m < STANDSTILL_GAP_M + rolled_m

@@ -1,0 +1,111 @@
+"""What many vehicles see at once: for each the six neighbours of the affordance indicators."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.driving.affordances import SIDES
+from drl_av.traffic.road import FloatArray, Road
+from drl_av.traffic.snapshot import Snapshot
+
+OWN, RIGHT, LEFT = range(3)
+"""The lanes of a vehicle, in the order of SIDES."""
+FRONT, REAR = range(2)
+CENTERED_M = 0.1
+"""Further from its lane's centre a vehicle is on the way to another lane."""
+
+
+class Surroundings(NamedTuple):
+    """Rows are the vehicles that look, R of them; then three lanes; then front and rear."""
+
+    has_lane: npt.NDArray[np.bool_]
+    """Shape (R, 3): whether the lane exists and is open; always so for the own one."""
+    gap_m: FloatArray
+    """Shape (R, 3, 2): net gap, never negative; inf where there is no vehicle in range."""
+    relative_speed_m_s: FloatArray
+    """Shape (R, 3, 2), the neighbour's minus the own; 0 where there is none."""
+    lateral_offset_m: FloatArray
+    """Shape (R, 3, 2), left positive; that of the lane's centre where there is none."""
+    relative_lateral_speed_m_s: FloatArray
+    """Shape (R, 3, 2); 0 where there is none."""
+    speed_m_s: FloatArray
+    """Shape (R,), as the three below: of the vehicles that look."""
+    y_m: FloatArray
+    off_center_m: FloatArray
+    """From the centre of the own lane, left positive."""
+    lateral_speed_m_s: FloatArray
+    range_m: float
+
+    @property
+    def under_way(self) -> npt.NDArray[np.bool_]:
+        """Shape (R,): whether a lane change is in progress."""
+        return np.abs(self.off_center_m) > CENTERED_M
+
+    def vectors(self) -> FloatArray:
+        """The 27 indicators of each vehicle in SI units, (R, 27): its ``Affordances.vector()``."""
+        absent_m = np.where(self.has_lane, self.range_m, 0.0)[:, :, None]
+        neighbors = np.stack(
+            (
+                np.where(np.isfinite(self.gap_m), self.gap_m, absent_m),
+                self.relative_speed_m_s,
+                self.lateral_offset_m,
+                self.relative_lateral_speed_m_s,
+            ),
+            axis=-1,
+        )
+        own = np.stack((self.speed_m_s, self.y_m, self.lateral_speed_m_s), axis=-1)
+        return np.concatenate((neighbors.reshape(len(own), 24), own), axis=1)
+
+
+def surroundings(
+    snapshot: Snapshot, road: Road, range_m: float, rows: npt.NDArray[np.intp]
+) -> Surroundings:
+    """Look around each of some vehicles by the rules of ``affordances``, in a handful of arrays."""
+    y, speed, lateral = snapshot.y_m, snapshot.speed_m_s, snapshot.lateral_speed_m_s
+    lane = np.floor(y[rows] / road.lane_width_m + 0.5).astype(np.intp)
+    centers_m = lane[:, None] * road.lane_width_m + road.lane_width_m * np.array(SIDES)
+    gap_m, other = _nearest(snapshot, road, centers_m, rows)
+    there = gap_m <= range_m
+
+    def relative(values: FloatArray, absent: FloatArray | float) -> FloatArray:
+        return np.where(there, values[other] - values[rows, None, None], absent)
+
+    return Surroundings(
+        has_lane=_has_lane(lane, road),
+        gap_m=np.where(there, np.maximum(gap_m, 0.0), np.inf),
+        relative_speed_m_s=relative(speed, 0.0),
+        lateral_offset_m=relative(y, (centers_m - y[rows, None])[:, :, None]),
+        relative_lateral_speed_m_s=relative(lateral, 0.0),
+        speed_m_s=speed[rows],
+        y_m=y[rows],
+        off_center_m=y[rows] - centers_m[:, OWN],
+        lateral_speed_m_s=lateral[rows],
+        range_m=range_m,
+    )
+
+
+def _nearest(
+    snapshot: Snapshot, road: Road, centers_m: FloatArray, rows: npt.NDArray[np.intp]
+) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+    """Clearance to the nearest neighbour and its row, (R, 3, 2) each; inf where there is none."""
+    length, looking = snapshot.length_m, np.arange(len(rows))
+    ahead_m = road.ahead_m(snapshot.s_m[rows, None], snapshot.s_m)
+    clearance_m = np.abs(ahead_m) - (length + length[rows, None]) / 2
+    clearance_m[looking, rows] = np.inf
+    in_front = (ahead_m >= 0.0)[:, None]
+    sides = np.where(np.concatenate((in_front, ~in_front), 1), clearance_m[:, None], np.inf)
+    reach_m = snapshot.width_m / 2 + road.lane_width_m / 2
+    occupies = np.abs(snapshot.y_m - centers_m[:, :, None]) < reach_m
+    distances = np.where(occupies[:, :, None], sides[:, None], np.inf)
+    other = distances.argmin(axis=3)
+    return np.take_along_axis(distances, other[..., None], axis=3)[..., 0], other
+
+
+def _has_lane(lane: npt.NDArray[np.intp], road: Road) -> npt.NDArray[np.bool_]:
+    fenced = np.array((False, *road.open_lanes, False))
+    exists: npt.NDArray[np.bool_] = fenced[
+        np.clip(lane[:, None] + np.array(SIDES) + 1, 0, len(fenced) - 1)
+    ]
+    exists[:, OWN] = True
+    return exists

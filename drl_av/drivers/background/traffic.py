@@ -1,0 +1,66 @@
+"""The drivers of the background traffic that are not SUMO's: all decide on the same snapshot."""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import Config
+from drl_av.drivers.background.finite_state import State, finite_state
+from drl_av.drivers.background.level_k import Level1, level_0
+from drl_av.drivers.background.right_of_way import give_way
+from drl_av.drivers.background.surroundings import Surroundings, surroundings
+from drl_av.drivers.driver import Decisions
+from drl_av.traffic.population import Kind
+from drl_av.traffic.road import FloatArray, Road
+from drl_av.traffic.snapshot import Snapshot, Wish
+
+IntArray = npt.NDArray[np.intp]
+
+
+class TrafficDrivers:
+    """One driver of each kind, which decides for all vehicles of its kind at once, at 1 Hz.
+
+    ``level_1`` may be None where the config has no such vehicles.
+    """
+
+    def __init__(self, config: Config, road: Road, level_1: Level1 | None) -> None:
+        self._config, self._road, self._level_1 = config, road, level_1
+        self._drivers: dict[Kind, Callable[[Snapshot, IntArray], Decisions]] = {
+            Kind.FINITE_STATE: self._by_finite_state,
+            Kind.LEVEL_0: self._by_level_0,
+            Kind.LEVEL_1: self._by_level_1,
+        }
+
+    def start(self, kinds: IntArray, desired_m_s: FloatArray) -> None:
+        """Get ready for an episode; both have a row a vehicle, the ego's first."""
+        rows = {kind: np.flatnonzero(kinds == kind) for kind in self._drivers}
+        self._rows = {kind: found for kind, found in rows.items() if len(found)}
+        self._desired_m_s = desired_m_s
+        self._states = np.full(len(kinds), State.CRUISE, dtype=np.intp)
+
+    def __call__(self, snapshot: Snapshot) -> list[Wish]:
+        """What each of them wants until the next decision; nothing where SUMO drives everybody."""
+        wishes: list[Wish] = []
+        for kind, rows in self._rows.items():
+            acceleration, side = self._drivers[kind](snapshot, rows)
+            wishes += map(Wish, rows.tolist(), acceleration.tolist(), side.tolist())
+        return give_way(wishes, snapshot, self._road, self._config)
+
+    def _by_finite_state(self, snapshot: Snapshot, rows: IntArray) -> Decisions:
+        around = self._look(snapshot, rows, self._config.observation.range_m)
+        self._states[rows], decisions = finite_state(
+            around, self._states[rows], self._desired_m_s[rows], self._config.finite_state
+        )
+        return decisions
+
+    def _by_level_0(self, snapshot: Snapshot, rows: IntArray) -> Decisions:
+        around = self._look(snapshot, rows, self._config.observation.range_m)
+        return level_0(around, self._config.level_0, self._config.ego)
+
+    def _by_level_1(self, snapshot: Snapshot, rows: IntArray) -> Decisions:
+        assert self._level_1 is not None
+        return self._level_1(self._look(snapshot, rows, self._level_1.range_m))
+
+    def _look(self, snapshot: Snapshot, rows: IntArray, range_m: float) -> Surroundings:
+        return surroundings(snapshot, self._road, range_m, rows)

@@ -1,0 +1,81 @@
+"""MOBIL: changing lanes when it pays and harms nobody (Kesting, Treiber and Helbing 2007)."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import EgoConfig, MobilConfig, SafetyConfig
+from drl_av.drivers.rules import idm_action
+from drl_av.driving.actions import Action, Lateral, toward
+from drl_av.driving.affordances import Affordances, Neighbor
+from drl_av.driving.car_following import idm_acceleration
+from drl_av.driving.scene import Scene
+from drl_av.traffic.snapshot import EGO
+
+
+class MobilDriver:
+    """``idm-mobil``: the paper's IDM in the lane, MOBIL across lanes."""
+
+    def __init__(self, safety: SafetyConfig, ego: EgoConfig, mobil: MobilConfig) -> None:
+        self._safety, self._ego, self._mobil = safety, ego, mobil
+
+    def start(self, seed: int) -> None:
+        """Nothing to do: no memory, no chance."""
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """The more rewarding lane of those that pass both criteria; a change runs to its end."""
+        longitudinal = idm_action(scene.seen, self._safety)
+        if scene.lane_change is not None:
+            return Action(Lateral.KEEP, longitudinal)
+        gains = {sign: self.gain(scene, sign) for sign in (1, -1) if scene.seen.has_lane(sign)}
+        sign = max(gains, key=lambda side: gains[side], default=0)
+        worth_it = sign != 0 and gains[sign] > self._mobil.threshold_m_s2
+        return Action(toward(sign) if worth_it else Lateral.KEEP, longitudinal)
+
+    def gain(self, scene: Scene, sign: int) -> float:
+        """Left side of MOBIL's incentive criterion for a side, m/s^2; -inf where it is unsafe.
+
+        a_c' - a_c + p (a_n' - a_n + a_o' - a_o), with c the ego, n the new and o the old follower.
+        """
+        seen, length_m = scene.seen, float(scene.snapshot.length_m[EGO])
+        new_follower = self._behind(seen, seen.rear(sign))
+        if new_follower < -self._mobil.safe_braking_m_s2:
+            return -math.inf
+        own = self._ahead(seen, seen.front(sign)) - self._ahead(seen, seen.own_front)
+        others = (
+            new_follower
+            - self._without_ego(seen, seen.rear(sign), seen.front(sign), length_m)
+            + self._without_ego(seen, seen.own_rear, seen.own_front, length_m)
+            - self._behind(seen, seen.own_rear)
+        )
+        return own + self._mobil.politeness * others
+
+    def _idm(self, speed_m_s: float, gap_m: float, closing_m_s: float) -> float:
+        desired = self._ego.max_speed_m_s
+        return idm_acceleration(speed_m_s, desired, gap_m, closing_m_s, self._mobil)
+
+    def _ahead(self, seen: Affordances, front: Neighbor | None) -> float:
+        """The ego's acceleration behind a vehicle, or on a free road."""
+        if front is None:
+            return self._idm(seen.ego_speed_m_s, math.inf, 0.0)
+        return self._idm(seen.ego_speed_m_s, front.gap_m, -front.relative_speed_m_s)
+
+    def _behind(self, seen: Affordances, rear: Neighbor | None) -> float:
+        """A follower's acceleration behind the ego; 0 where there is no follower."""
+        if rear is None:
+            return 0.0
+        speed = seen.ego_speed_m_s + rear.relative_speed_m_s
+        return self._idm(speed, rear.gap_m, rear.relative_speed_m_s)
+
+    def _without_ego(
+        self, seen: Affordances, rear: Neighbor | None, front: Neighbor | None, length_m: float
+    ) -> float:
+        """A follower's acceleration behind the vehicle ahead of the ego; 0 without a follower."""
+        if rear is None:
+            return 0.0
+        speed = seen.ego_speed_m_s + rear.relative_speed_m_s
+        if front is None:
+            return self._idm(speed, math.inf, 0.0)
+        gap_m = rear.gap_m + length_m + front.gap_m
+        return self._idm(speed, gap_m, rear.relative_speed_m_s - front.relative_speed_m_s)

@@ -1,0 +1,64 @@
+"""Drivers by rule that the paper compares with (Sec. IV-C)."""
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import SafetyConfig
+from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, toward
+from drl_av.driving.affordances import Affordances
+from drl_av.driving.scene import Scene
+from drl_av.safety.paper import closing_speed, gap_condition, safe_action, time_to_collision
+
+
+def idm_action(seen: Affordances, config: SafetyConfig) -> Longitudinal:
+    """The paper's IDM: eq. 3, and accelerate above a time to collision of T_A.
+
+    Ours: only where eq. 2 holds. At equal speeds the time to collision is infinite however small
+    the gap is, and the rule as printed accelerates into the vehicle ahead.
+    """
+    front = seen.own_front
+    if front is None:
+        return Longitudinal.ACCELERATE
+    closing = closing_speed(front)
+    ttc_s = time_to_collision(front.gap_m, closing)
+    if ttc_s > config.accelerate_ttc_s and gap_condition(front.gap_m, closing, config):
+        return Longitudinal.ACCELERATE
+    return safe_action(ttc_s, config)
+
+
+class IdmDriver:
+    """``idm``: keeps its lane."""
+
+    def __init__(self, config: SafetyConfig) -> None:
+        self._config = config
+
+    def start(self, seed: int) -> None:
+        """Nothing to do: no memory, no chance."""
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """The paper's IDM in the lane."""
+        return Action(Lateral.KEEP, idm_action(scene.seen, self._config))
+
+
+class IdmSumoDriver(IdmDriver):
+    """``idm-sumo``: as ``idm``, and SUMO's lane-change model (SL2015) says when to change."""
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """The paper's IDM; a lane change once started runs to its end."""
+        wish = scene.snapshot.lane_change_wish if scene.lane_change is None else 0
+        return Action(toward(wish), idm_action(scene.seen, self._config))
+
+
+class RandomDriver:
+    """``random``: each of the 12 actions with equal probability."""
+
+    def __init__(self) -> None:
+        self._rng = np.random.default_rng()
+
+    def start(self, seed: int) -> None:
+        """Draw from a generator of this seed."""
+        self._rng = np.random.default_rng([seed, 2])
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """Any of the 12."""
+        return ACTIONS[self._rng.integers(len(ACTIONS))]

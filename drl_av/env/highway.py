@@ -1,0 +1,291 @@
+"""``drl_av/Highway-v0``: the ego vehicle on SUMO's circular highway, as a gymnasium environment."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import Config, load_config
+from drl_av.drawing import Caption, draw
+from drl_av.drivers.background.level_1 import load_level_1
+from drl_av.drivers.background.traffic import TrafficDrivers
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.affordances import INDICATORS, ObservationScale, affordances
+from drl_av.driving.maneuver import plan
+from drl_av.driving.scene import LaneChange, Scene
+from drl_av.env.reward import Rewards, desired, rewards
+from drl_av.errors import ConfigError
+from drl_av.safety import ActionMask, action_mask, named_check
+from drl_av.safety.check import SafetyCheck, Verdict
+from drl_av.traffic.collisions import overlapping
+from drl_av.traffic.scenario import find_scenario, load_scenario
+from drl_av.traffic.simulation import Simulation
+from drl_av.traffic.snapshot import EGO, Collision, Snapshot
+
+Observation = npt.NDArray[np.float32]
+TRAINING_SEEDS = (1_000_000, 2**31)
+"""Traffic seeds that an unseeded reset draws from; those below are left to evaluation."""
+
+
+class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle):
+    """One decision a second for a vehicle among SUMO's traffic (Fig. 3 of the paper).
+
+    ## Description
+    A circular highway of three lanes stands for an infinite straight one. SUMO drives the traffic;
+    each decision of the agent passes through a safety check before the ego carries it out.
+
+    ## Action Space
+    `Discrete(12)`, `4 * lateral + longitudinal`:
+
+    {actions}
+
+    ## Observation Space
+    `Box` of shape (27,), float32: the affordance indicators, scaled by the constants of
+    `config.observation` and clipped to the box. `info["indicators"]` holds them in SI units.
+
+    {indicators}
+
+    ## Rewards
+    The mean of r_v, r_y and r_x (eq. 6 to 8), each in [-1, 0]; `config.reward.collision_reward`
+    for the decision in which the ego collides.
+
+    ## Starting State
+    `options={{"vehicles": n}}` of them, or a number drawn from the config's range, at random
+    places within 250 m. A seed determines the whole traffic; without one, each reset draws a new
+    seed of at least 1,000,000 (`info["seed"]`). What a program of your own changes in
+    SUMO, such as who may use a lane, stays until `close`.
+
+    ## Episode End
+    Terminated when the ego hits or is hit; truncated after `decisions_per_episode` decisions.
+
+    ## Arguments
+    `scenario` (folder or name), `safety_check` (name or function), `config` (Config or TOML file),
+    `render_mode` ("human" is sumo-gui, "rgb_array" needs no screen), `action_mask` (whether
+    `info` holds one; `gymnasium.make` asks for it, an environment made directly does not).
+
+    ## Information
+    `proposed_action, executed_action, rule, rewards, collision, speed_m_s, indicators, seed,
+    vehicles, action_mask`: shape (12,), int8, 1 where the safety check would execute the action
+    now as proposed, as `action_space.sample(mask)` takes it. libsumo holds one simulation a
+    process, so several environments at once need `make_vec(..., vectorization_mode="async")`.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (gymnasium declares it so)
+        "render_modes": ["human", "rgb_array"],
+        "render_fps": 1,
+    }
+
+    def __init__(
+        self,
+        scenario: str | Path | None = None,
+        safety_check: str | SafetyCheck | None = None,
+        config: Config | str | Path | None = None,
+        render_mode: str | None = None,
+        action_mask: bool = False,
+    ) -> None:
+        gymnasium.utils.EzPickle.__init__(
+            self, scenario, safety_check, config, render_mode, action_mask
+        )
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ConfigError(
+                f"render_mode is {render_mode!r}, but must be None, 'human' or 'rgb_array'."
+            )
+        self.render_mode = render_mode
+        config = config if isinstance(config, Config) else load_config(config)
+        if scenario is not None:
+            folder = Path(scenario)
+            name = str(folder.absolute() if folder.is_dir() else scenario)
+            config = config.updated("simulation", scenario=name)
+        if safety_check is not None and not callable(safety_check):
+            config = config.updated("safety", check=safety_check)
+        self.config = config
+        self.safety_check = safety_check if callable(safety_check) else named_check(config)
+        self.check_name = (
+            getattr(safety_check, "__name__", "custom")
+            if callable(safety_check)
+            else config.safety.check
+        )
+        loaded = load_scenario(find_scenario(config.simulation.scenario))
+        self.simulation = Simulation(loaded, config, gui=render_mode == "human")
+        self.road = loaded.road
+        level_1 = load_level_1(self.road) if config.traffic.level_1_share else None
+        self.traffic_drivers = TrafficDrivers(config, self.road, level_1)
+        self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
+        bounds = self.scale.bounds
+        self.observation_space = gymnasium.spaces.Box(-bounds, bounds, dtype=np.float32)
+        self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
+        self._masked = action_mask
+        self.caption = Caption()
+        self.proposed: Action | None = None
+        self._over = True
+
+    def require_room(self) -> None:
+        """Raise ConfigError where ``traffic.vehicles_max`` vehicles do not fit on the road."""
+        most = self.simulation.capacity
+        if self.config.traffic.vehicles_max > most and self.simulation.placed_vehicles is None:
+            raise ConfigError(
+                f"traffic.vehicles_max is {self.config.traffic.vehicles_max}, but this road takes "
+                f"{most} vehicles beside the ego: ask for fewer or make the loop longer."
+            )
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode; ``options`` may set ``vehicles``.
+
+        Raises:
+            ConfigError: an unknown option, or a number of vehicles that is none.
+            ScenarioError: more vehicles than fit on the road.
+        """
+        super().reset(seed=seed)
+        self.seed = int(self.np_random.integers(*TRAINING_SEEDS)) if seed is None else seed
+        vehicles = self._vehicles(options or {})
+        self.caption = Caption(vehicles=vehicles, seed=self.seed)
+        self.decisions = 0
+        self.proposed = None
+        self._over = True
+        self._look(self.simulation.reset(self.seed, vehicles), None)
+        self.traffic_drivers.start(self.simulation.kinds, self.simulation.desired_speed_m_s)
+        self._over = False
+        return self._observe(), self._info()
+
+    def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Carry out one decision, as far as the safety check permits it.
+
+        Raises:
+            ConfigError: no such action.
+            gymnasium.error.ResetNeeded: there is no episode, or it is over.
+            SimulationError: SUMO ended, or belongs to another environment of this process.
+        """
+        if self._over:
+            raise gymnasium.error.ResetNeeded("There is no episode to drive on in: call reset.")
+        quick = type(action) is int and 0 <= action < len(ACTIONS)  # contains costs a step 2 %
+        if not quick and not self.action_space.contains(action):
+            raise ConfigError(f"The action is {action}, but must be from 0 to {len(ACTIONS) - 1}.")
+        proposed = ACTIONS[action]
+        self.proposed = proposed
+        verdict = self.safety_check(self.scene, proposed)
+        commands, lane_change = plan(
+            self.scene, verdict.action, self.config.ego, self.config.simulation
+        )
+        wishes = self.traffic_drivers(self.scene.snapshot)
+        self._over = True  # should SUMO end in the middle
+        snapshot, collision = self.simulation.advance(commands, wishes)
+        self._look(snapshot, lane_change)
+        if collision is None and self.scene.seen.may_touch(float(snapshot.width_m[EGO])):
+            collision = overlapping(snapshot, self.road)
+        self.decisions += 1
+        target = desired(self.scene.seen, self.config.reward, self.config.safety)
+        terms = rewards(
+            self.scene.seen, target, self.config.reward, self.config.safety.minimum_gap_m
+        )
+        reward = terms.total if collision is None else self.config.reward.collision_reward
+        truncated = self.decisions >= self.config.simulation.decisions_per_episode
+        self._over = truncated or collision is not None
+        info = self._info() | {
+            "proposed_action": proposed.number,
+            "executed_action": verdict.action.number,
+            "rule": str(verdict.rule),
+            "rewards": terms._asdict(),
+            "collision": collision,
+        }
+        if self.render_mode is not None:
+            self._narrate(proposed, verdict, reward, terms, collision)
+        return self._observe(), reward, collision is not None, truncated, info
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """The scene as a picture (720, 1280, 3); None in sumo-gui, which draws by itself."""
+        if self.render_mode != "rgb_array":
+            return None
+        if self.caption == Caption():
+            raise gymnasium.error.ResetNeeded("There is nothing to draw yet: call reset.")
+        return draw(self.scene.snapshot, self.road, self.caption)
+
+    def action_masks(self) -> ActionMask:
+        """The mask of the scene now, whether ``info`` holds it or not; sb3-contrib calls this."""
+        return action_mask(self.safety_check, self.scene)
+
+    def close(self) -> None:
+        """End SUMO."""
+        self._over = True
+        self.simulation.close()
+
+    def _look(self, snapshot: Snapshot, lane_change: LaneChange | None) -> None:
+        seen = affordances(snapshot, self.road, self.config.observation.range_m)
+        self.scene = Scene(snapshot, seen, lane_change)
+        self.indicators = seen.vector()
+
+    def _observe(self) -> Observation:
+        return self.scale(self.indicators)
+
+    def _info(self) -> dict[str, Any]:
+        info = {
+            "seed": self.seed,
+            "vehicles": len(self.scene.snapshot.ids) - 1,
+            "speed_m_s": self.scene.seen.ego_speed_m_s,
+            "indicators": self.indicators.copy(),
+        }
+        if self._masked:
+            info["action_mask"] = self.action_masks()
+        return info
+
+    def _vehicles(self, options: dict[str, Any]) -> int:
+        unknown = set(options) - {"vehicles"}
+        if unknown:
+            raise ConfigError(f"reset has no option {unknown.pop()!r}; its option is: vehicles.")
+        traffic, placed = self.config.traffic, self.simulation.placed_vehicles
+        if placed is not None:
+            if options.get("vehicles", placed) != placed:
+                raise ConfigError(
+                    f"vehicles is {options['vehicles']!r}, but the scenario places {placed} "
+                    "vehicles exactly: leave the option out."
+                )
+            return placed
+        if "vehicles" not in options:
+            draw_number = np.random.default_rng([self.seed, 1])
+            return int(draw_number.integers(traffic.vehicles_min, traffic.vehicles_max + 1))
+        vehicles = options["vehicles"]
+        if isinstance(vehicles, bool) or not isinstance(vehicles, int | np.integer) or vehicles < 0:
+            raise ConfigError(f"vehicles is {vehicles!r}, but must be a whole number from 0 on.")
+        return int(vehicles)
+
+    def _narrate(
+        self,
+        proposed: Action,
+        verdict: Verdict,
+        reward: float,
+        terms: Rewards,
+        collision: Collision | None,
+    ) -> None:
+        speed = self.scene.seen.ego_speed_m_s
+        self.caption = replace(
+            self.caption,
+            decision=self.decisions,
+            proposed=str(proposed),
+            executed=str(verdict.action),
+            rule=str(verdict.rule) if verdict.rule else None,
+            reward=reward,
+            **terms._asdict(),
+            speed_history=(*self.caption.speed_history, speed),
+            trigger_history=(*self.caption.trigger_history, bool(verdict.rule)),
+            collision="" if collision is None else collision.kind.value,
+        )
+        if self.render_mode == "human":
+            self.simulation.show(
+                f"{verdict.action} | rule: {verdict.rule} | {speed:.1f} m/s | reward {reward:.2f}"
+            )
+
+
+HighwayEnv.__doc__ = str(HighwayEnv.__doc__).format(
+    actions="\n    ".join(
+        ["| action | meaning |", "| --- | --- |"]
+        + [f"| {action.number} | {action} |" for action in ACTIONS]
+    ),
+    indicators="\n    ".join(
+        ["| place | indicator |", "| --- | --- |"]
+        + [f"| {place} | {name} |" for place, name in enumerate(INDICATORS)]
+    ),
+)

@@ -1,0 +1,161 @@
+"""Drivers compared on the same seeded traffic."""
+
+import csv
+import io
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager
+from dataclasses import asdict, fields
+from itertools import product
+from pathlib import Path
+from typing import NamedTuple
+
+from drl_av.config import Config
+from drl_av.drivers.driver import Driver
+from drl_av.env.highway import TRAINING_SEEDS, HighwayEnv
+from drl_av.env.rollout import EpisodeResult, drive
+from drl_av.errors import ConfigError, SimulationError
+from drl_av.evaluation import DENSITIES
+from drl_av.evaluation.drivers import Choice, build
+from drl_av.files import write_whole
+
+
+def drive_all(
+    env: HighwayEnv,
+    drivers: Mapping[str, Driver],
+    vehicles: Sequence[int],
+    seeds: Sequence[int],
+) -> Iterator[EpisodeResult]:
+    """Drive every driver through every number of vehicles and every seed, a row an episode."""
+    for number, seed, name in product(vehicles, seeds, drivers):
+        yield drive(env, drivers[name], name, seed, number)
+
+
+class Evaluation:
+    """Which drivers are to be driven, among how many vehicles, and on which seeds.
+
+    Without numbers of vehicles they are those of the published tables, or what the scenario
+    places.
+
+    Raises:
+        RunError, CheckpointError: a learned driver is not to be had.
+        ConfigError, ScenarioError: so many vehicles are not to be had, or training's own seeds.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        choices: Sequence[Choice],
+        vehicles: Sequence[int],
+        seeds: range,
+    ) -> None:
+        self._config, self._choices = config, tuple(choices)
+        if seeds[-1] >= TRAINING_SEEDS[0]:
+            raise ConfigError(
+                f"The last episode's seed would be {seeds[-1]}, but those from "
+                f"{TRAINING_SEEDS[0]} on belong to training: begin with a smaller one."
+            )
+        build(choices, config)
+        with closing(HighwayEnv(config=config)) as env:
+            placed = env.simulation.placed_vehicles
+            default = DENSITIES if placed is None else (placed,)
+            self._vehicles = tuple(dict.fromkeys(vehicles)) or default
+            for number in {min(self._vehicles), max(self._vehicles)}:
+                env.reset(seed=0, options={"vehicles": number})
+        self._seeds = seeds
+
+    def __len__(self) -> int:
+        return len(self._choices) * len(self._vehicles) * len(self._seeds)
+
+    def rows(self, jobs: int = 1) -> Generator[EpisodeResult, None, None]:
+        """A row an episode; in the same order and the same whatever the number of processes.
+
+        Raises:
+            SimulationError: SUMO ended on its own, and its process with it where there are several.
+        """
+        if jobs > 1:
+            yield from self._rows_of_processes(min(jobs, len(self)))
+            return
+        with closing(HighwayEnv(config=self._config)) as env:
+            drivers = build(self._choices, self._config)
+            yield from drive_all(env, drivers, self._vehicles, self._seeds)
+
+    def _rows_of_processes(self, jobs: int) -> Iterator[EpisodeResult]:
+        names = [choice.name for choice in self._choices]
+        episodes = list(product(self._vehicles, self._seeds, names))
+        pool = ProcessPoolExecutor(
+            jobs,
+            multiprocessing.get_context("spawn"),
+            initializer=_begin,
+            initargs=(self._config, self._choices),
+        )
+        done = 0
+        try:
+            with interrupts_ignored():
+                rows = pool.map(_drive, episodes)
+            for row in rows:
+                yield row
+                done += 1
+        except BrokenProcessPool as error:
+            number, seed, name = episodes[done]
+            raise SimulationError(
+                "A process of the evaluation ended on its own, as it does when SUMO aborts: try "
+                f"again with --jobs 1; the first row missing is that of {name}, "
+                f"{number} vehicles, seed {seed}."
+            ) from error
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def interrupts_ignored() -> Iterator[None]:
+    """Processes begun inside ignore Ctrl-C, which the terminal sends to all, for good."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    former = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, former)
+
+
+class _Worker(NamedTuple):
+    env: HighwayEnv
+    drivers: dict[str, Driver]
+
+
+_worker: list[_Worker] = []
+"""What this process drives with, where it is one of an evaluation's."""
+
+
+def _begin(config: Config, choices: Sequence[Choice]) -> None:
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    _worker.append(_Worker(HighwayEnv(config=config), build(choices, config)))
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _drive(episode: tuple[int, int, str]) -> EpisodeResult:
+    [(env, drivers)], (number, seed, name) = _worker, episode
+    return drive(env, drivers[name], name, seed, number)
+
+
+def write_rows(path: Path, rows: Iterable[EpisodeResult]) -> None:
+    """Write the CSV file whole or not at all; raises DrlAvError where the disk refuses."""
+    text = io.StringIO(newline="")
+    names = [field.name for field in fields(EpisodeResult)]
+    writer = csv.DictWriter(text, names, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(asdict(row) for row in rows)
+    write_whole(path, text.getvalue().encode())

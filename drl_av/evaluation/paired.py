@@ -1,0 +1,87 @@
+"""A driver against its baselines on the same seeded traffic, episode by episode."""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from drl_av.env.rollout import EpisodeResult
+from drl_av.errors import DrlAvError
+from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.files import Row
+
+
+class Paired(NamedTuple):
+    """What a driver gains on a baseline at one density."""
+
+    vehicles: int
+    driver: str
+    baseline: str
+    best: bool
+    """The baseline is the fastest of them at this density."""
+    episodes: int
+    difference_m_s: Mean
+    """Of the mean speeds in the same traffic, the driver's minus the baseline's."""
+
+    @property
+    def lower_m_s(self) -> float:
+        """Lower end of the 95 % interval."""
+        return self.difference_m_s.value - self.difference_m_s.half_width
+
+    def row(self) -> Row:
+        """As a row of a CSV file."""
+        mean, half = self.difference_m_s
+        return {
+            "vehicles": str(self.vehicles),
+            "driver": self.driver,
+            "baseline": self.baseline,
+            "best": str(self.best),
+            "episodes": str(self.episodes),
+            "difference_m_s": f"{mean:.6g}",
+            "ci95_half_width_m_s": f"{half:.6g}",
+            "lower_m_s": f"{mean - half:.6g}",
+            "upper_m_s": f"{mean + half:.6g}",
+        }
+
+
+def paired(rows: Iterable[EpisodeResult], driver: str, baselines: Sequence[str]) -> list[Paired]:
+    """The driver's gain on each baseline at each density, with Student's t interval.
+
+    Raises:
+        DrlAvError: two drivers did not drive the same seeds, each once.
+    """
+    speeds: dict[int, dict[str, dict[int, float]]] = {}
+    for row in rows:
+        own = speeds.setdefault(row.vehicles, {}).setdefault(row.driver, {})
+        if row.seed in own:
+            raise DrlAvError(
+                f"{row.driver} drove seed {row.seed} among {row.vehicles} vehicles twice."
+            )
+        own[row.seed] = row.mean_speed_m_s
+    return [
+        _gain(vehicles, found, driver, baseline, baselines)
+        for vehicles, found in sorted(speeds.items())
+        for baseline in baselines
+    ]
+
+
+def _gain(
+    vehicles: int,
+    found: dict[str, dict[int, float]],
+    driver: str,
+    baseline: str,
+    baselines: Sequence[str],
+) -> Paired:
+    ours, theirs = found.get(driver, {}), found.get(baseline, {})
+    if not ours or ours.keys() != theirs.keys():
+        raise DrlAvError(
+            f"{driver} and {baseline} did not drive the same traffic among {vehicles} vehicles: "
+            "evaluate them together."
+        )
+    means = {name: sum(found[name].values()) / len(found[name]) for name in baselines}
+    return Paired(
+        vehicles,
+        driver,
+        baseline,
+        baseline == max(means, key=means.__getitem__),
+        len(ours),
+        mean_with_interval(ours[seed] - theirs[seed] for seed in ours),
+    )

@@ -1,0 +1,168 @@
+"""A recorded episode: written, read, and followed to the last bit."""
+
+import hashlib
+import io
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import BEFORE, Config, from_toml
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.scene import Scene
+from drl_av.env.highway import HighwayEnv
+from drl_av.errors import RecordingError
+from drl_av.files import write_whole
+from drl_av.traffic.road import FloatArray
+from drl_av.traffic.snapshot import Snapshot
+
+Watcher = Callable[[HighwayEnv], None]
+"""Called after the reset and after each decision."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """An episode: what made it, and where every vehicle was at every decision."""
+
+    config: Config
+    driver: str
+    seed: int
+    vehicles: int
+    proposed: npt.NDArray[np.int64]
+    """Proposed action of each decision, shape (T,)."""
+    states: FloatArray
+    """Shape (T + 1, 1 + N, 4): s, y, speed and lateral speed, the ego in row 0."""
+
+    def hash(self) -> str:
+        """SHA-256 over all positions and speeds."""
+        return hashlib.sha256(np.ascontiguousarray(self.states).tobytes()).hexdigest()
+
+    def save(self, path: Path) -> None:
+        """Write the recording whole or not at all; raises DrlAvError where the disk refuses."""
+        parts: dict[str, Any] = {
+            "config": np.array(self.config.to_toml()),
+            "driver": np.array(self.driver),
+            "seed": np.array(str(self.seed)),  # of any size
+            "vehicles": np.array(self.vehicles),
+            "proposed": self.proposed,
+            "states": self.states,
+        }
+        data = io.BytesIO()
+        np.savez_compressed(data, **parts, sha256=np.array(_checksum(parts)))
+        write_whole(path, data.getvalue())
+
+
+def _checksum(parts: Mapping[str, npt.NDArray[Any]]) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(parts):
+        digest.update(repr((name, parts[name].dtype.str, parts[name].shape)).encode())
+        digest.update(np.ascontiguousarray(parts[name]).tobytes())
+    return digest.hexdigest()
+
+
+def load_recording(path: Path) -> Recording:
+    """Read a recording; raises RecordingError where it is missing, damaged or none."""
+    if not path.is_file():
+        raise RecordingError(f"There is no recording {path}: check the path.")
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            parts = dict(data)
+        expected = str(parts.pop("sha256"))
+        recording = Recording(
+            from_toml(str(parts["config"]), BEFORE, "its config"),
+            str(parts["driver"]),
+            int(parts["seed"]),
+            int(parts["vehicles"]),
+            parts["proposed"],
+            parts["states"],
+        )
+    except Exception as error:  # whatever the readers of zip, zlib and npy stumble over
+        raise RecordingError(
+            f"{path} is no recording of this version, or is damaged "
+            f"({str(error).rstrip('.') or type(error).__name__}): record the episode again."
+        ) from error
+    if _checksum(parts) != expected:
+        raise RecordingError(
+            f"{path} was changed after it was recorded, its checksum does not match: "
+            "record the episode again."
+        )
+    return recording
+
+
+class RecordedDriver:
+    """Proposes what was proposed when the episode was recorded."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+
+    def start(self, seed: int) -> None:
+        """Back to the first decision."""
+        self._next: Iterator[int] = iter(self._recording.proposed.tolist())
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """The next recorded proposal; raises RecordingError when there is none left."""
+        try:
+            return ACTIONS[next(self._next)]
+        except (StopIteration, IndexError) as error:
+            raise RecordingError(
+                "The recording ended before the episode did: it was made with another version."
+            ) from error
+
+
+class Recorder:
+    """A watcher that remembers an episode."""
+
+    def __init__(self) -> None:
+        self._states: list[FloatArray] = []
+        self._proposed: list[int] = []
+
+    def __call__(self, env: HighwayEnv) -> None:
+        """Remember one decision."""
+        self._states.append(states_of(env.scene.snapshot))
+        if env.proposed is not None:
+            self._proposed.append(env.proposed.number)
+
+    def recording(self, env: HighwayEnv, driver: str) -> Recording:
+        """The episode so far."""
+        return Recording(
+            env.config,
+            driver,
+            env.seed,
+            len(self._states[0]) - 1,
+            np.array(self._proposed, dtype=np.int64),
+            np.array(self._states),
+        )
+
+
+class Follower:
+    """A watcher that compares each decision with a recording; any difference is an error."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._expected = iter(recording.states)
+
+    def __call__(self, env: HighwayEnv) -> None:
+        """Raises RecordingError at the first position or speed that differs."""
+        expected = next(self._expected, None)
+        if expected is None or not np.array_equal(states_of(env.scene.snapshot), expected):
+            raise self._parted(env)
+
+    def end(self, env: HighwayEnv) -> None:
+        """Raises RecordingError where the recording goes on after the episode's end."""
+        if next(self._expected, None) is not None:
+            raise self._parted(env)
+
+    def _parted(self, env: HighwayEnv) -> RecordingError:
+        return RecordingError(
+            f"The replay left the recording at decision {env.decisions}: it was made with another "
+            "scenario, another version of SUMO or of drl-av, or on another platform."
+        )
+
+
+def states_of(snapshot: Snapshot) -> FloatArray:
+    """Positions and speeds of all vehicles, shape (1 + N, 4)."""
+    return np.stack(
+        (snapshot.s_m, snapshot.y_m, snapshot.speed_m_s, snapshot.lateral_speed_m_s), axis=1
+    )

@@ -1,0 +1,130 @@
+"""Existing engines that work through jobs in parallel, a process each, and outlive killed ones.
+
+An engine is called with a function, its jobs and the number of processes. About once a second it
+yields the jobs that have ended meanwhile, maybe none. A job whose process was killed is done
+again: the function has to go on where it was, and to do nothing where all is done.
+"""
+
+import contextlib
+import os
+import threading
+import time
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, wait
+from importlib.util import find_spec
+from typing import Any, TypeVar
+
+from drl_av.errors import DrlAvError, SimulationError
+from drl_av.evaluation.comparison import interrupts_ignored
+
+Job = TypeVar("Job")
+Ended = Generator[list[Job], None, None]
+Engine = Callable[[Callable[[Job], None], Sequence[Job], int], Ended[Job]]
+RETRIES = 3
+"""Times that work is begun again after a process was killed, before it is given up."""
+TICK_S = 1.0
+PATIENT = {"agent_register_timeout_ms": 300_000, "worker_register_timeout_seconds": 300}
+"""A local Ray gives up starting where a busy machine takes longer than its usual 30 s."""
+SINGLE_THREADED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+def on_this_machine(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> Ended[Job]:
+    """The jobs on joblib's loky, whose pool is closed when one of its processes is killed.
+
+    Raises:
+        SimulationError: processes were killed again and again.
+    """
+    from loky import ProcessPoolExecutor
+    from loky.process_executor import BrokenProcessPool
+
+    left, breaks = list(jobs), 0
+    while left:
+        pool = ProcessPoolExecutor(
+            min(processes, len(left)),
+            env=SINGLE_THREADED,
+            initializer=_end_with,
+            initargs=(os.getpid(),),
+        )
+        try:
+            with interrupts_ignored():
+                futures = {pool.submit(work, job): job for job in left}
+            while futures:
+                ended = wait(futures, TICK_S, FIRST_COMPLETED).done
+                for future in ended:
+                    future.result()
+                done = [futures.pop(future) for future in ended]
+                left = [job for job in left if job not in done]
+                yield done
+        except BrokenProcessPool as error:
+            breaks += 1
+            if breaks > RETRIES:
+                raise _given_up() from error
+        finally:
+            pool.shutdown(kill_workers=True)
+
+
+def _end_with(parent: int) -> None:
+    """End this process soon after its parent, however that ended."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(TICK_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def on_ray(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> Ended[Job]:
+    """The jobs on the Ray cluster that this process or ``RAY_ADDRESS`` names, or on a local one.
+
+    Raises:
+        DrlAvError: the extra ``ray`` is not installed.
+        SimulationError: a job's process was killed again and again.
+    """
+    if not find_spec("ray"):
+        raise DrlAvError(
+            "Ray is not installed: pip install 'drl-av[ray]', or take the engine loky."
+        )
+    import ray
+    from ray.exceptions import RayTaskError, WorkerCrashedError
+
+    with _cluster(processes):
+        remote = ray.remote(num_cpus=1, max_retries=RETRIES)(work)
+        left = {remote.remote(job): job for job in jobs}
+        try:
+            while left:
+                ended, _ = ray.wait(list(left), timeout=TICK_S)
+                ray.get(ended)
+                yield [left.pop(reference) for reference in ended]
+        except RayTaskError as error:
+            raise error.cause from None
+        except WorkerCrashedError as error:
+            raise _given_up() from error
+        finally:
+            for reference in left:
+                ray.cancel(reference, force=True)
+
+
+@contextlib.contextmanager
+def _cluster(processes: int) -> Iterator[None]:
+    """Join the cluster there is, or begin one here and end it with the block."""
+    import ray
+
+    if ray.is_initialized():
+        yield
+        return
+    options: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
+    if "RAY_ADDRESS" not in os.environ:
+        options |= {"num_cpus": processes, "include_dashboard": False, "_system_config": PATIENT}
+    with ray.init(**options):
+        yield
+
+
+def _given_up() -> SimulationError:
+    return SimulationError(
+        f"A process was killed {RETRIES + 1} times, as it is where memory runs out or SUMO aborts: "
+        "try fewer --jobs, then give the same command again; what was saved is kept."
+    )
+
+
+ENGINES: dict[str, Engine[Any]] = {"loky": on_this_machine, "ray": on_ray}

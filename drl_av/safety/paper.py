@@ -1,0 +1,88 @@
+"""The short-horizon safety check of Sec. III: rules 1, 2 and 3 (eq. 2 and 3)."""
+
+import math
+
+from drl_av.config import SafetyConfig
+from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
+from drl_av.driving.affordances import Affordances, Neighbor
+from drl_av.driving.maneuver import steered
+from drl_av.driving.scene import Scene
+from drl_av.safety.check import Rule, Verdict
+
+
+def closing_speed(front: Neighbor) -> float:
+    """Speed at which the gap to a vehicle ahead shrinks, m/s."""
+    return -front.relative_speed_m_s
+
+
+def time_to_collision(gap_m: float, closing_m_s: float) -> float:
+    """T_C: seconds until a gap is closed; infinite when it does not shrink."""
+    return gap_m / closing_m_s if closing_m_s > 0 else math.inf
+
+
+def gap_condition(gap_m: float, closing_m_s: float, config: SafetyConfig) -> bool:
+    """Eq. 2: d - T_min v > d_min."""
+    return gap_m - config.minimum_ttc_s * closing_m_s > config.minimum_gap_m
+
+
+def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
+    """Eq. 3: hard brake, brake or maintain, by the time to collision."""
+    if ttc_s <= config.hard_brake_ttc_s:
+        return Longitudinal.HARD_BRAKE
+    if ttc_s <= config.brake_ttc_s:
+        return Longitudinal.BRAKE
+    return Longitudinal.MAINTAIN
+
+
+def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
+    """The three rules of Sec. III. Not collision-free: see the README.
+
+    Ours where the paper is silent: a proposal that already brakes at least as hard as eq. 3 asks
+    is safe; and a lane change that may go neither on nor back ends in the lane its centre is in.
+    """
+    longitudinal, in_lane = _checked_longitudinal(scene, proposed.longitudinal, config)
+    lateral, across = _checked_lateral(scene, proposed.lateral, config)
+    rule = in_lane | across if across and in_lane else in_lane or across
+    return Verdict(Action(lateral, longitudinal), rule)
+
+
+def _checked_longitudinal(
+    scene: Scene, proposed: Longitudinal, config: SafetyConfig
+) -> tuple[Longitudinal, Rule]:
+    front = scene.seen.own_front
+    if front is None or front.relative_speed_m_s >= 0:
+        return proposed, Rule.NONE
+    closing = closing_speed(front)
+    if gap_condition(front.gap_m, closing, config):
+        return proposed, Rule.NONE
+    safe = safe_action(time_to_collision(front.gap_m, closing), config)
+    brakes_enough = proposed != Longitudinal.ACCELERATE and proposed >= safe
+    return (proposed, Rule.NONE) if brakes_enough else (safe, Rule.IN_LANE)
+
+
+def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> tuple[Lateral, Rule]:
+    seen = scene.seen
+    wanted = steered(scene.lane_change, seen.lane, proposed)
+    if wanted is None:
+        return proposed, Rule.NONE
+    if not seen.has_lane(wanted.target - seen.lane):
+        return Lateral.KEEP, Rule.OFF_ROAD
+    if lane_is_clear(seen, wanted.target, config):
+        return proposed, Rule.NONE
+    if scene.lane_change is None:
+        return Lateral.KEEP, Rule.LANE_CHANGE
+    goes_back = lane_is_clear(seen, wanted.origin, config) or wanted.origin == seen.lane
+    return (toward(-wanted.sign), Rule.LANE_CHANGE) if goes_back else (proposed, Rule.NONE)
+
+
+def lane_is_clear(seen: Affordances, lane: int, config: SafetyConfig) -> bool:
+    """Rule 3: eq. 2 holds for the vehicle ahead and for front and rear of the target lane."""
+    sign = lane - seen.lane
+    rear = seen.rear(sign)
+    fronts_clear = all(
+        front is None or gap_condition(front.gap_m, closing_speed(front), config)
+        for front in (seen.own_front, seen.front(sign))
+    )
+    return fronts_clear and (
+        rear is None or gap_condition(rear.gap_m, rear.relative_speed_m_s, config)
+    )

@@ -1,0 +1,356 @@
+"""The command line: its help, and every bad input told in one sentence without a traceback."""
+
+import errno
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drl_av import cli
+from drl_av.cli import console, main
+from drl_av.evaluation import drivers
+from drl_av.evaluation.statistics import Mean, Summary
+from drl_av.traffic.scenario import find_scenario
+
+VERBS = {
+    "scenario": ["metres", "default: 500", "default: 3)", "default: 3.8", "rightmost"],
+    "train": ["paper 10000, fast", "two-buffer", "permit_all", "TOML", "--resume", "200 s"],
+    "evaluate": ["default: 1 5 10 15 20 25 30", "default: 50", "default: 0", "default: 1)", "idm"],
+    "adapt": ["default: 30000", "default: 1e-05", "0 learns nothing", "default: the RUN's", "TOML"],
+    "replay": ["default: 15", "times real time (default: 2.0)", "one a second", "200"],
+    "figures": ["m/s", "default: ."],
+    "reproduce": ["learning curves", "default: 3000", "default: 5", "schedule", "ray", "TOML"],
+}
+PACKAGE = Path(cli.__file__).parent
+TINY = "[simulation]\ndecisions_per_episode = 5\n[learning]\nepisodes = 2\n"
+
+
+def told(capsys: pytest.CaptureFixture[str]) -> str:
+    """The one sentence on stderr."""
+    text = capsys.readouterr().err
+    assert text.startswith("drl-av: ")
+    assert text.endswith(".\n")
+    assert text.count("\n") == 1
+    assert "Traceback" not in text
+    return text
+
+
+def program(prelude: str, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    code = f"import sys\n{prelude}\nfrom drl_av.cli import main\nsys.exit(main(sys.argv[1:]))"
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+@pytest.fixture
+def scenario(tmp_path: Path) -> Path:
+    """A sound scenario folder to spoil."""
+    return Path(shutil.copytree(find_scenario(), tmp_path / "scenario"))
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Path:
+    path = tmp_path / "settings.toml"
+    path.write_text(TINY)
+    return path
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_help_tells_units_and_defaults(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([verb, "--help"])
+    assert ended.value.code == 0
+    text = " ".join(capsys.readouterr().out.split())
+    for word in VERBS[verb]:
+        assert word in text
+    assert "default: None" not in text
+    assert "default: []" not in text
+
+
+def test_help_names_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
+    assert re.findall(r"^    (\w+) ", capsys.readouterr().out, re.MULTILINE) == list(VERBS)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        [],
+        ["trian"],
+        ["train"],
+        ["train", "--out", "run", "--episodes", "none"],
+        ["train", "--out", "run", "--episodes", "0"],
+        ["evaluate", "--vehicles", "-1"],
+        ["evaluate", "--jobs", "0"],
+        ["replay", "--rate", "0"],
+        ["replay", "--rate", "nan"],
+        ["replay", "--rate", "1e-320"],
+        ["replay", "run", "--driver", "idm"],
+        ["replay", "--gui", "--video", "drive.mp4"],
+        ["reproduce", "curvs"],
+        ["reproduce", "--seeds", "0"],
+        ["reproduce", "--engine", "dask"],
+    ],
+)
+def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 2
+    text = capsys.readouterr().err
+    assert text.startswith("usage: drl-av")
+    assert "Traceback" not in text
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["evaluate", "imd"], r"no driver or run folder 'imd' \(did you mean 'idm'\?\)"),
+        (["evaluate", "--driver", "radnom"], r"did you mean 'random'"),
+        (["replay", "--driver", "idm-smuo"], r"did you mean 'idm-sumo'"),
+        (["train", "--out", "run", "--preset", "fats"], r"no preset 'fats' \(did you mean 'fast'"),
+        (["train", "--out", "run", "--replay", "two-bufer"], r"did you mean 'two-buffer'"),
+        (["train", "--out", "run", "--safety-check", "papr"], r"did you mean 'paper'"),
+        (["evaluate", "idm", "--scenario", "circular_three_lanes"], r"did you mean 'circular_t"),
+        (["evaluate", "idm", "--safety-check", ""], r"safety.check is ''"),
+        (["evaluate", "idm", "--scenario", ""], r"scenario.toml is missing"),
+        (["train", "--out", "run", "--preset", ""], r"no preset ''"),
+        (["adapt", "", "--out", "run"], r"holds no trained driver"),
+        (["replay", "--driver", "", "--video", "v.gif"], r"holds no trained driver"),
+        (["evaluate", "idm", "--scenario", "nowhere/at/all"], r"no scenario 'nowhere/at/all'"),
+        (["evaluate", "idm", "--config", "missing.toml"], r"missing.toml cannot be read"),
+        (["evaluate", "idm", "--vehicles", "5", "500"], r"500 vehicles do not fit"),
+        (["evaluate", "idm", "--seed", "1000000"], r"belong to training"),
+        (["evaluate", "idm", "--episodes", "10000000000"], r"belong to training"),
+        (["evaluate", "idm", "--out", "x", "--json", "./x"], r"cannot hold two files at once"),
+        (["replay", "--video", "x.gif", "--record", "x.gif"], r"cannot hold two files at once"),
+        (["evaluate", "idm", "--out", "no/such/folder.csv"], r"folder.csv cannot be written"),
+        (["evaluate", "idm", "--json", "no/such/folder.json"], r"folder.json cannot be written"),
+        (["replay", "missing.npz"], r"no driver or run folder 'missing.npz'"),
+        (["replay", "--driver", "idm", "--video", "no/v.mp4"], r"v.mp4 cannot be written"),
+        (["scenario", "new", "--circumference-m", "10"], r"circumference_m is 10"),
+        (["scenario", "a,b"], r"a,b, which has a comma in it"),
+        (["scenario", "new", "--lanes", "50"], r"lanes is 50, but must be .* to 10"),
+        (["scenario", "new", "--barricade", "7"], r"barricaded_lanes are \(7,\)"),
+        (["figures", "missing.csv"], r"missing.csv cannot be read"),
+        (["reproduce", "speeds", "--config", "missing.toml"], r"missing.toml cannot be read"),
+        (["reproduce", "--config", "missing.toml"], r"missing.toml cannot be read"),
+    ],
+)
+def test_bad_input_is_told_in_one_sentence(
+    words: list[str],
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 1
+    assert re.search(sentence, told(capsys))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[learning]\nlearning_rat = 1", r"no key 'learning_rat' \(did you mean 'learning_rate'\?"),
+        ("[lerning]\n", r"no section \[lerning\] \(did you mean 'learning'\?\)"),
+        (f"[learning]\ndiscount = {10**400}", r"learning.discount is inf, but must be a finite"),
+        ("[learning]\ndiscount = 1.5", r"learning.discount is 1.5, but must be from 0 to 1"),
+        ("[learning]\nepisodes = 'many'", r"learning.episodes is 'many', but must be of type int"),
+        ("[simulation]\nstep_length_s = 0.3", r"step_length_s is 0.3, but must divide the 1 s"),
+        ("[traffic]\nvehicles_min = 9\nvehicles_max = 3", r"vehicles_min <= vehicles_max"),
+        ("[learning", r"is not valid TOML"),
+    ],
+)
+@pytest.mark.parametrize("verb", ["train --out run", "evaluate idm", "replay --driver idm"])
+def test_bad_settings_are_told_with_the_file_and_the_way_out(
+    verb: str,
+    text: str,
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text(text)
+    assert main([*verb.split(), "--config", "mine.toml"]) == 1
+    message = told(capsys)
+    assert re.search(sentence, message)
+    assert "mine.toml" in message
+    assert not (tmp_path / "run").exists()
+
+
+def test_broken_network_is_told(scenario: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    network = scenario / "highway.net.xml"
+    os.truncate(network, network.stat().st_size // 2)
+    assert main(["evaluate", "idm", "--scenario", str(scenario)]) == 1
+    assert f"{network} is damaged or cut short" in told(capsys)
+
+
+def test_network_without_a_loop_is_told(scenario: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    network = scenario / "highway.net.xml"
+    network.write_text(re.sub(r"\s*<connection .*?/>", "", network.read_text()))
+    assert main(["evaluate", "idm", "--scenario", str(scenario)]) == 1
+    assert str(network) in told(capsys)
+
+
+def test_scenario_folder_that_is_there_is_kept(
+    scenario: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = sorted(path.read_bytes() for path in scenario.iterdir())
+    assert main(["scenario", str(scenario)]) == 1
+    assert "is there already and not empty" in told(capsys)
+    assert sorted(path.read_bytes() for path in scenario.iterdir()) == before
+
+
+def test_place_that_is_a_file_is_no_run(settings: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["train", "--out", str(settings)]) == 1
+    assert "exists already" in told(capsys)
+    assert main(["train", "--out", str(settings / "run"), "--config", str(settings)]) == 1
+    assert "run cannot be written (" in told(capsys)
+    assert settings.read_text() == TINY
+
+
+def test_missing_shipped_driver_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(drivers, "PRETRAINED", tmp_path / "pretrained")
+    assert main(["evaluate"]) == 1
+    assert "lacks the driver that ships with drl-av" in told(capsys)
+    assert main(["replay", "--video", str(tmp_path / "drive.gif")]) == 1
+    assert "lacks the driver that ships with drl-av" in told(capsys)
+
+
+def test_missing_system_library_is_named() -> None:
+    prelude = """
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "libsumo":
+            raise ImportError("libXrender.so.1: cannot open shared object file: No such file")
+sys.meta_path.insert(0, Finder())
+"""
+    ended = program(prelude, "evaluate", "idm", "--episodes", "1")
+    assert ended.returncode == 1
+    assert ended.stderr.startswith("drl-av: libsumo needs the system library libXrender.so.1, ")
+    assert ended.stderr.count("\n") == 1
+
+
+def test_sumo_gui_without_a_display_is_told() -> None:
+    ended = program("", "replay", "--driver", "idm", DISPLAY="")
+    assert ended.returncode == 1
+    assert ended.stderr.startswith("drl-av: sumo-gui has no screen to open on: ")
+    assert ended.stderr.count("\n") == 1
+
+
+def test_full_disk_is_told_and_the_table_of_before_is_kept(
+    settings: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "rows.csv"
+    out.write_text("before")
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    words = ["evaluate", "idm", "--vehicles", "3", "--episodes", "1", "--config", str(settings)]
+    assert main([*words, "--out", str(out)]) == 1
+    assert f"{out} cannot be written (No space left on device)" in told(capsys)
+    assert out.read_text() == "before"
+    assert sorted(tmp_path.iterdir()) == [out, settings]
+
+
+def test_output_without_a_terminal_has_no_bar_and_a_table_of_whole_words(
+    settings: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    ended = program("", "train", "--out", str(run), "--config", str(settings))
+    assert ended.returncode == 0
+    first, *last = ended.stdout.splitlines()
+    assert re.match(r"episode 2: greedy reward -\d", first)
+    assert last == [
+        f"{run}: 2 episodes; compare it with the driver idm:",
+        f"drl-av evaluate {run} idm",
+    ]
+    assert ended.stderr == ""
+    words = ["evaluate", str(run), "idm", "--vehicles", "1", "30", "--episodes", "2"]
+    ended = program("", *words, "--json", str(tmp_path / "summary.json"))
+    assert ended.returncode == 0
+    assert "…" not in ended.stdout
+    assert "\x1b" not in ended.stdout
+    assert max(map(len, ended.stdout.splitlines())) <= 80
+    for word in ("vehicles", "triggers", "changes", "±", "2 episodes each"):
+        assert word in ended.stdout
+    assert '"ci95_half_width"' in (tmp_path / "summary.json").read_text()
+
+
+def test_long_names_fold_and_checks_are_told_apart(capsys: pytest.CaptureFixture[str]) -> None:
+    mean = Mean(123.456, 10.0)
+    long = "runs/" + "x" * 60 + "/end"
+    summary = Summary(long, "paper", 30, 50, mean, mean, 50, 50, mean, mean)
+    console.print_summaries([summary, replace_check(summary)])
+    text = capsys.readouterr().out
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= console.WIDTH
+    assert "permit_all" in text
+    assert "123.46±10.00" in text
+
+
+def replace_check(summary: Summary) -> Summary:
+    return summary._replace(safety_check="permit_all")
+
+
+def test_closed_pipe_is_no_traceback(settings: Path) -> None:
+    words = f"evaluate idm --vehicles 1 --episodes 2 --config {settings}"
+    command = f"{sys.executable} -m drl_av {words} | true"
+    ended = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+    assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "status", "told"),
+    [
+        ("{ sleep 0.1; %s; echo $? >&2; } | true", "1", ""),
+        ("%s > /dev/full; echo $? >&2", "1", "The output cannot be written (No space left on"),
+        ("%s >&-; echo $? >&2", "0", ""),
+    ],
+    ids=["nobody reads", "full", "closed"],
+)
+def test_output_that_cannot_be_written_is_no_complaint_of_python(
+    command: str, status: str, told: str, tmp_path: Path
+) -> None:
+    program = f"{sys.executable} -m drl_av scenario loop"
+    ended = subprocess.run(
+        ["sh", "-c", command % program],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONUNBUFFERED": "", "PYTHONPATH": str(PACKAGE.parent)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    *lines, last = ended.stderr.splitlines()
+    assert last == status
+    assert len(lines) == bool(told)
+    assert told in ended.stderr
+    assert (tmp_path / "loop").is_dir()
+
+
+def test_a_terminal_without_the_character_is_told_its_number(settings: Path) -> None:
+    words = ("evaluate", "idm", "--vehicles", "1", "--episodes", "1", "--config", str(settings))
+    ended = program("", *words, PYTHONIOENCODING="ascii")
+    assert ended.returncode == 0
+    assert r"1 episodes each, \xb1 half" in ended.stdout
+    assert ended.stderr == ""

@@ -1,0 +1,254 @@
+"""Pictures of a scene, moments between decisions, and videos."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from PIL import Image
+
+from drl_av.drawing import Caption, Picture, draw
+from drl_av.drawing.film import interpolated, write_video
+from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, Band
+from drl_av.drawing.sheet import EGO_COLOR, speed_color
+from drl_av.errors import RecordingError
+from drl_av.traffic.road import Road
+from drl_av.traffic.snapshot import Snapshot
+
+ROAD = Road(500.0, 3.8, (True, True, True))
+BARRICADED = Road(500.0, 3.8, (False, True, True))
+BANDS = pytest.mark.parametrize("band", [CLOSE_UP, OVERVIEW], ids=["close-up", "overview"])
+
+
+def scene(*places: tuple[float, float], speed_m_s: float = 20.0, time_s: float = 3.0) -> Snapshot:
+    """Vehicles of 5 m by 1.8 m at (s, y); the first is the ego."""
+    s_m, y_m = np.array(places, dtype=np.float64).T
+    number = len(places)
+    return Snapshot(
+        time_s=time_s,
+        ids=("ego", *(f"v{row}" for row in range(1, number))),
+        s_m=s_m,
+        y_m=y_m,
+        speed_m_s=np.full(number, speed_m_s),
+        lateral_speed_m_s=np.zeros(number),
+        length_m=np.full(number, 5.0),
+        width_m=np.full(number, 1.8),
+    )
+
+
+def places_of(picture: Picture, color: tuple[int, int, int], band: Band) -> tuple[float, float]:
+    """Mean (column, row) of the pixels of a colour inside a band."""
+    stretch = picture[band.top - 10 : band.top + 3 * band.lane_px + 10]
+    rows, columns = np.nonzero((stretch == color).all(axis=2))
+    assert len(rows) > 20, "the colour is not in the band"
+    return float(columns.mean()), float(rows.mean()) + band.top - 10
+
+
+@BANDS
+@pytest.mark.parametrize("y_m", [0.0, 3.8, 7.6])
+def test_ego_is_in_its_own_colour_on_the_centre_row_of_its_lane(band: Band, y_m: float) -> None:
+    picture = draw(scene((100.0, y_m)), ROAD, Caption())
+    _, row = places_of(picture, EGO_COLOR, band)
+    lane_from_left = 2 - round(y_m / 3.8)
+    assert row == pytest.approx(band.top + (lane_from_left + 0.5) * band.lane_px, abs=2)
+
+
+@BANDS
+def test_vehicle_50_m_ahead_in_the_left_lane_is_right_of_and_above_the_ego(band: Band) -> None:
+    picture = draw(scene((480.0, 3.8), (30.0, 7.6)), ROAD, Caption())
+    ego_column, ego_row = places_of(picture, EGO_COLOR, band)
+    column, row = places_of(picture, speed_color(20.0), band)
+    assert column - ego_column == pytest.approx(50 * band.px_per_m, abs=3)
+    assert row - ego_row == pytest.approx(-band.lane_px, abs=2)
+
+
+def test_vehicle_behind_across_the_seam_is_left_of_the_ego() -> None:
+    picture = draw(scene((10.0, 3.8), (490.0, 3.8)), ROAD, Caption())
+    column, _ = places_of(picture, speed_color(20.0), CLOSE_UP)
+    assert column < places_of(picture, EGO_COLOR, CLOSE_UP)[0] - 200
+
+
+def test_rightmost_lane_is_outermost_on_the_loop_and_a_quarter_on_is_at_the_top() -> None:
+    picture = draw(scene((125.0, 0.0)), ROAD, Caption())[384:, :352]
+    rows, columns = np.nonzero((picture == EGO_COLOR).all(axis=2))
+    assert columns.mean() == pytest.approx(186, abs=1)
+    outermost_lane_px = 146 - 8
+    assert rows.mean() + 384 == pytest.approx(548 - outermost_lane_px, abs=1)
+
+
+def test_same_scene_twice_is_the_same_bytes_whatever_was_drawn_between() -> None:
+    caption = Caption("idm", 1, 7, 3, "brake", "brake", "in lane", -0.5, -0.5, 0.0, -1.0)
+    before = draw(scene((0.0, 3.8), (30.0, 0.0)), ROAD, caption)
+    draw(scene((77.0, 0.0), (10.0, 7.6)), ROAD, Caption("other"))
+    assert before.tobytes() == draw(scene((0.0, 3.8), (30.0, 0.0)), ROAD, caption).tobytes()
+
+
+def test_barricaded_lane_looks_different_and_the_open_ones_do_not() -> None:
+    snapshot = scene((0.0, 7.6))
+    opened, barred = (draw(snapshot, road, Caption()) for road in (ROAD, BARRICADED))
+    differs = (opened != barred).any(axis=2)[:, CLOSE_UP.left : CLOSE_UP.right]
+    right_lane = CLOSE_UP.top + 2 * CLOSE_UP.lane_px
+    assert differs[right_lane + 3 : right_lane + CLOSE_UP.lane_px - 3].mean() > 0.9
+    assert not differs[CLOSE_UP.top : right_lane - 3].any()
+
+
+def test_ego_moving_left_signals_on_its_left_side_only() -> None:
+    straight = scene((0.0, 3.8))
+    left = replace(straight, lateral_speed_m_s=np.array([0.76]))
+    changed = (draw(straight, ROAD, Caption()) != draw(left, ROAD, Caption())).any(axis=2)
+    ego_row = CLOSE_UP.top + CLOSE_UP.lane_px + CLOSE_UP.lane_px // 2
+    assert changed[CLOSE_UP.top : ego_row - 2].any()
+    assert not changed[ego_row + 2 : OVERVIEW.top - 10].any()
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        Caption(rule="in lane: the gap is too short " * 10),
+        Caption(collision="ego hit the vehicle ahead"),
+        Caption(proposed="accelerate", executed="brake"),
+        Caption(reward=-0.5, r_v=-1.0, r_y=-0.5, r_x=0.0),
+        Caption(speed_history=(20.0, 25.0), trigger_history=(False, True)),
+        Caption(driver="x" * 500),
+    ],
+)
+def test_what_the_caption_tells_is_seen_below_or_above_the_road(told: Caption) -> None:
+    plain = draw(scene((0.0, 3.8)), ROAD, Caption())
+    differs = (draw(scene((0.0, 3.8)), ROAD, told) != plain).any(axis=2)
+    assert differs.any()
+    assert not differs[48:384].any()
+    assert not differs[:, :18].any()
+    assert not differs[:, 1262:].any()
+    assert not differs[:, :364][384:].any()
+
+
+@pytest.mark.parametrize("size", [(640, 360), (1920, 1080), (600, 600)])
+def test_picture_has_the_size_asked_for(size: tuple[int, int]) -> None:
+    picture = draw(scene((0.0, 3.8)), ROAD, Caption(), size)
+    assert picture.shape == (size[1], size[0], 3)
+    assert picture.dtype == np.uint8
+    assert (picture == EGO_COLOR).all(axis=2).any()
+
+
+@pytest.mark.parametrize("lanes", [1, 2, 5])
+def test_ego_is_on_the_asphalt_with_other_numbers_of_lanes(lanes: int) -> None:
+    road = Road(150.0, 3.2, (True,) * lanes)
+    picture = draw(scene((0.0, 3.2 * (lanes - 1))), road, Caption())
+    _, row = places_of(picture, EGO_COLOR, CLOSE_UP)
+    assert CLOSE_UP.top < row < CLOSE_UP.top + 3 * CLOSE_UP.lane_px
+
+
+def test_halfway_over_the_seam_goes_the_short_way_on() -> None:
+    a = scene((495.0, 0.0), (100.0, 3.8), time_s=3.0)
+    b = scene((15.0, 3.8), (120.0, 3.8), time_s=4.0)
+    middle = interpolated(a, b, 0.75, ROAD)
+    np.testing.assert_allclose(middle.s_m, [10.0, 115.0])
+    np.testing.assert_allclose(middle.y_m, [2.85, 3.8])
+    assert middle.time_s == 3.75
+
+
+def test_vehicle_goes_forward_even_where_backward_is_shorter_on_a_small_loop() -> None:
+    small = Road(50.0, 3.8, (True,))
+    a = scene((0.0, 0.0), speed_m_s=30.0, time_s=0.0)
+    b = scene((30.0, 0.0), speed_m_s=30.0, time_s=1.0)
+    assert interpolated(a, b, 0.5, small).s_m[0] == pytest.approx(15.0)
+
+
+def test_vehicles_are_matched_by_name_when_their_rows_differ() -> None:
+    a = scene((0.0, 0.0), (100.0, 0.0), (200.0, 7.6))
+    b = replace(scene((20.0, 0.0), (220.0, 7.6), (300.0, 0.0), time_s=4.0), ids=("ego", "v2", "v9"))
+    middle = interpolated(a, b, 0.5, ROAD)
+    assert middle.ids == ("ego", "v2")
+    np.testing.assert_allclose(middle.s_m, [10.0, 210.0])
+
+
+def frames(number: int, height: int = 90, width: int = 160) -> Iterator[Picture]:
+    for shade in range(number):
+        yield np.full((height, width, 3), 20 * shade, dtype=np.uint8)
+
+
+def test_mp4_has_every_frame_at_even_size_and_nothing_is_left_beside_it(tmp_path: Path) -> None:
+    path = tmp_path / "ride.mp4"
+    assert write_video(path, frames(7, height=91, width=161), fps=5) == 7
+    assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] == 7
+    about = next(imageio_ffmpeg.read_frames(str(path)))
+    assert about["size"] == (162, 92)
+    assert about["fps"] == 5
+    assert about["codec"] == "h264"
+    assert about["pix_fmt"].startswith("yuv420p")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_gif_has_every_frame_and_its_time(tmp_path: Path) -> None:
+    path = tmp_path / "ride.gif"
+    assert write_video(path, frames(4), fps=10) == 4
+    with Image.open(path) as image:
+        assert (getattr(image, "n_frames", 1), image.size, image.info["duration"]) == (
+            4,
+            (160, 90),
+            100,
+        )
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", ["ride.mp4", "ride.gif"])
+def test_frames_that_fail_leave_the_former_video_and_no_pieces(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"former")
+
+    def failing() -> Iterator[Picture]:
+        yield from frames(2)
+        raise KeyError("driver")
+
+    with pytest.raises(KeyError, match="driver"):
+        write_video(path, failing(), fps=5)
+    assert path.read_bytes() == b"former"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("name", "fps", "number", "message"),
+    [
+        ("ride.avi", 5, 1, r"must end in \.mp4 or \.gif, not in \.avi"),
+        ("ride", 5, 1, "it has no suffix"),
+        ("missing/ride.mp4", 5, 1, "does not exist; create it"),
+        ("ride.mp4", 0, 1, "more than 0"),
+        ("ride.mp4", 5, 0, "no frames"),
+        ("ride.gif", 5, 0, "no frames"),
+    ],
+)
+def test_what_cannot_be_written_is_told_in_one_sentence(
+    tmp_path: Path, name: str, fps: float, number: int, message: str
+) -> None:
+    with pytest.raises(RecordingError, match=message) as error:
+        write_video(tmp_path / name, frames(number), fps)
+    assert name in str(error.value)
+    assert "\n" not in str(error.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+FULL_DISK = """
+import resource, sys
+import numpy as np
+from drl_av.errors import RecordingError
+from drl_av.drawing.film import write_video
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+noise = np.random.default_rng(1)
+try:
+    write_video(sys.argv[1], (noise.integers(0, 255, (360, 640, 3), np.uint8) for _ in range(9)), 5)
+except RecordingError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("name", ["ride.mp4", "ride.gif"])
+def test_full_disk_is_told_in_one_sentence_and_leaves_nothing(tmp_path: Path, name: str) -> None:
+    command = [sys.executable, "-c", FULL_DISK, str(tmp_path / name)]
+    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    assert "check that the disk has room" in told.stdout
+    assert told.stdout.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

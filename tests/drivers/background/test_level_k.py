@@ -1,0 +1,173 @@
+"""Level 0 drives by a table of nine cases, level 1 by a network evaluated for all at once."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from worlds import CENTER, LEFT, LENGTH_M, RIGHT, ROAD, Car, ahead, behind, snapshot
+
+from drl_av.config import Config
+from drl_av.drivers.background.level_1 import LEVEL_1, load_level_1
+from drl_av.drivers.background.level_k import Layers, Level1, level_0
+from drl_av.drivers.background.surroundings import Surroundings, surroundings
+from drl_av.driving.actions import ACTIONS
+from drl_av.driving.affordances import ObservationScale
+from drl_av.errors import CheckpointError
+from drl_av.learning.checkpoint import save_policy
+from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
+from drl_av.traffic.snapshot import Snapshot
+
+CONFIG = Config()
+ACCELERATE, MAINTAIN, BRAKE, HARD_BRAKE = 2.0, 0.0, -2.0, -4.0
+
+
+def look(shot: Snapshot) -> Surroundings:
+    return surroundings(shot, ROAD, 250.0, np.arange(len(shot.ids)))
+
+
+def wanted_by_ego(*others: Car) -> float:
+    decisions = level_0(look(snapshot(*others)), CONFIG.level_0, CONFIG.ego)
+    assert not decisions.side.any()
+    return float(decisions.acceleration_m_s2[0])
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "speed_m_s", "acceleration_m_s2"),
+    [
+        (11.0, 19.0, HARD_BRAKE),  # close and approaching, at 20 m/s itself
+        (11.0, 19.5, BRAKE),  # close and stable
+        (11.0, 20.5, BRAKE),
+        (11.0, 21.0, MAINTAIN),  # close and moving away
+        (11.5, 19.0, BRAKE),  # nominal and approaching
+        (27.0, 19.0, BRAKE),
+        (27.0, 19.5, MAINTAIN),  # nominal and stable
+        (27.0, 20.5, MAINTAIN),
+        (27.0, 21.0, ACCELERATE),  # nominal and moving away
+        (27.5, 0.0, ACCELERATE),  # far: ignored, however fast it nears
+        (27.5, 20.0, ACCELERATE),
+        (0.0, 0.0, HARD_BRAKE),
+    ],
+)
+def test_level_0_drives_by_distance_and_motion_of_the_vehicle_ahead(
+    gap_m: float, speed_m_s: float, acceleration_m_s2: float
+) -> None:
+    assert wanted_by_ego(ahead(gap_m, speed_m_s=speed_m_s)) == acceleration_m_s2
+
+
+def test_level_0_looks_neither_behind_nor_aside_and_keeps_its_lane() -> None:
+    decoys = (behind(3.0, speed_m_s=30.0), ahead(5.0, LEFT, 10.0), ahead(5.0, RIGHT, 10.0))
+    assert wanted_by_ego(*decoys) == ACCELERATE
+    assert wanted_by_ego(*decoys, ahead(20.0, speed_m_s=18.0)) == BRAKE
+    assert wanted_by_ego() == ACCELERATE
+
+
+def test_level_0_decides_for_each_by_its_own_vehicle_ahead() -> None:
+    # three in a row: the ego nears the next one, which stays 10 m behind the first
+    shot = snapshot(ahead(20.0, speed_m_s=15.0), Car(40.0, CENTER, 15.0))
+    decisions = level_0(look(shot), CONFIG.level_0, CONFIG.ego)
+    assert decisions.acceleration_m_s2.tolist() == [BRAKE, BRAKE, ACCELERATE]
+    assert 40.0 - 25.0 - LENGTH_M == 10.0
+
+
+def always(number: int) -> Layers:
+    """A network that prefers one action everywhere."""
+    bias = np.zeros(12, dtype=np.float32)
+    bias[number] = 1.0
+    return [(np.zeros((12, 27), dtype=np.float32), bias)]
+
+
+@pytest.mark.parametrize("action", ACTIONS, ids=str)
+def test_level_1_wants_what_the_action_of_the_greatest_value_says(action: object) -> None:
+    number = ACTIONS.index(action)  # type: ignore[arg-type]
+    decisions = Level1(always(number), CONFIG, ROAD)(look(snapshot(ahead(50.0))))
+    side = (0, -1, 1)[number // 4]
+    acceleration = (MAINTAIN, ACCELERATE, BRAKE, HARD_BRAKE)[number % 4]
+    assert decisions.side.tolist() == [side, side]
+    assert decisions.acceleration_m_s2.tolist() == [acceleration, acceleration]
+
+
+@pytest.mark.parametrize(("number", "sides"), [(4, [-1, 0, -1, 0]), (8, [1, 1, 0, 0])])
+def test_level_1_changes_neither_off_the_road_nor_while_it_is_changing(
+    number: int, sides: list[int]
+) -> None:
+    shot = snapshot(Car(50.0, RIGHT), Car(100.0, LEFT), Car(150.0, CENTER + 0.76))
+    assert Level1(always(number), CONFIG, ROAD)(look(shot)).side.tolist() == sides
+
+
+@pytest.mark.parametrize(
+    ("others", "side"),
+    [
+        ((ahead(15.1, LEFT), behind(15.1, LEFT)), 1),  # eq. 2 at equal speeds: more than 15 m
+        ((ahead(14.9, LEFT),), 0),
+        ((behind(14.9, LEFT),), 0),
+        ((ahead(14.9),), 0),
+        ((behind(1.0), ahead(1.0, RIGHT), behind(1.0, RIGHT)), 1),  # of no concern
+        ((ahead(20.9, LEFT, 18.0),), 0),  # 3 s * 2 m/s more where it closes
+        ((ahead(21.1, LEFT, 18.0),), 1),
+        ((behind(20.9, LEFT, 22.0),), 0),
+        ((behind(21.1, LEFT, 22.0),), 1),
+        ((behind(9.1, LEFT, 18.0),), 1),  # and less where it opens
+        ((ahead(9.1, LEFT, 22.0),), 1),
+        ((behind(8.9, LEFT, 18.0),), 0),
+    ],
+)
+def test_level_1_changes_lanes_where_rule_3_permits_it(others: tuple[Car, ...], side: int) -> None:
+    around = surroundings(snapshot(*others), ROAD, 250.0, np.array([0]))
+    assert Level1(always(8), CONFIG, ROAD)(around).side.tolist() == [side]
+
+
+def test_level_1_decides_for_each_by_what_it_sees_itself() -> None:
+    # accelerate is worth the gap ahead in hundreds of metres, hard brake 0.5
+    weight, bias = np.zeros((12, 27), dtype=np.float32), np.full(12, -1.0, dtype=np.float32)
+    weight[1, 0], bias[1], bias[3] = 1.0, 0.0, 0.5
+    shot = snapshot(ahead(40.0), Car(105.0))
+    decisions = Level1([(weight, bias)], CONFIG, ROAD)(look(shot))
+    # gaps of 40, 60 and, round the loop, 500 - 105 - 5 = 390: nobody within 250 m
+    assert decisions.acceleration_m_s2.tolist() == [HARD_BRAKE, ACCELERATE, ACCELERATE]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run's folder with a policy nobody trained, of another top speed than the default."""
+    config = CONFIG.updated("learning", hidden_units=16).updated("ego", max_speed_m_s=25.0)
+    network = QNetwork(np.random.default_rng(7), hidden=(16, 16))
+    save_policy(tmp_path / "policy.safetensors", [network], config)
+    (tmp_path / "config.toml").write_text(config.to_toml())
+    return tmp_path
+
+
+def test_level_1_is_the_policy_of_a_run_in_numpy(run: Path) -> None:
+    shot = snapshot(*(ahead(17.0 * k, (RIGHT, CENTER, LEFT)[k % 3], 10.0 + k) for k in range(1, 9)))
+    around = look(shot)
+    level_1, greedy = (
+        load_level_1(ROAD, run),
+        GreedyPolicy(QNetwork(np.random.default_rng(7), hidden=(16, 16))),
+    )
+    observations = ObservationScale(CONFIG.observation, 25.0, ROAD)(around.vectors())
+    expected = np.array([greedy.values(row) for row in observations])
+    np.testing.assert_allclose(level_1.values(observations), expected, rtol=1e-5, atol=1e-6)
+    accelerations = level_1(around).acceleration_m_s2
+    meant = np.array([MAINTAIN, ACCELERATE, BRAKE, HARD_BRAKE])[expected.argmax(1) % 4]
+    np.testing.assert_array_equal(accelerations, meant)
+
+
+@pytest.mark.parametrize("harm", ["missing", "cut short", "another network", "no network"])
+def test_level_1_that_cannot_be_read_is_told_in_one_sentence(run: Path, harm: str) -> None:
+    file = run / "policy.safetensors"
+    if harm == "missing":
+        file.unlink()
+    elif harm == "cut short":
+        file.write_bytes(file.read_bytes()[:-100])
+    else:
+        sizes = {"another network": (26, 12), "no network": (27, 11)}[harm]
+        network = QNetwork(np.random.default_rng(0), *sizes, hidden=(16, 16))
+        save_policy(file, [network], CONFIG)
+    told = r"^The level-1 driver .*policy\.safetensors is missing, damaged, or no policy \(.*make"
+    with pytest.raises(CheckpointError, match=told):
+        load_level_1(ROAD, run)
+
+
+def test_level_1_ships_with_the_package_and_was_trained_among_level_0_alone() -> None:
+    assert load_level_1(ROAD, LEVEL_1).range_m == 250.0
+    text = (LEVEL_1 / "config.toml").read_text()
+    assert "level_0_share = 1.0" in text

@@ -1,0 +1,84 @@
+"""What many vehicles see at once is what the ego would see in the place of each."""
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given
+from worlds import BARRICADED_ROAD, CENTER, LEFT, RIGHT, ROAD, Car, ahead, behind, scenes, snapshot
+
+from drl_av.drivers.background import surroundings as lanes
+from drl_av.drivers.background.surroundings import FRONT, REAR, Surroundings, surroundings
+from drl_av.driving.affordances import affordances
+from drl_av.driving.scene import Scene
+from drl_av.traffic.road import Road
+from drl_av.traffic.snapshot import Snapshot
+
+
+def seen_from(shot: Snapshot, row: int) -> Snapshot:
+    """The same moment with the vehicle of a row as the ego."""
+    order = [row, *(other for other in range(len(shot.ids)) if other != row)]
+    arrays = ("s_m", "y_m", "speed_m_s", "lateral_speed_m_s", "length_m", "width_m")
+    moved = {name: getattr(shot, name)[order] for name in arrays}
+    return replace(shot, ids=tuple(shot.ids[other] for other in order), **moved)
+
+
+def look(shot: Snapshot, *rows: int, road: Road = ROAD, range_m: float = 250.0) -> Surroundings:
+    return surroundings(shot, road, range_m, np.array(rows, dtype=np.intp))
+
+
+@given(scenes())
+def test_each_row_is_the_affordances_of_a_snapshot_with_that_vehicle_as_the_ego(
+    world: Scene,
+) -> None:
+    shot = world.snapshot
+    rows = range(len(shot.ids))
+    for road in (ROAD, BARRICADED_ROAD):
+        for range_m in (250.0, 60.0):
+            found = look(shot, *rows, road=road, range_m=range_m).vectors()
+            for row in rows:
+                expected = affordances(seen_from(shot, row), road, range_m).vector()
+                np.testing.assert_array_equal(found[row], expected)
+
+
+def test_only_those_asked_for_look_and_in_their_order() -> None:
+    shot = snapshot(ahead(20.0, speed_m_s=15.0), behind(40.0, LEFT))
+    everybody = look(shot, 0, 1, 2).vectors()
+    np.testing.assert_array_equal(look(shot, 2, 0).vectors(), everybody[[2, 0]])
+    assert look(shot).vectors().shape == (0, 27)
+
+
+def test_own_right_and_left_and_front_and_rear_are_where_they_are_said_to_be() -> None:
+    # the vehicle in the middle is row 1; the ego is 30 m behind it, all gaps are different
+    shot = snapshot(
+        ahead(30.0, speed_m_s=22.0),
+        Car(80.0, CENTER, 20.0),
+        Car(95.0, LEFT, 31.0),
+        Car(10.0, RIGHT, 19.0),
+        speed_m_s=24.0,
+    )
+    around = look(shot, 1)
+    own, right, left = lanes.OWN, lanes.RIGHT, lanes.LEFT
+    assert (around.gap_m[0, own, FRONT], around.gap_m[0, own, REAR]) == (40.0, 30.0)
+    assert (around.gap_m[0, left, FRONT], around.gap_m[0, right, REAR]) == (55.0, 20.0)
+    assert np.isinf(around.gap_m[0, left, REAR])
+    assert np.isinf(around.gap_m[0, right, FRONT])
+    assert around.relative_speed_m_s[0].tolist() == [[-2.0, 2.0], [0.0, -3.0], [9.0, 0.0]]
+    assert around.has_lane[0].tolist() == [True, True, True]
+
+
+def test_lanes_at_the_edges_and_behind_a_barricade_are_missing() -> None:
+    shot = snapshot(Car(50.0, RIGHT), Car(50.0, LEFT))
+    assert look(shot, 0, 1, 2).has_lane.tolist() == [
+        [True, True, True],
+        [True, False, True],
+        [True, True, False],
+    ]
+    assert look(shot, 0, road=BARRICADED_ROAD).has_lane.tolist() == [[True, False, True]]
+
+
+def test_a_lane_change_is_under_way_off_the_centre_of_either_lane() -> None:
+    # 1.52 m from the old centre; 3.04 m from it is 0.76 m short of the new one
+    shot = snapshot(Car(50.0, RIGHT + 1.52), Car(90.0, RIGHT + 3.04), Car(140.0, LEFT - 0.05))
+    around = look(shot, 0, 1, 2, 3)
+    assert around.under_way.tolist() == [False, True, True, False]
+    np.testing.assert_allclose(around.off_center_m, [0.0, 1.52, -0.76, -0.05])

@@ -1,0 +1,298 @@
+"""Traffic that drives by our own drivers through SUMO."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from worlds import CENTER, LEFT, RIGHT
+
+from drl_av.cli import main
+from drl_av.config import Config
+from drl_av.drivers.background.level_1 import load_level_1
+from drl_av.drivers.background.traffic import TrafficDrivers
+from drl_av.drivers.rules import IdmDriver, RandomDriver
+from drl_av.env.highway import HighwayEnv
+from drl_av.evaluation.recording import load_recording
+from drl_av.evaluation.replay import Ride, ride_again
+from drl_av.traffic.population import Kind
+from drl_av.traffic.scenario import (
+    PlacedVehicle,
+    ScenarioDescription,
+    load_scenario,
+    write_scenario,
+)
+from drl_av.traffic.simulation import Simulation
+from drl_av.traffic.snapshot import Command, Snapshot, Wish
+
+TESTS = Path(__file__).parents[2]
+STEPS_S = 0.5
+OTHER = 1
+
+
+def mixed(finite_state: float, level_0: float, level_1: float, decisions: int = 60) -> Config:
+    config = Config().updated("simulation", decisions_per_episode=decisions)
+    return config.updated(
+        "traffic",
+        finite_state_share=finite_state,
+        level_0_share=level_0,
+        level_1_share=level_1,
+    )
+
+
+MIX = mixed(0.3, 0.3, 0.2)
+
+# Wishes, carried out by SUMO
+
+Road = Callable[..., tuple[Simulation, Snapshot]]
+
+
+@pytest.fixture
+def placed(tmp_path: Path) -> Iterator[Road]:
+    """Vehicles just where a test wants them, all driven by wishes; the ego is far behind them."""
+    made = []
+
+    def place(*vehicles: PlacedVehicle, **traffic: float) -> tuple[Simulation, Snapshot]:
+        ego = PlacedVehicle("ego", 0, 300.0, 0.0, 30.0)
+        folder = tmp_path / "scenario"
+        write_scenario(folder, ScenarioDescription(vehicles=(ego, *vehicles)))
+        still = {"finite_state_share": 1.0, "random_lane_changes_per_s": 0.0} | traffic
+        config = Config().updated("traffic", **still)
+        made.append(Simulation(load_scenario(folder), config))
+        return made[-1], made[-1].reset(0, len(vehicles))
+
+    yield place
+    for simulation in made:
+        simulation.close()
+
+
+def decide(simulation: Simulation, *wishes: Wish) -> Snapshot:
+    """One decision in which the ego stands."""
+    return simulation.advance([Command(0.0, RIGHT, 0.0)] * 2, wishes)[0]
+
+
+@pytest.mark.parametrize(
+    ("wished_m_s2", "gained_m_s"),
+    [(1.0, 1.0), (0.0, 0.0), (-2.0, -2.0), (3.0, 1.5), (-8.0, -4.0)],
+    ids=["faster", "as it is", "slower", "at most its accel of 1.5", "at most its decel of 4"],
+)
+def test_alone_a_vehicle_changes_its_speed_as_wished_within_the_bounds_of_its_type(
+    placed: Road, wished_m_s2: float, gained_m_s: float
+) -> None:
+    simulation, shot = placed(PlacedVehicle("other", 1, 50.0, 15.0, 40.0))
+    speed = float(decide(simulation, Wish(OTHER, wished_m_s2, 0)).speed_m_s[OTHER])
+    # SUMO's IDM approaches even a far desired speed a little more gently than accel
+    assert speed - float(shot.speed_m_s[OTHER]) == pytest.approx(gained_m_s, abs=0.05)
+
+
+def test_a_vehicle_brakes_to_a_stop_and_drives_off_again(placed: Road) -> None:
+    simulation, _ = placed(PlacedVehicle("other", 1, 50.0, 6.0, 30.0))
+    for _ in range(3):
+        shot = decide(simulation, Wish(OTHER, -4.0, 0))
+    assert shot.speed_m_s[OTHER] == 0.0
+    assert decide(simulation, Wish(OTHER, 1.0, 0)).speed_m_s[OTHER] == pytest.approx(1.0, abs=0.05)
+
+
+def test_who_wants_to_go_on_into_a_vehicle_that_brakes_to_a_stop_is_stopped_by_sumo(
+    placed: Road,
+) -> None:
+    # 35 m behind it, which comes to rest after 25 m more; 20 m/s need 50 m at 4 m/s2
+    vehicles = (
+        PlacedVehicle("behind", 1, 50.0, 20.0, 40.0),
+        PlacedVehicle("ahead", 1, 90.0, 15.0, 40.0),
+    )
+    simulation, shot = placed(*vehicles)
+    hardest = 0.0
+    for _ in range(12):
+        before = shot.speed_m_s[1]
+        shot = decide(simulation, Wish(1, 2.0, 0), Wish(2, -4.0, 0))
+        hardest = max(hardest, float(before - shot.speed_m_s[1]))
+        assert shot.s_m[2] - shot.s_m[1] > 5.0
+    assert shot.speed_m_s[1:].max() == 0.0
+    assert 3.5 < hardest <= 4.0 + 1e-6
+
+
+@pytest.mark.parametrize("ours", [True, False], ids=["one of ours", "one of SUMO's"])
+def test_behind_one_that_brakes_as_hard_as_it_can_nobody_comes_to_rest_inside_it(
+    placed: Road, ours: bool
+) -> None:
+    # 50 m behind, SUMO's IDM brakes so late that its 4 m/s2 end 1 m too far
+    vehicles = (
+        PlacedVehicle("behind", 1, 50.0, 20.0, 40.0),
+        PlacedVehicle("ahead", 1, 105.0, 20.0, 40.0),
+    )
+    brisk = {"headway_min_s": 0.8, "headway_max_s": 0.8}
+    brisk |= {"acceleration_min_m_s2": 2.0, "acceleration_max_m_s2": 2.0}
+    simulation, _ = placed(*vehicles, **brisk, finite_state_share=float(ours))
+    for second in range(15):
+        wishes = [Wish(1, 2.0, 0)] if ours else []
+        shot = decide(simulation, *wishes, Wish(2, -2.0 if second < 2 else -4.0, 0))
+    assert shot.speed_m_s[1:].max() == 0.0
+    assert 1.5 < shot.s_m[2] - shot.s_m[1] - 5.0 < 2.5 + 1e-6
+
+
+@pytest.mark.parametrize(("side", "end_m"), [(1, LEFT), (-1, RIGHT)], ids=["left", "right"])
+def test_a_lane_change_takes_5_s_at_0_76_m_s_and_ends_on_the_centre(
+    placed: Road, side: int, end_m: float
+) -> None:
+    simulation, _ = placed(PlacedVehicle("other", 1, 50.0, 20.0, 40.0))
+    shots = [decide(simulation, Wish(OTHER, 0.0, side))]
+    shots += [decide(simulation, Wish(OTHER, 0.0, 0)) for _ in range(9)]
+    y_m = np.array([CENTER, *(float(shot.y_m[OTHER]) for shot in shots)])
+    assert np.abs(np.diff(y_m)).max() <= 0.76 + 1e-9
+    assert y_m[:3] == pytest.approx([CENTER, CENTER + side * 0.76, CENTER + side * 1.52])
+    assert y_m[-5:] == pytest.approx([end_m] * 5, abs=0.01)
+
+
+@pytest.mark.parametrize("ahead_m", [5.0, 2.0, 0.0, -2.0, -5.0])
+def test_a_lane_change_into_somebody_waits_until_there_is_room(
+    placed: Road, ahead_m: float
+) -> None:
+    vehicles = (
+        PlacedVehicle("other", 1, 50.0, 20.0, 40.0),
+        PlacedVehicle("beside", 2, 50.0 + ahead_m, 20.0, 40.0),
+    )
+    simulation, _ = placed(*vehicles)
+    for second in range(10):
+        shot = decide(simulation, Wish(1, 0.0, 1), Wish(2, 0.0, 0))
+        between_m, aside_m = abs(shot.s_m[2] - shot.s_m[1]), shot.y_m[2] - shot.y_m[1]
+        assert aside_m > 1.8 or between_m > 5.0
+        assert second > 1 or shot.y_m[1] == CENTER
+    assert shot.y_m[1:].tolist() == pytest.approx([LEFT, LEFT], abs=0.01)
+
+
+def test_on_the_way_to_another_lane_no_lane_change_is_asked_for_by_wish_or_at_random(
+    placed: Road, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # one that SUMO broke off half-way would go on, even into the vehicle that was in its way
+    simulation, _ = placed(PlacedVehicle("other", 0, 50.0, 20.0, 40.0))
+    decide(simulation, Wish(OTHER, 0.0, 1))
+    asked: list[tuple[str, int]] = []
+    vehicle = simulation._sumo.vehicle
+    monkeypatch.setattr(vehicle, "changeLaneRelative", lambda *a: asked.append(a[:2]))
+    for second in range(2, 9):
+        monkeypatch.setattr(simulation, "_random_lane_changes", iter([[(OTHER, -1)]]))
+        centered = abs(decide(simulation, Wish(OTHER, 0.0, 1)).y_m[OTHER] - CENTER) < 0.1
+        assert bool(asked) is (second >= 7), second
+    assert centered
+    assert set(asked) == {("other", -1), ("other", 1)}
+
+
+def test_without_a_wish_nobody_leaves_a_slow_lane(placed: Road) -> None:
+    # SUMO's own drivers overtake here
+    vehicles = (
+        PlacedVehicle("fast", 1, 50.0, 20.0, 40.0),
+        PlacedVehicle("slow", 1, 80.0, 10.0, 10.0),
+    )
+    simulation, _ = placed(*vehicles)
+    for _ in range(15):
+        shot = decide(simulation, Wish(1, 2.0, 0), Wish(2, 0.0, 0))
+        assert shot.y_m[1:].tolist() == [CENTER, CENTER]
+
+
+# Whole episodes
+
+
+def trajectory(config: Config = MIX, seed: int = 3) -> str:
+    ride = Ride(config, RandomDriver(), "random", seed, 30)
+    return ride.drive(None)[0].hash()
+
+
+@pytest.fixture(scope="module")
+def hashed() -> str:
+    return trajectory()
+
+
+def test_a_mix_is_the_same_trajectory_in_a_fresh_process_and_not_that_of_idm(hashed: str) -> None:
+    folders = [str(TESTS), str(Path(__file__).parent)]
+    program = (
+        f"import sys; sys.path[:0] = {folders}; import test_traffic as t; "
+        "print(t.trajectory(seed=4) and t.trajectory())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"PYTHONHASHSEED": "12345"},
+    )
+    assert done.stdout.split() == [hashed]
+    assert trajectory(mixed(0, 0, 0)) != hashed
+
+
+def test_a_recorded_mix_is_replayed_exactly(tmp_path: Path) -> None:
+    recording, result = Ride(MIX, IdmDriver(MIX.safety), "idm", 5, 20).drive(None)
+    recording.save(tmp_path / "episode.npz")
+    again, _ = ride_again(load_recording(tmp_path / "episode.npz")).drive(None)
+    assert again.hash() == recording.hash()
+    assert result.decisions > 5
+
+
+def test_a_mix_is_one_of_all_kinds_and_decides_on_the_snapshot_that_the_ego_sees(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    env = HighwayEnv(config=MIX)
+    env.reset(seed=3, options={"vehicles": 30})
+    assert set(env.simulation.kinds.tolist()) == set(Kind)
+    ours = np.flatnonzero(env.simulation.kinds != Kind.SUMO).tolist()
+    given, seen = [], []
+    drivers, advance = env.traffic_drivers, env.simulation.advance
+    monkeypatch.setattr(env, "traffic_drivers", lambda s: (seen.append(s), drivers(s))[1])
+    monkeypatch.setattr(env.simulation, "advance", lambda c, w: (given.append(w), advance(c, w))[1])
+    for _ in range(3):
+        before = env.scene.snapshot
+        env.step(0)
+        assert seen.pop() is before
+        assert sorted(wish.row for wish in given.pop()) == ours
+    env.close()
+
+
+def test_states_of_an_episode_end_with_it() -> None:
+    config = mixed(1, 0, 0, decisions=20)
+    first = trajectory(config, 1)
+    trajectory(config, 2)
+    assert trajectory(config, 1) == first
+
+
+def test_with_nobody_of_ours_there_are_no_wishes() -> None:
+    env = HighwayEnv()
+    env.reset(seed=0, options={"vehicles": 30})
+    assert env.traffic_drivers(env.scene.snapshot) == []
+    env.close()
+
+
+def test_evaluate_drives_in_a_mix(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "mix.toml"
+    file.write_text("[simulation]\ndecisions_per_episode = 30\n[traffic]\nlevel_1_share = 0.5\n")
+    words = ["evaluate", "--driver", "idm", "--vehicles", "10", "--episodes", "2"]
+    assert main([*words, "--config", str(file), "--out", str(tmp_path / "rows.csv")]) == 0
+    assert len((tmp_path / "rows.csv").read_text().splitlines()) == 3
+
+
+def test_traffic_alone_never_collides_in_a_mix() -> None:
+    tool = TESTS.parent / "tools" / "check_background_traffic.py"
+    words = ("--episodes", "20", "--vehicles", "30", "10", "--mix", "0.3,0.3,0.4")
+    done = subprocess.run(
+        [sys.executable, str(tool), *words], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    # 10 episodes of 30 vehicles and 10 of 10, of 200 decisions each
+    assert done.stdout.startswith(
+        "0.3,0.3,0.4: 20 episodes, 80000 vehicle-decisions, 0 collisions, 0 overlaps"
+    )
+
+
+def test_level_1_drivers_on_a_barricaded_road_keep_off_the_barricade() -> None:
+    env = HighwayEnv("barricaded_right_lane", config=mixed(0.5, 0, 0.5))
+    env.reset(seed=1, options={"vehicles": 20})
+    assert isinstance(env.traffic_drivers, TrafficDrivers)
+    assert load_level_1(env.road).range_m == 250.0
+    over = False
+    while not over:
+        *_, terminated, truncated, _ = env.step(0)
+        over = terminated or truncated
+        assert (env.scene.snapshot.y_m[1:] > CENTER - 1.0 - 1e-6).all()
+    env.close()

@@ -1,0 +1,73 @@
+"""The safety check by itself: a mask over the actions, and a wrapper around any driver."""
+
+from functools import partial
+
+import numpy as np
+import worlds
+from hypothesis import given
+from worlds import BARRICADED_ROAD, LONG_ROAD, SLOW_LEADER, ahead, behind, scene, scenes
+
+from drl_av.config import SafetyConfig
+from drl_av.drivers.checked import CheckedDriver, PolicyDriver
+from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
+from drl_av.driving.scene import Scene
+from drl_av.safety import action_mask
+from drl_av.safety.check import Rule, Verdict, permit_all
+from drl_av.safety.paper import paper
+
+PAPER = partial(paper, config=SafetyConfig())
+NOTHING = np.zeros(27, np.float32)
+
+
+def test_behind_a_slow_leader_only_speeding_up_and_changing_lanes_are_masked() -> None:
+    # T_C is 4 s: "maintain" is what eq. 3 asks, braking is as safe; rule 3 forbids both sides
+    assert action_mask(PAPER, SLOW_LEADER).tolist() == [1, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0]
+
+
+def test_at_two_seconds_only_the_hard_brake_is_left() -> None:
+    near = scene(ahead(10.0, speed_m_s=15.0), behind(9.0))
+    assert action_mask(PAPER, near).tolist() == [0, 0, 0, 1] + 8 * [0]
+
+
+def test_a_barricaded_lane_masks_its_side_alone() -> None:
+    free = scene(road=BARRICADED_ROAD)
+    assert action_mask(PAPER, free).tolist() == [1, 1, 1, 1, 0, 0, 0, 0, 1, 1, 1, 1]
+
+
+def test_without_a_check_everything_is_permitted() -> None:
+    mask = action_mask(permit_all, scene(ahead(0.5), road=LONG_ROAD))
+    assert (mask.dtype, mask.tolist()) == (np.int8, 12 * [1])
+
+
+def test_a_check_that_couples_both_axes_is_masked_action_by_action() -> None:
+    """Decoy: a mask made of 4 longitudinal and 3 lateral answers would permit 3 * 3 here."""
+
+    def no_hard_swerve(scene: Scene, proposed: Action) -> Verdict:
+        if proposed.lateral != Lateral.KEEP and proposed.longitudinal == Longitudinal.HARD_BRAKE:
+            return Verdict(proposed._replace(lateral=Lateral.KEEP), Rule.LANE_CHANGE)
+        return Verdict(proposed, Rule.NONE)
+
+    mask = action_mask(no_hard_swerve, worlds.ALONE)
+    assert [ACTIONS[row].number for row in np.flatnonzero(mask == 0)] == [7, 11]
+
+
+@given(scenes())
+def test_what_the_mask_permits_fires_no_rule_and_what_it_forbids_does(scene: Scene) -> None:
+    for allowed, action in zip(action_mask(PAPER, scene), ACTIONS, strict=True):
+        verdict = PAPER(scene, action)
+        assert (allowed == 1) == (verdict == Verdict(action, Rule.NONE))
+
+
+def test_a_checked_driver_carries_out_what_the_check_says_and_counts() -> None:
+    wishes = iter([1, 3, 9])
+    driver = CheckedDriver(PolicyDriver(lambda observation: next(wishes)), PAPER)
+    driver.start(0)
+    assert driver.act(SLOW_LEADER, NOTHING).number == 0
+    assert driver.verdict == Verdict(ACTIONS[0], Rule.IN_LANE)
+    assert driver.act(SLOW_LEADER, NOTHING).number == 3
+    assert driver.verdict == Verdict(ACTIONS[3], Rule.NONE)
+    assert driver.act(SLOW_LEADER, NOTHING).number == 0
+    assert driver.verdict == Verdict(ACTIONS[0], Rule.IN_LANE | Rule.LANE_CHANGE)
+    assert driver.triggers == 2
+    driver.start(1)
+    assert (driver.verdict, driver.triggers) == (None, 0)

@@ -1,0 +1,85 @@
+"""MOBIL's two criteria, with accelerations worked out by hand."""
+
+import math
+
+import pytest
+from worlds import CENTER, LEFT, RIGHT, ahead, behind, scene
+
+from drl_av.config import Config, MobilConfig
+from drl_av.drivers.mobil import MobilDriver, idm_acceleration
+from drl_av.driving.actions import Lateral
+
+CONFIG = Config()
+
+
+def driver(**mobil: float) -> MobilDriver:
+    return MobilDriver(CONFIG.safety, CONFIG.ego, MobilConfig(**mobil))
+
+
+def test_idm_on_a_free_road_at_half_the_desired_speed() -> None:
+    # a (1 - (15/30)^4) = 1.5 * (1 - 1/16) = 1.40625
+    assert idm_acceleration(15, 30, math.inf, 0, MobilConfig()) == pytest.approx(1.40625)
+
+
+def test_idm_behind_a_slower_vehicle() -> None:
+    # s* = 2.5 + 20 * 1.1 + 20 * 5 / (2 sqrt(1.5 * 2)) = 24.5 + 28.867513 = 53.367513
+    # a = 1.5 * (1 - (20/30)^4 - (53.367513/40)^2) = 1.5 * (1 - 0.197531 - 1.780057)
+    found = idm_acceleration(20, 30, 40, 5, MobilConfig())
+    assert found == pytest.approx(1.5 * (1 - 16 / 81 - (53.367513 / 40) ** 2), abs=1e-6)
+    assert found == pytest.approx(-1.466382, abs=1e-4)
+
+
+def act(world, **mobil: float) -> Lateral:
+    return driver(**mobil).act(world, None).lateral
+
+
+def test_free_lane_at_the_left_draws_the_ego_from_behind_a_slow_leader() -> None:
+    world = scene(ahead(40, speed_m_s=15), ahead(40, RIGHT, speed_m_s=15))
+    # own lane: -1.466; left: 1.5 * (1 - 16/81) = 1.2037; gain 2.67, nobody else concerned
+    assert driver().gain(world, 1) == pytest.approx(1.5 * 65 / 81 + 1.466382, abs=1e-4)
+    assert driver().gain(world, -1) == pytest.approx(0.0)
+    assert act(world) is Lateral.LEFT
+
+
+def test_follower_who_would_brake_harder_than_b_safe_forbids_the_change() -> None:
+    # 10 m behind at 28 m/s: s* = 2.5 + 30.8 + 28 * 8 / 3.4641 = 97.96, so about -144 m/s2
+    world = scene(ahead(40, speed_m_s=15), behind(10, LEFT, 28), ahead(40, RIGHT, 15))
+    assert driver().gain(world, 1) == -math.inf
+    assert act(world) is Lateral.KEEP
+
+
+def test_politeness_gives_up_a_gain_that_costs_the_new_follower_more() -> None:
+    world = scene(ahead(80, speed_m_s=19), behind(30, LEFT, 20), ahead(80, RIGHT, 19))
+    # the follower at 30 m, 20 m/s, not closing: s* = 24.5, a = 1.5 (65/81 - (24.5/30)^2) = 0.2033;
+    # without the ego its road is free, 1.2037: it loses 1.0004
+    # the ego: free 1.2037, now s* = 24.5 + 20/3.4641 = 30.2735: 1.5 (65/81 - (30.2735/80)^2)
+    own = 1.5 * (30.2735 / 80) ** 2
+    assert driver(politeness=0.0).gain(world, 1) == pytest.approx(own, abs=1e-4)
+    assert driver(politeness=1.0).gain(world, 1) == pytest.approx(own - 1.000417, abs=1e-4)
+    assert act(world, politeness=0.0) is Lateral.LEFT
+    assert act(world, politeness=1.0) is Lateral.KEEP
+
+
+def test_old_follower_is_glad_to_see_the_ego_go() -> None:
+    world = scene(ahead(80, speed_m_s=19), behind(30), ahead(80, RIGHT, 19))
+    alone = scene(ahead(80, speed_m_s=19), ahead(80, RIGHT, 19))
+    # behind the ego at 30 m: 0.2033; behind its leader at 30 + 5 + 80 = 115 m, closing 1 m/s:
+    # 1.5 (65/81 - (30.2735/115)^2) = 1.0997
+    glad = driver(politeness=1.0).gain(world, 1) - driver(politeness=1.0).gain(alone, 1)
+    assert glad == pytest.approx(1.0997 - 0.2033, abs=1e-3)
+
+
+def test_gain_below_the_threshold_is_not_worth_a_lane_change() -> None:
+    world = scene(ahead(200, speed_m_s=20), ahead(200, RIGHT, 20))
+    # 1.5 (24.5/200)^2 = 0.0225, less than 0.1
+    assert driver().gain(world, 1) == pytest.approx(0.0225, abs=1e-4)
+    assert act(world) is Lateral.KEEP
+    assert act(world, threshold_m_s2=0.0) is Lateral.LEFT
+
+
+def test_barricaded_and_missing_lanes_are_never_entered() -> None:
+    world = scene(ahead(40, LEFT, speed_m_s=15), y_m=LEFT)
+    gains = [world.seen.has_lane(sign) for sign in (1, -1)]
+    assert gains == [False, True]
+    assert act(world) is Lateral.RIGHT
+    assert CENTER == 3.8

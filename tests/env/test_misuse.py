@@ -1,0 +1,140 @@
+"""What a gymnasium user does by mistake is told, and what one may do works."""
+
+import copy
+import pickle
+import shutil
+from pathlib import Path
+
+import gymnasium
+import libsumo
+import numpy as np
+import pytest
+
+from drl_av.config import Config
+from drl_av.drivers.rules import IdmDriver
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import drive
+from drl_av.errors import ConfigError, ScenarioError, SimulationError
+from drl_av.safety.check import permit_all
+from drl_av.traffic.scenario import find_scenario
+
+SHORT = Config().updated("simulation", decisions_per_episode=3)
+
+
+def test_step_and_render_before_reset_after_the_end_and_after_close_ask_for_a_reset() -> None:
+    env = HighwayEnv(config=SHORT, render_mode="rgb_array")
+    for misuse in (lambda: env.step(0), env.render):
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            misuse()
+    env.reset(seed=1, options={"vehicles": 2})
+    for _ in range(3):
+        *_, truncated, _ = env.step(0)
+    assert truncated
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(0)
+    env.reset(seed=1)
+    env.close()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(0)
+
+
+@pytest.mark.parametrize("action", [-1, 12, 1.0, "left", None])
+def test_a_decision_that_is_none_is_refused(action: object) -> None:
+    env = HighwayEnv(config=SHORT)
+    env.reset(seed=1, options={"vehicles": 2})
+    with pytest.raises(ConfigError, match="must be from 0 to 11"):
+        env.step(action)  # type: ignore[arg-type]
+
+
+def test_copies_and_pickles_drive_the_same_episode() -> None:
+    env = HighwayEnv(config=SHORT, safety_check="permit_all")
+    others = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    first, _ = env.reset(seed=5)
+    for other in others:
+        assert other.check_name == "permit_all"
+        assert np.array_equal(other.reset(seed=5)[0], first)
+
+
+def test_the_config_of_an_environment_names_its_own_scenario(tmp_path: Path) -> None:
+    env = HighwayEnv(scenario="barricaded_right_lane", config=SHORT)
+    assert env.config.simulation.scenario == "barricaded_right_lane"
+
+
+def test_results_name_the_check_that_was_handed_in() -> None:
+    env = HighwayEnv(config=SHORT, safety_check=permit_all)
+    assert env.check_name == "permit_all"
+    driver = IdmDriver(SHORT.safety)
+    assert drive(env, driver, "idm", 1, 2).safety_check == "permit_all"
+
+
+@pytest.mark.parametrize("arguments", [{"safety_check": 5}, {"config": {"a": 1}}])
+def test_arguments_of_other_types_are_refused(arguments: dict[str, object]) -> None:
+    with pytest.raises(ConfigError):
+        HighwayEnv(**arguments)  # type: ignore[arg-type]
+
+
+def test_training_refuses_more_vehicles_than_fit_before_it_begins() -> None:
+    config = SHORT.updated("traffic", vehicles_max=500)
+    with pytest.raises(ConfigError, match=r"vehicles_max is 500, but this road takes 113"):
+        HighwayEnv(config=config).require_room()
+
+
+def test_sumo_that_ends_on_its_own_is_told_and_starts_again_with_the_next_episode() -> None:
+    env = HighwayEnv(config=SHORT)
+    first, _ = env.reset(seed=1, options={"vehicles": 2})
+    libsumo.close()
+    with pytest.raises(SimulationError, match=r"^SUMO ended on its own \(.*[^.]\): start again.$"):
+        env.step(0)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(0)
+    assert np.array_equal(env.reset(seed=1, options={"vehicles": 2})[0], first)
+    libsumo.vehicle.remove("ego")
+    with pytest.raises(SimulationError, match="'ego' is not known"):
+        env.step(0)
+    for _ in range(2):
+        assert np.array_equal(env.reset(seed=1, options={"vehicles": 2})[0], first)
+        libsumo.close()
+    env.close()
+
+
+def test_a_scenario_that_is_gone_is_told_where_sumo_has_to_read_it(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(find_scenario(), tmp_path / "loop"))
+    env = HighwayEnv(folder, config=SHORT)
+    first, _ = env.reset(seed=1, options={"vehicles": 2})
+    shutil.rmtree(folder)
+    assert np.array_equal(env.reset(seed=1, options={"vehicles": 2})[0], first)
+    env.close()
+    for _ in range(2):
+        with pytest.raises(SimulationError, match=r"cannot load the scenario .*No such file.*loop"):
+            env.reset(seed=1, options={"vehicles": 2})
+    env.close()
+
+
+def test_a_reset_that_is_interrupted_leaves_nobody_on_the_road(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(name: str, lane_id: str, position_m: float) -> None:
+        if name == "vehicle4":  # it has been added, but is nowhere yet
+            raise KeyboardInterrupt
+        move_to(name, lane_id, position_m)
+
+    env = HighwayEnv(config=SHORT)
+    first, _ = env.reset(seed=1, options={"vehicles": 2})
+    move_to = libsumo.vehicle.moveTo
+    with monkeypatch.context() as patched:
+        patched.setattr(libsumo.vehicle, "moveTo", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            env.reset(seed=1, options={"vehicles": 9})
+    assert np.array_equal(env.reset(seed=1, options={"vehicles": 2})[0], first)
+    env.step(0)
+    assert len(libsumo.vehicle.getIDList()) == 3
+    env.close()
+
+
+def test_a_reset_that_fails_leaves_no_episode_to_drive_on_in() -> None:
+    env = HighwayEnv(config=SHORT)
+    env.reset(seed=1, options={"vehicles": 2})
+    with pytest.raises(ScenarioError):
+        env.reset(seed=1, options={"vehicles": 5_000})
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(0)

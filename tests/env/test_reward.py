@@ -1,0 +1,293 @@
+"""The three terms of the reward, as printed, and what they are measured against."""
+
+import math
+from math import exp
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from worlds import (
+    ALONE,
+    BARRICADED_ROAD,
+    CENTER,
+    LANE_M,
+    LEFT,
+    RIGHT,
+    ahead,
+    behind,
+    scene,
+    scenes,
+)
+
+from drl_av.config import Config, RewardConfig, SafetyConfig
+from drl_av.driving.affordances import Affordances, Neighbor
+from drl_av.driving.scene import Scene
+from drl_av.env.reward import (
+    Desired,
+    attainable_speed,
+    desired,
+    gap_reward,
+    lateral_reward,
+    rewards,
+    safe_gap,
+    speed_reward,
+    tolerated_speed,
+)
+
+TRAFFIC = RewardConfig(catch_up_time_s=8.0, worthwhile_gain_m_s=1.0, speed_tolerance_m_s=0.0)
+FIXED = RewardConfig(desired="fixed")
+TOLERANT = RewardConfig(speed_tolerance_m_s=1.0)
+SAFETY = SafetyConfig()
+MINIMUM_GAP_M = SAFETY.minimum_gap_m
+SPEEDS = st.floats(0, 60)
+
+
+def wanted_by(world: Scene) -> tuple[float, float]:
+    """Speed and lateral position that the traffic lets the ego wish for."""
+    return tuple(desired(world.seen, TRAFFIC, SAFETY))
+
+
+@pytest.mark.parametrize(
+    ("speed", "wanted", "reward"),
+    [
+        (30, 30, 0.0),
+        (27, 30, -0.593430),  # exp(-9/10) - 1; not exp(-3/10) - 1, not exp(-9/20) - 1
+        (33, 30, -0.593430),  # too fast is as bad as too slow
+        (20, 30, -0.999955),
+    ],
+)
+def test_speed_reward_is_equation_6(speed: float, wanted: float, reward: float) -> None:
+    assert speed_reward(speed, wanted) == pytest.approx(reward, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("lateral", "wanted", "reward"),
+    [(3.8, 3.8, 0.0), (0.0, 3.8, -0.764018), (7.6, 3.8, -0.764018), (2.8, 3.8, -0.095163)],
+)
+def test_lateral_reward_is_equation_7(lateral: float, wanted: float, reward: float) -> None:
+    assert lateral_reward(lateral, wanted) == pytest.approx(reward, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("gap", "safe", "reward"),
+    [
+        (20, 40, -0.632121),  # exp(-400/400) - 1: the exponent is divided by 10 d_safe, not 10
+        (39, 40, -0.002497),
+        (0, 40, -0.981684),
+        (40, 40, 0.0),
+        (60, 40, 0.0),  # one-sided: further away is no worse
+    ],
+)
+def test_gap_reward_is_equation_8(gap: float, safe: float, reward: float) -> None:
+    assert gap_reward(gap, safe) == pytest.approx(reward, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("speed", "gap"), [(20, 26.0), (30, 39.0), (11.6, 15.08), (11.5, 15.0), (0, 15.0)]
+)
+def test_safe_gap_is_1_3_s_of_headway_but_at_least_15_m(speed: float, gap: float) -> None:
+    assert safe_gap(speed, 1.3, MINIMUM_GAP_M) == pytest.approx(gap)
+
+
+@given(scenes(), st.sampled_from([TRAFFIC, FIXED, TOLERANT]))
+def test_every_term_lies_between_minus_one_and_zero(world: Scene, config: RewardConfig) -> None:
+    target = desired(world.seen, config, SAFETY)
+    terms = rewards(world.seen, target, config, MINIMUM_GAP_M)
+    assert all(-1 <= term <= 0 for term in (*terms, terms.total))
+    assert terms.total == pytest.approx(sum(terms) / 3)
+
+
+@given(SPEEDS, SPEEDS)
+def test_reward_is_zero_at_the_optimum_and_below_it_elsewhere(value: float, wanted: float) -> None:
+    assert speed_reward(wanted, wanted) == lateral_reward(wanted, wanted) == 0
+    if abs(value - wanted) > 1e-3:
+        assert speed_reward(value, wanted) < 0
+        assert lateral_reward(value, wanted) < 0
+
+
+@given(st.floats(0, 250), st.floats(0, 250), st.floats(15, 60))
+def test_a_larger_gap_is_never_worse(gap: float, other: float, safe: float) -> None:
+    near, far = sorted((gap, other))
+    assert gap_reward(near, safe) <= gap_reward(far, safe)
+
+
+def test_terms_of_a_scene_read_the_vehicle_ahead_in_the_own_lane_only() -> None:
+    # 20 m/s wants 26 m; 10 m behind a leader that is 6 m/s slower, others nearer
+    world = scene(ahead(16, CENTER, 14.0), ahead(3, LEFT), behind(2, CENTER), y_m=CENTER - 0.76)
+    terms = rewards(world.seen, Desired(23.0, CENTER), TRAFFIC, MINIMUM_GAP_M)
+    assert terms.r_v == pytest.approx(exp(-0.9) - 1)
+    assert terms.r_y == pytest.approx(exp(-(0.76**2) / 10) - 1)
+    assert terms.r_x == pytest.approx(exp(-100 / 260) - 1)
+    assert terms.total == pytest.approx((exp(-0.9) + exp(-0.05776) + exp(-100 / 260)) / 3 - 1)
+
+
+def test_without_a_vehicle_ahead_the_gap_costs_nothing() -> None:
+    assert rewards(ALONE.seen, Desired(20.0, CENTER), TRAFFIC, MINIMUM_GAP_M).total == 0
+
+
+def test_fixed_desired_values_are_30_m_s_in_the_centre_lane_whatever_the_traffic() -> None:
+    world = scene(ahead(16, CENTER, 14.0), y_m=RIGHT)
+    assert desired(world.seen, FIXED, SAFETY) == Desired(30.0, 3.8)
+
+
+@pytest.mark.parametrize(
+    ("gap", "leader", "speed"),
+    [
+        (26, 20, 20.0),  # at the safe gap of the leader's speed: no more than the leader
+        (10, 20, 20.0),  # closer: no less either
+        (50, 20, 23.0),  # 24 m to spare, in 8 s; with the ego's 22 m/s it would be 22.675
+        (31, 10, 12.0),  # 15 m are kept at least: 16 m to spare, not 18
+        (240, 20, 30.0),  # 46.75, were it not for the speed of a free road
+        (26, 32, 30.0),
+    ],
+)
+def test_attainable_speed_is_that_of_the_leader_and_what_closing_the_gap_adds(
+    gap: float, leader: float, speed: float
+) -> None:
+    world = scene(ahead(gap, CENTER, leader), ahead(5, LEFT, 1.0), speed_m_s=22.0)
+    assert attainable_speed(world.seen, 0, TRAFFIC, MINIMUM_GAP_M) == pytest.approx(speed)
+
+
+@pytest.mark.parametrize(
+    ("speed", "attainable", "wanted"),
+    [
+        (20.0, 20.0, 20.0),
+        (21.0, 20.4, 21.0),  # 0.6 m/s off: no decision, of 2 m/s, brings it nearer
+        (19.4, 20.4, 19.4),  # just within 1 m/s
+        (19.0, 20.4, 19.4),  # 1.4 m/s off: the near edge, neither 20.4 nor 19
+        (22.0, 20.4, 21.4),
+        (29.5, 30.0, 30.0),  # a free road: 30 m/s is what the ego can reach exactly
+        (30.0, 29.6, 30.0),
+        (33.0, 29.6, 30.0),  # never above the speed of a free road
+    ],
+)
+def test_behind_a_vehicle_the_ego_wants_its_own_speed_where_that_is_within_half_a_step(
+    speed: float, attainable: float, wanted: float
+) -> None:
+    assert tolerated_speed(speed, attainable, TOLERANT) == pytest.approx(wanted)
+
+
+@given(SPEEDS, st.floats(0, 30), st.floats(0, 10))
+def test_the_speed_wanted_is_never_further_than_the_tolerance_from_what_the_lane_allows(
+    speed: float, attainable: float, tolerance: float
+) -> None:
+    config = RewardConfig(speed_tolerance_m_s=tolerance)
+    wanted = tolerated_speed(speed, attainable, config)
+    assert abs(wanted - attainable) <= tolerance + 1e-9
+    assert abs(speed - wanted) <= abs(speed - attainable)
+    if speed <= 30 and attainable < 30 and abs(speed - attainable) < tolerance - 1e-9:
+        assert wanted == speed
+
+
+def test_the_tolerance_is_half_of_what_one_decision_changes() -> None:
+    config = Config()
+    step_m_s = config.ego.accelerate_m_s2 * config.simulation.decision_interval_s
+    assert config.reward.speed_tolerance_m_s == step_m_s / 2
+
+
+def test_alone_the_ego_wants_30_m_s_in_the_lane_where_it_is() -> None:
+    for y_m in (RIGHT, CENTER, LEFT):
+        assert wanted_by(scene(y_m=y_m)) == pytest.approx((30.0, y_m))
+
+
+def test_off_the_centre_the_ego_wants_the_centre_of_its_lane() -> None:
+    assert wanted_by(scene(y_m=CENTER + 0.76)) == pytest.approx((30.0, CENTER))
+
+
+def in_three_lanes(right: float, own: float, left: float) -> Scene:
+    """Leaders at those speeds, each at its safe gap: each lane allows its leader's speed."""
+    return scene(*(ahead(1.3 * v, y, v) for y, v in ((RIGHT, right), (CENTER, own), (LEFT, left))))
+
+
+@pytest.mark.parametrize(
+    ("right", "own", "left", "lane"),
+    [
+        (12, 20, 15, CENTER),
+        (12, 20, 20.9, CENTER),  # better, but not worth a lane change
+        (12, 20, 21.1, LEFT),
+        (25, 20, 22, RIGHT),  # both are better: the best
+        (22, 20, 25, LEFT),
+        (21.6, 20, 21.3, RIGHT),  # the best, though not by 1 m/s over the other
+        (29.5, 29.2, 30, CENTER),
+    ],
+)
+def test_the_best_lane_is_wanted_and_the_speed_of_the_own_one_until_the_ego_is_there(
+    right: float, own: float, left: float, lane: float
+) -> None:
+    assert wanted_by(in_three_lanes(right, own, left)) == pytest.approx((own, lane))
+
+
+def test_the_tolerance_is_for_the_speed_and_never_for_the_lane() -> None:
+    # 20.4 m/s allowed ahead, 23.3 at the left: 2.9 more, too little for 3 m/s, though from 20
+    # m/s, which is near enough to 20.4, it would be 3.3
+    world = in_three_lanes(12, 20.4, 23.3)
+    assert tuple(desired(world.seen, TOLERANT, SAFETY)) == pytest.approx((20.0, CENTER))
+
+
+def test_past_the_line_the_speed_of_the_new_lane_is_wanted() -> None:
+    others = (ahead(20, RIGHT, 10.0), ahead(26, CENTER, 20.0), ahead(32.5, LEFT, 25.0))
+    before, past = (scene(*others, y_m=CENTER + 0.76 * k, v_y=0.76) for k in (2, 3))
+    assert wanted_by(before) == pytest.approx((20.0, LEFT))
+    assert wanted_by(past) == pytest.approx((25.0, LEFT))
+
+
+def test_a_lane_that_is_none_is_not_wanted_however_free() -> None:
+    # 20 m behind a leader at 12 m/s: 15.6 m are safe, 4.4 m in 8 s are 0.55 m/s
+    free_at_the_right = (ahead(20, CENTER, 12.0), ahead(20, LEFT, 12.0))
+    assert wanted_by(scene(*free_at_the_right, speed_m_s=12.0)) == pytest.approx((12.55, RIGHT))
+    barricaded = scene(*free_at_the_right, speed_m_s=12.0, road=BARRICADED_ROAD)
+    assert wanted_by(barricaded) == pytest.approx((12.55, CENTER))
+    at_the_left_edge = scene(*free_at_the_right, speed_m_s=12.0, y_m=LEFT)
+    assert wanted_by(at_the_left_edge) == pytest.approx((12.55, LEFT))
+
+
+@pytest.mark.parametrize(
+    ("rear_m", "rear", "front_m", "lane"),
+    [
+        (22, 22, 30, LEFT),  # 22 - 3 * 2 = 16 m, and 15 are the least
+        (20, 22, 30, CENTER),  # 14 m
+        (20, 20, 30, LEFT),  # as near, but not closing
+        (22, 22, 15, CENTER),  # too near to the vehicle ahead to leave its lane
+    ],
+)
+def test_a_lane_that_rule_3_bars_is_not_wanted(
+    rear_m: float, rear: float, front_m: float, lane: float
+) -> None:
+    world = scene(ahead(front_m, CENTER, 20.0), behind(rear_m, LEFT, rear), ahead(5, RIGHT))
+    assert wanted_by(world)[1] == pytest.approx(lane)
+
+
+def seen_again(vector: np.ndarray) -> Affordances:
+    """What the ego saw, read back from the 27 indicators alone."""
+    slots = vector[:24].reshape(6, 4)
+    y_m = float(vector[25])
+    lane = math.floor(y_m / LANE_M + 0.5)
+    missing = [not slot[[0, 1, 3]].any() for slot in slots]
+    neighbors = [
+        None if gone or slot[0] >= 250 else Neighbor(0, *map(float, slot))
+        for slot, gone in zip(slots, missing, strict=True)
+    ]
+    lanes = [not all(missing[first : first + 2]) for first in (2, 4)]
+    own = (float(vector[24]), y_m, float(vector[26]))
+    return Affordances(*neighbors, *lanes, lane, lane * LANE_M, LANE_M, 250.0, *own)
+
+
+@given(scenes(), st.sampled_from([TRAFFIC, TOLERANT]))
+def test_desired_values_are_a_function_of_the_observation_alone(
+    world: Scene, config: RewardConfig
+) -> None:
+    again = seen_again(world.seen.vector())
+    for sign in (1, -1):
+        assume(again.has_lane(sign) is world.seen.has_lane(sign))
+    wanted = desired(world.seen, config, SAFETY)
+    for neighbor in world.seen[:6]:  # one alongside at the ego's own velocity looks like a wall
+        assume(neighbor is None or any((neighbor[1], neighbor[2], neighbor[4])))
+    assert tuple(desired(again, config, SAFETY)) == pytest.approx(tuple(wanted))
+
+
+def test_desired_lane_is_within_reach_of_one_lane_change() -> None:
+    # the left lane is free, two lanes over: from the right one the ego cannot see it
+    slow = (ahead(20, RIGHT, 10.0), ahead(25, CENTER, 10.0))
+    world = scene(*slow, y_m=RIGHT, speed_m_s=10.0)
+    assert wanted_by(world)[1] == pytest.approx(RIGHT)

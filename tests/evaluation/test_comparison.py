@@ -1,0 +1,372 @@
+"""Drivers on the same seeded traffic, the intervals of their means, and several processes."""
+
+import csv
+import json
+import math
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Generator, Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from worlds import ALONE
+
+from drl_av import cli
+from drl_av.config import Config
+from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import EpisodeResult, drive
+from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError, SimulationError
+from drl_av.evaluation import comparison as module
+from drl_av.evaluation.comparison import Evaluation, drive_all, write_rows
+from drl_av.evaluation.drivers import PRETRAINED, Choice, build, choose, config_of
+from drl_av.evaluation.statistics import Mean, mean_with_interval, summarize, write_summaries
+from drl_av.files import require_writable
+from drl_av.learning.checkpoint import save_policy
+from drl_av.learning.qnetwork import QNetwork
+
+KEEP, LEFT = 0, 8
+SHORT = Config().updated("simulation", decisions_per_episode=10)
+COLUMNS = {
+    "driver",
+    "safety_check",
+    "vehicles",
+    "seed",
+    "decisions",
+    "mean_speed_m_s",
+    "mean_reward",
+    "mean_r_v",
+    "mean_r_y",
+    "mean_r_x",
+    "collided",
+    "ego_hit",
+    "safety_triggers",
+    "lane_changes",
+    "aborted_lane_changes",
+    "min_ttc_s",
+    "min_headway_s",
+    "hard_brakes",
+    "d_safe_violations",
+}
+ROW = EpisodeResult(
+    driver="idm",
+    safety_check="paper",
+    vehicles=5,
+    seed=0,
+    decisions=200,
+    mean_speed_m_s=20.0,
+    mean_reward=-0.25,
+    mean_r_v=-0.5,
+    mean_r_y=-0.25,
+    mean_r_x=0.0,
+    collided=False,
+    ego_hit=False,
+    collision="",
+    safety_triggers=4,
+    lane_changes=2,
+    aborted_lane_changes=1,
+    min_ttc_s=math.inf,
+    min_headway_s=1.5,
+    hard_brakes=0,
+    d_safe_violations=0,
+)
+
+
+def run_folder(folder: Path, config: Config = SHORT) -> Path:
+    """A run's folder with an untrained policy."""
+    folder.mkdir(parents=True)
+    units = (config.learning.hidden_units,) * 2
+    save_policy(
+        folder / "policy.safetensors", [QNetwork(np.random.default_rng(3), 27, 12, units)], config
+    )
+    return folder
+
+
+class Spy:
+    """A driver that notes the traffic it finds, and keeps its lane."""
+
+    def __init__(self) -> None:
+        self.starts: list[tuple[tuple[str, ...], bytes]] = []
+        self._fresh = False
+
+    def start(self, seed: int) -> None:
+        self._fresh = True
+
+    def act(self, scene, observation):  # type: ignore[no-untyped-def]
+        if self._fresh:
+            seen = scene.snapshot
+            places = np.stack((seen.s_m, seen.y_m, seen.speed_m_s)).tobytes()
+            self.starts.append((seen.ids, places))
+            self._fresh = False
+        return IdmDriver(Config().safety).act(scene, observation)
+
+
+@pytest.fixture
+def env() -> Iterator[HighwayEnv]:
+    with closing(HighwayEnv(config=SHORT)) as env:
+        yield env
+
+
+def test_every_driver_finds_the_same_traffic(env: HighwayEnv) -> None:
+    first, second = Spy(), Spy()
+    drivers = {"first": first, "random": RandomDriver(), "second": second}
+    list(drive_all(env, drivers, (0, 12), (4, 5)))
+    assert first.starts == second.starts
+    assert len({places for _, places in first.starts}) == 4
+
+
+def test_decisions_nearer_than_d_safe_are_counted(env: HighwayEnv) -> None:
+    gaps: list[tuple[float, float]] = []
+
+    def watch(env: HighwayEnv) -> None:
+        front, speed_m_s = env.scene.seen.own_front, env.scene.seen.ego_speed_m_s
+        gaps.append((math.inf if front is None else front.gap_m, max(1.3 * speed_m_s, 15.0)))
+
+    row = drive(env, IdmDriver(SHORT.safety), "idm", 1, 30, watch)
+    near = [gap_m < safe_m for gap_m, safe_m in gaps[1:]]  # not what the reset showed
+    assert 0 < row.d_safe_violations == sum(near) < len(near) == 10
+
+
+def test_rows_come_by_vehicles_then_seed_then_driver(env: HighwayEnv) -> None:
+    drivers = {"idm": IdmDriver(SHORT.safety), "idm-sumo": IdmSumoDriver(SHORT.safety)}
+    rows = drive_all(env, drivers, (3, 1), (8, 9))
+    assert [(row.vehicles, row.seed, row.driver) for row in rows] == [
+        (number, seed, name) for number in (3, 1) for seed in (8, 9) for name in drivers
+    ]
+
+
+def test_two_processes_drive_the_same_rows_in_the_same_order(tmp_path: Path) -> None:
+    run = run_folder(tmp_path / "run")
+    choices = choose([str(run), "idm-sumo", "random"])
+    evaluation = Evaluation(SHORT, choices, (2, 20), range(5, 8))
+    assert len(evaluation) == 18
+    one, two = list(evaluation.rows()), list(evaluation.rows(jobs=2))
+    assert one == two
+    assert len(one) == 18
+
+
+def test_process_that_dies_is_told_in_one_sentence() -> None:
+    broken = Evaluation(SHORT, choose(["idm"]), (2,), range(2))
+    broken._choices = (Choice("idm", Path("gone")),)
+    rows = broken.rows(jobs=2)
+    with pytest.raises(SimulationError, match=r"ended on its own.*idm, 2 vehicles, seed 0"):
+        list(rows)
+
+
+def test_rows_of_before_a_worker_aborted_are_kept_and_the_abort_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows_of = Evaluation.rows
+
+    def aborted(self: Evaluation, jobs: int) -> Generator[EpisodeResult, None, None]:
+        for done, row in enumerate(rows_of(self, jobs), 1):
+            yield row
+            if done == 2:
+                for worker in multiprocessing.active_children():
+                    os.kill(int(worker.pid or 0), signal.SIGABRT)
+
+    monkeypatch.setattr(Evaluation, "rows", aborted)
+    out, tiny = tmp_path / "rows.csv", tmp_path / "tiny.toml"
+    tiny.write_text(SHORT.to_toml())
+    words = ["evaluate", "idm", "--vehicles", "30", "--episodes", "400", "--jobs", "2"]
+    assert cli.main([*words, "--config", str(tiny), "--out", str(out)]) == 1
+    told = capsys.readouterr()
+    assert told.err.startswith("drl-av: A process of the evaluation ended on its own")
+    assert told.err.count("\n") == 1
+    with out.open(newline="") as file:
+        seeds = [int(row["seed"]) for row in csv.DictReader(file)]
+    assert seeds == list(range(len(seeds)))
+    assert 2 <= len(seeds) < 400
+    assert f"seed {len(seeds)}." in told.err
+
+
+ABORTED = """
+import os, sys
+from drl_av import cli
+from drl_av.evaluation import comparison
+cli.evaluate.SAVE_EVERY_S, drive, driven = 0.0, comparison.drive, iter(range(9))
+
+def aborting(*arguments):
+    if next(driven) == 3:
+        os.abort()
+    return drive(*arguments)
+
+comparison.drive = aborting
+sys.exit(cli.main(sys.argv[1:]))
+"""
+
+
+def test_rows_of_before_sumo_took_the_only_process_along_are_kept(tmp_path: Path) -> None:
+    out, tiny = tmp_path / "rows.csv", tmp_path / "tiny.toml"
+    tiny.write_text(SHORT.to_toml())
+    words = ["evaluate", "idm", "--vehicles", "3", "--episodes", "9", "--config", str(tiny)]
+    command = [sys.executable, "-c", ABORTED, *words, "--out", str(out)]
+    ended = subprocess.run(command, capture_output=True, check=False, timeout=120)
+    assert ended.returncode == -signal.SIGABRT
+    assert len(out.read_text().splitlines()) == 1 + 3
+
+
+def test_interval_of_a_known_sample() -> None:
+    """2, 4, 4, 5, 10: mean 5, variance 36 / 4 = 9, so 2.776445 * 3 / sqrt(5) = 3.724992."""
+    mean = mean_with_interval([2, 4, 4, 5, 10])
+    assert mean.value == 5.0
+    assert mean.half_width == pytest.approx(3.724992, abs=1e-6)
+    assert str(mean) == "5.00 ± 3.72"
+
+
+def test_one_episode_has_no_interval(tmp_path: Path) -> None:
+    assert mean_with_interval([3.0]) == Mean(3.0, math.inf)
+    write_summaries(tmp_path / "one.json", summarize([ROW]))
+    [summary] = json.loads((tmp_path / "one.json").read_text())
+    assert summary["speed_m_s"] == {"mean": 20.0, "ci95_half_width": None}
+
+
+def test_summary_counts_hits_and_groups_by_vehicles_driver_and_check() -> None:
+    rows = [
+        ROW,
+        replace(ROW, mean_speed_m_s=22.0, collided=True, ego_hit=True),
+        replace(ROW, mean_speed_m_s=24.0, collided=True),
+        replace(ROW, safety_check="permit_all"),
+        replace(ROW, vehicles=1),
+    ]
+    first, *others = summarize(rows)
+    assert (first.episodes, first.collisions, first.ego_hits) == (3, 2, 1)
+    assert first.speed_m_s.value == 22.0
+    assert [(s.vehicles, s.safety_check, s.episodes) for s in others] == [
+        (5, "permit_all", 1),
+        (1, "paper", 1),
+    ]
+
+
+def test_table_on_disk_has_the_columns_and_keeps_every_digit(tmp_path: Path) -> None:
+    write_rows(tmp_path / "rows.csv", [replace(ROW, mean_speed_m_s=0.1 + 0.2)])
+    with (tmp_path / "rows.csv").open(newline="") as file:
+        [row] = csv.DictReader(file)
+    assert set(row) >= COLUMNS
+    assert float(row["mean_speed_m_s"]) == 0.1 + 0.2
+    assert (row["min_ttc_s"], row["collided"]) == ("inf", "False")
+
+
+def test_table_that_cannot_be_written_leaves_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "rows.csv"
+    write_rows(path, [ROW])
+    before = path.read_bytes()
+
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(DrlAvError, match=r"rows.csv cannot be written \(No space left"):
+        write_rows(path, [ROW, ROW])
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_place_that_cannot_be_written_to_is_found_before_the_work(tmp_path: Path) -> None:
+    require_writable(tmp_path / "new.csv")
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(DrlAvError, match="is a folder"):
+        require_writable(tmp_path)
+    with pytest.raises(DrlAvError, match="No such file or directory"):
+        require_writable(tmp_path / "missing" / "new.csv")
+
+
+def test_ctrl_c_keeps_the_rows_so_far(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    driven = iter(range(100))
+
+    def drive(*arguments: object) -> EpisodeResult:
+        if next(driven) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return ROW
+
+    former = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in background jobs
+
+    monkeypatch.setattr(module, "drive", drive)
+    out = tmp_path / "rows.csv"
+    words = ["evaluate", "idm", "--vehicles", "5", "--episodes", "9", "--out", str(out)]
+    try:
+        assert cli.main(words) == 130
+    finally:
+        signal.signal(signal.SIGINT, former)
+    assert len(out.read_text().splitlines()) == 1 + 3
+    told = capsys.readouterr()
+    assert told.err == "drl-av: interrupted after 3 episodes.\n"
+    assert "3 episodes each" in told.out
+
+
+def test_runs_of_one_name_are_told_apart_and_drivers_mix(tmp_path: Path) -> None:
+    a, b, c = (run_folder(tmp_path / name) for name in ("a/run", "b/run", "other"))
+    choices = choose([str(a), "idm", str(b), str(c), "idm", "random"])
+    assert choices == (
+        Choice(str(a), a),
+        Choice("idm", None),
+        Choice(str(b), b),
+        Choice("other", c),
+        Choice("random", None),
+    )
+    assert list(build(choices, config_of(choices))) == [str(a), "idm", str(b), "other", "random"]
+    assert choose(["pretrained"]) == (Choice("pretrained", PRETRAINED),)
+
+
+def test_config_is_that_of_the_first_run(tmp_path: Path) -> None:
+    run = run_folder(tmp_path / "run", SHORT.updated("safety", check="permit_all"))
+    assert config_of(choose(["idm", str(run)])).safety.check == "permit_all"
+    assert config_of(choose(["idm"])) == Config()
+
+
+def test_a_run_drives_with_its_own_margin_unless_the_config_has_another(tmp_path: Path) -> None:
+    network = QNetwork(np.random.default_rng(0))
+    network.flat.zero_()
+    network.flat[-12 + LEFT] = 1.0  # worth 1 more than any other in every state
+    choices = []
+    for margin in (2.0, 0.5):
+        path = tmp_path / f"{margin}.safetensors"
+        save_policy(path, [network], SHORT.updated("learning", lane_change_margin=margin))
+        choices += choose([str(path)])
+
+    def decided(config: Config) -> list[int]:
+        drivers = build(choices, config).values()
+        return [driver.act(ALONE, np.zeros(27, np.float32)).number for driver in drivers]
+
+    base = config_of(choices)
+    assert base.learning.lane_change_margin == 2
+    assert decided(base.updated("reward", collision_reward=-1.0)) == [KEEP, LEFT]
+    assert decided(base.updated("learning", lane_change_margin=0.2)) == [LEFT, LEFT]
+    assert decided(base.updated("learning", lane_change_margin=1.5)) == [KEEP, KEEP]
+
+
+@pytest.mark.parametrize(
+    ("section", "change"), [("observation", {"range_m": 100.0}), ("ego", {"max_speed_m_s": 25.0})]
+)
+def test_run_that_sees_the_road_otherwise_is_refused(
+    section: str, change: dict[str, float], tmp_path: Path
+) -> None:
+    choices = choose([str(run_folder(tmp_path / "run"))])
+    with pytest.raises(RunError, match="was trained with other"):
+        build(choices, SHORT.updated(section, **change))
+
+
+def test_folder_without_a_policy_and_damaged_policy_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(RunError, match="holds no trained driver"):
+        config_of(choose([str(tmp_path / "empty")]))
+    run = run_folder(tmp_path / "cut")
+    os.truncate(run / "policy.safetensors", 1000)
+    with pytest.raises(CheckpointError, match="cut short"):
+        config_of(choose([str(run)]))
+
+
+def test_seeds_of_training_are_not_evaluated_on() -> None:
+    with pytest.raises(ConfigError, match="1000000 on belong to training"):
+        Evaluation(SHORT, choose(["idm"]), (1,), range(999_999, 1_000_001))
+    Evaluation(SHORT, choose(["idm"]), (1,), range(999_999, 1_000_000))

@@ -1,0 +1,164 @@
+"""A recorded episode comes back to the last bit, or says why it does not."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from drl_av.cli import main
+from drl_av.config import Config
+from drl_av.drivers.rules import RandomDriver
+from drl_av.errors import DrlAvError, RecordingError
+from drl_av.evaluation.recording import Recording, load_recording
+from drl_av.evaluation.replay import Pacer, Ride, ride_again
+
+SHORT = Config().updated("simulation", decisions_per_episode=12)
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    ride = Ride(SHORT, RandomDriver(), "random", 11, 14)
+    return ride.drive(None)[0]
+
+
+@pytest.fixture
+def file(recording: Recording, tmp_path: Path) -> Path:
+    recording.save(tmp_path / "episode.npz")
+    return tmp_path / "episode.npz"
+
+
+def test_recording_makes_the_round_trip(recording: Recording, file: Path) -> None:
+    loaded = load_recording(file)
+    assert loaded.hash() == recording.hash()
+    assert (loaded.config, loaded.driver) == (SHORT, "random")
+    assert (loaded.seed, loaded.vehicles) == (11, 14)
+    np.testing.assert_array_equal(loaded.proposed, recording.proposed)
+    assert loaded.states.shape == (13, 15, 4)
+
+
+def test_replay_is_the_recorded_episode_exactly(recording: Recording, file: Path) -> None:
+    Ride(SHORT, RandomDriver(), "random", 12, 30).drive(None)
+    again, result = ride_again(load_recording(file)).drive(None)
+    assert again.hash() == recording.hash()
+    np.testing.assert_array_equal(again.states, recording.states)
+    assert result.decisions == 12
+
+
+def test_a_seed_of_any_size_makes_the_round_trip(recording: Recording, tmp_path: Path) -> None:
+    replace(recording, seed=10**20).save(tmp_path / "episode.npz")
+    assert load_recording(tmp_path / "episode.npz").seed == 10**20
+
+
+def test_equal_recordings_are_equal_bytes(recording: Recording, file: Path) -> None:
+    recording.save(file.with_name("again.npz"))
+    assert file.with_name("again.npz").read_bytes() == file.read_bytes()
+
+
+def test_position_that_differs_in_its_last_bit_is_noticed(recording: Recording) -> None:
+    states = recording.states.copy()
+    states[5, 9, 0] = np.nextafter(states[5, 9, 0], np.inf)
+    with pytest.raises(RecordingError, match="left the recording at decision 5"):
+        ride_again(replace(recording, states=states)).drive(None)
+
+
+def test_other_actions_leave_the_recording(recording: Recording) -> None:
+    accelerate, hard_brake = 1, 3
+    other = np.where(recording.proposed == hard_brake, accelerate, hard_brake)
+    with pytest.raises(RecordingError, match="left the recording at decision 1"):
+        ride_again(replace(recording, proposed=other)).drive(None)
+
+
+def test_recording_of_another_config_is_left(recording: Recording) -> None:
+    other = SHORT.updated("ego", brake_m_s2=1.0, accelerate_m_s2=1.0)
+    with pytest.raises(RecordingError, match="left the recording at decision"):
+        ride_again(replace(recording, config=other)).drive(None)
+
+
+def test_recording_that_is_longer_or_shorter_than_the_episode_is_noticed(
+    recording: Recording,
+) -> None:
+    shorter = SHORT.updated("simulation", decisions_per_episode=9)
+    with pytest.raises(RecordingError, match="left the recording at decision 9"):
+        ride_again(replace(recording, config=shorter)).drive(None)
+    longer = SHORT.updated("simulation", decisions_per_episode=13)
+    with pytest.raises(RecordingError, match="ended before the episode did"):
+        ride_again(replace(recording, config=longer)).drive(None)
+
+
+def test_tampered_file_is_refused(recording: Recording, file: Path) -> None:
+    with np.load(file) as data:
+        parts = dict(data)
+    parts["seed"] = np.array(12)
+    np.savez_compressed(file, **parts)
+    with pytest.raises(RecordingError, match="was changed after it was recorded"):
+        load_recording(file)
+
+
+def test_file_cut_anywhere_is_refused(file: Path) -> None:
+    data = file.read_bytes()
+    for size in (0, 1, 100, len(data) // 2, len(data) - 1):
+        file.write_bytes(data[:size])
+        with pytest.raises(RecordingError, match="or is damaged"):
+            load_recording(file)
+
+
+def test_no_flipped_byte_gets_through(recording: Recording, file: Path) -> None:
+    data = file.read_bytes()
+    for place in range(0, len(data), 97):
+        file.write_bytes(data[:place] + bytes([data[place] ^ 0xFF]) + data[place + 1 :])
+        try:
+            loaded = load_recording(file)
+        except RecordingError:
+            continue
+        assert loaded.hash() == recording.hash()
+
+
+def test_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="There is no recording"):
+        load_recording(tmp_path / "missing.npz")
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    (tmp_path / "text.npz").write_text("hello")
+    np.savez(tmp_path / "objects.npz", states=np.array([{}], dtype=object))
+    np.savez(tmp_path / "other.npz", states=np.zeros(3))
+    for name in ("array.npy", "text.npz", "objects.npz", "other.npz"):
+        with pytest.raises(RecordingError, match="is no recording"):
+            load_recording(tmp_path / name)
+
+
+def test_recording_needs_a_folder(recording: Recording, tmp_path: Path) -> None:
+    with pytest.raises(DrlAvError, match="cannot be written"):
+        recording.save(tmp_path / "missing" / "episode.npz")
+
+
+def test_video_is_made_of_a_recording_without_a_screen(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    video = file.with_name("drive.gif")
+    assert main(["replay", str(file), "--video", str(video), "--rate", "10"]) == 0
+    assert "exactly as recorded, 12 decisions" in capsys.readouterr().out
+    with Image.open(video) as film:
+        assert film.n_frames == 24
+        assert film.size == (1280, 720)
+
+
+def test_number_of_vehicles_is_the_scenarios_where_it_places_them(tmp_path: Path) -> None:
+    from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
+
+    placed = (PlacedVehicle("ego", 1, 0.0, 20.0, 30.0), PlacedVehicle("slow", 1, 60.0, 20.0, 20.0))
+    write_scenario(tmp_path / "two", ScenarioDescription(vehicles=placed))
+    config = SHORT.updated("simulation", scenario=str(tmp_path / "two"))
+    recording, result = Ride(config, RandomDriver(), "random", 0, None).drive(None)
+    assert (recording.vehicles, result.vehicles) == (1, 1)
+
+
+def test_pacer_waits_until_the_next_decision_is_due(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, slept = iter([10.0, 10.1, 11.0]), []
+    monkeypatch.setattr("drl_av.evaluation.replay.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("drl_av.evaluation.replay.time.sleep", slept.append)
+    pacer = Pacer(rate=2.0)
+    for _ in range(3):
+        pacer(None)  # type: ignore[arg-type]
+    assert slept == pytest.approx([0.4])

@@ -1,0 +1,93 @@
+"""Adaptation made anew: the shipped driver on the same traffic, with learning and without."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from drl_av.errors import DrlAvError
+from drl_av.experiments import adaptation as module
+from drl_av.experiments import trainings
+from drl_av.experiments.adaptation import adaptation
+from drl_av.experiments.legs import Leg
+from drl_av.experiments.options import Scale
+from drl_av.experiments.provenance import checksum
+from drl_av.experiments.tables import read_rows
+from drl_av.learning import checkpoint
+
+SETTINGS = """
+[simulation]
+decisions_per_episode = 15
+[learning]
+episodes = 5
+evaluate_every = 5
+evaluation_episodes = 1
+collisions_to_start = 0
+"""
+
+
+def here(work: Any, jobs: list[Leg], processes: int) -> Any:
+    for job in jobs:
+        work(job)
+        yield [job]
+
+
+@pytest.fixture
+def scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scale:
+    """Five short episodes, in this process."""
+    (tmp_path / "settings.toml").write_text(SETTINGS)
+    monkeypatch.setitem(trainings.ENGINES, "here", here)
+    config = str(tmp_path / "settings.toml")
+    return Scale(engine="here", runs=tmp_path / "runs", out=tmp_path, config=config)
+
+
+def test_both_begin_as_the_shipped_driver_trained_anew_and_only_one_of_them_learns(
+    scale: Scale, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "BLOCK", 2)
+    runs = scale.runs
+    list(adaptation(scale))
+    rows = read_rows(tmp_path / "adaptation.csv")
+    assert [(row["variant"], row["seed"], row["episode"]) for row in rows] == [
+        (variant, "0", episode)
+        for variant in ("adaptation", "no_adaptation")
+        for episode in ("2", "4", "5")
+    ]
+    names = ("pretrained-1", "pretrained-1/adaptation-0", "pretrained-1/no_adaptation-0")
+    weights, remembered = {}, {}
+    for name in names:
+        networks, _ = checkpoint.load_policy(runs / name / "policy.safetensors")
+        tensors, _ = checkpoint.load(runs / name / "checkpoint.safetensors")
+        weights[name] = torch.cat([network.flat for network in networks])
+        remembered[name] = sum(
+            len(tensors[f"buffer.{kind}.rows"]) for kind in ("safe", "collision")
+        )
+    changed = {name: bool((weights[name] != weights[names[0]]).any()) for name in names}
+    assert list(changed.values()) == [False, True, False]
+    # what is driven since comes on top of the training's own experience
+    assert all(remembered[name] > remembered[names[0]] > 15 for name in names[1:])
+    seeds = [[row["seed"] for row in read_rows(runs / name / "episodes.csv")] for name in names[1:]]
+    assert seeds[0] == seeds[1]
+
+
+def test_a_whole_table_asks_for_no_training(scale: Scale, tmp_path: Path) -> None:
+    list(adaptation(scale))
+    list(adaptation(scale._replace(runs=tmp_path / "elsewhere")))
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
+def test_legs_of_another_driver_never_come_into_one_table(scale: Scale, tmp_path: Path) -> None:
+    list(adaptation(scale))
+    table = tmp_path / "adaptation.csv"
+    policy = checksum(tmp_path / "runs" / "pretrained-1" / "policy.safetensors")
+    facts = json.loads((tmp_path / "adaptation.json").read_text())
+    assert facts["policies_sha256"] == {"pretrained-1": policy}
+    facts["policies_sha256"] = {"pretrained-1": "that of another"}
+    (tmp_path / "adaptation.json").write_text(json.dumps(facts))
+    before = table.read_bytes()
+    with pytest.raises(DrlAvError, match=r"adaptation\.csv was made with .* another driver"):
+        list(adaptation(scale._replace(full_seeds=2)))
+    assert table.read_bytes() == before
+    assert not (tmp_path / "runs" / "pretrained-1" / "adaptation-1").exists()

@@ -1,0 +1,99 @@
+"""Engines: a job that is killed is begun again, but not for ever; none outlives who asked."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+from drl_av.errors import DrlAvError, RunError, SimulationError
+from drl_av.experiments import engines
+from drl_av.experiments.engines import RETRIES, on_ray, on_this_machine
+
+
+def test_jobs_that_kill_their_process_each_time_are_given_up(tmp_path: Path) -> None:
+    def suicidal(folder: str) -> None:
+        import os
+        import signal
+        from pathlib import Path
+
+        (Path(folder) / str(os.getpid())).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    with pytest.raises(SimulationError, match=r"killed 4 times.*fewer --jobs"):
+        list(on_this_machine(suicidal, [str(tmp_path)], 1))
+    assert len(list(tmp_path.iterdir())) == RETRIES + 1
+
+
+def test_what_a_job_raises_is_raised_and_not_tried_again(tmp_path: Path) -> None:
+    def failing(folder: str) -> None:
+        import os
+        from pathlib import Path
+
+        from drl_av.errors import RunError
+
+        (Path(folder) / str(os.getpid())).touch()
+        raise RunError("The disk is full.")
+
+    with pytest.raises(RunError, match="The disk is full"):
+        list(on_this_machine(failing, [str(tmp_path)], 1))
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_processes_end_with_the_engine(tmp_path: Path) -> None:
+    def endless(folder: str) -> None:
+        import os
+        import time
+        from pathlib import Path
+
+        (Path(folder) / str(os.getpid())).touch()
+        time.sleep(600)
+
+    engine = on_this_machine(endless, [str(tmp_path)] * 2, 2)
+    while not list(tmp_path.iterdir()):
+        assert next(engine) == []
+    engine.close()
+    _await_end(int(file.name) for file in tmp_path.iterdir())
+
+
+def test_processes_end_with_who_asked_though_that_was_killed(tmp_path: Path) -> None:
+    program = f"""
+from drl_av.experiments.engines import on_this_machine
+def endless(folder):
+    import os, pathlib, time
+    (pathlib.Path(folder) / str(os.getpid())).touch()
+    time.sleep(600)
+list(on_this_machine(endless, [{str(tmp_path)!r}], 1))
+"""
+    asker = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.DEVNULL)
+    while not list(tmp_path.iterdir()):
+        assert asker.poll() is None
+        time.sleep(0.05)
+    asker.kill()
+    asker.wait()
+    _await_end(int(file.name) for file in tmp_path.iterdir())
+
+
+def _await_end(pids: Iterable[int]) -> None:
+    deadline = time.monotonic() + 30
+    for pid in pids:
+        while _alive(pid):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_missing_ray_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engines, "find_spec", lambda name: None)
+    with pytest.raises(DrlAvError, match=r"pip install 'drl-av\[ray\]'"):
+        next(on_ray(print, [], 1))

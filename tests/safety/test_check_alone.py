@@ -1,0 +1,111 @@
+"""The check around drivers and agents that know nothing of it, on real SUMO."""
+
+from collections.abc import Iterator
+from contextlib import closing
+
+import gymnasium
+import numpy as np
+import pytest
+
+from drl_av.config import Config
+from drl_av.drivers.checked import CheckedDriver, PolicyDriver
+from drl_av.drivers.rules import RandomDriver
+from drl_av.driving.actions import ACTIONS
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import drive
+from drl_av.evaluation.recording import Recorder, Recording
+from drl_av.safety import action_mask, named_check
+
+ID = "drl_av/Highway-v0"
+SHORT = Config().updated("simulation", decisions_per_episode=40)
+
+
+@pytest.fixture(scope="module")
+def env() -> Iterator[gymnasium.Env]:  # type: ignore[type-arg]
+    with closing(gymnasium.make(ID, config=SHORT)) as env:
+        yield env
+
+
+def test_the_mask_of_an_info_tells_what_the_next_step_will_execute(env: gymnasium.Env) -> None:  # type: ignore[type-arg]
+    rng, told = np.random.default_rng(4), []
+    for seed in range(6):
+        _, info = env.reset(seed=seed, options={"vehicles": 30})
+        over = False
+        while not over:
+            mask, action = info["action_mask"], int(rng.integers(12))
+            assert (mask.dtype, mask.shape) == (np.int8, (12,))
+            _, _, terminated, truncated, info = env.step(action)
+            assert mask[action] == (info["executed_action"] == action)
+            told.append((bool(mask[action]), mask.tolist() == info["action_mask"].tolist()))
+            over = terminated or truncated
+    # the mask differs from step to step, so that one of another moment would have failed
+    assert {permitted for permitted, _ in told} == {True, False}
+    assert sum(not same for _, same in told) > 20
+
+
+def test_an_agent_that_samples_under_the_mask_fires_no_rule(env: gymnasium.Env) -> None:  # type: ignore[type-arg]
+    _, info = env.reset(seed=3, options={"vehicles": 25})
+    env.action_space.seed(3)
+    for _ in range(40):
+        *_, info = env.step(env.action_space.sample(info["action_mask"]))
+        assert info["rule"] == "none"
+
+
+def test_sb3_contrib_finds_the_mask_through_wrappers(env: gymnasium.Env) -> None:  # type: ignore[type-arg]
+    _, info = env.reset(seed=5, options={"vehicles": 25})
+    assert np.array_equal(env.get_wrapper_attr("action_masks")(), info["action_mask"])
+
+
+def test_only_who_asks_for_the_mask_pays_for_it() -> None:
+    def never(scene: object, action: object) -> None:
+        raise AssertionError("nobody asked")
+
+    with closing(HighwayEnv(config=SHORT, safety_check=never)) as bare:  # type: ignore[arg-type]
+        assert "action_mask" not in bare.reset(seed=1)[1]
+
+
+def test_workers_tell_their_masks_together() -> None:
+    kwargs = {"context": "spawn"}
+    vector = gymnasium.make_vec(ID, 2, "async", vector_kwargs=kwargs, config=SHORT)
+    try:
+        _, info = vector.reset(seed=[1, 2])
+    finally:
+        vector.close()
+    with closing(HighwayEnv(config=SHORT, action_mask=True)) as alone:
+        masks = [alone.reset(seed=seed)[1]["action_mask"].tolist() for seed in (1, 2)]
+    assert info["action_mask"].tolist() == masks
+
+
+def recorded(check: str, driver: object) -> tuple[Recording, Recorder]:
+    recorder = Recorder()
+    with closing(HighwayEnv(config=SHORT, safety_check=check)) as env:
+        drive(env, driver, "driver", 7, 30, recorder)  # type: ignore[arg-type]
+        return recorder.recording(env, "driver"), recorder
+
+
+def test_a_checked_driver_where_nobody_checks_drives_as_the_bare_one_under_the_check() -> None:
+    checked = CheckedDriver(RandomDriver(), named_check(SHORT))
+    inside, outside = recorded("paper", RandomDriver())[0], recorded("permit_all", checked)[0]
+    bare = recorded("permit_all", RandomDriver())[0]
+    assert outside.hash() == inside.hash() != bare.hash()
+    assert checked.triggers > 5
+    assert (outside.proposed != inside.proposed).sum() == checked.triggers
+
+
+def test_an_agent_of_stable_baselines3_drives_under_the_check() -> None:
+    # imported here: torch comes along, and workers that import this file do without it
+    from stable_baselines3 import DQN
+
+    with closing(HighwayEnv(config=SHORT, safety_check="permit_all")) as env:
+        model = DQN("MlpPolicy", env, learning_starts=20, buffer_size=100, seed=1, device="cpu")
+        model.learn(60)
+        agent = PolicyDriver(lambda seen: model.predict(seen, deterministic=True)[0])
+        checked = CheckedDriver(agent, named_check(SHORT))
+        for seed in range(3):
+            result = drive(env, checked, "dqn", seed, 30)
+            assert not result.ego_hit
+        observation, _ = env.reset(seed=9, options={"vehicles": 30})
+        mask = action_mask(named_check(SHORT), env.scene)
+        action = agent.act(env.scene, observation)
+        assert (checked.act(env.scene, observation) == action) == mask[action.number]
+        assert action in ACTIONS

@@ -1,0 +1,266 @@
+"""The bounds that ``strict`` puts on the others: the types keep to them, and the auditor sees.
+
+Bounds worked with: braking 4 m/s^2, acceleration 2 m/s^2, sideways 0.76 m/s; a follower brakes at
+4 m/s^2 after 0.5 s; the ego stops 0.5 m short of whoever cuts in. A SUMO step takes 0.5 s.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from worlds import CENTER, LEFT, ROAD, Car, ahead, behind, snapshot
+
+from drl_av.config import Config
+from drl_av.drivers.rules import RandomDriver
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import drive
+from drl_av.traffic.scenario import find_scenario
+from drl_av.traffic.scenario_files import VEHICLE_TYPES_FILE
+from drl_av.traffic.snapshot import Command, Snapshot
+from verification.auditor import (
+    ACCELERATED,
+    BEHIND,
+    BESIDE,
+    BRAKED,
+    CUT_IN,
+    SIDEWAYS,
+    Auditor,
+    Breach,
+)
+
+CONFIG = Config()
+STRICT = CONFIG.strict
+SHIPPED = ("circular_three_lane", "barricaded_right_lane")
+STEP_S = 0.5
+
+
+# The types of vehicle
+
+
+def types_of(scenario: str) -> dict[str, dict[str, str]]:
+    root = ET.parse(find_scenario(scenario) / VEHICLE_TYPES_FILE).getroot()
+    return {element.attrib["id"]: dict(element.attrib) for element in root.iter("vType")}
+
+
+def test_these_are_all_the_scenarios_that_ship() -> None:
+    folder = Path(__file__).parents[2] / "sumo_scenarios"
+    assert sorted(path.parent.name for path in folder.glob("*/scenario.toml")) == sorted(SHIPPED)
+
+
+@pytest.mark.parametrize("scenario", SHIPPED)
+def test_the_traffic_s_type_brakes_and_moves_sideways_as_the_bounds_say(scenario: str) -> None:
+    traffic = types_of(scenario)["traffic"]
+    assert float(traffic["decel"]) == STRICT.follower_braking_m_s2
+    assert float(traffic["emergencyDecel"]) == STRICT.braking_m_s2
+    assert float(traffic["maxSpeedLat"]) == STRICT.lateral_speed_m_s
+    assert float(traffic["accel"]) <= STRICT.acceleration_m_s2
+    assert set(types_of(scenario)) == {"traffic", "ego"}
+
+
+@pytest.mark.parametrize("scenario", SHIPPED)
+def test_the_traffic_takes_the_ego_to_brake_as_it_can(scenario: str) -> None:
+    # SUMO keeps others from cutting in closer than the ego's type could brake for
+    ego = types_of(scenario)["ego"]
+    assert float(ego["decel"]) == float(ego["emergencyDecel"]) == CONFIG.ego.hard_brake_m_s2
+    assert float(ego["accel"]) == CONFIG.ego.accelerate_m_s2
+    assert float(ego["tau"]) >= CONFIG.simulation.decision_interval_s + STRICT.follower_response_s
+
+
+def test_no_drawn_acceleration_is_above_its_bound() -> None:
+    assert CONFIG.traffic.acceleration_max_m_s2 == STRICT.acceleration_m_s2
+
+
+def test_a_follower_responds_within_a_sumo_step() -> None:
+    assert CONFIG.simulation.step_length_s == STRICT.follower_response_s
+
+
+# The auditor, on snapshots half a second apart
+
+
+def moved(
+    *others: tuple[Car, Car], ego_m_s: tuple[float, float] = (20.0, 20.0), y_m: float = CENTER
+) -> list[Breach]:
+    """What the auditor says of vehicles before and after a SUMO step; both relative to the ego."""
+    auditor = Auditor(CONFIG, ROAD)
+    for time_s, speed_m_s, cars in zip(
+        (0.0, STEP_S), ego_m_s, zip(*others, strict=True), strict=True
+    ):
+        shot = snapshot(*cars, speed_m_s=speed_m_s, y_m=y_m)
+        auditor.watch(replace(shot, time_s=time_s))
+    return auditor.breaches
+
+
+def names(breaches: list[Breach]) -> list[str]:
+    return [breach.bound for breach in breaches]
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "bound"),
+    [
+        (18.0, []),  # 2 m/s less in half a second are 4 m/s^2
+        (17.99, [BRAKED]),
+        (21.0, []),
+        (21.01, [ACCELERATED]),
+    ],
+)
+def test_braking_and_acceleration_are_told_by_the_change_of_speed(
+    speed_m_s: float, bound: list[str]
+) -> None:
+    assert names(moved((ahead(100.0), ahead(100.0, speed_m_s=speed_m_s)))) == bound
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_0_38_m_sideways_in_a_step_is_as_fast_as_permitted(sign: int) -> None:
+    lane = CENTER - sign * 3.8
+    before = ahead(100.0, lane)
+    for off_m, bound in ((0.38, []), (0.381, [SIDEWAYS])):
+        after = ahead(100.0, lane + sign * off_m, v_y=sign * off_m / STEP_S)
+        assert names(moved((before, after))) == bound
+
+
+def test_a_breach_names_time_vehicle_and_bound() -> None:
+    calm, hasty = (ahead(50.0), ahead(50.0)), (ahead(100.0), ahead(100.0, speed_m_s=15.0))
+    assert moved(calm, hasty) == [Breach(0.5, "vehicle2", BRAKED)]
+
+
+def test_the_ego_is_bound_by_nothing_here() -> None:
+    assert moved((behind(100.0), behind(100.0)), ego_m_s=(20.0, 10.0)) == []
+
+
+@pytest.mark.parametrize(
+    ("gap", "bound"),
+    [
+        # the ego at 20 m/s goes on for a second, 20 m, and rolls 45 m braking; the other one at
+        # 10 m/s rolls 10 m: 65 - 10 + 0.5
+        (55.51, []),
+        (55.49, [CUT_IN]),
+    ],
+)
+def test_who_begins_to_cut_in_leaves_the_ego_room_to_stop(gap: float, bound: list[str]) -> None:
+    starts = (ahead(gap, LEFT, 10.0), ahead(gap, LEFT - 0.38, 10.0, -0.76))
+    assert names(moved(starts)) == bound
+
+
+def test_a_cut_in_before_an_ego_that_accelerates_needs_more_room() -> None:
+    # from 19 to 20 m/s in this step, so 21 and 22 m/s in the next: 10.5 + 11 + 55 - 10 + 0.5
+    for gap, bound in ((67.01, []), (66.99, [CUT_IN])):
+        starts = (ahead(gap, LEFT, 10.0), ahead(gap, LEFT - 0.38, 10.0, -0.76))
+        assert names(moved(starts, ego_m_s=(19.0, 20.0))) == bound
+
+
+@pytest.mark.parametrize("offset_m", [-4.9, 0.0, 4.9])
+def test_who_begins_to_move_in_beside_the_ego_is_told(offset_m: float) -> None:
+    starts = (Car(offset_m, LEFT), Car(offset_m, LEFT - 0.38, 20.0, -0.76))
+    assert names(moved(starts)) == [BESIDE]
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        # to the other side
+        (Car(0.0, LEFT), Car(0.0, LEFT + 0.38, 20.0, 0.76)),
+        # it has begun earlier, which was judged then
+        (Car(0.0, LEFT - 0.38, 20.0, -0.76), Car(0.0, LEFT - 0.76, 20.0, -0.76)),
+        # it is over the line already
+        (Car(0.0, LEFT - 1.5, 20.0, 0.0), Car(0.0, LEFT - 1.88, 20.0, -0.76)),
+        # it comes back to its own lane
+        (Car(0.0, LEFT + 0.38, 20.0, -0.76), Car(0.0, LEFT, 20.0, 0.0)),
+        # it wavers about the centre of its lane
+        (Car(0.0, LEFT), Car(0.0, LEFT - 0.04, 20.0, -0.08)),
+        # it moves in behind
+        (behind(10.0, LEFT), behind(10.0, LEFT - 0.38, v_y=-0.76)),
+    ],
+)
+def test_other_moves_sideways_are_no_cut_in(before: Car, after: Car) -> None:
+    assert moved((before, after)) == []
+
+
+def test_a_cut_in_before_somebody_else_is_not_the_ego_s_business() -> None:
+    between = (ahead(10.0), ahead(10.0))
+    starts = (ahead(20.0, LEFT, 10.0), ahead(20.0, LEFT - 0.38, 10.0, -0.76))
+    assert names(moved(starts)) == [CUT_IN]
+    assert moved(between, starts) == []
+
+
+def test_a_follower_that_has_to_hit_the_ego_and_does_not_brake_is_told() -> None:
+    # 21 m behind at 30 m/s, which rolls 105 m; the ego at 20 m/s rolls 45 m
+    late = (behind(26.0, speed_m_s=30.0), behind(21.0, speed_m_s=30.0))
+    assert names(moved(late)) == [BEHIND]
+    brakes = (behind(26.0, speed_m_s=32.0), behind(21.0, speed_m_s=30.0))
+    assert moved(brakes) == []
+    # from 60 m on it may still come to rest behind the ego
+    for gap, bound in ((60.01, []), (59.99, [BEHIND])):
+        assert names(moved((behind(gap, speed_m_s=30.0), behind(gap, speed_m_s=30.0)))) == bound
+    beside = (behind(26.0, LEFT, 30.0), behind(21.0, LEFT, 30.0))
+    assert moved(beside) == []
+
+
+def test_one_behind_in_a_lane_that_the_ego_has_just_entered_may_take_half_a_second() -> None:
+    # at 4.56 m the left side is at 5.46 m; at 5.32 m it is over the line, at 5.7 m
+    auditor = Auditor(CONFIG, ROAD)
+    told = []
+    for step, y_m in enumerate((4.56, 4.94, 5.32, 5.7)):
+        auditor.watch(
+            replace(snapshot(behind(20.0, LEFT, 30.0), y_m=y_m, v_y=0.76), time_s=step * STEP_S)
+        )
+        told.append(names(auditor.breaches))
+    assert told == [[], [], [], [BEHIND]]
+
+
+def test_an_explanation_counts_what_that_vehicle_did_since_then_and_a_start_forgets() -> None:
+    auditor = Auditor(CONFIG, ROAD)
+    for time_s, speed_m_s in ((0.0, 20.0), (0.5, 15.0), (1.0, 15.0), (1.5, 20.0)):
+        shot = snapshot(ahead(50.0), ahead(100.0, speed_m_s=speed_m_s))
+        auditor.watch(replace(shot, time_s=time_s))
+    assert auditor.explain("vehicle2", 0.0) == f"{ACCELERATED}; {BRAKED}"
+    assert auditor.explain("vehicle2", 1.0) == ACCELERATED
+    assert auditor.explain("vehicle1", 0.0) == ""
+    auditor.start()
+    assert auditor.explain("vehicle2", 0.0) == ""
+
+
+# The traffic
+
+MIXES = {
+    "sumo": {},
+    "finite-state": {"finite_state_share": 1.0},
+    "level-0": {"level_0_share": 1.0},
+    "level-1": {"level_1_share": 1.0},
+    "mixed": {"finite_state_share": 0.25, "level_0_share": 0.25, "level_1_share": 0.25},
+    "eager": {"speed_gain_max": 5.0, "random_lane_changes_per_s": 0.05},
+}
+
+
+@pytest.fixture(params=MIXES)
+def watched(request: pytest.FixtureRequest) -> Iterator[tuple[HighwayEnv, list[Snapshot]]]:
+    """An environment, and the snapshots of its every SUMO step."""
+    config = CONFIG.updated("traffic", **MIXES[request.param])
+    config = config.updated("simulation", decisions_per_episode=60)
+    env, shots = HighwayEnv(config=config, safety_check="strict"), []
+    step = env.simulation._step
+
+    def stepped(command: Command) -> object:
+        collision = step(command)
+        shots.append(env.simulation._snapshot())
+        return collision
+
+    env.simulation._step = stepped  # type: ignore[assignment, method-assign]
+    yield env, shots
+    env.close()
+
+
+def test_no_mix_of_drivers_brakes_accelerates_or_moves_sideways_beyond_the_bounds(
+    watched: tuple[HighwayEnv, list[Snapshot]],
+) -> None:
+    env, shots = watched
+    auditor = Auditor(env.config, env.road)
+    for seed, vehicles in ((860_000, 30), (860_001, 12)):
+        drive(env, RandomDriver(), "random", seed, vehicles)
+        auditor.start()
+        for shot in shots:
+            auditor.watch(shot)
+        assert len(shots) >= 2 * env.decisions - 1
+        shots.clear()
+        assert not {BRAKED, ACCELERATED, SIDEWAYS} & set(names(auditor.breaches))

@@ -1,0 +1,85 @@
+"""The adversary that looks for a way round a check, and finds one round the paper's only."""
+
+import warnings
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drl_av.config import Config
+from drl_av.drivers.rules import RandomDriver
+from drl_av.driving.actions import Longitudinal
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import drive
+from drl_av.safety import named_check
+from drl_av.safety.stopping import stopping_distance
+from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
+from verification.batch_check import StrictAtOnce
+from verification.falsification import FAMILIES, PLACED, genes, orders, play, scripted, search
+from verification.kinematic_simulator import NONE, Mover, one_by_one
+
+STRICT = Config().updated("safety", check="strict")
+
+
+def test_braking_from_10_m_s_at_4_in_steps_of_half_a_second_takes_10_m() -> None:
+    # 8, 6, 4, 2 and 0 m/s, half a second each; v^2 / 2b would be 12.5 m
+    assert stopping_distance(10.0, 4.0, 0.5) == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_the_adversary_finds_no_way_round_strict(name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        tallies = list(search(FAMILIES[name], STRICT, StrictAtOnce(STRICT), Mover(STRICT), 200, 1))
+    assert sum(tally.scenes for tally in tallies) >= 200
+    assert sum(tally.ego_hits for tally in tallies) == 0
+
+
+def test_the_paper_check_drives_into_a_vehicle_that_brakes_to_a_stop() -> None:
+    family = FAMILIES["lead-brakes"]
+    placing = np.random.default_rng(0).random((200, PLACED * family.others))
+    world = family.start(placing, Config())
+    check = one_by_one(named_check(Config()))
+    _, ended = play(world, scripted(family, 200), check, Mover(Config()))
+    assert (ended == 1).any()
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_many_scenes_at_once_are_judged_as_one_by_one_to_their_end(name: str) -> None:
+    family, rng, changing, aside = FAMILIES[name], np.random.default_rng(2), 0, 0
+    world = family.start(rng.random((60, PLACED * family.others)), STRICT)
+    at_once, alone, mover = StrictAtOnce(STRICT), one_by_one(named_check(STRICT)), Mover(STRICT)
+    for order in orders(rng.normal(size=(60, genes(family))), family, STRICT):
+        proposals = rng.integers(0, 12, 60)
+        executed = at_once(world, proposals)
+        assert executed.tolist() == alone(world, proposals).tolist()
+        changing += int((world.target != NONE).sum())
+        aside += int((world.lateral_m_s[:, 1:] != 0).sum())
+        mover.decision(world, executed, order)
+    assert changing > 0
+    assert aside > 0
+
+
+def test_the_random_driver_hits_nothing_under_strict_in_sumo() -> None:
+    env = HighwayEnv(config=STRICT.updated("simulation", decisions_per_episode=100))
+    results = [drive(env, RandomDriver(), "random", 850_000 + n, n) for n in (5, 15, 30)]
+    env.close()
+    assert not any(result.ego_hit for result in results)
+    assert sum(result.safety_triggers for result in results) > 20
+
+
+def test_on_a_short_loop_the_ego_stops_for_one_that_is_nearer_behind_than_ahead(
+    tmp_path: Path,
+) -> None:
+    # 111 m of road to it, of which braking hard from 30 m/s takes 105; 79 m the other way round
+    ego = PlacedVehicle("ego", 1, 10.0, 30.0, 30.0)
+    standing = PlacedVehicle("standing", 1, 126.0, 0.0, 0.1)
+    write_scenario(tmp_path / "loop", ScenarioDescription(200.0, vehicles=(ego, standing)))
+    config = STRICT.updated("simulation", scenario=str(tmp_path / "loop"))
+    with closing(HighwayEnv(config=config)) as env:
+        env.reset(seed=1)
+        for _ in range(40):
+            *_, info = env.step(Longitudinal.ACCELERATE)
+            assert info["collision"] is None
+        assert info["speed_m_s"] == 0.0

@@ -1,0 +1,133 @@
+"""``strict`` for many scenes at once: a twin of the check, to ask it millions of times.
+
+Its equations are those of ``driving/strict.py``, which broadcast; only the choices among them are
+written again, and a test holds both to the same answers.
+"""
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.driving.actions import Lateral, Longitudinal
+from drl_av.safety.reachability import (
+    ON_LINE_M,
+    Others,
+    is_held,
+    lanes_under,
+    lateral_extent,
+    may_reach,
+    met,
+    must_reach,
+)
+from drl_av.safety.stopping import reach
+from drl_av.safety.strict import ORDER, seconds_to_line
+from drl_av.traffic.road import FloatArray
+from verification.kinematic_simulator import (
+    LENGTH_M,
+    NONE,
+    ROAD,
+    SIGN,
+    WIDTH_M,
+    BoolArray,
+    IntArray,
+    World,
+)
+
+PLACE = np.array([ORDER.index(how) for how in Longitudinal])
+
+
+class StrictAtOnce:
+    """A judge of worlds."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        ego = config.ego
+        self._rates = np.array([how.acceleration_m_s2(ego) for how in Longitudinal])
+
+    def __call__(self, world: World, proposal: IntArray) -> IntArray:
+        """The actions executed, 0 to 11."""
+        sign, longitudinal = SIGN[proposal // 4], proposal % 4
+        around, lane = self._others(world), _lane(world.y_m[:, 0])
+        speed, still = world.speed_m_s[:, :1], world.target == NONE
+        reaches = reach(speed, self._rates, self._config.ego, self._config.simulation)
+        may_m, out = self._may_reach(world, around), np.where(still, NONE, lane)
+        safe = np.full(len(lane), int(Longitudinal.HARD_BRAKE))
+        for how in reversed(ORDER):
+            fits = (reaches[:, how] < may_m) & (ORDER.index(how) >= PLACE[longitudinal])
+            safe = np.where(fits, int(how), safe)
+        turns = (sign != 0) & (sign == world.origin - world.target)
+        target = np.where(sign == 0, NONE, lane + sign)
+        target = np.where(still, target, np.where(turns, world.origin, world.target))
+        origin = np.where(still, lane, world.origin + world.target - target)
+        fits = self._permits(world, origin, target, around, reaches[np.arange(len(lane)), safe])
+        fits &= (target == NONE) | ((target >= 0) & (target < len(ROAD.open_lanes)))
+        back = np.where(still, int(Lateral.KEEP), _toward(out, world))
+        lateral = np.where(fits | (target == out), proposal // 4, back)
+        result: IntArray = 4 * lateral + safe
+        return result
+
+    def free(self, world: World) -> BoolArray:
+        """The invariant: whether the way out is free."""
+        ego = self._config.ego
+        rolled_m = reach(world.speed_m_s[:, 0], -ego.hard_brake_m_s2, ego, self._config.simulation)
+        result: BoolArray = np.asarray(rolled_m) < self._may_reach(world, self._others(world))
+        return result
+
+    def _others(self, world: World) -> Others:
+        width_m = np.full(world.x_m[:, 1:].shape, WIDTH_M)
+        ends_m = lateral_extent(
+            world.y_m[:, 1:], world.lateral_m_s[:, 1:], width_m, ROAD.lane_width_m
+        )
+        ahead_m = world.x_m[:, 1:] - world.x_m[:, :1]
+        gap_m, is_ahead, speed = np.abs(ahead_m) - LENGTH_M, ahead_m >= 0, world.speed_m_s[:, 1:]
+        step_s = self._config.simulation.step_length_s
+        may_m = may_reach(gap_m, is_ahead, speed, self._config.strict, step_s)
+        y_m, lane_m = world.y_m, ROAD.lane_width_m
+        held = is_held(y_m[:, 1:], width_m, y_m[:, :1], WIDTH_M, lane_m)
+        return Others(*ends_m, gap_m, is_ahead, speed, may_m, held)
+
+    def _may_reach(self, world: World, around: Others) -> FloatArray:
+        lane = _lane(world.y_m[:, 0])
+        right_m, left_m = self._corridor(world, np.where(world.target == NONE, NONE, lane))
+        meets = met(around, right_m[:, None], left_m[:, None])
+        result: FloatArray = np.where(meets, around.most_m, np.inf).min(axis=1)
+        return result
+
+    def _permits(
+        self, world: World, origin: IntArray, target: IntArray, around: Others, rolled_m: FloatArray
+    ) -> BoolArray:
+        config, sim, lane_m = self._config, self._config.simulation, ROAD.lane_width_m
+        strict, y_m, sign = config.strict, world.y_m[:, 0], np.sign(target - origin)
+        right_m, left_m = self._corridor(world, target)
+        aside_m = strict.lateral_speed_m_s * sim.decision_interval_s
+        right_m, left_m = right_m - aside_m * (sign < 0), left_m + aside_m * (sign > 0)
+        meets = met(around, right_m[:, None], left_m[:, None])
+        to_line_m = sign * ((origin + target) / 2 * lane_m - y_m) - WIDTH_M / 2
+        delay_s = strict.follower_response_s
+        delay_s = delay_s + seconds_to_line(to_line_m, lane_m, config.ego, sim)[:, None]
+        must_m = must_reach(around, delay_s, strict, sim.step_length_s)
+        result: BoolArray = (rolled_m < np.where(meets, around.most_m, np.inf).min(axis=1)) & (
+            rolled_m > np.where(meets & ~around.is_held, must_m, -np.inf).max(axis=1)
+        )
+        return result
+
+    def _corridor(self, world: World, target: IntArray) -> tuple[FloatArray, FloatArray]:
+        config, lane_m, y_m = self._config, ROAD.lane_width_m, world.y_m[:, 0]
+        changing = target != NONE
+        end_m = np.where(changing, target * lane_m, y_m)
+        stride_m = lane_m / config.ego.lane_change_duration_s
+        stride_m *= config.simulation.decision_interval_s
+        next_m = y_m + np.sign(end_m - y_m) * np.minimum(np.abs(end_m - y_m), stride_m)
+        out = [lane_m * _lane(next_m + tilt_m) for tilt_m in (-ON_LINE_M, ON_LINE_M)]
+        under = [lane_m * lane for lane in lanes_under(y_m, WIDTH_M, lane_m)]
+        places = np.stack([y_m, end_m, *under, *(np.where(changing, place, y_m) for place in out)])
+        return places.min(axis=0) - WIDTH_M / 2, places.max(axis=0) + WIDTH_M / 2
+
+
+def _lane(y_m: FloatArray) -> IntArray:
+    return np.floor(y_m / ROAD.lane_width_m + 0.5).astype(np.int64)
+
+
+def _toward(lane: IntArray, world: World) -> IntArray:
+    sign = np.where(lane == world.target, world.target - world.origin, world.origin - world.target)
+    result: IntArray = np.where(sign > 0, int(Lateral.LEFT), int(Lateral.RIGHT))
+    return result

@@ -1,0 +1,242 @@
+"""Attempts to make the ego hit somebody: families of scenes, and an adversary that learns (CMA-ES).
+
+The adversary chooses the start, what every other vehicle does in each decision, and what the ego
+asks for; the world lets the others do it within the bounds of ``driving/strict.py``.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.safety.stopping import reach, stopping_distance
+from drl_av.traffic.road import FloatArray
+from verification.kinematic_simulator import (
+    LENGTH_M,
+    NONE,
+    ROAD,
+    IntArray,
+    Judge,
+    Mover,
+    Orders,
+    World,
+    collision,
+)
+
+DECISIONS = 14
+"""Long enough to brake to a standstill, and for two lane changes."""
+POPULATION, GENERATIONS = 100, 20
+"""Scenes in a generation, and generations until the adversary begins anew."""
+PLACED, RATES = 6, 2
+"""Genes of a start; and of each other vehicle, and of the ego, in each decision."""
+
+
+BRAKES = 99.0
+"""As hard as the bounds let it; m/s^2."""
+
+
+class Family(NamedTuple):
+    """Scenes of one kind."""
+
+    others: int
+    start: Callable[[FloatArray, Config], World]
+    """From numbers in (0, 1), shape (scenes, PLACED * others)."""
+    script: tuple[float, float, int]
+    """A plain adversary: the others' acceleration and side, and what the ego proposes."""
+
+
+def needed_gap(speed: FloatArray, other: FloatArray, config: Config) -> FloatArray:
+    """Gap behind a vehicle ahead from which on a scene is safe by the check's own measure.
+
+    ``strict``: the way out is free. Any other: eq. 2 holds.
+    """
+    if config.safety.check == "strict":
+        strict, sim = config.strict, config.simulation
+        rolled_m = reach(speed, -config.ego.hard_brake_m_s2, config.ego, sim)
+        rest_m = stopping_distance(other, strict.braking_m_s2, sim.step_length_s)
+        spare_m: FloatArray = np.maximum(rolled_m - rest_m, 0.0)
+        return spare_m + strict.clearance_m + 1e-3
+    closing = np.maximum(speed - other, 0.0)
+    return config.safety.minimum_gap_m + config.safety.minimum_ttc_s * closing + 1e-3
+
+
+def placed(
+    ego_lane: IntArray, ego_speed: FloatArray, x_m: FloatArray, lane: Any, speed: FloatArray
+) -> World:
+    """A world of vehicles in their lanes; ``x_m`` is the others' centres ahead of the ego's."""
+    scenes = len(ego_speed)
+    return World(
+        5000.0 + np.column_stack([np.zeros(scenes), x_m]),
+        np.column_stack([ego_lane, lane]) * ROAD.lane_width_m,
+        np.column_stack([ego_speed, speed]),
+        np.zeros((scenes, 1 + x_m.shape[1])),
+        np.full(scenes, NONE),
+        np.full(scenes, NONE),
+        np.full((scenes, len(ROAD.open_lanes)), np.inf),
+    )
+
+
+def _ahead(u: FloatArray, ego: FloatArray, speed: FloatArray, config: Config) -> FloatArray:
+    return LENGTH_M + needed_gap(ego, speed, config) + 60.0 * u**3
+
+
+def lead_brakes(u: FloatArray, config: Config) -> World:
+    """One vehicle ahead in the ego's lane."""
+    ego, speed = 30.0 * u[:, 0], 40.0 * u[:, 1]
+    x_m = _ahead(u[:, 2], ego, speed, config)
+    one = np.ones(len(u), dtype=np.int64)
+    return placed(one, ego, x_m[:, None], one[:, None], speed[:, None])
+
+
+def cut_in(u: FloatArray, config: Config) -> World:
+    """One in the next lane, anywhere from beside the ego to far ahead."""
+    ego, speed = 30.0 * u[:, 0], 40.0 * u[:, 1]
+    one = np.ones(len(u), dtype=np.int64)
+    return placed(one, ego, 130.0 * u[:, 2:3], 2.0 * one[:, None], speed[:, None])
+
+
+def both_sides(u: FloatArray, config: Config) -> World:
+    """The ego in the right lane, one about as far in the left, both bound for the middle one."""
+    ego, speed = 30.0 * u[:, 0], np.column_stack([40.0 * u[:, 1], 40.0 * u[:, 2]])
+    zero = np.zeros(len(u), dtype=np.int64)
+    x_m = np.column_stack([100.0 * u[:, 3] - 50.0, _ahead(u[:, 4], ego, speed[:, 1], config)])
+    return placed(zero, ego, x_m, np.column_stack([zero + 2.0, zero]), speed)
+
+
+def standing(u: FloatArray, config: Config) -> World:
+    """A standing vehicle ahead in the ego's lane, and one in the next."""
+    ego, zero = 30.0 * u[:, 0], np.zeros(len(u), dtype=np.int64)
+    speed = np.zeros((len(u), 2))
+    x_m = np.column_stack([_ahead(u[:, 1], ego, speed[:, 0], config), 200.0 * u[:, 2] - 20.0])
+    return placed(zero, ego, x_m, np.column_stack([zero, zero + 1.0]), speed)
+
+
+def overtaker(u: FloatArray, config: Config) -> World:
+    """A fast one from behind in the lane that the ego would enter, and one ahead in its own."""
+    ego, zero = 30.0 * u[:, 0], np.zeros(len(u), dtype=np.int64)
+    speed = np.column_stack([20.0 + 20.0 * u[:, 1], 40.0 * u[:, 2]])
+    x_m = np.column_stack([-150.0 * u[:, 3], _ahead(u[:, 4], ego, speed[:, 1], config)])
+    return placed(zero, ego, x_m, np.column_stack([zero + 1.0, zero]), speed)
+
+
+def anything(u: FloatArray, config: Config) -> World:
+    """Four vehicles anywhere; those ahead in the ego's lane are far enough."""
+    ego_lane = np.floor(3 * u[:, 20]).astype(np.int64)
+    lane, speed = np.floor(3 * u[:, 4:8]), 40.0 * u[:, 8:12]
+    ego = 30.0 * u[:, 21]
+    x_m = 240.0 * u[:, :4] - 120.0
+    own = lane == ego_lane[:, None]
+    far_m = _ahead(u[:, 12:16], ego[:, None], speed, config)
+    step_s = config.simulation.step_length_s
+    stops_m = [
+        stopping_distance(v, config.strict.follower_braking_m_s2, step_s) for v in (speed, ego)
+    ]
+    near_m = LENGTH_M + 2.0 + speed * step_s + np.maximum(stops_m[0] - stops_m[1][:, None], 0.0)
+    x_m = np.where(own, np.where(x_m > 0, far_m, np.minimum(x_m, -near_m)), x_m)
+    return placed(ego_lane, ego, x_m, lane, speed)
+
+
+FAMILIES: dict[str, Family] = {
+    "lead-brakes": Family(1, lead_brakes, (-BRAKES, 0, 1)),
+    "cut-in": Family(1, cut_in, (-BRAKES, -1, 1)),
+    "both-sides": Family(2, both_sides, (0.0, -1, 9)),
+    "standing": Family(2, standing, (0.0, 0, 9)),
+    "overtaker": Family(2, overtaker, (2.0, 0, 9)),
+    "anything": Family(4, anything, (-BRAKES, 1, 9)),
+}
+
+
+class Tally(NamedTuple):
+    """What came of some scenes."""
+
+    scenes: int
+    ego_hits: int
+    was_hit: int
+    least_m: float
+    """Smallest separation from anybody in all of them, metres; negative where bodies overlap."""
+
+
+def genes(family: Family) -> int:
+    """Length of a genome."""
+    return PLACED * family.others + RATES * (family.others + 1) * DECISIONS
+
+
+def orders(genome: FloatArray, family: Family, config: Config) -> Iterator[Orders]:
+    """What a genome, shape (scenes, genes), tells everybody, decision by decision.
+
+    Half-way between the bounds at 0 and at them beyond 1; sideways beyond 0.7.
+    """
+    strict, n = config.strict, family.others
+    told = genome[:, PLACED * n :].reshape(len(genome), DECISIONS, RATES, n + 1)
+    span = (strict.acceleration_m_s2 + strict.braking_m_s2) / 2
+    middle = (strict.acceleration_m_s2 - strict.braking_m_s2) / 2
+    for decision in range(DECISIONS):
+        rate, side = told[:, decision, 0], told[:, decision, 1]
+        wish = np.where(rate[:, 0] > -0.7, 1, np.where(rate[:, 0] > -1.2, 0, 3))
+        lateral = np.where(side[:, 0] > 0.5, 2, np.where(side[:, 0] < -0.5, 1, 0))
+        yield Orders(
+            4 * lateral + wish,
+            middle + span * np.clip(1.5 * rate[:, 1:], -1.0, 1.0),
+            np.where(np.abs(side[:, 1:]) > 0.7, np.sign(side[:, 1:]), 0.0),
+        )
+
+
+def scripted(family: Family, scenes: int) -> Iterator[Orders]:
+    """The plain adversary's orders."""
+    rate, side, proposal = family.script
+    shape = (scenes, family.others)
+    for _ in range(DECISIONS):
+        yield Orders(np.full(scenes, proposal), np.full(shape, rate), np.full(shape, float(side)))
+
+
+def play(
+    world: World, told: Iterator[Orders], judge: Judge, mover: Mover
+) -> tuple[FloatArray, IntArray]:
+    """Drive scenes to their end: the least separation of each, and how each ended.
+
+    0: no collision, 1: the ego hit somebody, 2: it was hit.
+    """
+    least_m = np.full(len(world.x_m), np.inf)
+    for order in told:
+        executed = judge(world, order.proposal)
+        least_m = np.minimum(least_m, mover.decision(world, executed, order).min(axis=1))
+    ended = np.zeros(len(least_m), dtype=np.int64)
+    for row in np.flatnonzero(least_m < 0):
+        met = collision(world, int(row))
+        ended[row] = 2 if met is not None and not met.kind.ego_hit else 1
+    return least_m, ended
+
+
+def search(
+    family: Family, config: Config, judge: Judge, mover: Mover, scenes: int, seed: int
+) -> Iterator[Tally]:
+    """Let the adversary learn; a tally a generation."""
+    import cma
+
+    left, restart = scenes, 0
+    while left > 0:
+        options = {"popsize": POPULATION, "verbose": -9, "CMA_diagonal": True}
+        options |= {"seed": 1 + seed + restart}
+        start = np.random.default_rng([seed, restart]).normal(size=genes(family))
+        learner = cma.CMAEvolutionStrategy(start, 0.7, options)
+        for _ in range(min(GENERATIONS, -(-left // POPULATION))):
+            asked = learner.ask()
+            tally, losses = _generation(np.array(asked), family, config, judge, mover)
+            learner.tell(asked, losses.tolist())
+            left -= tally.scenes
+            yield tally
+        restart += 1
+
+
+def _generation(
+    genome: FloatArray, family: Family, config: Config, judge: Judge, mover: Mover
+) -> tuple[Tally, FloatArray]:
+    placing = genome[:, : PLACED * family.others]
+    world = family.start(1 / (1 + np.exp(-1.7 * placing)), config)
+    least_m, ended = play(world, orders(genome, family, config), judge, mover)
+    losses = np.where(ended == 2, 1.0, least_m)
+    tally = Tally(
+        len(genome), int((ended == 1).sum()), int((ended == 2).sum()), float(least_m.min())
+    )
+    return tally, losses

@@ -1,0 +1,165 @@
+"""Look for a way round a safety check: what makes the ego hit somebody who keeps to the bounds?
+
+    python -m verification.falsify                      # the envelope of the paper's check
+    python -m verification.falsify --check strict --scenes 100000   # an adversary that learns
+    python -m verification.falsify --check strict --sumo --scenes 50  # the same scenes in SUMO
+
+The envelope: a plain adversary for each kind of scene, on the plain equations, over closing speed,
+integration and step length. The search: CMA-ES chooses the start, what every other vehicle does
+and what the ego asks for. Ends with status 1 if the ego hit somebody under ``strict``.
+"""
+
+import argparse
+import json
+import sys
+import time
+import warnings
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from drl_av.cli.arguments import whole
+from drl_av.config import SAFETY_CHECKS, Config
+from drl_av.errors import ScenarioError
+from drl_av.experiments.provenance import made_by
+from drl_av.safety import named_check
+from verification.batch_check import StrictAtOnce
+from verification.falsification import FAMILIES, PLACED, Tally, genes, orders, play, scripted
+from verification.falsification import search as learn
+from verification.kinematic_simulator import Judge, Mover, one_by_one
+
+CLOSING_M_S = (0.0, 5.0, 10.0, 15.0, 20.0, 30.0)
+STEPS_S = (1.0, 0.5, 0.1)
+
+
+def judge_of(config: Config) -> Judge:
+    """The check that a config names, for many scenes."""
+    strict = config.safety.check == "strict"
+    return StrictAtOnce(config) if strict else one_by_one(named_check(config))
+
+
+def envelope(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
+    """Share of starts from which the ego hits somebody, by family, plant and closing speed."""
+    rows = []
+    for name in names:
+        family = FAMILIES[name]
+        for step_s in STEPS_S:
+            for ballistic in (False, True):
+                plant = config.updated("simulation", step_length_s=step_s)
+                rng = np.random.default_rng(seed)
+                world = family.start(rng.random((scenes, PLACED * family.others)), plant)
+                closing = world.speed_m_s[:, 0] - world.speed_m_s[:, 1]
+                closing = -closing if name == "overtaker" else closing
+                told = scripted(family, scenes)
+                _, ended = play(world, told, judge_of(plant), Mover(plant, ballistic))
+                for low, high in pairwise(CLOSING_M_S):
+                    inside = (closing >= low) & (closing < high)
+                    rows.append(
+                        {
+                            "family": name,
+                            "step_s": step_s,
+                            "integration": "ballistic" if ballistic else "euler",
+                            "closing_m_s": f"{low:g}-{high:g}",
+                            "starts": int(inside.sum()),
+                            "ego_hit": float((ended[inside] == 1).mean()) if inside.any() else None,
+                            "was_hit": float((ended[inside] == 2).mean()) if inside.any() else None,
+                        }
+                    )
+    return rows
+
+
+def search(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
+    """What the learning adversary achieves in each family."""
+    rows = []
+    for name in names:
+        tallies = list(learn(FAMILIES[name], config, judge_of(config), Mover(config), scenes, seed))
+        rows.append(summed(name, tallies))
+        print(rows[-1], file=sys.stderr)
+    return rows
+
+
+def summed(name: str, tallies: list[Tally]) -> dict[str, Any]:
+    return {
+        "family": name,
+        "scenes": sum(tally.scenes for tally in tallies),
+        "ego_hit": sum(tally.ego_hits for tally in tallies),
+        "was_hit": sum(tally.was_hit for tally in tallies),
+        "least_separation_m": round(min(tally.least_m for tally in tallies), 4),
+    }
+
+
+def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
+    """Drive scenes of a random adversary in SUMO and beside it on the plain equations."""
+    from verification.in_sumo import SumoWorld
+
+    rows, sumo = [], SumoWorld(config)
+    for name in names:
+        family, judge, mover = FAMILIES[name], judge_of(config), Mover(config)
+        rng, hits, apart_m = np.random.default_rng(seed), [0, 0, 0], 0.0
+        while sum(hits) < scenes:
+            genome = rng.normal(size=(1, genes(family)))
+            placing = 1 / (1 + np.exp(-1.7 * genome[:, : PLACED * family.others]))
+            world = family.start(placing, config)
+            try:
+                ended, off_m = sumo.play(world, orders(genome, family, config), judge, mover)
+            except ScenarioError:
+                continue  # two of the others would start in one place
+            hits[ended] += 1
+            apart_m = max(apart_m, off_m)
+        rows.append(
+            {
+                "family": name,
+                "scenes": scenes,
+                "ego_hit": hits[1],
+                "was_hit": hits[2],
+                "furthest_from_the_equations_m": round(apart_m, 6),
+            }
+        )
+    return rows
+
+
+def show(rows: list[dict[str, Any]]) -> None:
+    """A table."""
+    names = list(rows[0])
+    texts = [
+        [
+            "" if row[n] is None else f"{row[n]:.3f}" if isinstance(row[n], float) else str(row[n])
+            for n in names
+        ]
+        for row in rows
+    ]
+    widths = [max(map(len, column)) for column in zip(names, *texts, strict=True)]
+    for line in (names, *texts):
+        print("  ".join(word.ljust(width) for word, width in zip(line, widths, strict=True)))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--check", default="paper", choices=SAFETY_CHECKS)
+    parser.add_argument("--family", nargs="+", choices=FAMILIES, help="default: all")
+    parser.add_argument("--scenes", type=whole(1), help="a family (default: 1000; strict: 100000)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--search", action="store_true", help="search under any check, no envelope")
+    parser.add_argument("--sumo", action="store_true", help="drive random scenes in SUMO")
+    parser.add_argument("--json", action="store_true", help="print JSON, no table")
+    arguments = parser.parse_args()
+    config = Config()
+    config = replace(config, safety=replace(config.safety, check=arguments.check))
+    strict = arguments.check == "strict"
+    scenes = arguments.scenes or (50 if arguments.sumo else 100_000 if strict else 1000)
+    work = in_sumo if arguments.sumo else search if strict or arguments.search else envelope
+    warnings.filterwarnings("ignore", module="cma")
+    begun_s = time.monotonic()
+    rows = work(config, arguments.family or list(FAMILIES), scenes, arguments.seed)
+    if arguments.json:
+        print(json.dumps(rows, indent=2))
+    else:
+        show(rows)
+        print(made_by(time.monotonic() - begun_s))
+    return 1 if strict and any(row["ego_hit"] for row in rows) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

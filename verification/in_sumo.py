@@ -1,0 +1,93 @@
+"""One scene of the falsifier in SUMO: every vehicle is told where to be by the plain equations."""
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import libsumo
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.traffic.scenario import (
+    PlacedVehicle,
+    ScenarioDescription,
+    load_scenario,
+    write_scenario,
+)
+from drl_av.traffic.simulation import (
+    ALL_SPEED_CHECKS_OFF,
+    NO_AUTONOMOUS_LANE_CHANGES,
+    Simulation,
+)
+from drl_av.traffic.snapshot import Command
+from verification.kinematic_simulator import Judge, Mover, Orders, World, collision
+
+LAP_M = 2000.0
+START_M = 500.0
+"""Of the ego's front bumper; the others are placed around it."""
+
+
+class SumoWorld:
+    """SUMO as the plant beside the plain equations."""
+
+    def __init__(self, config: Config) -> None:
+        folder = Path(tempfile.mkdtemp()) / "loop"
+        write_scenario(folder, ScenarioDescription(circumference_m=LAP_M))
+        self._scenario = load_scenario(folder)
+        traffic = replace(config.traffic, random_lane_changes_per_s=0.0)
+        self._config = replace(config, traffic=traffic)
+
+    def play(
+        self, world: World, told: Iterator[Orders], judge: Judge, mover: Mover
+    ) -> tuple[int, float]:
+        """How a scene ends (as ``falsification.play``) and how far SUMO strays, metres."""
+        simulation = self._start(world)
+        apart_m, ego_x_m = 0.0, float(world.x_m[0, 0])
+        for order in told:
+            executed = judge(world, order.proposal)
+            for speeds, places_m in mover.steps(world, executed, order):
+                self._tell(speeds[0], places_m[0])
+                command = Command(float(speeds[0, 0]), float(places_m[0, 0]), 0.0)
+                hit = simulation._step(command)
+                shot = simulation._snapshot()
+                s_m = START_M - 2.5 + world.x_m[0] - ego_x_m
+                off_m = np.abs((shot.s_m - s_m + LAP_M / 2) % LAP_M - LAP_M / 2)
+                apart_m = max(apart_m, float(off_m.max()))
+                apart_m = max(apart_m, float(np.abs(shot.y_m - world.y_m[0]).max()))
+                met = collision(world, 0)
+                if hit is not None or met is not None:
+                    ego_hit = (hit or met).kind.ego_hit  # type: ignore[union-attr]
+                    return (1 if ego_hit else 2), apart_m
+        return 0, apart_m
+
+    def _start(self, world: World) -> Simulation:
+        names = ("ego", *(f"vehicle{row}" for row in range(1, world.x_m.shape[1])))
+        placed = tuple(
+            PlacedVehicle(
+                name,
+                round(float(world.y_m[0, row]) / 3.8),
+                float((START_M + world.x_m[0, row] - world.x_m[0, 0]) % LAP_M),
+                float(world.speed_m_s[0, row]),
+                40.0,
+            )
+            for row, name in enumerate(names)
+        )
+        description = replace(self._scenario.description, vehicles=placed)
+        simulation = Simulation(replace(self._scenario, description=description), self._config)
+        simulation.reset(0, len(names) - 1)
+        for name in names[1:]:
+            libsumo.vehicle.setSpeedMode(name, ALL_SPEED_CHECKS_OFF)
+            libsumo.vehicle.setLaneChangeMode(name, NO_AUTONOMOUS_LANE_CHANGES)
+            libsumo.vehicle.setMaxSpeedLat(name, 10.0)
+        self._names, self._y_m = names, world.y_m[0].copy()
+        return simulation
+
+    def _tell(self, speeds: np.ndarray, places_m: np.ndarray) -> None:
+        for row, name in enumerate(self._names[1:], 1):
+            libsumo.vehicle.setSpeed(name, float(speeds[row]))
+            if places_m[row] != self._y_m[row]:
+                lane = int(libsumo.vehicle.getLaneIndex(name))
+                y_m = 3.8 * lane + libsumo.vehicle.getLateralLanePosition(name)
+                libsumo.vehicle.changeSublane(name, float(places_m[row] - y_m))
+        self._y_m = places_m.copy()

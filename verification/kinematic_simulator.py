@@ -1,0 +1,278 @@
+"""Many scenes at once on the plain equations: an ego under a check, others within stated bounds.
+
+The others do what they are told as far as the bounds of ``driving/strict.py`` let them; an
+adversary tells them. Arrays have shape (scenes,) for the ego and (scenes, others) for the others.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import Config
+from drl_av.driving.actions import ACTIONS
+from drl_av.driving.affordances import affordances
+from drl_av.driving.scene import LaneChange, Scene
+from drl_av.safety.check import SafetyCheck
+from drl_av.safety.reachability import CENTERED_M, lanes_under, lateral_extent
+from drl_av.safety.stopping import cut_in_gap, stopping_distance
+from drl_av.traffic.collisions import overlapping
+from drl_av.traffic.road import FloatArray, Road
+from drl_av.traffic.snapshot import Collision, Snapshot
+
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+ROAD = Road(10_000.0, 3.8, (True, True, True))
+LENGTH_M, WIDTH_M = 5.0, 1.8
+NONE = -9
+"""Origin and target of an ego that changes no lane."""
+FASTEST_M_S = 40.0
+SIGN = np.array([0, -1, 1])
+"""Of a lateral action."""
+
+
+@dataclass
+class World:
+    """Where everybody is; changed in place."""
+
+    x_m: FloatArray
+    """Centres along the road; shape (scenes, 1 + others), the ego's first, as all of these."""
+    y_m: FloatArray
+    speed_m_s: FloatArray
+    lateral_m_s: FloatArray
+    origin: IntArray
+    target: IntArray
+    lane_s: FloatArray
+    """For how long the ego's body has been over each lane; shape (scenes, lanes)."""
+
+    def scene(self, row: int) -> Scene:
+        """One of the scenes, as a safety check gets it."""
+        names = tuple(f"vehicle{other}" for other in range(1, self.x_m.shape[1]))
+        size = np.ones(self.x_m.shape[1])
+        shot = Snapshot(
+            0.0,
+            ("ego", *names),
+            self.x_m[row] % ROAD.circumference_m,
+            self.y_m[row],
+            self.speed_m_s[row],
+            self.lateral_m_s[row],
+            LENGTH_M * size,
+            WIDTH_M * size,
+        )
+        origin, target = int(self.origin[row]), int(self.target[row])
+        change = None if target == NONE else LaneChange(origin, target)
+        return Scene(shot, affordances(shot, ROAD, 250.0), change)
+
+
+class Orders(NamedTuple):
+    """What the adversary tells everybody for one decision."""
+
+    proposal: IntArray
+    """The ego's, 0 to 11; shape (scenes,)."""
+    acceleration_m_s2: FloatArray
+    """Of the others; shape (scenes, others)."""
+    side: FloatArray
+    """Which way they are to move, and how fast: from -1, as fast as may be to the right, to 1."""
+
+
+Judge = Callable[[World, IntArray], IntArray]
+"""The actions executed, 0 to 11, for those proposed; shape (scenes,)."""
+
+
+def one_by_one(check: SafetyCheck) -> Judge:
+    """The very check, asked for each scene."""
+
+    def judge(world: World, proposal: IntArray) -> IntArray:
+        verdicts = (check(world.scene(row), ACTIONS[n]) for row, n in enumerate(proposal.tolist()))
+        return np.array([verdict.action.number for verdict in verdicts])
+
+    return judge
+
+
+class Mover:
+    """Moves a world by SUMO steps: semi-implicit Euler, or ballistic."""
+
+    def __init__(self, config: Config, ballistic: bool = False) -> None:
+        self._config, self._ballistic = config, ballistic
+        self.step_s = config.simulation.step_length_s
+
+    def decision(self, world: World, executed: IntArray, orders: Orders) -> FloatArray:
+        """One decision; the smallest separation from the ego in it, shape (scenes, others).
+
+        It is the larger of the gaps lengthwise and sideways; negative where bodies overlap. A
+        scene in which they do stays as it is from that SUMO step on.
+        """
+        least_m = separation(world)
+        for _ in self.steps(world, executed, orders):
+            least_m = np.minimum(least_m, separation(world))
+        return least_m
+
+    def steps(
+        self, world: World, executed: IntArray, orders: Orders
+    ) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """One decision, SUMO step by SUMO step; speeds and lateral positions after each."""
+        lateral, longitudinal = executed // 4, executed % 4
+        self._steer(world, SIGN[lateral])
+        ego = self._config.ego
+        rates = np.array([0.0, ego.accelerate_m_s2, -ego.brake_m_s2, -ego.hard_brake_m_s2])
+        for _ in range(self._config.simulation.steps_per_decision):
+            going: BoolArray = np.all(separation(world) > 0, axis=1)
+            self._step(world, rates[longitudinal], orders, going)
+            yield world.speed_m_s, world.y_m
+        arrived = (world.target == NONE) & np.all(separation(world) > 0, axis=1)
+        world.lateral_m_s[:, 0] = np.where(arrived, 0.0, world.lateral_m_s[:, 0])
+
+    def _steer(self, world: World, sign: IntArray) -> None:
+        """As ``maneuver.steered``."""
+        lane = np.floor(world.y_m[:, 0] / ROAD.lane_width_m + 0.5).astype(np.int64)
+        still = world.target == NONE
+        starts, turns = still & (sign != 0), ~still & (sign == world.origin - world.target)
+        turns &= sign != 0
+        origin, target = world.origin.copy(), world.target.copy()
+        world.origin = np.where(starts, lane, np.where(turns, target, origin))
+        world.target = np.where(starts, lane + sign, np.where(turns, origin, target))
+
+    def _step(self, world: World, rate: FloatArray, orders: Orders, going: BoolArray) -> None:
+        speed = world.speed_m_s.copy()
+        most = self._config.ego.max_speed_m_s
+        speed[:, 0] = np.clip(speed[:, 0] + rate * self.step_s, 0.0, most)
+        wanted = np.clip(
+            orders.acceleration_m_s2,
+            -self._config.strict.braking_m_s2,
+            self._config.strict.acceleration_m_s2,
+        )
+        wanted = self._staying_behind(world, wanted)
+        speed[:, 1:] = np.clip(speed[:, 1:] + wanted * self.step_s, 0.0, FASTEST_M_S)
+        moved = (speed + world.speed_m_s) / 2 if self._ballistic else speed
+        lead_m = world.x_m[:, 1:] - world.x_m[:, :1]
+        world.x_m = np.where(going[:, None], world.x_m + moved * self.step_s, world.x_m)
+        world.speed_m_s = np.where(going[:, None], speed, world.speed_m_s)
+        self._sideways(world, self._permitted_side(world, orders.side, rate), going)
+        _stop_inside(world, lead_m)
+
+    def _permitted_side(self, world: World, side: FloatArray, rate: FloatArray) -> FloatArray:
+        """Bound 3: the sides to which the others may move now, 0 where they may not."""
+        strict, ego = self._config.strict, self._config.ego
+        y_m, width_m = world.y_m[:, 1:], ROAD.lane_width_m
+        lane = _bound_for(y_m, side)
+        lowest, highest = lanes_under(world.y_m, WIDTH_M, ROAD.lane_width_m)
+        off_m = np.abs(y_m - width_m * np.round(y_m / width_m))
+        earlier_m = y_m - world.lateral_m_s[:, 1:] * self.step_s
+        goes_on = (np.sign(world.lateral_m_s[:, 1:]) == np.sign(side)) & (off_m > CENTERED_M)
+        goes_on &= _bound_for(earlier_m, side) == lane
+        is_in = (lowest[:, 1:] <= lane) & (lane <= highest[:, 1:])
+        # everybody (axis 1) that stands in the lane which another one (axis 2) would move into
+        there = (lowest[:, :, None] <= lane[:, None]) & (lane[:, None] <= highest[:, :, None])
+        n = y_m.shape[1]
+        there[:, np.arange(1, n + 1), np.arange(n)] = False
+        lead_m = world.x_m[:, None, 1:] - world.x_m[:, :, None]
+        beside = (there & (np.abs(lead_m) <= LENGTH_M)).any(axis=1)
+        behind_m = np.where(there & (lead_m > 0), lead_m, np.inf)
+        follower = behind_m.argmin(axis=1)
+        gap_m = behind_m.min(axis=1) - LENGTH_M
+        rows = np.arange(len(y_m))[:, None]
+        speed, own = world.speed_m_s[rows, follower], world.speed_m_s[:, 1:]
+        needs_m = cut_in_gap(speed, rate[:, None], own, strict, ego, self._config.simulation)
+        brakes = (strict.braking_m_s2, self.step_s)
+        other_m = stopping_distance(speed, *brakes) - stopping_distance(own, *brakes)
+        needs_m = np.where(follower == 0, needs_m, np.maximum(other_m, 0.0) + strict.clearance_m)
+        front = there[:, 0] & (lead_m[:, 0] < 0)
+        behind_ego_m = -lead_m[:, 0] - LENGTH_M
+        faster = own + strict.acceleration_m_s2 * self.step_s
+        stops_m = stopping_distance(faster, strict.follower_braking_m_s2, self.step_s)
+        ego_stops_m = stopping_distance(world.speed_m_s[:, :1], ego.hard_brake_m_s2, self.step_s)
+        follows = behind_ego_m + ego_stops_m > stops_m + faster * self.step_s + 1.0
+        begins = ~beside & (gap_m > needs_m) & (~front | follows)
+        shares = (lowest[:, :1] <= highest[:, 1:]) & (lowest[:, 1:] <= highest[:, :1])
+        is_met = shares & (lead_m[:, 0] > LENGTH_M)
+        result: FloatArray = np.where(goes_on | is_in | begins | is_met, side, 0.0)
+        return result
+
+    def _staying_behind(self, world: World, wanted: FloatArray) -> FloatArray:
+        """Bound 4: the accelerations of the others, braking where the ego ahead asks for it."""
+        strict, ego = self._config.strict, self._config.ego
+        gap_m = world.x_m[:, :1] - world.x_m[:, 1:] - LENGTH_M
+        must = (gap_m >= 0) & (self._shared_s(world) >= strict.follower_response_s - 1e-9)
+        braking, step_s = strict.follower_braking_m_s2, self.step_s
+        rest_m = gap_m + stopping_distance(world.speed_m_s[:, :1], ego.hard_brake_m_s2, step_s)
+        result = np.where(must, np.minimum(wanted, -braking), wanted)
+        for rate in (-2.0, 0.0, 1.0, strict.acceleration_m_s2):
+            tried = np.minimum(rate, wanted)
+            speed = np.clip(world.speed_m_s[:, 1:] + tried * step_s, 0.0, FASTEST_M_S)
+            rolled_m = speed * step_s + stopping_distance(speed, braking, step_s)
+            result = np.where(must & (rolled_m + 0.1 < rest_m), tried, result)
+        return result
+
+    def _shared_s(self, world: World) -> FloatArray:
+        """For how long the ego has been in a lane that each other one is in or moves into.
+
+        Also counts this SUMO step; -1 where they share no lane.
+        """
+        lowest, highest = lanes_under(world.y_m[:, :1], WIDTH_M, ROAD.lane_width_m)
+        lanes = np.arange(len(ROAD.open_lanes))
+        over = (lowest <= lanes) & (lanes <= highest)
+        width_m = np.full(world.x_m[:, 1:].shape, WIDTH_M)
+        ends_m = lateral_extent(
+            world.y_m[:, 1:], world.lateral_m_s[:, 1:], width_m, ROAD.lane_width_m
+        )
+        right_m, left_m = (end[:, :, None] for end in ends_m)
+        theirs = (right_m < lanes * ROAD.lane_width_m) & (lanes * ROAD.lane_width_m < left_m)
+        shared = theirs & over[:, None]
+        result: FloatArray = np.where(shared, world.lane_s[:, None], -1.0).max(axis=2)
+        world.lane_s = np.where(over, world.lane_s + self.step_s, 0.0)
+        return result
+
+    def _sideways(self, world: World, side: FloatArray, going: BoolArray) -> None:
+        ego = self._config.ego
+        stride_m = ROAD.lane_width_m / ego.lane_change_duration_s * self.step_s
+        left_m = world.target * ROAD.lane_width_m - world.y_m[:, 0]
+        changing = (world.target != NONE) & going
+        arrives = changing & (np.abs(left_m) <= stride_m + 1e-6)
+        moves = np.where(arrives, left_m, np.where(changing, np.sign(left_m) * stride_m, 0.0))
+        lateral = moves / self.step_s
+        reach_m = self._config.strict.lateral_speed_m_s * self.step_s
+        ends = ROAD.lane_width_m * (len(ROAD.open_lanes) - 1)
+        to_m = np.clip(world.y_m[:, 1:] + side * reach_m, 0.0, ends)
+        center_m = ROAD.lane_width_m * _bound_for(world.y_m[:, 1:], side)
+        to_m = np.where(side > 0, np.minimum(to_m, center_m), to_m)
+        to_m = np.where(side < 0, np.maximum(to_m, center_m), to_m)
+        to_m = np.where(going[:, None], to_m, world.y_m[:, 1:])
+        lateral_m_s = np.column_stack([lateral, (to_m - world.y_m[:, 1:]) / self.step_s])
+        world.lateral_m_s = np.where(going[:, None], lateral_m_s, world.lateral_m_s)
+        world.y_m = np.column_stack([world.y_m[:, 0] + moves, to_m])
+        world.origin = np.where(arrives, NONE, world.origin)
+        world.target = np.where(arrives, NONE, world.target)
+
+
+def _bound_for(y_m: FloatArray, side: FloatArray) -> FloatArray:
+    """The lane that a vehicle between two centres, or on one, moves into on a side."""
+    place = y_m / ROAD.lane_width_m
+    right, left = np.ceil(place - 1e-6) - 1, np.floor(place + 1e-6) + 1
+    result: FloatArray = np.where(side > 0, left, np.where(side < 0, right, np.round(place)))
+    return result
+
+
+def _stop_inside(world: World, lead_m: FloatArray) -> None:
+    """Leave whoever came through the ego in one SUMO step inside it, where it is seen.
+
+    ``lead_m``, (scenes, others), is how far their centres were ahead of the ego's before.
+    """
+    beside = np.abs(world.y_m[:, 1:] - world.y_m[:, :1]) < WIDTH_M
+    came_through = beside & (lead_m * (world.x_m[:, 1:] - world.x_m[:, :1]) < 0)
+    rows, others = np.nonzero(came_through)
+    inside_m = np.sign(lead_m[rows, others]) * LENGTH_M / 2
+    world.x_m[rows, 1 + others] = world.x_m[rows, 0] + inside_m
+
+
+def separation(world: World) -> FloatArray:
+    """How far apart the ego and the others are, on the axis on which they are farther."""
+    ahead_m = np.abs(world.x_m[:, 1:] - world.x_m[:, :1]) - LENGTH_M
+    beside_m = np.abs(world.y_m[:, 1:] - world.y_m[:, :1]) - WIDTH_M
+    return np.maximum(ahead_m, beside_m)
+
+
+def collision(world: World, row: int) -> Collision | None:
+    """The ego's collision in one scene, told apart as everywhere."""
+    return overlapping(world.scene(row).snapshot, ROAD)

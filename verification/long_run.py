@@ -1,0 +1,178 @@
+"""Drive the random driver under ``strict`` for a million decisions, and explain every collision.
+
+    python -m verification.long_run --episodes 5000 --out long_run.csv
+
+A row an episode is appended as it ends; the same command goes on where it was stopped, and
+``--first`` and ``--episodes`` part the work. Ends with status 1 if the ego hit something, or was
+hit by a vehicle that broke no bound.
+"""
+
+import argparse
+import csv
+import sys
+import time
+from collections import Counter
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from drl_av.config import SAFETY_CHECKS, Config, load_config
+from drl_av.drivers.rules import RandomDriver
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import drive
+from drl_av.errors import DrlAvError
+from drl_av.experiments.provenance import (
+    made_by,
+    made_otherwise,
+    provenance,
+    read_sidecar,
+    stored_config,
+    write_sidecar,
+)
+from drl_av.traffic.collisions import overlapping
+from drl_av.traffic.snapshot import Collision, Command
+from verification.auditor import Auditor
+
+FIRST_SEED = 800_000
+SHARES = ("finite_state_share", "level_0_share", "level_1_share")
+MIXES: tuple[tuple[float, float, float], ...] = (
+    (0.0, 0.0, 0.0),
+    (1.0, 0.0, 0.0),
+    (0.0, 1.0, 0.0),
+    (0.0, 0.0, 1.0),
+    (0.25, 0.25, 0.25),
+)
+"""Shares of the finite-state, level-0 and level-1 drivers; the rest is SUMO's IDM."""
+COLUMNS = (
+    *("seed", "vehicles", "mix", "decisions", "mean_speed_m_s"),
+    *("ego_hit", "collision", "other", "broken_bounds", "breaches"),
+    *("cut_ins", "least_cut_in_margin_m"),
+)
+BLAME_S = 10.0
+"""How far back a broken bound explains a collision."""
+
+
+class Watched:
+    """An environment whose every SUMO step an auditor sees."""
+
+    def __init__(self, config: Config) -> None:
+        self.env = HighwayEnv(config=config)
+        self.auditor = Auditor(config, self.env.road)
+        self._step = self.env.simulation._step
+        self.env.simulation._step = self._watch  # type: ignore[method-assign]
+
+    def _watch(self, command: Command) -> Collision | None:
+        collision = self._step(command)
+        self.auditor.watch(self.env.simulation._snapshot())
+        return collision
+
+    def episode(self, driver: RandomDriver, mix: str, seed: int) -> dict[str, Any]:
+        """Drive one episode; its row."""
+
+        def watch(env: HighwayEnv) -> None:
+            if env.decisions == 0:
+                self.auditor.start()
+                self.auditor.watch(env.scene.snapshot)
+
+        result = drive(self.env, driver, "random", seed, 1 + seed % 30, watch)
+        margins, shot = self.auditor.cut_ins_m, self.env.scene.snapshot
+        met = overlapping(shot, self.env.road) if result.collided else None
+        other = str(met.other) if met else ""
+        return {
+            "seed": seed,
+            "vehicles": result.vehicles,
+            "mix": mix,
+            "decisions": result.decisions,
+            "mean_speed_m_s": round(result.mean_speed_m_s, 4),
+            "ego_hit": result.ego_hit,
+            "collision": result.collision,
+            "other": other,
+            "broken_bounds": self.auditor.explain(other, shot.time_s - BLAME_S) if other else "",
+            "breaches": len(self.auditor.breaches),
+            "cut_ins": len(margins),
+            "least_cut_in_margin_m": round(min(margins), 3) if margins else "",
+        }
+
+
+def environments(base: Config) -> dict[str, Watched]:
+    """An environment for each traffic mix."""
+    found = {}
+    for mix in MIXES:
+        shares = {name: share for name, share in zip(SHARES, mix, strict=True) if share}
+        words = "+".join(name.removesuffix("_share") for name in shares)
+        found[words or "sumo"] = Watched(base.updated("traffic", **shares))
+    return found
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--episodes", type=int, default=5000, help="how many (default: 5000)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first (default: 0)")
+    parser.add_argument("--check", default="strict", choices=SAFETY_CHECKS)
+    parser.add_argument("--config", help="a TOML file of settings")
+    parser.add_argument("--out", type=Path, default=Path("long_run.csv"), help="the CSV file")
+    arguments = parser.parse_args()
+    base = load_config(arguments.config).updated("safety", check=arguments.check)
+    worlds, driver = environments(base), RandomDriver()
+    names = list(worlds)
+    begun_s, done = time.monotonic(), read(arguments.out)
+    try:
+        facts = read_sidecar(arguments.out)
+        if facts and stored_config(facts["settings"], str(arguments.out)) != base:
+            raise made_otherwise(arguments.out)
+    except DrlAvError as error:
+        parser.error(str(error))
+    spent_s = facts.get("wall_time_s", 0.0)
+    if not facts:
+        write_sidecar(arguments.out, provenance(base, settings=asdict(base)))
+    known = {int(row["seed"]) for row in done}
+    with arguments.out.open("a", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        if not done:
+            writer.writeheader()
+        try:
+            for number in range(arguments.first, arguments.first + arguments.episodes):
+                seed, mix = FIRST_SEED + number, names[number // 30 % len(names)]
+                if seed not in known:
+                    writer.writerow(worlds[mix].episode(driver, mix, seed))
+                    file.flush()
+        finally:
+            spent_s += round(time.monotonic() - begun_s, 1)
+            made = provenance(base, wall_time_s=spent_s, settings=asdict(base))
+            write_sidecar(arguments.out, made)
+    status = report(read(arguments.out))
+    print(made_by(spent_s))
+    return status
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    """The rows that are there."""
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def report(rows: list[dict[str, str]]) -> int:
+    """Print what happened; 1 if something has no excuse."""
+    decisions = sum(int(row["decisions"]) for row in rows)
+    margins = [float(row["least_cut_in_margin_m"]) for row in rows if row["least_cut_in_margin_m"]]
+    hits = [row for row in rows if row["ego_hit"] == "True"]
+    hit_by = [row for row in rows if row["collision"] and row["ego_hit"] != "True"]
+    print(f"{len(rows)} episodes, {decisions} decisions, mixes {Counter(r['mix'] for r in rows)}")
+    print(
+        f"{sum(int(row['cut_ins']) for row in rows)} cut-ins ahead of the ego, "
+        f"least margin {min(margins, default=float('nan')):.2f} m"
+    )
+    print(f"bounds broken {sum(int(row['breaches']) for row in rows)} times")
+    print(f"the ego hit something: {len(hits)}; it was hit: {len(hit_by)}")
+    for row in hits + hit_by:
+        print(
+            f"  seed {row['seed']}, {row['vehicles']} vehicles, {row['mix']}: {row['collision']}, "
+            f"{row['other']}: {row['broken_bounds'] or 'no bound broken'}"
+        )
+    return 1 if hits or any(not row["broken_bounds"] for row in hit_by) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
