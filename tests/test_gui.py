@@ -13,7 +13,7 @@ from PIL import Image
 from drl_av.config import Config
 from drl_av.drivers.rules import IdmSumoDriver
 from drl_av.evaluation.recording import Recording
-from drl_av.evaluation.replay import Ride
+from drl_av.evaluation.replay import ReplaySession
 
 WATCH = """
 import json, sys, time
@@ -67,7 +67,7 @@ def run(screen: str | None, *arguments: str) -> subprocess.CompletedProcess[str]
 @pytest.fixture(scope="module")
 def recording() -> Recording:
     config = Config().updated("simulation", decisions_per_episode=10)
-    return Ride(config, IdmSumoDriver(config.safety), "idm-sumo", 4, 30).drive(None)[0]
+    return ReplaySession(config, IdmSumoDriver(config.safety), "idm-sumo", 4, 30).drive(None)[0]
 
 
 @pytest.fixture(scope="module")

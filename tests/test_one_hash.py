@@ -18,7 +18,7 @@ from drl_av.drivers.rules import IdmSumoDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.evaluation.recording import Recorder, Recording, load_recording, states_of
-from drl_av.evaluation.replay import ride_again
+from drl_av.evaluation.replay import replay_session
 from drl_av.traffic.connection import start_arguments
 from drl_av.traffic.scenario import ScenarioDescription, write_scenario
 
@@ -30,7 +30,7 @@ WARM = 200
 PROGRAM = """
 import sys
 from drl_av.evaluation.recording import load_recording
-from drl_av.evaluation.replay import ride_again, Ride
+from drl_av.evaluation.replay import ReplaySession, replay_session
 from test_one_hash import CONFIG, SEED, VEHICLES, IdmSumoDriver
 ride = Ride(CONFIG, IdmSumoDriver(CONFIG.safety), "idm-sumo", SEED, VEHICLES)
 print(ride.drive(sys.argv[1] if sys.argv[1:] else None)[0].hash())
@@ -155,7 +155,7 @@ def test_nothing_hangs_on_the_random_numbers_of_sumo(
 
 def test_the_hash_is_the_same_recorded_and_replayed(recording: Recording, tmp_path: Path) -> None:
     recording.save(tmp_path / "episode.npz")
-    again, _ = ride_again(load_recording(tmp_path / "episode.npz")).drive(None)
+    again, _ = replay_session(load_recording(tmp_path / "episode.npz")).drive(None)
     assert load_recording(tmp_path / "episode.npz").hash() == again.hash() == recording.hash()
 
 

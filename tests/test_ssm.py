@@ -67,7 +67,7 @@ def trip(driver: Driver, seed: int, vehicles: int, scenario: str) -> Trip:
     taken = Trip([], [])
 
     def watch(env: HighwayEnv) -> None:
-        shot, front = env.scene.snapshot, env.scene.seen.own_front
+        shot, front = env.scene.snapshot, env.scene.affordances.own_front
         states = (shot.s_m, shot.y_m, shot.speed_m_s, shot.lateral_speed_m_s)
         taken.states.append(tuple(state.tolist() for state in states))
         if front is None:
@@ -78,7 +78,7 @@ def trip(driver: Driver, seed: int, vehicles: int, scenario: str) -> Trip:
             shot.ids[front.vehicle],
             time_to_collision(front.gap_m, closing_speed(front)),
             same_edge=edges[0] == edges[1],
-            centered=env.road.lane_of(float(shot.y_m[front.vehicle])) == env.scene.seen.lane,
+            centered=env.road.lane_of(float(shot.y_m[front.vehicle])) == env.scene.affordances.lane,
         )
         taken.looks.append(look)
 
@@ -139,13 +139,13 @@ def test_time_to_collision_is_that_of_sumo_s_device_at_every_decision_that_it_se
     theirs = logged(tmp_path / "ssm.xml")
     compared = 0
     for time_s, foe, ttc_s, same_edge, centered in ours.looks:
-        seen = theirs.get((time_s, foe))
+        affordances = theirs.get((time_s, foe))
         if time_s == 0.0 or not same_edge or not centered:
-            assert seen is None
+            assert affordances is None
         elif math.isinf(ttc_s):
-            assert seen is None or seen == math.inf
+            assert affordances is None or affordances == math.inf
         else:
-            assert seen == pytest.approx(ttc_s, rel=1e-6)
+            assert affordances == pytest.approx(ttc_s, rel=1e-6)
             compared += 1
     lost = sum(not look.same_edge and math.isfinite(look.ttc_s) for look in ours.looks)
     assert compared >= 5

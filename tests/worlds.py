@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from hypothesis import strategies as st
 
-from drl_av.driving.affordances import affordances
+from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import Snapshot
@@ -64,7 +64,7 @@ def snapshot(
         lateral_speed_m_s=lateral,
         length_m=length,
         width_m=width,
-        lane_change_wish=wish,
+        sumo_lane_change=wish,
     )
 
 
@@ -81,7 +81,7 @@ def scene(
 ) -> Scene:
     """A snapshot, what the ego sees of it, and the lane change it is in."""
     shot = snapshot(*others, s_m=s_m, y_m=y_m, speed_m_s=speed_m_s, v_y=v_y, road=road, wish=wish)
-    return Scene(shot, affordances(shot, road, range_m), lane_change)
+    return Scene(shot, compute_affordances(shot, road, range_m), lane_change)
 
 
 def changing(*others: Car, origin: int, target: int, seconds: int, road: Road = ROAD) -> Scene:

@@ -62,7 +62,7 @@ def fastest_m_s(env: HighwayEnv, seed: int, vehicles: int) -> float:
     env.reset(seed=seed, options={"vehicles": vehicles})
     ego, simulation = env.config.ego, env.config.simulation
     ends_s = simulation.decision_interval_s * np.arange(1, simulation.decisions_per_episode + 1)
-    speeds = env.scene.seen.ego_speed_m_s + ego.accelerate_m_s2 * ends_s
+    speeds = env.scene.affordances.ego_speed_m_s + ego.accelerate_m_s2 * ends_s
     return float(np.minimum(speeds, ego.max_speed_m_s).mean())
 
 

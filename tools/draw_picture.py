@@ -23,9 +23,12 @@ class LaneChangePicture:
         self.image: Image.Image | None = None
 
     def __call__(self, env: HighwayEnv) -> None:
-        change, seen = env.scene.lane_change, env.scene.seen
+        change, affordances = env.scene.lane_change, env.scene.affordances
         if self.image is None and change is not None and env.decisions >= self.from_decision:
-            crossed = abs(seen.ego_y_m - change.origin * seen.lane_width_m) / seen.lane_width_m
+            crossed = (
+                abs(affordances.ego_y_m - change.origin * affordances.lane_width_m)
+                / affordances.lane_width_m
+            )
             if 0.3 < crossed < 0.5:
                 caption = replace(env.caption, driver=self.driver)
                 self.image = Image.fromarray(draw(env.scene.snapshot, env.road, caption))

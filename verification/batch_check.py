@@ -35,7 +35,7 @@ from verification.kinematic_simulator import (
 PLACE = np.array([ORDER.index(how) for how in Longitudinal])
 
 
-class StrictAtOnce:
+class BatchStrict:
     """A judge of worlds."""
 
     def __init__(self, config: Config) -> None:
@@ -46,10 +46,10 @@ class StrictAtOnce:
     def __call__(self, world: World, proposal: IntArray) -> IntArray:
         """The actions executed, 0 to 11."""
         sign, longitudinal = SIGN[proposal // 4], proposal % 4
-        around, lane = self._others(world), _lane(world.y_m[:, 0])
+        neighbors, lane = self._others(world), _lane(world.y_m[:, 0])
         speed, still = world.speed_m_s[:, :1], world.target == NONE
         reaches = reach(speed, self._rates, self._config.ego, self._config.simulation)
-        may_m, out = self._may_reach(world, around), np.where(still, NONE, lane)
+        may_m, out = self._may_reach(world, neighbors), np.where(still, NONE, lane)
         safe = np.full(len(lane), int(Longitudinal.HARD_BRAKE))
         for how in reversed(ORDER):
             fits = (reaches[:, how] < may_m) & (ORDER.index(how) >= PLACE[longitudinal])
@@ -58,7 +58,7 @@ class StrictAtOnce:
         target = np.where(sign == 0, NONE, lane + sign)
         target = np.where(still, target, np.where(turns, world.origin, world.target))
         origin = np.where(still, lane, world.origin + world.target - target)
-        fits = self._permits(world, origin, target, around, reaches[np.arange(len(lane)), safe])
+        fits = self._permits(world, origin, target, neighbors, reaches[np.arange(len(lane)), safe])
         fits &= (target == NONE) | ((target >= 0) & (target < len(ROAD.open_lanes)))
         back = np.where(still, int(Lateral.KEEP), _toward(out, world))
         lateral = np.where(fits | (target == out), proposal // 4, back)
@@ -85,28 +85,33 @@ class StrictAtOnce:
         held = is_held(y_m[:, 1:], width_m, y_m[:, :1], WIDTH_M, lane_m)
         return Others(*ends_m, gap_m, is_ahead, speed, may_m, held)
 
-    def _may_reach(self, world: World, around: Others) -> FloatArray:
+    def _may_reach(self, world: World, neighbors: Others) -> FloatArray:
         lane = _lane(world.y_m[:, 0])
         right_m, left_m = self._corridor(world, np.where(world.target == NONE, NONE, lane))
-        meets = met(around, right_m[:, None], left_m[:, None])
-        result: FloatArray = np.where(meets, around.most_m, np.inf).min(axis=1)
+        meets = met(neighbors, right_m[:, None], left_m[:, None])
+        result: FloatArray = np.where(meets, neighbors.most_m, np.inf).min(axis=1)
         return result
 
     def _permits(
-        self, world: World, origin: IntArray, target: IntArray, around: Others, rolled_m: FloatArray
+        self,
+        world: World,
+        origin: IntArray,
+        target: IntArray,
+        neighbors: Others,
+        rolled_m: FloatArray,
     ) -> BoolArray:
         config, sim, lane_m = self._config, self._config.simulation, ROAD.lane_width_m
         strict, y_m, sign = config.strict, world.y_m[:, 0], np.sign(target - origin)
         right_m, left_m = self._corridor(world, target)
         aside_m = strict.lateral_speed_m_s * sim.decision_interval_s
         right_m, left_m = right_m - aside_m * (sign < 0), left_m + aside_m * (sign > 0)
-        meets = met(around, right_m[:, None], left_m[:, None])
+        meets = met(neighbors, right_m[:, None], left_m[:, None])
         to_line_m = sign * ((origin + target) / 2 * lane_m - y_m) - WIDTH_M / 2
         delay_s = strict.follower_response_s
         delay_s = delay_s + seconds_to_line(to_line_m, lane_m, config.ego, sim)[:, None]
-        must_m = must_reach(around, delay_s, strict, sim.step_length_s)
-        result: BoolArray = (rolled_m < np.where(meets, around.most_m, np.inf).min(axis=1)) & (
-            rolled_m > np.where(meets & ~around.is_held, must_m, -np.inf).max(axis=1)
+        must_m = must_reach(neighbors, delay_s, strict, sim.step_length_s)
+        result: BoolArray = (rolled_m < np.where(meets, neighbors.most_m, np.inf).min(axis=1)) & (
+            rolled_m > np.where(meets & ~neighbors.is_held, must_m, -np.inf).max(axis=1)
         )
         return result
 

@@ -16,8 +16,8 @@ from verification.kinematic_simulator import (
     LENGTH_M,
     NONE,
     ROAD,
+    BatchCheck,
     IntArray,
-    Judge,
     Mover,
     Orders,
     World,
@@ -191,7 +191,7 @@ def scripted(family: Family, scenes: int) -> Iterator[Orders]:
 
 
 def play(
-    world: World, told: Iterator[Orders], judge: Judge, mover: Mover
+    world: World, told: Iterator[Orders], judge: BatchCheck, mover: Mover
 ) -> tuple[FloatArray, IntArray]:
     """Drive scenes to their end: the least separation of each, and how each ended.
 
@@ -209,7 +209,7 @@ def play(
 
 
 def search(
-    family: Family, config: Config, judge: Judge, mover: Mover, scenes: int, seed: int
+    family: Family, config: Config, judge: BatchCheck, mover: Mover, scenes: int, seed: int
 ) -> Iterator[Tally]:
     """Let the adversary learn; a tally a generation."""
     import cma
@@ -230,7 +230,7 @@ def search(
 
 
 def _generation(
-    genome: FloatArray, family: Family, config: Config, judge: Judge, mover: Mover
+    genome: FloatArray, family: Family, config: Config, judge: BatchCheck, mover: Mover
 ) -> tuple[Tally, FloatArray]:
     placing = genome[:, : PLACED * family.others]
     world = family.start(1 / (1 + np.exp(-1.7 * placing)), config)

@@ -25,19 +25,19 @@ from drl_av.config import SAFETY_CHECKS, Config
 from drl_av.errors import ScenarioError
 from drl_av.experiments.provenance import made_by
 from drl_av.safety import named_check
-from verification.batch_check import StrictAtOnce
+from verification.batch_check import BatchStrict
 from verification.falsification import FAMILIES, PLACED, Tally, genes, orders, play, scripted
 from verification.falsification import search as learn
-from verification.kinematic_simulator import Judge, Mover, one_by_one
+from verification.kinematic_simulator import BatchCheck, Mover, one_by_one
 
 CLOSING_M_S = (0.0, 5.0, 10.0, 15.0, 20.0, 30.0)
 STEPS_S = (1.0, 0.5, 0.1)
 
 
-def judge_of(config: Config) -> Judge:
+def judge_of(config: Config) -> BatchCheck:
     """The check that a config names, for many scenes."""
     strict = config.safety.check == "strict"
-    return StrictAtOnce(config) if strict else one_by_one(named_check(config))
+    return BatchStrict(config) if strict else one_by_one(named_check(config))
 
 
 def envelope(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:

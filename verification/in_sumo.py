@@ -21,7 +21,7 @@ from drl_av.traffic.simulation import (
     Simulation,
 )
 from drl_av.traffic.snapshot import Command
-from verification.kinematic_simulator import Judge, Mover, Orders, World, collision
+from verification.kinematic_simulator import BatchCheck, Mover, Orders, World, collision
 
 LAP_M = 2000.0
 START_M = 500.0
@@ -39,7 +39,7 @@ class SumoWorld:
         self._config = replace(config, traffic=traffic)
 
     def play(
-        self, world: World, told: Iterator[Orders], judge: Judge, mover: Mover
+        self, world: World, told: Iterator[Orders], judge: BatchCheck, mover: Mover
     ) -> tuple[int, float]:
         """How a scene ends (as ``falsification.play``) and how far SUMO strays, metres."""
         simulation = self._start(world)

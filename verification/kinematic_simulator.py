@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS
-from drl_av.driving.affordances import affordances
+from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.safety.check import SafetyCheck
 from drl_av.safety.reachability import CENTERED_M, lanes_under, lateral_extent
@@ -63,7 +63,7 @@ class World:
         )
         origin, target = int(self.origin[row]), int(self.target[row])
         change = None if target == NONE else LaneChange(origin, target)
-        return Scene(shot, affordances(shot, ROAD, 250.0), change)
+        return Scene(shot, compute_affordances(shot, ROAD, 250.0), change)
 
 
 class Orders(NamedTuple):
@@ -77,11 +77,11 @@ class Orders(NamedTuple):
     """Which way they are to move, and how fast: from -1, as fast as may be to the right, to 1."""
 
 
-Judge = Callable[[World, IntArray], IntArray]
+BatchCheck = Callable[[World, IntArray], IntArray]
 """The actions executed, 0 to 11, for those proposed; shape (scenes,)."""
 
 
-def one_by_one(check: SafetyCheck) -> Judge:
+def one_by_one(check: SafetyCheck) -> BatchCheck:
     """The very check, asked for each scene."""
 
     def judge(world: World, proposal: IntArray) -> IntArray:

@@ -77,7 +77,7 @@ def progress_bar(what: str, total: int, done: int = 0) -> Iterator[Bar]:
         yield Bar(progress, progress.add_task(what, total=total, completed=done, told=""))
 
 
-def told_of_episode(row: "EpisodeRow") -> str:
+def episode_line(row: "EpisodeRow") -> str:
     """The episode that training has just had, in short."""
     return (
         f"reward {row.mean_reward:.3f}  {row.mean_speed_m_s:.1f} m/s  "
@@ -85,7 +85,7 @@ def told_of_episode(row: "EpisodeRow") -> str:
     )
 
 
-def told_of_evaluation(row: "EvaluationRow") -> str:
+def evaluation_line(row: "EvaluationRow") -> str:
     """What the driver is worth so far, in one line."""
     return (
         f"episode {row.episode}: greedy reward {row.mean_reward:.3f}, "

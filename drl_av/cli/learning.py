@@ -193,7 +193,7 @@ def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, ri
 
 def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bool:
     """Train to the end, or to the episode in which somebody asked to stop; True at the end."""
-    from drl_av.cli.console import progress_bar, stop_request, told_of_episode, told_of_evaluation
+    from drl_av.cli.console import episode_line, evaluation_line, progress_bar, stop_request
     from drl_av.learning.board import board
     from drl_av.learning.run import train
 
@@ -205,9 +205,9 @@ def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bo
     ):
         for progress in train(run, training):
             events.add(progress)
-            bar.advance(told_of_episode(progress.episode), progress.episode.decisions)
+            bar.advance(episode_line(progress.episode), progress.episode.decisions)
             if progress.evaluation:
-                bar.say(told_of_evaluation(progress.evaluation))
+                bar.say(evaluation_line(progress.evaluation))
             if stop.made and training.episodes_done < total:
                 run.save(training)
                 return False

@@ -43,7 +43,7 @@ def replay(options: argparse.Namespace) -> int:
     from drl_av.drawing.film import require_film
     from drl_av.evaluation.drivers import build, choose, config_of
     from drl_av.evaluation.recording import load_recording
-    from drl_av.evaluation.replay import Film, Pacer, Ride, ride_again
+    from drl_av.evaluation.replay import Film, Pacer, ReplaySession, replay_session
     from drl_av.files import require_writable
 
     require_writable(options.record, options.video)
@@ -53,26 +53,26 @@ def replay(options: argparse.Namespace) -> int:
     source = next(word for word in given if word is not None)
     if Path(source).is_file() and Path(source).suffix != ".safetensors":
         _refuse_settings(options)
-        ride = ride_again(load_recording(Path(source)))
+        session = replay_session(load_recording(Path(source)))
     else:
         choices = choose([source])
         config = overridden(config_of(choices), options)
         if options.decisions:
             config = config.updated("simulation", decisions_per_episode=options.decisions)
         [(name, driver)] = build(choices, config).items()
-        ride = Ride(config, driver, name, options.seed or 0, options.vehicles)
-    film = Film(ride.name)
+        session = ReplaySession(config, driver, name, options.seed or 0, options.vehicles)
+    film = Film(session.name)
     if options.video:
-        recording, result = ride.drive("rgb_array", film)
+        recording, result = session.drive("rgb_array", film)
         print(f"{options.video}: {film.write(options.video, rate=options.rate)} frames")
     else:
-        recording, result = ride.drive("human", Pacer(options.rate))
+        recording, result = session.drive("human", Pacer(options.rate))
     if options.record:
         recording.save(options.record)
         print(f"{options.record}: recorded")
     print(
-        f"{ride.name}, {result.vehicles} vehicles, seed {result.seed}: "
-        f"{'exactly as recorded, ' if ride.recording else ''}{result.decisions} decisions, "
+        f"{session.name}, {result.vehicles} vehicles, seed {result.seed}: "
+        f"{'exactly as recorded, ' if session.recording else ''}{result.decisions} decisions, "
         f"{result.mean_speed_m_s:.2f} m/s, reward {result.mean_reward:.3f}, "
         f"{result.safety_triggers} safety triggers, {result.collision or 'no collision'}"
     )

@@ -25,29 +25,35 @@ class MobilDriver:
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """The more rewarding lane of those that pass both criteria; a change runs to its end."""
-        longitudinal = idm_action(scene.seen, self._safety)
+        longitudinal = idm_action(scene.affordances, self._safety)
         if scene.lane_change is not None:
             return Action(Lateral.KEEP, longitudinal)
-        gains = {sign: self.gain(scene, sign) for sign in (1, -1) if scene.seen.has_lane(sign)}
+        gains = {
+            sign: self.gain(scene, sign) for sign in (1, -1) if scene.affordances.has_lane(sign)
+        }
         sign = max(gains, key=lambda side: gains[side], default=0)
-        worth_it = sign != 0 and gains[sign] > self._mobil.threshold_m_s2
-        return Action(toward(sign) if worth_it else Lateral.KEEP, longitudinal)
+        is_beneficial = sign != 0 and gains[sign] > self._mobil.threshold_m_s2
+        return Action(toward(sign) if is_beneficial else Lateral.KEEP, longitudinal)
 
     def gain(self, scene: Scene, sign: int) -> float:
         """Left side of MOBIL's incentive criterion for a side, m/s^2; -inf where it is unsafe.
 
         a_c' - a_c + p (a_n' - a_n + a_o' - a_o), with c the ego, n the new and o the old follower.
         """
-        seen, length_m = scene.seen, float(scene.snapshot.length_m[EGO])
-        new_follower = self._behind(seen, seen.rear(sign))
+        affordances, length_m = scene.affordances, float(scene.snapshot.length_m[EGO])
+        new_follower = self._behind(affordances, affordances.rear(sign))
         if new_follower < -self._mobil.safe_braking_m_s2:
             return -math.inf
-        own = self._ahead(seen, seen.front(sign)) - self._ahead(seen, seen.own_front)
+        own = self._ahead(affordances, affordances.front(sign)) - self._ahead(
+            affordances, affordances.own_front
+        )
         others = (
             new_follower
-            - self._without_ego(seen, seen.rear(sign), seen.front(sign), length_m)
-            + self._without_ego(seen, seen.own_rear, seen.own_front, length_m)
-            - self._behind(seen, seen.own_rear)
+            - self._without_ego(
+                affordances, affordances.rear(sign), affordances.front(sign), length_m
+            )
+            + self._without_ego(affordances, affordances.own_rear, affordances.own_front, length_m)
+            - self._behind(affordances, affordances.own_rear)
         )
         return own + self._mobil.politeness * others
 
@@ -55,26 +61,30 @@ class MobilDriver:
         desired = self._ego.max_speed_m_s
         return idm_acceleration(speed_m_s, desired, gap_m, closing_m_s, self._mobil)
 
-    def _ahead(self, seen: Affordances, front: Neighbor | None) -> float:
+    def _ahead(self, affordances: Affordances, front: Neighbor | None) -> float:
         """The ego's acceleration behind a vehicle, or on a free road."""
         if front is None:
-            return self._idm(seen.ego_speed_m_s, math.inf, 0.0)
-        return self._idm(seen.ego_speed_m_s, front.gap_m, -front.relative_speed_m_s)
+            return self._idm(affordances.ego_speed_m_s, math.inf, 0.0)
+        return self._idm(affordances.ego_speed_m_s, front.gap_m, -front.relative_speed_m_s)
 
-    def _behind(self, seen: Affordances, rear: Neighbor | None) -> float:
+    def _behind(self, affordances: Affordances, rear: Neighbor | None) -> float:
         """A follower's acceleration behind the ego; 0 where there is no follower."""
         if rear is None:
             return 0.0
-        speed = seen.ego_speed_m_s + rear.relative_speed_m_s
+        speed = affordances.ego_speed_m_s + rear.relative_speed_m_s
         return self._idm(speed, rear.gap_m, rear.relative_speed_m_s)
 
     def _without_ego(
-        self, seen: Affordances, rear: Neighbor | None, front: Neighbor | None, length_m: float
+        self,
+        affordances: Affordances,
+        rear: Neighbor | None,
+        front: Neighbor | None,
+        length_m: float,
     ) -> float:
         """A follower's acceleration behind the vehicle ahead of the ego; 0 without a follower."""
         if rear is None:
             return 0.0
-        speed = seen.ego_speed_m_s + rear.relative_speed_m_s
+        speed = affordances.ego_speed_m_s + rear.relative_speed_m_s
         if front is None:
             return self._idm(speed, math.inf, 0.0)
         gap_m = rear.gap_m + length_m + front.gap_m

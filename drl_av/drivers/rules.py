@@ -10,13 +10,13 @@ from drl_av.driving.scene import Scene
 from drl_av.safety.paper import closing_speed, gap_condition, safe_action, time_to_collision
 
 
-def idm_action(seen: Affordances, config: SafetyConfig) -> Longitudinal:
+def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
     """The paper's IDM: eq. 3, and accelerate above a time to collision of T_A.
 
     Ours: only where eq. 2 holds. At equal speeds the time to collision is infinite however small
     the gap is, and the rule as printed accelerates into the vehicle ahead.
     """
-    front = seen.own_front
+    front = affordances.own_front
     if front is None:
         return Longitudinal.ACCELERATE
     closing = closing_speed(front)
@@ -37,7 +37,7 @@ class IdmDriver:
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """The paper's IDM in the lane."""
-        return Action(Lateral.KEEP, idm_action(scene.seen, self._config))
+        return Action(Lateral.KEEP, idm_action(scene.affordances, self._config))
 
 
 class IdmSumoDriver(IdmDriver):
@@ -45,8 +45,8 @@ class IdmSumoDriver(IdmDriver):
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """The paper's IDM; a lane change once started runs to its end."""
-        wish = scene.snapshot.lane_change_wish if scene.lane_change is None else 0
-        return Action(toward(wish), idm_action(scene.seen, self._config))
+        wish = scene.snapshot.sumo_lane_change if scene.lane_change is None else 0
+        return Action(toward(wish), idm_action(scene.affordances, self._config))
 
 
 class RandomDriver:

@@ -99,7 +99,7 @@ class Affordances(NamedTuple):
         return np.array(values)
 
 
-def affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
+def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
     """Look around the ego (Sec. III): the nearest vehicle ahead and behind in three lanes.
 
     A vehicle occupies every lane that its body overlaps. It is ahead or behind by the shorter

@@ -60,7 +60,7 @@ def acc_acceleration(
 
 
 def reference_speeds(
-    seen: Affordances, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
+    affordances: Affordances, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
 ) -> Iterator[float]:
     """The ego's speed at the end of each SUMO step of a decision, within [0, max_speed_m_s].
 
@@ -70,8 +70,8 @@ def reference_speeds(
     """
     braking = action in (Longitudinal.BRAKE, Longitudinal.HARD_BRAKE)
     if braking or ego.longitudinal_reference == "acceleration":
-        return _by_number(seen.ego_speed_m_s, action, ego, simulation)
-    return _by_model(seen, action, ego, simulation)
+        return _by_number(affordances.ego_speed_m_s, action, ego, simulation)
+    return _by_model(affordances, action, ego, simulation)
 
 
 def _by_number(
@@ -84,11 +84,11 @@ def _by_number(
 
 
 def _by_model(
-    seen: Affordances, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
+    affordances: Affordances, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
 ) -> Iterator[float]:
-    speed, step_s = seen.ego_speed_m_s, simulation.step_length_s
+    speed, step_s = affordances.ego_speed_m_s, simulation.step_length_s
     desired = ego.max_speed_m_s if action is Longitudinal.ACCELERATE else speed
-    front = seen.own_front
+    front = affordances.own_front
     gap_m = math.inf if front is None else front.gap_m
     front_speed = speed if front is None else speed + front.relative_speed_m_s
     for _ in range(simulation.steps_per_decision):

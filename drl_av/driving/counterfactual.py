@@ -31,22 +31,24 @@ def motion(scene: Scene, action: Action, config: Config) -> Motion:
     return Motion(distance_m, *commands[-1])
 
 
-def seen_after(other: Motion, made: Motion, seen: Affordances, road: Road) -> Affordances | None:
+def affordances_after(
+    other: Motion, made: Motion, affordances: Affordances, road: Road
+) -> Affordances | None:
     """The affordances after another motion than the one that was made, which led to ``seen``.
 
     None where they are not known: in another lane the ego has other neighbours, a vehicle
     alongside has no gap that could change, and one that would be alongside has no sign. A
     vehicle near the far side of the loop stays on the side where it was.
     """
-    y_m = seen.ego_y_m + other.y_m - made.y_m
-    if road.lane_of(y_m) != seen.lane:
+    y_m = affordances.ego_y_m + other.y_m - made.y_m
+    if road.lane_of(y_m) != affordances.lane:
         return None
     further_m = other.distance_m - made.distance_m
     faster_m_s = other.speed_m_s - made.speed_m_s
     leftwards_m_s = other.lateral_speed_m_s - made.lateral_speed_m_s
 
     neighbors: list[Neighbor | None] = []
-    for toward, neighbor in zip((-1, 1) * 3, seen[:6], strict=True):
+    for toward, neighbor in zip((-1, 1) * 3, affordances[:6], strict=True):
         if neighbor is None:
             neighbors.append(None)
             continue
@@ -57,19 +59,19 @@ def seen_after(other: Motion, made: Motion, seen: Affordances, road: Road) -> Af
             neighbor.vehicle,
             gap_m,
             neighbor.relative_speed_m_s - faster_m_s,
-            neighbor.lateral_offset_m - (y_m - seen.ego_y_m),
+            neighbor.lateral_offset_m - (y_m - affordances.ego_y_m),
             neighbor.relative_lateral_speed_m_s - leftwards_m_s,
         )
-        neighbors.append(moved if gap_m <= seen.range_m else None)
+        neighbors.append(moved if gap_m <= affordances.range_m else None)
     own_front, own_rear, right_front, right_rear, left_front, left_rear = neighbors
-    return seen._replace(
+    return affordances._replace(
         own_front=own_front,
         own_rear=own_rear,
         right_front=right_front,
         right_rear=right_rear,
         left_front=left_front,
         left_rear=left_rear,
-        ego_speed_m_s=seen.ego_speed_m_s + faster_m_s,
+        ego_speed_m_s=affordances.ego_speed_m_s + faster_m_s,
         ego_y_m=y_m,
-        ego_lateral_speed_m_s=seen.ego_lateral_speed_m_s + leftwards_m_s,
+        ego_lateral_speed_m_s=affordances.ego_lateral_speed_m_s + leftwards_m_s,
     )

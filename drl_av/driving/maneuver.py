@@ -18,11 +18,13 @@ class Plan(NamedTuple):
     lane_change: LaneChange | None
 
 
-def steered(lane_change: LaneChange | None, lane: int, lateral: Lateral) -> LaneChange | None:
+def next_lane_change(
+    lane_change: LaneChange | None, lane: int, lateral: Lateral
+) -> LaneChange | None:
     """The lane change that a lateral action starts, lets go on, or aborts (Sec. IV-A)."""
     if lane_change is None:
         return LaneChange(lane, lane + lateral.sign) if lateral.sign else None
-    return lane_change.turned() if lateral.sign == -lane_change.sign else lane_change
+    return lane_change.reversed() if lateral.sign == -lane_change.sign else lane_change
 
 
 class Sideways(NamedTuple):
@@ -39,12 +41,12 @@ def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationCon
     The speed follows the longitudinal reference within [0, max_speed_m_s]; the lateral position
     follows the lateral plant, and both plants end a lane change on the lane's centre exactly.
     """
-    lane_change = steered(scene.lane_change, scene.seen.lane, action.lateral)
+    lane_change = next_lane_change(scene.lane_change, scene.affordances.lane, action.lateral)
     move = _PLANTS[ego.lateral_plant]
-    at = Sideways(scene.seen.ego_y_m, 0.0, lane_change)
+    at = Sideways(scene.affordances.ego_y_m, 0.0, lane_change)
     commands = []
-    for speed in reference_speeds(scene.seen, action.longitudinal, ego, simulation):
-        at = move(at, speed, scene.seen.lane_width_m, ego, simulation.step_length_s)
+    for speed in reference_speeds(scene.affordances, action.longitudinal, ego, simulation):
+        at = move(at, speed, scene.affordances.lane_width_m, ego, simulation.step_length_s)
         commands.append(Command(speed, at.y_m, at.lateral_speed_m_s))
     return Plan(commands, at.lane_change)
 

@@ -23,7 +23,7 @@ class LaneChange(NamedTuple):
         """Direction across the road: left +1, right -1."""
         return 1 if self.target > self.origin else -1
 
-    def turned(self) -> "LaneChange":
+    def reversed(self) -> "LaneChange":
         """The same lane change aborted."""
         return LaneChange(self.target, self.origin, self.heading_rad)
 
@@ -32,5 +32,5 @@ class Scene(NamedTuple):
     """All that a decision may rest on."""
 
     snapshot: Snapshot
-    seen: Affordances
+    affordances: Affordances
     lane_change: LaneChange | None

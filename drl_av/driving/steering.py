@@ -93,9 +93,9 @@ def steer(
         curvature = curvature_command(
             STRAIGHT, target_m - y_m, heading, speed_m_s, lane_width_m, ego
         )
-        turned = heading + (curvature - STRAIGHT) * advance_m / math.cos(heading)
-        y_m += math.tan((heading + turned) / 2) * advance_m
-        heading = turned
+        reversed = heading + (curvature - STRAIGHT) * advance_m / math.cos(heading)
+        y_m += math.tan((heading + reversed) / 2) * advance_m
+        heading = reversed
     return Pose(y_m, heading)
 
 

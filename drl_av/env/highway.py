@@ -13,7 +13,7 @@ from drl_av.drawing import Caption, draw
 from drl_av.drivers.background.level_1 import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.actions import ACTIONS, Action
-from drl_av.driving.affordances import INDICATORS, ObservationScale, affordances
+from drl_av.driving.affordances import INDICATORS, ObservationScale, compute_affordances
 from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.reward import Rewards, desired, rewards
@@ -171,16 +171,16 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         commands, lane_change = plan(
             self.scene, verdict.action, self.config.ego, self.config.simulation
         )
-        wishes = self.traffic_drivers(self.scene.snapshot)
+        traffic_commands = self.traffic_drivers(self.scene.snapshot)
         self._over = True  # should SUMO end in the middle
-        snapshot, collision = self.simulation.advance(commands, wishes)
+        snapshot, collision = self.simulation.advance(commands, traffic_commands)
         self._look(snapshot, lane_change)
-        if collision is None and self.scene.seen.may_touch(float(snapshot.width_m[EGO])):
+        if collision is None and self.scene.affordances.may_touch(float(snapshot.width_m[EGO])):
             collision = overlapping(snapshot, self.road)
         self.decisions += 1
-        target = desired(self.scene.seen, self.config.reward, self.config.safety)
+        target = desired(self.scene.affordances, self.config.reward, self.config.safety)
         terms = rewards(
-            self.scene.seen, target, self.config.reward, self.config.safety.minimum_gap_m
+            self.scene.affordances, target, self.config.reward, self.config.safety.minimum_gap_m
         )
         reward = terms.total if collision is None else self.config.reward.collision_reward
         truncated = self.decisions >= self.config.simulation.decisions_per_episode
@@ -214,9 +214,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.simulation.close()
 
     def _look(self, snapshot: Snapshot, lane_change: LaneChange | None) -> None:
-        seen = affordances(snapshot, self.road, self.config.observation.range_m)
-        self.scene = Scene(snapshot, seen, lane_change)
-        self.indicators = seen.vector()
+        affordances = compute_affordances(snapshot, self.road, self.config.observation.range_m)
+        self.scene = Scene(snapshot, affordances, lane_change)
+        self.indicators = affordances.vector()
 
     def _observe(self) -> Observation:
         return self.scale(self.indicators)
@@ -225,7 +225,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         info = {
             "seed": self.seed,
             "vehicles": len(self.scene.snapshot.ids) - 1,
-            "speed_m_s": self.scene.seen.ego_speed_m_s,
+            "speed_m_s": self.scene.affordances.ego_speed_m_s,
             "indicators": self.indicators.copy(),
         }
         if self._masked:
@@ -260,7 +260,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         terms: Rewards,
         collision: Collision | None,
     ) -> None:
-        speed = self.scene.seen.ego_speed_m_s
+        speed = self.scene.affordances.ego_speed_m_s
         self.caption = replace(
             self.caption,
             decision=self.decisions,

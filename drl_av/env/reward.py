@@ -56,17 +56,17 @@ def safe_gap(speed_m_s: float, headway_s: float, minimum_gap_m: float) -> float:
 
 
 def attainable_speed(
-    seen: Affordances, sign: int, config: RewardConfig, minimum_gap_m: float
+    affordances: Affordances, sign: int, config: RewardConfig, minimum_gap_m: float
 ) -> float:
     """Speed that the own (0), left (+1) or right (-1) lane allows now, m/s (ours).
 
     That of its vehicle ahead, and what closing the gap behind it to d_safe within
     ``catch_up_time_s`` adds; never above the desired speed of a free road.
     """
-    front = seen.front(sign)
+    front = affordances.front(sign)
     if front is None:
         return config.desired_speed_m_s
-    leader_m_s = seen.ego_speed_m_s + front.relative_speed_m_s
+    leader_m_s = affordances.ego_speed_m_s + front.relative_speed_m_s
     spare_m = front.gap_m - safe_gap(leader_m_s, config.safe_headway_s, minimum_gap_m)
     return min(config.desired_speed_m_s, leader_m_s + max(0.0, spare_m) / config.catch_up_time_s)
 
@@ -84,7 +84,7 @@ def tolerated_speed(speed_m_s: float, attainable_m_s: float, config: RewardConfi
     return min(max(speed_m_s, lowest), highest)
 
 
-def desired(seen: Affordances, config: RewardConfig, safety: SafetyConfig) -> Desired:
+def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig) -> Desired:
     """The desired speed and lateral position in this traffic, a function of the indicators.
 
     ``fixed``: the two numbers of the config. ``traffic``: the ``tolerated_speed`` in the own
@@ -93,28 +93,28 @@ def desired(seen: Affordances, config: RewardConfig, safety: SafetyConfig) -> De
     """
     if config.desired == "fixed":
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)
-    own = attainable_speed(seen, 0, config, safety.minimum_gap_m)
+    own = attainable_speed(affordances, 0, config, safety.minimum_gap_m)
     best, sign = own + config.worthwhile_gain_m_s, 0
-    nearer = 1 if seen.ego_y_m >= seen.lane_center_m else -1
+    nearer = 1 if affordances.ego_y_m >= affordances.lane_center_m else -1
     for side in (nearer, -nearer):
-        if seen.has_lane(side):
-            there = attainable_speed(seen, side, config, safety.minimum_gap_m)
-            if there > best and lane_is_clear(seen, seen.lane + side, safety):
+        if affordances.has_lane(side):
+            there = attainable_speed(affordances, side, config, safety.minimum_gap_m)
+            if there > best and lane_is_clear(affordances, affordances.lane + side, safety):
                 best, sign = there, side
     return Desired(
-        tolerated_speed(seen.ego_speed_m_s, own, config),
-        seen.lane_center_m + sign * seen.lane_width_m,
+        tolerated_speed(affordances.ego_speed_m_s, own, config),
+        affordances.lane_center_m + sign * affordances.lane_width_m,
     )
 
 
 def rewards(
-    seen: Affordances, target: Desired, config: RewardConfig, minimum_gap_m: float
+    affordances: Affordances, target: Desired, config: RewardConfig, minimum_gap_m: float
 ) -> Rewards:
     """The three terms of one moment; r_x reads the vehicle ahead in the ego's own lane."""
-    front = seen.own_front
-    safe_gap_m = safe_gap(seen.ego_speed_m_s, config.safe_headway_s, minimum_gap_m)
+    front = affordances.own_front
+    safe_gap_m = safe_gap(affordances.ego_speed_m_s, config.safe_headway_s, minimum_gap_m)
     return Rewards(
-        speed_reward(seen.ego_speed_m_s, target.speed_m_s),
-        lateral_reward(seen.ego_y_m, target.lateral_m),
+        speed_reward(affordances.ego_speed_m_s, target.speed_m_s),
+        lateral_reward(affordances.ego_y_m, target.lateral_m),
         0.0 if front is None else gap_reward(front.gap_m, safe_gap_m),
     )

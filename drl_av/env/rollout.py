@@ -79,7 +79,7 @@ class _Tally:
     def __init__(self, env: HighwayEnv) -> None:
         self._env = env
         self._numbers: list[tuple[float, ...]] = []
-        self._settled_lane = env.scene.seen.lane
+        self._settled_lane = env.scene.affordances.lane
         self._lane_change: LaneChange | None = None
         names = ("triggers", "changes", "aborts", "hard_brakes", "d_safe_violations")
         self._counts = dict.fromkeys(names, 0)
@@ -87,8 +87,8 @@ class _Tally:
         self._collision: Collision | None = None
 
     def add(self, reward: float, info: dict[str, Any]) -> None:
-        seen = self._env.scene.seen
-        self._numbers.append((seen.ego_speed_m_s, reward, *info["rewards"].values()))
+        affordances = self._env.scene.affordances
+        self._numbers.append((affordances.ego_speed_m_s, reward, *info["rewards"].values()))
         self._counts["triggers"] += info["rule"] != "none"
         self._counts["d_safe_violations"] += info["rewards"]["r_x"] < 0
         executed = ACTIONS[info["executed_action"]]
@@ -96,12 +96,12 @@ class _Tally:
         before, self._lane_change = self._lane_change, self._env.scene.lane_change
         if before is not None and executed.lateral.sign == -before.sign:
             self._counts["aborts"] += 1
-        if self._lane_change is None and seen.lane != self._settled_lane:
+        if self._lane_change is None and affordances.lane != self._settled_lane:
             self._counts["changes"] += 1
-            self._settled_lane = seen.lane
-        if seen.own_front is not None:
-            gap_m, speed = seen.own_front.gap_m, seen.ego_speed_m_s
-            ttc_s = time_to_collision(gap_m, closing_speed(seen.own_front))
+            self._settled_lane = affordances.lane
+        if affordances.own_front is not None:
+            gap_m, speed = affordances.own_front.gap_m, affordances.ego_speed_m_s
+            ttc_s = time_to_collision(gap_m, closing_speed(affordances.own_front))
             self._ttc_s = min(self._ttc_s, ttc_s)
             self._headway_s = min(self._headway_s, gap_m / speed if speed > 0 else math.inf)
         self._collision = info["collision"]

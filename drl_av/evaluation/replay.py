@@ -60,7 +60,7 @@ class Film:
 
 
 @dataclass(frozen=True)
-class Ride:
+class ReplaySession:
     """An episode that is about to be watched; ``recording`` is what it must follow, if anything."""
 
     config: Config
@@ -100,9 +100,9 @@ class Ride:
             env.close()
 
 
-def ride_again(recording: Recording) -> Ride:
+def replay_session(recording: Recording) -> ReplaySession:
     """The recorded episode, to the last bit."""
     driver = RecordedDriver(recording)
-    return Ride(
+    return ReplaySession(
         recording.config, driver, recording.driver, recording.seed, recording.vehicles, recording
     )

@@ -17,7 +17,7 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.config.presets import preset
 from drl_av.driving.actions import ACTIONS, Action
-from drl_av.driving.maneuver import steered
+from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv, Observation
 from drl_av.env.rollout import drive
@@ -73,8 +73,8 @@ class Witness(HighwayEnv):
 
     @staticmethod
     def _target(scene: Scene, action: Action) -> int:
-        wanted = steered(scene.lane_change, scene.seen.lane, action.lateral)
-        return int(scene.seen.lane if wanted is None else wanted.target)
+        wanted = next_lane_change(scene.lane_change, scene.affordances.lane, action.lateral)
+        return int(scene.affordances.lane if wanted is None else wanted.target)
 
     def _barricaded(self, lane: int) -> bool:
         return 0 <= lane < len(self.road.open_lanes) and not self.road.is_open(lane)

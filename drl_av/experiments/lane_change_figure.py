@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from drl_av.config import Config, EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
-from drl_av.driving.affordances import affordances
-from drl_av.driving.maneuver import plan, steered
+from drl_av.driving.affordances import compute_affordances
+from drl_av.driving.maneuver import next_lane_change, plan
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.driving.steering import STRAIGHT, curvature_command
 from drl_av.traffic.road import FloatArray, Road
@@ -44,7 +44,7 @@ def track(ego: EgoConfig, speed_m_s: float, laterals: Sequence[Lateral]) -> Trac
     rows = [(at.y_m, 0.0, 0.0)]
     for lateral in laterals:
         scene = _scene(at, running, road)
-        begun = steered(running, scene.seen.lane, lateral)
+        begun = next_lane_change(running, scene.affordances.lane, lateral)
         target_m = at.y_m if begun is None else road.center_m(begun.target)
         rows[-1] = (at.y_m, at.lateral_speed_m_s, _command(at, target_m, road, ego))
         commands, running = plan(scene, Action(lateral, Longitudinal.MAINTAIN), ego, FINE)
@@ -67,7 +67,7 @@ def _scene(at: Command, running: LaneChange | None, road: Road) -> Scene:
         length_m=np.array([loop.vehicle_length_m]),
         width_m=np.array([loop.vehicle_width_m]),
     )
-    return Scene(alone, affordances(alone, road, road.circumference_m), running)
+    return Scene(alone, compute_affordances(alone, road, road.circumference_m), running)
 
 
 def _command(at: Command, target_m: float, road: Road, ego: EgoConfig) -> float:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from drl_av.driving.actions import Action
-from drl_av.driving.counterfactual import motion, seen_after
+from drl_av.driving.counterfactual import affordances_after, motion
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.reward import desired, rewards, speed_bonus
@@ -26,7 +26,7 @@ def remember_others(
     replaces leads to what its replacement would have led to, where that is known. An imagined
     collision with a vehicle is not known, so not kept.
     """
-    config, after = env.config, env.scene.seen
+    config, after = env.config, env.scene.affordances
     penalty = config.learning.unsafe_penalty
     made = motion(before, executed, config)
     width_m = float(before.snapshot.width_m[0])
@@ -34,17 +34,19 @@ def remember_others(
         permitted = env.safety_check(before, other).action
         unsafe = permitted != other
         imagined = motion(before, permitted if penalty else other, config)
-        on_road = imagined.y_m == before.seen.ego_y_m or env.road.holds(imagined.y_m, width_m)
+        on_road = imagined.y_m == before.affordances.ego_y_m or env.road.holds(
+            imagined.y_m, width_m
+        )
         if not on_road or (unsafe and not penalty):
             buffer.add_collision(s_t, other.number, config.reward.collision_reward)
             continue
-        seen = seen_after(imagined, made, after, env.road)
-        if seen is None:
+        affordances = affordances_after(imagined, made, after, env.road)
+        if affordances is None:
             continue
-        target = desired(seen, config.reward, config.safety)
-        r_tp1 = rewards(seen, target, config.reward, config.safety.minimum_gap_m).total
-        r_tp1 += speed_bonus(seen.ego_speed_m_s, config.ego, config.learning.speed_weight)
+        target = desired(affordances, config.reward, config.safety)
+        r_tp1 = rewards(affordances, target, config.reward, config.safety.minimum_gap_m).total
+        r_tp1 += speed_bonus(affordances.ego_speed_m_s, config.ego, config.learning.speed_weight)
         if unsafe:
-            buffer.add_unsafe(s_t, other.number, r_tp1 - penalty, env.scale(seen.vector()))
+            buffer.add_unsafe(s_t, other.number, r_tp1 - penalty, env.scale(affordances.vector()))
         else:
-            buffer.add_safe(s_t, other.number, r_tp1, env.scale(seen.vector()))
+            buffer.add_safe(s_t, other.number, r_tp1, env.scale(affordances.vector()))

@@ -5,7 +5,7 @@ import math
 from drl_av.config import SafetyConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.affordances import Affordances, Neighbor
-from drl_av.driving.maneuver import steered
+from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
 from drl_av.safety.check import Rule, Verdict
 
@@ -49,7 +49,7 @@ def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
 def _checked_longitudinal(
     scene: Scene, proposed: Longitudinal, config: SafetyConfig
 ) -> tuple[Longitudinal, Rule]:
-    front = scene.seen.own_front
+    front = scene.affordances.own_front
     if front is None or front.relative_speed_m_s >= 0:
         return proposed, Rule.NONE
     closing = closing_speed(front)
@@ -61,27 +61,29 @@ def _checked_longitudinal(
 
 
 def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> tuple[Lateral, Rule]:
-    seen = scene.seen
-    wanted = steered(scene.lane_change, seen.lane, proposed)
+    affordances = scene.affordances
+    wanted = next_lane_change(scene.lane_change, affordances.lane, proposed)
     if wanted is None:
         return proposed, Rule.NONE
-    if not seen.has_lane(wanted.target - seen.lane):
+    if not affordances.has_lane(wanted.target - affordances.lane):
         return Lateral.KEEP, Rule.OFF_ROAD
-    if lane_is_clear(seen, wanted.target, config):
+    if lane_is_clear(affordances, wanted.target, config):
         return proposed, Rule.NONE
     if scene.lane_change is None:
         return Lateral.KEEP, Rule.LANE_CHANGE
-    goes_back = lane_is_clear(seen, wanted.origin, config) or wanted.origin == seen.lane
+    goes_back = (
+        lane_is_clear(affordances, wanted.origin, config) or wanted.origin == affordances.lane
+    )
     return (toward(-wanted.sign), Rule.LANE_CHANGE) if goes_back else (proposed, Rule.NONE)
 
 
-def lane_is_clear(seen: Affordances, lane: int, config: SafetyConfig) -> bool:
+def lane_is_clear(affordances: Affordances, lane: int, config: SafetyConfig) -> bool:
     """Rule 3: eq. 2 holds for the vehicle ahead and for front and rear of the target lane."""
-    sign = lane - seen.lane
-    rear = seen.rear(sign)
+    sign = lane - affordances.lane
+    rear = affordances.rear(sign)
     fronts_clear = all(
         front is None or gap_condition(front.gap_m, closing_speed(front), config)
-        for front in (seen.own_front, seen.front(sign))
+        for front in (affordances.own_front, affordances.front(sign))
     )
     return fronts_clear and (
         rear is None or gap_condition(rear.gap_m, rear.relative_speed_m_s, config)

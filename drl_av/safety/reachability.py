@@ -97,27 +97,27 @@ def may_reach(
     return result
 
 
-def met(around: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
+def met(neighbors: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
     """Which of the others may come between two lateral positions."""
-    result: npt.NDArray[np.bool_] = (around.left_m > right_m) & (around.right_m < left_m)
+    result: npt.NDArray[np.bool_] = (neighbors.left_m > right_m) & (neighbors.right_m < left_m)
     return result
 
 
 def must_reach(
-    around: Others, delay_s: FloatArray | float, strict: StrictConfig, step_s: float
+    neighbors: Others, delay_s: FloatArray | float, strict: StrictConfig, step_s: float
 ) -> FloatArray:
     """How far the ego must reach for each of the others: to where one behind may come to rest.
 
     It accelerates for ``delay_s`` and brakes then. -infinite for one ahead, infinite for one
     beside.
     """
-    speed, acceleration = around.speed_m_s, strict.acceleration_m_s2
+    speed, acceleration = neighbors.speed_m_s, strict.acceleration_m_s2
     rolled_m, faster = speed * delay_s, speed + acceleration * delay_s
     rolled_m = rolled_m + acceleration * delay_s * (delay_s + step_s) / 2
     rolled_m = rolled_m + stopping_distance(faster, strict.follower_braking_m_s2, step_s)
     result: FloatArray = np.where(
-        around.gap_m <= 0,
+        neighbors.gap_m <= 0,
         np.inf,
-        np.where(around.is_ahead, -np.inf, rolled_m - around.gap_m + strict.clearance_m),
+        np.where(neighbors.is_ahead, -np.inf, rolled_m - neighbors.gap_m + strict.clearance_m),
     )
     return result

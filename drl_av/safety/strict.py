@@ -49,7 +49,7 @@ import numpy as np
 
 from drl_av.config import EgoConfig, SimulationConfig, StrictConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
-from drl_av.driving.maneuver import steered
+from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.errors import ConfigError
 from drl_av.safety.check import Rule, Verdict
@@ -94,8 +94,8 @@ def corridor(
     The lanes that its body is over, and where it will be until its lane change is at its end, or
     if it takes the way out at the next decision.
     """
-    seen, ego_m = scene.seen, float(scene.snapshot.width_m[EGO])
-    y_m, width_m = seen.ego_y_m, seen.lane_width_m
+    affordances, ego_m = scene.affordances, float(scene.snapshot.width_m[EGO])
+    y_m, width_m = affordances.ego_y_m, affordances.lane_width_m
     places = [y_m, *(width_m * float(lane) for lane in lanes_under(y_m, ego_m, width_m))]
     if lane_change is not None:
         end_m = lane_change.target * width_m
@@ -111,10 +111,14 @@ def lanes_about(y_m: float, lane_width_m: float) -> tuple[int, int]:
     return math.floor(right + 0.5), math.floor(left + 0.5)
 
 
-def way_out(scene: Scene) -> LaneChange | None:
+def fallback_maneuver(scene: Scene) -> LaneChange | None:
     """The lane change that ends in the lane that the ego's centre is in; None without any."""
     change = scene.lane_change
-    return change.turned() if change is not None and change.target != scene.seen.lane else change
+    return (
+        change.reversed()
+        if change is not None and change.target != scene.affordances.lane
+        else change
+    )
 
 
 class Strict:
@@ -139,19 +143,23 @@ class Strict:
 
         The speed is the proposed one, or the fastest milder one by which the way out stays free.
         """
-        seen, around, out = scene.seen, self.others(scene), way_out(scene)
-        wanted = steered(scene.lane_change, seen.lane, proposed.lateral)
-        speed = seen.ego_speed_m_s
+        affordances, neighbors, out = (
+            scene.affordances,
+            self.others(scene),
+            fallback_maneuver(scene),
+        )
+        wanted = next_lane_change(scene.lane_change, affordances.lane, proposed.lateral)
+        speed = affordances.ego_speed_m_s
         reaches = reach(speed, self._accelerations, self._ego, self._simulation).tolist()
-        may_m = self._may_reach(scene, out, around)
+        may_m = self._may_reach(scene, out, neighbors)
         order = milder(proposed.longitudinal)
         safe = next((how for how in order if reaches[how] < may_m), Longitudinal.HARD_BRAKE)
         rule = Rule.NONE if safe == proposed.longitudinal else Rule.IN_LANE
         if wanted is None or wanted == out:
             return Verdict(Action(proposed.lateral, safe), rule)
-        if not seen.has_lane(wanted.target - seen.lane):
+        if not affordances.has_lane(wanted.target - affordances.lane):
             rule |= Rule.OFF_ROAD
-        elif self._permits(scene, wanted, around, reaches[safe], reaches[self._slowest(safe)]):
+        elif self._permits(scene, wanted, neighbors, reaches[safe], reaches[self._slowest(safe)]):
             return Verdict(Action(proposed.lateral, safe), rule)
         else:
             rule |= Rule.LANE_CHANGE
@@ -167,56 +175,60 @@ class Strict:
 
         On a loop each is there twice: as far ahead of the ego as it is, and as far behind.
         """
-        shot, seen = scene.snapshot, scene.seen
+        shot, affordances = scene.snapshot, scene.affordances
         ahead_m, rows = shot.s_m[1:] - shot.s_m[EGO], np.arange(1, len(shot.ids))
-        if lap_m := seen.circumference_m:
+        if lap_m := affordances.circumference_m:
             ahead_m = np.concatenate((ahead_m % lap_m, ahead_m % lap_m - lap_m))
             rows = np.concatenate((rows, rows))
         y_m, width_m = shot.y_m[rows], shot.width_m[rows]
         gap_m = np.abs(ahead_m) - (shot.length_m[rows] + shot.length_m[EGO]) / 2
-        ends_m = lateral_extent(y_m, shot.lateral_speed_m_s[rows], width_m, seen.lane_width_m)
-        held = is_held(y_m, width_m, seen.ego_y_m, float(shot.width_m[EGO]), seen.lane_width_m)
+        ends_m = lateral_extent(
+            y_m, shot.lateral_speed_m_s[rows], width_m, affordances.lane_width_m
+        )
+        held = is_held(
+            y_m, width_m, affordances.ego_y_m, float(shot.width_m[EGO]), affordances.lane_width_m
+        )
         facts = gap_m, ahead_m >= 0, shot.speed_m_s[rows]
         may_m = may_reach(*facts, self._strict, self._simulation.step_length_s)
         return Others(*ends_m, *facts, may_m, held)
 
-    def way_out_is_free(self, scene: Scene) -> bool:
+    def fallback_is_free(self, scene: Scene) -> bool:
         """The invariant: hard braking on the way out meets nobody ahead."""
-        ego, speed = self._ego, scene.seen.ego_speed_m_s
+        ego, speed = self._ego, scene.affordances.ego_speed_m_s
         rolled_m = float(reach(speed, -ego.hard_brake_m_s2, ego, self._simulation))
-        return rolled_m < self._may_reach(scene, way_out(scene), self.others(scene))
+        return rolled_m < self._may_reach(scene, fallback_maneuver(scene), self.others(scene))
 
-    def _may_reach(self, scene: Scene, out: LaneChange | None, around: Others) -> float:
+    def _may_reach(self, scene: Scene, out: LaneChange | None, neighbors: Others) -> float:
         """How far the ego may roll on its way out."""
         ends_m = corridor(scene, out, self._ego, self._simulation.decision_interval_s)
-        return float(around.most_m[met(around, *ends_m)].min(initial=np.inf))
+        return float(neighbors.most_m[met(neighbors, *ends_m)].min(initial=np.inf))
 
     def _permits(
         self,
         scene: Scene,
         change: LaneChange,
-        around: Others,
+        neighbors: Others,
         at_most_m: float,
         at_least_m: float,
     ) -> bool:
         """Whether the ego may roll so far in a lane change that is not its way out."""
-        strict, sim, seen = self._strict, self._simulation, scene.seen
+        strict, sim, affordances = self._strict, self._simulation, scene.affordances
         right_m, left_m = corridor(scene, change, self._ego, sim.decision_interval_s)
         aside_m = strict.lateral_speed_m_s * sim.decision_interval_s
         right_m, left_m = (
             (right_m, left_m + aside_m) if change.sign > 0 else (right_m - aside_m, left_m)
         )
-        meets = met(around, right_m, left_m)
+        meets = met(neighbors, right_m, left_m)
         if not meets.any():
             return True
-        if at_most_m >= around.most_m[meets].min():
+        if at_most_m >= neighbors.most_m[meets].min():
             return False
-        width_m, ego_m = seen.lane_width_m, float(scene.snapshot.width_m[EGO])
+        width_m, ego_m = affordances.lane_width_m, float(scene.snapshot.width_m[EGO])
         line_m = (change.origin + change.target) / 2 * width_m
-        to_line_m = change.sign * (line_m - seen.ego_y_m) - ego_m / 2
+        to_line_m = change.sign * (line_m - affordances.ego_y_m) - ego_m / 2
         delay_s = strict.follower_response_s + seconds_to_line(to_line_m, width_m, self._ego, sim)
-        must_m = must_reach(around, float(delay_s), strict, sim.step_length_s)
-        return bool(at_least_m > must_m[meets & ~around.is_held].max(initial=-np.inf))
+        must_m = must_reach(neighbors, float(delay_s), strict, sim.step_length_s)
+        return bool(at_least_m > must_m[meets & ~neighbors.is_held].max(initial=-np.inf))
 
 
 def milder(longitudinal: Longitudinal) -> tuple[Longitudinal, ...]:

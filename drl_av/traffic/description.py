@@ -115,7 +115,7 @@ class ScenarioDescription:
             )
 
     def _check_vehicles(self) -> None:
-        seen: list[PlacedVehicle] = []
+        affordances: list[PlacedVehicle] = []
         for vehicle in self.vehicles:
             if vehicle.lane >= self.lanes or not self.open_lanes[vehicle.lane]:
                 raise ScenarioError(
@@ -127,9 +127,9 @@ class ScenarioDescription:
                     f"Vehicle {vehicle.id!r} is placed at {vehicle.position_m:g} m, but must be "
                     f"on the loop of {self.circumference_m:g} m."
                 )
-            for other in seen:
+            for other in affordances:
                 self._check_pair(vehicle, other)
-            seen.append(vehicle)
+            affordances.append(vehicle)
 
     def _check_pair(self, vehicle: PlacedVehicle, other: PlacedVehicle) -> None:
         if vehicle.id == other.id:

@@ -139,11 +139,11 @@ def random_lane_changes(
     """
     while True:
         draws = rng.random((DECISIONS_AT_ONCE, 2, n))
-        wishes: list[list[tuple[int, int]]] = [[] for _ in range(DECISIONS_AT_ONCE)]
+        traffic_commands: list[list[tuple[int, int]]] = [[] for _ in range(DECISIONS_AT_ONCE)]
         for decision, row in np.argwhere(draws[:, 0] < chance).tolist():
             if row != 0:
-                wishes[decision].append((row, 1 if draws[decision, 1, row] < 0.5 else -1))
-        yield from wishes
+                traffic_commands[decision].append((row, 1 if draws[decision, 1, row] < 0.5 else -1))
+        yield from traffic_commands
 
 
 def _lanes(

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from drl_av.config import SimulationConfig
-from drl_av.traffic.snapshot import EGO, Wish
+from drl_av.traffic.snapshot import EGO, TrafficCommand
 
 LANE_CHANGES_ON_REQUEST = 1536
 """No wish of SUMO's own; it keeps to the gaps of others, and centres itself in its lane."""
@@ -15,7 +15,7 @@ LOOK_AHEAD_M = 200.0
 """More than anybody needs to stop in."""
 
 
-def leave_to_wishes(vehicle: Any, name: str) -> None:
+def leave_to_commands(vehicle: Any, name: str) -> None:
     """Let SUMO begin no lane change of its own accord, and keep every wish within what is safe.
 
     Its speed mode stays SUMO's default: no wish brings it above the speed that SUMO's IDM holds
@@ -33,16 +33,22 @@ def is_centered(vehicle: Any, name: str) -> bool:
 
 
 def ask_for_lane_changes(
-    vehicle: Any, ids: Sequence[str], wishes: Sequence[Wish], timing: SimulationConfig
+    vehicle: Any,
+    ids: Sequence[str],
+    traffic_commands: Sequence[TrafficCommand],
+    timing: SimulationConfig,
 ) -> None:
     """Wishes to change lanes stand until the next decision; one begun runs to its end."""
-    for row, _, side in wishes:
+    for row, _, side in traffic_commands:
         if side and is_centered(vehicle, ids[row]):
             vehicle.changeLaneRelative(ids[row], side, timing.decision_interval_s)
 
 
 def ask_for_speeds(
-    vehicle: Any, ids: Sequence[str], wishes: Sequence[Wish], timing: SimulationConfig
+    vehicle: Any,
+    ids: Sequence[str],
+    traffic_commands: Sequence[TrafficCommand],
+    timing: SimulationConfig,
 ) -> None:
     """The speeds wished for at the end of the coming SUMO step, or none where SUMO must brake.
 
@@ -51,10 +57,10 @@ def ask_for_speeds(
     own drivers among such traffic are held back too.
     """
     step_s = timing.step_length_s
-    if wishes:
-        ours = {EGO, *(wish.row for wish in wishes)}
+    if traffic_commands:
+        ours = {EGO, *(wish.row for wish in traffic_commands)}
         _hold_back(vehicle, [ids[row] for row in range(len(ids)) if row not in ours], step_s)
-    for row, acceleration_m_s2, _ in wishes:
+    for row, acceleration_m_s2, _ in traffic_commands:
         name = ids[row]
         speed, most = vehicle.getSpeed(name), stoppable_speed(vehicle, name, step_s)
         if most >= speed and yields_to_sumo(vehicle, name, speed):

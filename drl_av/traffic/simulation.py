@@ -29,10 +29,10 @@ from drl_av.traffic.requests import (
     ask_for_lane_changes,
     ask_for_speeds,
     is_centered,
-    leave_to_wishes,
+    leave_to_commands,
 )
 from drl_av.traffic.scenario import Scenario
-from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot, Wish
+from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot, TrafficCommand
 
 ALL_SPEED_CHECKS_OFF = 32
 NO_AUTONOMOUS_LANE_CHANGES = 0
@@ -106,7 +106,7 @@ class Simulation:
         return self._snapshot()
 
     def advance(
-        self, commands: Sequence[Command], wishes: Sequence[Wish] = ()
+        self, commands: Sequence[Command], traffic_commands: Sequence[TrafficCommand] = ()
     ) -> tuple[Snapshot, Collision | None]:
         """Carry out one command a SUMO step; stops at the step in which SUMO sees the ego collide.
 
@@ -127,9 +127,9 @@ class Simulation:
                 vehicle = self._ids[row]
                 if self.kinds[row] == Kind.SUMO or is_centered(self._sumo.vehicle, vehicle):
                     self._sumo.vehicle.changeLaneRelative(vehicle, side, RANDOM_LANE_CHANGE_S)
-            ask_for_lane_changes(self._sumo.vehicle, self._ids, wishes, timing)
+            ask_for_lane_changes(self._sumo.vehicle, self._ids, traffic_commands, timing)
             for command in commands:
-                ask_for_speeds(self._sumo.vehicle, self._ids, wishes, timing)
+                ask_for_speeds(self._sumo.vehicle, self._ids, traffic_commands, timing)
                 collision = self._step(command)
                 if collision is not None:
                     break
@@ -222,7 +222,7 @@ class Simulation:
                 gain = repr(float(population.speed_gain[row]))
                 vehicle.setParameter(name, "laneChangeModel.lcSpeedGain", gain)
                 if self.kinds[row] != Kind.SUMO:
-                    leave_to_wishes(vehicle, name)
+                    leave_to_commands(vehicle, name)
             vehicle.setMaxSpeed(name, float(population.desired_speed_m_s[row]))
 
     def _berth(self, lane: int, front_m: float) -> tuple[str, float]:
@@ -284,10 +284,10 @@ class Simulation:
             lateral_speed_m_s=lateral,
             length_m=self._length_m,
             width_m=self._width_m,
-            lane_change_wish=self._wish(),
+            sumo_lane_change=self._sumo_lane_change(),
         )
 
-    def _wish(self) -> int:
+    def _sumo_lane_change(self) -> int:
         """What SUMO's model would do with the ego now: +1 left, -1 right, 0 stay."""
         bits = self._sumo.constants
         for sign, wish in ((1, bits.LCA_LEFT), (-1, bits.LCA_RIGHT)):

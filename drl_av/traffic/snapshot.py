@@ -52,11 +52,11 @@ class Snapshot:
     """Left positive."""
     length_m: FloatArray
     width_m: FloatArray
-    lane_change_wish: int = 0
+    sumo_lane_change: int = 0
     """What SUMO's lane-change model would do with the ego: +1 left, -1 right, 0 stay."""
 
 
-class Wish(NamedTuple):
+class TrafficCommand(NamedTuple):
     """What a vehicle of the traffic, not driven by SUMO, wants to do until the next decision."""
 
     row: int

@@ -59,8 +59,8 @@ def test_what_the_mask_permits_fires_no_rule_and_what_it_forbids_does(scene: Sce
 
 
 def test_a_checked_driver_carries_out_what_the_check_says_and_counts() -> None:
-    wishes = iter([1, 3, 9])
-    driver = CheckedDriver(PolicyDriver(lambda observation: next(wishes)), PAPER)
+    traffic_commands = iter([1, 3, 9])
+    driver = CheckedDriver(PolicyDriver(lambda observation: next(traffic_commands)), PAPER)
     driver.start(0)
     assert driver.act(SLOW_LEADER, NOTHING).number == 0
     assert driver.verdict == Verdict(ACTIONS[0], Rule.IN_LANE)

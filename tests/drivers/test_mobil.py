@@ -79,7 +79,7 @@ def test_gain_below_the_threshold_is_not_worth_a_lane_change() -> None:
 
 def test_barricaded_and_missing_lanes_are_never_entered() -> None:
     world = scene(ahead(40, LEFT, speed_m_s=15), y_m=LEFT)
-    gains = [world.seen.has_lane(sign) for sign in (1, -1)]
+    gains = [world.affordances.has_lane(sign) for sign in (1, -1)]
     assert gains == [False, True]
     assert act(world) is Lateral.RIGHT
     assert CENTER == 3.8

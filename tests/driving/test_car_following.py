@@ -18,9 +18,9 @@ BRAKE, HARD_BRAKE = Longitudinal.BRAKE, Longitudinal.HARD_BRAKE
 
 
 def speeds(reference: str, action: Longitudinal, *others: Car, at: float = 20.0) -> list[float]:
-    seen = scene(*others, speed_m_s=at).seen
+    affordances = scene(*others, speed_m_s=at).affordances
     ego = EgoConfig(longitudinal_reference=reference)
-    return list(reference_speeds(seen, action, ego, SIMULATION))
+    return list(reference_speeds(affordances, action, ego, SIMULATION))
 
 
 def test_cruise_control_on_a_free_road_closes_in_on_the_desired_speed() -> None:
@@ -108,8 +108,8 @@ def test_accelerate_ends_up_behind_a_slower_vehicle_at_its_speed(reference: str)
     ego = EgoConfig(longitudinal_reference=reference)
     speed, gap_m = 25.0, 120.0
     for _ in range(120):
-        seen = scene(ahead(gap_m, speed_m_s=15), speed_m_s=speed).seen
-        for speed in reference_speeds(seen, ACCELERATE, ego, SIMULATION):
+        affordances = scene(ahead(gap_m, speed_m_s=15), speed_m_s=speed).affordances
+        for speed in reference_speeds(affordances, ACCELERATE, ego, SIMULATION):
             gap_m -= (speed - 15) * 0.5
             assert gap_m > 2.5
     assert speed == pytest.approx(15, abs=0.05)

@@ -9,7 +9,7 @@ from worlds import CENTER, LEFT, LONG_ROAD, RIGHT, ROAD, ahead, behind, changing
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS, Affordances
-from drl_av.driving.counterfactual import Motion, motion, seen_after
+from drl_av.driving.counterfactual import Motion, affordances_after, motion
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 
@@ -24,7 +24,7 @@ def had_it(other: Action, now: Scene, before: Scene | None = None) -> Affordance
     """What it would see in ``now``, had it not maintained its 20 m/s in the centre lane."""
     before = before or scene()
     made = motion(before, MAINTAIN, CONFIG)
-    return seen_after(motion(before, other, CONFIG), made, now.seen, ROAD)
+    return affordances_after(motion(before, other, CONFIG), made, now.affordances, ROAD)
 
 
 def test_two_steps_at_21_and_22_m_s_take_the_ego_21_and_a_half_metres() -> None:
@@ -35,41 +35,45 @@ def test_two_steps_at_21_and_22_m_s_take_the_ego_21_and_a_half_metres() -> None:
 
 def test_had_it_accelerated_the_vehicle_ahead_is_1_m_50_nearer_and_the_one_behind_as_much_further():
     now = scene(ahead(30, speed_m_s=17.0), behind(10, LEFT, 25.0), ahead(100, RIGHT, 21.0))
-    seen = had_it(ACCELERATE, now)
-    assert seen is not None
-    assert seen.ego_speed_m_s == pytest.approx(22.0)
-    assert seen.own_front is not None
-    assert seen.own_front[1:] == pytest.approx((28.5, -5.0, 0.0, 0.0))
-    assert seen.left_rear is not None
-    assert seen.left_rear[1:] == pytest.approx((11.5, 3.0, 3.8, 0.0))
-    assert seen.right_front is not None
-    assert seen.right_front[1:] == pytest.approx((98.5, -1.0, -3.8, 0.0))
-    assert (seen.own_rear, seen.left_front, seen.right_rear) == (None, None, None)
+    affordances = had_it(ACCELERATE, now)
+    assert affordances is not None
+    assert affordances.ego_speed_m_s == pytest.approx(22.0)
+    assert affordances.own_front is not None
+    assert affordances.own_front[1:] == pytest.approx((28.5, -5.0, 0.0, 0.0))
+    assert affordances.left_rear is not None
+    assert affordances.left_rear[1:] == pytest.approx((11.5, 3.0, 3.8, 0.0))
+    assert affordances.right_front is not None
+    assert affordances.right_front[1:] == pytest.approx((98.5, -1.0, -3.8, 0.0))
+    assert (affordances.own_rear, affordances.left_front, affordances.right_rear) == (
+        None,
+        None,
+        None,
+    )
 
 
 def test_had_it_begun_a_lane_change_everybody_is_0_76_m_further_right() -> None:
-    seen = had_it(TO_LEFT, scene(ahead(30, LEFT), behind(12, RIGHT)))
-    assert seen is not None
-    assert (seen.ego_y_m, seen.ego_lateral_speed_m_s) == pytest.approx((4.56, 0.76))
-    assert seen.left_front is not None
-    assert seen.left_front[1:] == pytest.approx((30.0, 0.0, 3.04, -0.76))
-    assert seen.right_rear is not None
-    assert seen.right_rear[1:] == pytest.approx((12.0, 0.0, -4.56, -0.76))
+    affordances = had_it(TO_LEFT, scene(ahead(30, LEFT), behind(12, RIGHT)))
+    assert affordances is not None
+    assert (affordances.ego_y_m, affordances.ego_lateral_speed_m_s) == pytest.approx((4.56, 0.76))
+    assert affordances.left_front is not None
+    assert affordances.left_front[1:] == pytest.approx((30.0, 0.0, 3.04, -0.76))
+    assert affordances.right_rear is not None
+    assert affordances.right_rear[1:] == pytest.approx((12.0, 0.0, -4.56, -0.76))
 
 
 def test_had_it_taken_the_lane_change_back_it_is_1_52_m_further_right() -> None:
     before = changing(origin=1, target=2, seconds=1)
     now = scene(y_m=5.32, v_y=0.76)
     back = Action(Lateral.RIGHT, Longitudinal.MAINTAIN)
-    seen = had_it(back, now, before)
-    assert seen is not None
-    assert (seen.ego_y_m, seen.ego_lateral_speed_m_s) == pytest.approx((3.8, 0.0))
+    affordances = had_it(back, now, before)
+    assert affordances is not None
+    assert (affordances.ego_y_m, affordances.ego_lateral_speed_m_s) == pytest.approx((3.8, 0.0))
 
 
 def test_what_it_would_see_from_another_lane_is_not_known() -> None:
     before = changing(origin=1, target=2, seconds=2)
     now = scene(y_m=6.08, v_y=0.76)
-    assert now.seen.lane == 2
+    assert now.affordances.lane == 2
     assert had_it(Action(Lateral.RIGHT, Longitudinal.MAINTAIN), now, before) is None
 
 
@@ -82,14 +86,14 @@ def test_beside_a_vehicle_or_into_one_it_is_not_known_what_it_would_see() -> Non
 def test_a_vehicle_that_would_be_out_of_sight_is_not_seen() -> None:
     now = scene(ahead(249.0, speed_m_s=30.0), road=LONG_ROAD)
     for other, range_left in ((HARD_BRAKE, False), (ACCELERATE, True)):
-        seen = had_it(other, now)
-        assert seen is not None
-        assert (seen.own_front is not None) == range_left
+        affordances = had_it(other, now)
+        assert affordances is not None
+        assert (affordances.own_front is not None) == range_left
 
 
 def test_the_motion_that_was_made_leads_to_what_is_seen() -> None:
     now = scene(ahead(30, speed_m_s=17.0), behind(10, LEFT, 25.0), ahead(100, RIGHT, 21.0))
-    assert had_it(MAINTAIN, now) == now.seen
+    assert had_it(MAINTAIN, now) == now.affordances
 
 
 def test_in_sumo_the_ego_and_those_ahead_are_where_it_said() -> None:
@@ -107,8 +111,8 @@ def test_in_sumo_the_ego_and_those_ahead_are_where_it_said() -> None:
             before = env.scene
             env.step(int(executed))
             made = motion(before, ACTIONS[executed], CONFIG)
-            said = seen_after(
-                motion(before, ACTIONS[other], CONFIG), made, env.scene.seen, env.road
+            said = affordances_after(
+                motion(before, ACTIONS[other], CONFIG), made, env.scene.affordances, env.road
             )
             env.reset(seed=seed, options={"vehicles": 15})
             for _ in range(3):
@@ -117,7 +121,7 @@ def test_in_sumo_the_ego_and_those_ahead_are_where_it_said() -> None:
             if said is None:
                 continue
             known += 1
-            told, true = said.vector(), env.scene.seen.vector()
+            told, true = said.vector(), env.scene.affordances.vector()
             assert told[ahead_and_own] == pytest.approx(true[ahead_and_own], abs=1e-6)
             assert told[rear_gaps] == pytest.approx(true[rear_gaps], abs=1.0)
     assert known > 5

@@ -10,7 +10,7 @@ from worlds import CENTER, LANE_M, LEFT, RIGHT, ROAD, changing, scene
 
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
-from drl_av.driving.maneuver import Plan, plan, steered
+from drl_av.driving.maneuver import Plan, next_lane_change, plan
 from drl_av.driving.scene import LaneChange, Scene
 
 EGO, SIMULATION = EgoConfig(), SimulationConfig()
@@ -89,17 +89,17 @@ def test_an_abort_can_be_aborted() -> None:
 
 
 def test_steering_decides_what_is_in_progress() -> None:
-    assert steered(None, 1, KEEP) is None
-    assert steered(None, 1, TO_LEFT) == LaneChange(1, 2)
-    assert steered(None, 1, TO_RIGHT) == LaneChange(1, 0)
+    assert next_lane_change(None, 1, KEEP) is None
+    assert next_lane_change(None, 1, TO_LEFT) == LaneChange(1, 2)
+    assert next_lane_change(None, 1, TO_RIGHT) == LaneChange(1, 0)
     running = LaneChange(1, 2)
-    assert steered(running, 1, KEEP) == running
-    assert steered(running, 1, TO_LEFT) == running
-    assert steered(running, 1, TO_RIGHT) == LaneChange(2, 1)
+    assert next_lane_change(running, 1, KEEP) == running
+    assert next_lane_change(running, 1, TO_LEFT) == running
+    assert next_lane_change(running, 1, TO_RIGHT) == LaneChange(2, 1)
     # past the line the lane under the ego is another: what runs does not depend on it
-    assert steered(running, 2, TO_RIGHT) == LaneChange(2, 1)
-    assert steered(running, 2, TO_LEFT) == running
-    assert [running.sign, running.turned().sign] == [1, -1]
+    assert next_lane_change(running, 2, TO_RIGHT) == LaneChange(2, 1)
+    assert next_lane_change(running, 2, TO_LEFT) == running
+    assert [running.sign, running.reversed().sign] == [1, -1]
 
 
 @pytest.mark.parametrize(
@@ -183,7 +183,7 @@ class AnyLateralActions(RuleBasedStateMachine):
 
     @rule(lateral=st.sampled_from(Lateral), how=st.sampled_from(Longitudinal))
     def decide(self, lateral: Lateral, how: Longitudinal) -> None:
-        heading = steered(self.world.lane_change, self.world.seen.lane, lateral)
+        heading = next_lane_change(self.world.lane_change, self.world.affordances.lane, lateral)
         if heading is not None and not ROAD.is_open(heading.target):
             lateral = KEEP
         done = plan(self.world, Action(lateral, how), EGO, SIMULATION)

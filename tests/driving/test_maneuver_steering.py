@@ -10,7 +10,7 @@ from worlds import CENTER, LANE_M, LEFT, RIGHT, ROAD, scene
 
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
-from drl_av.driving.maneuver import Plan, plan, steered
+from drl_av.driving.maneuver import Plan, next_lane_change, plan
 from drl_av.driving.scene import LaneChange, Scene
 
 STEERED, KINEMATIC = EgoConfig(lateral_plant="steering"), EgoConfig()
@@ -82,7 +82,7 @@ def test_the_heading_is_that_of_the_two_speeds() -> None:
     assert world.lane_change is not None
     drift = float(world.snapshot.lateral_speed_m_s[0])
     assert math.tan(world.lane_change.heading_rad) == pytest.approx(drift / 20.0)
-    assert world.lane_change.turned().heading_rad == world.lane_change.heading_rad
+    assert world.lane_change.reversed().heading_rad == world.lane_change.heading_rad
 
 
 def test_an_ego_that_stops_halfway_stays_there_and_goes_on_where_it_headed() -> None:
@@ -111,7 +111,7 @@ def test_whatever_is_decided_the_ego_stays_on_the_road(
 ) -> None:
     world, simulation = scene(speed_m_s=speed), SimulationConfig(step_length_s=step_s)
     for lateral, how in decisions:
-        change = steered(world.lane_change, world.seen.lane, lateral)
+        change = next_lane_change(world.lane_change, world.affordances.lane, lateral)
         if change is not None and not ROAD.is_open(change.target):
             lateral, change = KEEP, world.lane_change
         done = plan(world, Action(lateral, how), STEERED, simulation)

@@ -8,7 +8,7 @@ from worlds import LEFT, RIGHT, ROAD, ahead, behind, scene, scenes
 
 from drl_av.config import EgoConfig, ObservationConfig, SafetyConfig, SimulationConfig
 from drl_av.driving.actions import ACTIONS, Action, Lateral
-from drl_av.driving.affordances import INDICATORS, ObservationScale, affordances
+from drl_av.driving.affordances import INDICATORS, ObservationScale, compute_affordances
 from drl_av.driving.maneuver import plan
 from drl_av.driving.mirror import MIRROR
 from drl_av.driving.scene import LaneChange, Scene
@@ -32,17 +32,17 @@ def mirrored(world: Scene) -> Scene:
         -shot.lateral_speed_m_s,
         shot.length_m,
         shot.width_m,
-        -shot.lane_change_wish,
+        -shot.sumo_lane_change,
     )
     running = world.lane_change
     if running is not None:
         running = LaneChange(2 - running.origin, 2 - running.target)
     road = Road(ROAD.circumference_m, ROAD.lane_width_m, open_lanes(world)[::-1])
-    return Scene(swapped, affordances(swapped, road, 250.0), running)
+    return Scene(swapped, compute_affordances(swapped, road, 250.0), running)
 
 
 def open_lanes(world: Scene) -> tuple[bool, ...]:
-    barricaded = world.seen.lane == 1 and not world.seen.right_lane
+    barricaded = world.affordances.lane == 1 and not world.affordances.right_lane
     return (not barricaded, True, True)
 
 
@@ -81,15 +81,18 @@ def test_a_slow_vehicle_at_the_left_becomes_one_at_the_right() -> None:
     scale = ObservationScale(ObservationConfig(), 30.0, ROAD)
     left = scene(ahead(30, LEFT, 10.0, v_y=-0.76), behind(12, RIGHT), y_m=4.56, v_y=0.76)
     right = scene(ahead(30, RIGHT, 10.0, v_y=0.76), behind(12, LEFT), y_m=3.04, v_y=-0.76)
-    seen = scale(left.seen.vector())
-    assert in_the_mirror(seen) == pytest.approx(scale(right.seen.vector()), abs=1e-6)
+    affordances = scale(left.affordances.vector())
+    assert in_the_mirror(affordances) == pytest.approx(scale(right.affordances.vector()), abs=1e-6)
 
 
 @given(scenes())
 def test_a_mirrored_snapshot_gives_the_mirrored_observation(world: Scene) -> None:
     scale = ObservationScale(ObservationConfig(), 30.0, ROAD)
-    seen, other = scale(world.seen.vector()), scale(mirrored(world).seen.vector())
-    assert in_the_mirror(seen) == pytest.approx(other, abs=1e-5)
+    affordances, other = (
+        scale(world.affordances.vector()),
+        scale(mirrored(world).affordances.vector()),
+    )
+    assert in_the_mirror(affordances) == pytest.approx(other, abs=1e-5)
 
 
 @given(scenes(), st.sampled_from(ACTIONS))

@@ -44,8 +44,8 @@ def test_how_much_is_left_is_read_off_the_offset() -> None:
     assert command(0.896 * 3.8) == pytest.approx(6 * 0.896 * 3.8 / 80**2)
     # on the cubic the command there is 6 * 3.8 / 100^2 * (1 - 2 * 0.2), a little less for heading
     slope = 6 * 0.2 * 0.8 * 3.8 / 100
-    turned = math.cos(math.atan(slope)) ** 3
-    assert command(0.896 * 3.8, slope=slope) == pytest.approx(0.00228 * 0.6 * turned)
+    reversed = math.cos(math.atan(slope)) ** 3
+    assert command(0.896 * 3.8, slope=slope) == pytest.approx(0.00228 * 0.6 * reversed)
 
 
 def test_the_roads_own_curvature_is_fed_forward() -> None:

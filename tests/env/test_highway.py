@@ -146,7 +146,7 @@ def test_observation_is_the_indicators_scaled(env: HighwayEnv) -> None:
     observation, info = env.reset(seed=1, options={"vehicles": 30})
     assert observation.dtype == np.float32
     assert observation.shape == info["indicators"].shape == (27,)
-    assert np.array_equal(info["indicators"], env.scene.seen.vector())
+    assert np.array_equal(info["indicators"], env.scene.affordances.vector())
     assert info["indicators"][24] == info["speed_m_s"] == env.scene.snapshot.speed_m_s[0]
     assert observation[24] == pytest.approx((info["speed_m_s"] - 15) / 15, abs=1e-6)
     assert env.observation_space.contains(observation)
@@ -215,7 +215,7 @@ def test_a_step_checks_plans_advances_and_looks_in_this_order(
     monkeypatch.setattr(highway, "plan", taped("plan", highway.plan))
     monkeypatch.setattr(env, "traffic_drivers", taped("traffic", env.traffic_drivers))
     monkeypatch.setattr(env.simulation, "advance", taped("advance", env.simulation.advance))
-    monkeypatch.setattr(highway, "affordances", taped("look", highway.affordances))
+    monkeypatch.setattr(highway, "compute_affordances", taped("look", highway.compute_affordances))
     monkeypatch.setattr(highway, "rewards", taped("reward", highway.rewards))
     env.step(0)
     env.step(1)
@@ -252,7 +252,7 @@ def test_a_lane_change_moves_0_76_m_in_each_second_and_ends_exactly_on_the_centr
     made = HighwayEnv(config=Config().updated("simulation", step_length_s=step_length_s))
     for seed in range(3):
         start(made, 0, seed)
-        origin = made.scene.seen.lane
+        origin = made.scene.affordances.lane
         side = LEFT if origin < 2 else RIGHT
         sign = ACTIONS[side].lateral.sign
         for second in range(1, 6):
@@ -269,7 +269,7 @@ def test_a_lane_change_moves_0_76_m_in_each_second_and_ends_exactly_on_the_centr
 @pytest.mark.parametrize("away", [1, 2, 3, 4])
 def test_a_lane_change_can_be_aborted_in_each_second(env: HighwayEnv, away: int) -> None:
     start(env, 0)
-    origin = env.scene.seen.lane
+    origin = env.scene.affordances.lane
     there, back = (LEFT, RIGHT) if origin < 2 else (RIGHT, LEFT)
     sign = ACTIONS[there].lateral.sign
     ways = []
@@ -558,7 +558,7 @@ def test_a_barricaded_lane_is_no_lane_for_anyone(barricaded: HighwayEnv) -> None
             info = barricaded.step((LEFT, RIGHT, KEEP)[decision % 3])[4]
             assert info["collision"] is None
             assert (barricaded.scene.snapshot.y_m - 0.9 > 1.9 - 1e-6).all()
-            if barricaded.scene.seen.lane == 1:
+            if barricaded.scene.affordances.lane == 1:
                 right = info["indicators"][8:16]
                 offset_m = -info["indicators"][25]
                 assert right == pytest.approx([0, 0, offset_m, 0] * 2, abs=1e-9)
@@ -580,7 +580,7 @@ def test_placed_vehicles_start_exactly_where_the_scenario_has_them(place: Place)
         assert shot.y_m == pytest.approx([CENTER, 0.0, CENTER, 7.6])
         assert shot.speed_m_s == pytest.approx([22.0, 31.0, 12.5, 20.0])
         assert not shot.lateral_speed_m_s.any()
-        front = made.scene.seen.own_front
+        front = made.scene.affordances.own_front
         assert front is not None
         assert (front.gap_m, front.relative_speed_m_s) == pytest.approx((29.0, -9.5))
 

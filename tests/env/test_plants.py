@@ -13,7 +13,7 @@ from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.evaluation.replay import Ride, ride_again
+from drl_av.evaluation.replay import ReplaySession, replay_session
 from drl_av.learning.training import Training
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
 
@@ -25,7 +25,7 @@ SHORT = STEERED.updated("simulation", decisions_per_episode=30)
 def test_sumo_drives_the_ego_where_the_steering_plant_says() -> None:
     env = HighwayEnv(config=STEERED)
     env.reset(seed=0, options={"vehicles": 0})
-    origin = env.scene.seen.lane
+    origin = env.scene.affordances.lane
     there, back = (LEFT, RIGHT) if origin < 2 else (RIGHT, LEFT)
     for action in (there, KEEP, KEEP, back, KEEP, KEEP, KEEP, KEEP, there, *[KEEP] * 4):
         wanted = plan(env.scene, ACTIONS[action], STEERED.ego, STEERED.simulation)
@@ -37,7 +37,7 @@ def test_sumo_drives_the_ego_where_the_steering_plant_says() -> None:
     # aborted once, and then carried out in five decisions
     assert env.scene.lane_change is None
     sign = ACTIONS[there].lateral.sign
-    assert env.scene.seen.ego_y_m == pytest.approx((origin + sign) * LANE_M, abs=1e-9)
+    assert env.scene.affordances.ego_y_m == pytest.approx((origin + sign) * LANE_M, abs=1e-9)
 
 
 @pytest.mark.parametrize("scenario", ["circular_three_lane", "barricaded_right_lane"])
@@ -48,7 +48,7 @@ def test_a_random_driver_under_the_check_stays_on_the_road(scenario: str) -> Non
     def watch(env: HighwayEnv) -> None:
         if env.scene.lane_change is not None:
             drifts.append(env.scene.lane_change)
-        assert env.road.holds(env.scene.seen.ego_y_m, 1.8)
+        assert env.road.holds(env.scene.affordances.ego_y_m, 1.8)
 
     results = [
         drive(env, RandomDriver(), "random", seed, 10, watch) for seed in range(800_000, 800_003)
@@ -59,8 +59,8 @@ def test_a_random_driver_under_the_check_stays_on_the_road(scenario: str) -> Non
 
 
 def test_an_episode_on_the_steering_plant_is_replayed_to_the_last_bit() -> None:
-    recording, result = Ride(SHORT, RandomDriver(), "random", 800_000, 8).drive(None)
-    again, same = ride_again(recording).drive(None)
+    recording, result = ReplaySession(SHORT, RandomDriver(), "random", 800_000, 8).drive(None)
+    again, same = replay_session(recording).drive(None)
     assert (again.hash(), same) == (recording.hash(), result)
     assert np.ptp(recording.states[:, 0, 1]) > 0.5
 
@@ -90,5 +90,5 @@ def test_accelerate_follows_a_slower_vehicle_under_a_longitudinal_reference(
         assert not terminated
     env.close()
     assert info["speed_m_s"] == pytest.approx(15.0, abs=0.1)
-    assert env.scene.seen.ego_y_m == pytest.approx(CENTER)
+    assert env.scene.affordances.ego_y_m == pytest.approx(CENTER)
     assert info["indicators"][0] == pytest.approx(gap_m, abs=0.6)

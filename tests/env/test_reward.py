@@ -45,7 +45,7 @@ SPEEDS = st.floats(0, 60)
 
 def wanted_by(world: Scene) -> tuple[float, float]:
     """Speed and lateral position that the traffic lets the ego wish for."""
-    return tuple(desired(world.seen, TRAFFIC, SAFETY))
+    return tuple(desired(world.affordances, TRAFFIC, SAFETY))
 
 
 @pytest.mark.parametrize(
@@ -92,8 +92,8 @@ def test_safe_gap_is_1_3_s_of_headway_but_at_least_15_m(speed: float, gap: float
 
 @given(scenes(), st.sampled_from([TRAFFIC, FIXED, TOLERANT]))
 def test_every_term_lies_between_minus_one_and_zero(world: Scene, config: RewardConfig) -> None:
-    target = desired(world.seen, config, SAFETY)
-    terms = rewards(world.seen, target, config, MINIMUM_GAP_M)
+    target = desired(world.affordances, config, SAFETY)
+    terms = rewards(world.affordances, target, config, MINIMUM_GAP_M)
     assert all(-1 <= term <= 0 for term in (*terms, terms.total))
     assert terms.total == pytest.approx(sum(terms) / 3)
 
@@ -115,7 +115,7 @@ def test_a_larger_gap_is_never_worse(gap: float, other: float, safe: float) -> N
 def test_terms_of_a_scene_read_the_vehicle_ahead_in_the_own_lane_only() -> None:
     # 20 m/s wants 26 m; 10 m behind a leader that is 6 m/s slower, others nearer
     world = scene(ahead(16, CENTER, 14.0), ahead(3, LEFT), behind(2, CENTER), y_m=CENTER - 0.76)
-    terms = rewards(world.seen, Desired(23.0, CENTER), TRAFFIC, MINIMUM_GAP_M)
+    terms = rewards(world.affordances, Desired(23.0, CENTER), TRAFFIC, MINIMUM_GAP_M)
     assert terms.r_v == pytest.approx(exp(-0.9) - 1)
     assert terms.r_y == pytest.approx(exp(-(0.76**2) / 10) - 1)
     assert terms.r_x == pytest.approx(exp(-100 / 260) - 1)
@@ -123,12 +123,12 @@ def test_terms_of_a_scene_read_the_vehicle_ahead_in_the_own_lane_only() -> None:
 
 
 def test_without_a_vehicle_ahead_the_gap_costs_nothing() -> None:
-    assert rewards(ALONE.seen, Desired(20.0, CENTER), TRAFFIC, MINIMUM_GAP_M).total == 0
+    assert rewards(ALONE.affordances, Desired(20.0, CENTER), TRAFFIC, MINIMUM_GAP_M).total == 0
 
 
 def test_fixed_desired_values_are_30_m_s_in_the_centre_lane_whatever_the_traffic() -> None:
     world = scene(ahead(16, CENTER, 14.0), y_m=RIGHT)
-    assert desired(world.seen, FIXED, SAFETY) == Desired(30.0, 3.8)
+    assert desired(world.affordances, FIXED, SAFETY) == Desired(30.0, 3.8)
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_attainable_speed_is_that_of_the_leader_and_what_closing_the_gap_adds(
     gap: float, leader: float, speed: float
 ) -> None:
     world = scene(ahead(gap, CENTER, leader), ahead(5, LEFT, 1.0), speed_m_s=22.0)
-    assert attainable_speed(world.seen, 0, TRAFFIC, MINIMUM_GAP_M) == pytest.approx(speed)
+    assert attainable_speed(world.affordances, 0, TRAFFIC, MINIMUM_GAP_M) == pytest.approx(speed)
 
 
 @pytest.mark.parametrize(
@@ -222,7 +222,7 @@ def test_the_tolerance_is_for_the_speed_and_never_for_the_lane() -> None:
     # 20.4 m/s allowed ahead, 23.3 at the left: 2.9 more, too little for 3 m/s, though from 20
     # m/s, which is near enough to 20.4, it would be 3.3
     world = in_three_lanes(12, 20.4, 23.3)
-    assert tuple(desired(world.seen, TOLERANT, SAFETY)) == pytest.approx((20.0, CENTER))
+    assert tuple(desired(world.affordances, TOLERANT, SAFETY)) == pytest.approx((20.0, CENTER))
 
 
 def test_past_the_line_the_speed_of_the_new_lane_is_wanted() -> None:
@@ -277,11 +277,13 @@ def seen_again(vector: np.ndarray) -> Affordances:
 def test_desired_values_are_a_function_of_the_observation_alone(
     world: Scene, config: RewardConfig
 ) -> None:
-    again = seen_again(world.seen.vector())
+    again = seen_again(world.affordances.vector())
     for sign in (1, -1):
-        assume(again.has_lane(sign) is world.seen.has_lane(sign))
-    wanted = desired(world.seen, config, SAFETY)
-    for neighbor in world.seen[:6]:  # one alongside at the ego's own velocity looks like a wall
+        assume(again.has_lane(sign) is world.affordances.has_lane(sign))
+    wanted = desired(world.affordances, config, SAFETY)
+    for neighbor in world.affordances[
+        :6
+    ]:  # one alongside at the ego's own velocity looks like a wall
         assume(neighbor is None or any((neighbor[1], neighbor[2], neighbor[4])))
     assert tuple(desired(again, config, SAFETY)) == pytest.approx(tuple(wanted))
 

@@ -100,9 +100,9 @@ class Spy:
 
     def act(self, scene, observation):  # type: ignore[no-untyped-def]
         if self._fresh:
-            seen = scene.snapshot
-            places = np.stack((seen.s_m, seen.y_m, seen.speed_m_s)).tobytes()
-            self.starts.append((seen.ids, places))
+            affordances = scene.snapshot
+            places = np.stack((affordances.s_m, affordances.y_m, affordances.speed_m_s)).tobytes()
+            self.starts.append((affordances.ids, places))
             self._fresh = False
         return IdmDriver(Config().safety).act(scene, observation)
 
@@ -125,7 +125,7 @@ def test_decisions_nearer_than_d_safe_are_counted(env: HighwayEnv) -> None:
     gaps: list[tuple[float, float]] = []
 
     def watch(env: HighwayEnv) -> None:
-        front, speed_m_s = env.scene.seen.own_front, env.scene.seen.ego_speed_m_s
+        front, speed_m_s = env.scene.affordances.own_front, env.scene.affordances.ego_speed_m_s
         gaps.append((math.inf if front is None else front.gap_m, max(1.3 * speed_m_s, 15.0)))
 
     row = drive(env, IdmDriver(SHORT.safety), "idm", 1, 30, watch)

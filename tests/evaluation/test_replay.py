@@ -12,15 +12,15 @@ from drl_av.config import Config
 from drl_av.drivers.rules import RandomDriver
 from drl_av.errors import DrlAvError, RecordingError
 from drl_av.evaluation.recording import Recording, load_recording
-from drl_av.evaluation.replay import Pacer, Ride, ride_again
+from drl_av.evaluation.replay import Pacer, ReplaySession, replay_session
 
 SHORT = Config().updated("simulation", decisions_per_episode=12)
 
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    ride = Ride(SHORT, RandomDriver(), "random", 11, 14)
-    return ride.drive(None)[0]
+    session = ReplaySession(SHORT, RandomDriver(), "random", 11, 14)
+    return session.drive(None)[0]
 
 
 @pytest.fixture
@@ -39,8 +39,8 @@ def test_recording_makes_the_round_trip(recording: Recording, file: Path) -> Non
 
 
 def test_replay_is_the_recorded_episode_exactly(recording: Recording, file: Path) -> None:
-    Ride(SHORT, RandomDriver(), "random", 12, 30).drive(None)
-    again, result = ride_again(load_recording(file)).drive(None)
+    ReplaySession(SHORT, RandomDriver(), "random", 12, 30).drive(None)
+    again, result = replay_session(load_recording(file)).drive(None)
     assert again.hash() == recording.hash()
     np.testing.assert_array_equal(again.states, recording.states)
     assert result.decisions == 12
@@ -60,20 +60,20 @@ def test_position_that_differs_in_its_last_bit_is_noticed(recording: Recording) 
     states = recording.states.copy()
     states[5, 9, 0] = np.nextafter(states[5, 9, 0], np.inf)
     with pytest.raises(RecordingError, match="left the recording at decision 5"):
-        ride_again(replace(recording, states=states)).drive(None)
+        replay_session(replace(recording, states=states)).drive(None)
 
 
 def test_other_actions_leave_the_recording(recording: Recording) -> None:
     accelerate, hard_brake = 1, 3
     other = np.where(recording.proposed == hard_brake, accelerate, hard_brake)
     with pytest.raises(RecordingError, match="left the recording at decision 1"):
-        ride_again(replace(recording, proposed=other)).drive(None)
+        replay_session(replace(recording, proposed=other)).drive(None)
 
 
 def test_recording_of_another_config_is_left(recording: Recording) -> None:
     other = SHORT.updated("ego", brake_m_s2=1.0, accelerate_m_s2=1.0)
     with pytest.raises(RecordingError, match="left the recording at decision"):
-        ride_again(replace(recording, config=other)).drive(None)
+        replay_session(replace(recording, config=other)).drive(None)
 
 
 def test_recording_that_is_longer_or_shorter_than_the_episode_is_noticed(
@@ -81,10 +81,10 @@ def test_recording_that_is_longer_or_shorter_than_the_episode_is_noticed(
 ) -> None:
     shorter = SHORT.updated("simulation", decisions_per_episode=9)
     with pytest.raises(RecordingError, match="left the recording at decision 9"):
-        ride_again(replace(recording, config=shorter)).drive(None)
+        replay_session(replace(recording, config=shorter)).drive(None)
     longer = SHORT.updated("simulation", decisions_per_episode=13)
     with pytest.raises(RecordingError, match="ended before the episode did"):
-        ride_again(replace(recording, config=longer)).drive(None)
+        replay_session(replace(recording, config=longer)).drive(None)
 
 
 def test_tampered_file_is_refused(recording: Recording, file: Path) -> None:
@@ -150,7 +150,7 @@ def test_number_of_vehicles_is_the_scenarios_where_it_places_them(tmp_path: Path
     placed = (PlacedVehicle("ego", 1, 0.0, 20.0, 30.0), PlacedVehicle("slow", 1, 60.0, 20.0, 20.0))
     write_scenario(tmp_path / "two", ScenarioDescription(vehicles=placed))
     config = SHORT.updated("simulation", scenario=str(tmp_path / "two"))
-    recording, result = Ride(config, RandomDriver(), "random", 0, None).drive(None)
+    recording, result = ReplaySession(config, RandomDriver(), "random", 0, None).drive(None)
     assert (recording.vehicles, result.vehicles) == (1, 1)
 
 

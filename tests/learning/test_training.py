@@ -30,7 +30,7 @@ GAMMA = Config().learning.discount
 HIT = Collision(CollisionKind.HIT_AHEAD, "vehicle1")
 
 
-def seen(t: int) -> np.ndarray:
+def affordances(t: int) -> np.ndarray:
     return np.full(len(INDICATORS), t / 8, np.float32)
 
 
@@ -54,7 +54,7 @@ class ScriptedEnv:
         self.tape.append("reset")
         self.seeds.append(seed)
         self.t = 0
-        return seen(0), {}
+        return affordances(0), {}
 
     def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         self.tape.append("act")
@@ -68,7 +68,7 @@ class ScriptedEnv:
             "collision": HIT if terminated else None,
             "vehicles": 3,
         }
-        return seen(self.t), reward, terminated, self.t == len(self.script), info
+        return affordances(self.t), reward, terminated, self.t == len(self.script), info
 
 
 QUIET = (None, "none", -0.5, False)
@@ -134,7 +134,7 @@ def test_it_learns_from_lane_changes_that_its_driver_does_not_begin(
     result = EpisodeResult(*[0] * len(fields(EpisodeResult)))  # type: ignore[arg-type]
 
     def drive(env: Any, driver: Any, *_: Any) -> EpisodeResult:
-        driven.append(driver.act(ALONE, seen(0)).number)
+        driven.append(driver.act(ALONE, affordances(0)).number)
         return result
 
     monkeypatch.setattr(module, "drive", drive)
@@ -152,10 +152,10 @@ def test_unsafe_proposal_is_a_collision_and_the_executed_action_is_safe(
     assert len(safe) == 2
     assert len(collision) == 1
     n = len(INDICATORS)
-    np.testing.assert_array_equal(collision.rows[0, :n], seen(1))
+    np.testing.assert_array_equal(collision.rows[0, :n], affordances(1))
     assert collision.rows[0, -3:].tolist() == [LEFT, R_COL, 0.0]
-    np.testing.assert_array_equal(safe.rows[1, :n], seen(1))
-    np.testing.assert_array_equal(safe.rows[1, n:-3], seen(2))
+    np.testing.assert_array_equal(safe.rows[1, :n], affordances(1))
+    np.testing.assert_array_equal(safe.rows[1, n:-3], affordances(2))
     assert safe.rows[1, -3:].tolist() == [HARD_BRAKE, -0.25, np.float32(GAMMA)]
 
 
@@ -188,8 +188,8 @@ def test_under_a_penalty_an_unsafe_proposal_goes_on_as_what_was_executed_in_its_
     collision = training._buffer.collision  # type: ignore[attr-defined]
     assert len(collision) == 1
     n = len(INDICATORS)
-    np.testing.assert_array_equal(collision.rows[0, :n], seen(1))
-    np.testing.assert_array_equal(collision.rows[0, n:-3], seen(2))
+    np.testing.assert_array_equal(collision.rows[0, :n], affordances(1))
+    np.testing.assert_array_equal(collision.rows[0, n:-3], affordances(2))
     assert collision.rows[0, -3:].tolist() == [LEFT, -1.75, np.float32(GAMMA)]
 
 

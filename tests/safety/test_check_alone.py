@@ -99,7 +99,7 @@ def test_an_agent_of_stable_baselines3_drives_under_the_check() -> None:
     with closing(HighwayEnv(config=SHORT, safety_check="permit_all")) as env:
         model = DQN("MlpPolicy", env, learning_starts=20, buffer_size=100, seed=1, device="cpu")
         model.learn(60)
-        agent = PolicyDriver(lambda seen: model.predict(seen, deterministic=True)[0])
+        agent = PolicyDriver(lambda affordances: model.predict(affordances, deterministic=True)[0])
         checked = CheckedDriver(agent, named_check(SHORT))
         for seed in range(3):
             result = drive(env, checked, "dqn", seed, 30)

@@ -26,7 +26,7 @@ from worlds import (
 from drl_av.config import Config, SafetyConfig
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import Neighbor
-from drl_av.driving.maneuver import steered
+from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
 from drl_av.safety import named_check
 from drl_av.safety.check import Rule, Verdict, permit_all
@@ -274,7 +274,7 @@ def test_stuck_between_two_broken_sides_it_ends_in_the_lane_its_centre_is_in(
 ) -> None:
     world = changing(behind(5, LEFT), behind(5, CENTER), origin=1, target=2, seconds=seconds)
     executed = checked(world, proposed).action.lateral
-    heading = steered(world.lane_change, world.seen.lane, executed)
+    heading = next_lane_change(world.lane_change, world.affordances.lane, executed)
     assert heading is not None
     assert heading.target == ends_in
 
@@ -317,7 +317,7 @@ def lane_is_open_and_clear(world: Scene, lane: int) -> bool:
                 # the gap only where it is the nearest: centres decide, all bodies being equal
                 nearest[candidate, end] = (between_m, gap_m - 3 * closing_m_s)
     needed = [(own_lane, "front"), (lane, "front"), (lane, "rear")]
-    road = BARRICADED_ROAD if not world.seen.has_lane(-1) and own_lane == 1 else ROAD
+    road = BARRICADED_ROAD if not world.affordances.has_lane(-1) and own_lane == 1 else ROAD
     return road.is_open(lane) and all(nearest[key][1] > 15.0 for key in needed if key in nearest)
 
 
@@ -328,7 +328,7 @@ def test_an_executed_start_of_a_lane_change_always_has_its_gaps(
     if world.lane_change is not None:
         return
     executed = paper(world, proposed, CONFIG).action.lateral
-    clear = lane_is_open_and_clear(world, world.seen.lane + proposed.lateral.sign)
+    clear = lane_is_open_and_clear(world, world.affordances.lane + proposed.lateral.sign)
     event(f"{proposed.lateral.name}, clear: {clear}")
     if proposed.lateral is KEEP:
         assert executed is KEEP
@@ -343,11 +343,11 @@ def test_a_running_lane_change_goes_where_gaps_hold_or_else_to_the_lane_it_is_in
     if world.lane_change is None:
         return
     executed = paper(world, proposed, CONFIG).action.lateral
-    heading = steered(world.lane_change, world.seen.lane, executed)
+    heading = next_lane_change(world.lane_change, world.affordances.lane, executed)
     assert heading is not None
     assert {heading.origin, heading.target} == {world.lane_change.origin, world.lane_change.target}
     if not lane_is_open_and_clear(world, heading.target):
-        assert heading.target == world.seen.lane
+        assert heading.target == world.affordances.lane
         assert not lane_is_open_and_clear(world, heading.origin)
 
 
@@ -356,8 +356,8 @@ def test_a_rule_is_told_exactly_where_the_action_was_changed(
     world: Scene, proposed: Action
 ) -> None:
     verdict = paper(world, proposed, CONFIG)
-    before = steered(world.lane_change, world.seen.lane, proposed.lateral)
-    after = steered(world.lane_change, world.seen.lane, verdict.action.lateral)
+    before = next_lane_change(world.lane_change, world.affordances.lane, proposed.lateral)
+    after = next_lane_change(world.lane_change, world.affordances.lane, verdict.action.lateral)
     assert bool(verdict.rule & Rule.IN_LANE) is (
         verdict.action.longitudinal is not proposed.longitudinal
     )

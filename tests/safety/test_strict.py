@@ -35,7 +35,7 @@ from worlds import (
 
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
-from drl_av.driving.maneuver import steered
+from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 from drl_av.experiments.strictness import cells
@@ -43,7 +43,7 @@ from drl_av.safety import named_check
 from drl_av.safety.check import Rule, Verdict
 from drl_av.safety.reachability import lateral_extent
 from drl_av.safety.stopping import reach
-from drl_av.safety.strict import Strict, way_out
+from drl_av.safety.strict import Strict, fallback_maneuver
 from drl_av.traffic.road import Road
 from verification.kinematic_simulator import NONE, ROAD, Mover, Orders, World, separation
 
@@ -177,8 +177,8 @@ def test_a_body_over_the_line_has_two_lanes_full_of_vehicles_ahead() -> None:
 
 @pytest.mark.parametrize("how", Longitudinal)
 def test_where_nothing_is_permitted_the_ego_brakes_hard(how: Longitudinal) -> None:
-    assert not STRICT.way_out_is_free(scene(ahead(0.49)))
-    assert STRICT.way_out_is_free(scene(ahead(0.51)))
+    assert not STRICT.fallback_is_free(scene(ahead(0.49)))
+    assert STRICT.fallback_is_free(scene(ahead(0.51)))
     rule = Rule.NONE if how is HARD_BRAKE else Rule.IN_LANE
     assert checked(scene(ahead(0.49)), KEEP, how) == Verdict(Action(KEEP, HARD_BRAKE), rule)
 
@@ -430,7 +430,7 @@ def test_a_free_way_out_is_free_again_at_the_next_decision_whatever_the_one_ahea
     world: World, proposed: Action, acceleration: float, side: float
 ) -> None:
     before = world.scene(0)
-    assume(STRICT.way_out_is_free(before))
+    assume(STRICT.fallback_is_free(before))
     executed = STRICT(before, proposed).action
     orders = Orders(
         np.array([proposed.number]), np.array([[acceleration]]), np.array([[float(side)]])
@@ -439,11 +439,13 @@ def test_a_free_way_out_is_free_again_at_the_next_decision_whatever_the_one_ahea
     event(f"{executed}, proposal kept: {executed == proposed}")
     assert separation(world).min() > 0
     after = world.scene(0)
-    if not STRICT.way_out_is_free(after):  # the one exception: into one lane from both sides
+    if not STRICT.fallback_is_free(after):  # the one exception: into one lane from both sides
         assert lanes_of(after, 0) & lanes_of(after, 1) - lanes_of(before, 1)
         assert executed.lateral != KEEP or before.lane_change is not None
         back = STRICT(after, proposed).action
-        assert steered(after.lane_change, after.seen.lane, back.lateral) == way_out(after)
+        assert next_lane_change(
+            after.lane_change, after.affordances.lane, back.lateral
+        ) == fallback_maneuver(after)
         assert back.longitudinal == HARD_BRAKE
-    changed = steered(before.lane_change, before.seen.lane, executed.lateral)
+    changed = next_lane_change(before.lane_change, before.affordances.lane, executed.lateral)
     assert changed is None or ROAD.is_open(changed.target)

@@ -145,6 +145,6 @@ def test_a_collision_is_found_exactly_where_two_rectangles_overlap(
 @given(CARS, st.floats(0, 40, width=16), st.sampled_from([-0.76, 0.0, 0.76]))
 def test_left_and_right_are_told_apart_alike(car: Car, speed: float, v_y: float) -> None:
     mirrored = car._replace(y_m=7.6 - car.y_m, lateral_speed_m_s=-car.lateral_speed_m_s)
-    seen = classify(snapshot(car, speed_m_s=speed, v_y=v_y), ROAD, 1)
+    affordances = classify(snapshot(car, speed_m_s=speed, v_y=v_y), ROAD, 1)
     in_a_mirror = classify(snapshot(mirrored, speed_m_s=speed, v_y=-v_y), ROAD, 1)
-    assert seen == in_a_mirror
+    assert affordances == in_a_mirror

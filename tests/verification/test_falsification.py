@@ -15,7 +15,7 @@ from drl_av.env.rollout import drive
 from drl_av.safety import named_check
 from drl_av.safety.stopping import stopping_distance
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
-from verification.batch_check import StrictAtOnce
+from verification.batch_check import BatchStrict
 from verification.falsification import FAMILIES, PLACED, genes, orders, play, scripted, search
 from verification.kinematic_simulator import NONE, Mover, one_by_one
 
@@ -31,7 +31,7 @@ def test_braking_from_10_m_s_at_4_in_steps_of_half_a_second_takes_10_m() -> None
 def test_the_adversary_finds_no_way_round_strict(name: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        tallies = list(search(FAMILIES[name], STRICT, StrictAtOnce(STRICT), Mover(STRICT), 200, 1))
+        tallies = list(search(FAMILIES[name], STRICT, BatchStrict(STRICT), Mover(STRICT), 200, 1))
     assert sum(tally.scenes for tally in tallies) >= 200
     assert sum(tally.ego_hits for tally in tallies) == 0
 
@@ -49,7 +49,7 @@ def test_the_paper_check_drives_into_a_vehicle_that_brakes_to_a_stop() -> None:
 def test_many_scenes_at_once_are_judged_as_one_by_one_to_their_end(name: str) -> None:
     family, rng, changing, aside = FAMILIES[name], np.random.default_rng(2), 0, 0
     world = family.start(rng.random((60, PLACED * family.others)), STRICT)
-    at_once, alone, mover = StrictAtOnce(STRICT), one_by_one(named_check(STRICT)), Mover(STRICT)
+    at_once, alone, mover = BatchStrict(STRICT), one_by_one(named_check(STRICT)), Mover(STRICT)
     for order in orders(rng.normal(size=(60, genes(family))), family, STRICT):
         proposals = rng.integers(0, 12, 60)
         executed = at_once(world, proposals)

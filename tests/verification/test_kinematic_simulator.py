@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drl_av.config import Config
-from verification.batch_check import StrictAtOnce
+from verification.batch_check import BatchStrict
 from verification.falsification import placed
 from verification.kinematic_simulator import Mover, Orders, collision
 
@@ -19,12 +19,12 @@ def test_the_way_out_stays_free_but_for_two_that_enter_one_lane_and_the_ego_hits
     lane, others = rng.integers(0, 3, SCENES), rng.integers(0, 3, (SCENES, 2))
     ahead_m = 100 * rng.random((SCENES, 2)) ** 1.5
     world = placed(lane, 30 * rng.random(SCENES), ahead_m, others, 30 * rng.random((SCENES, 2)))
-    judge, mover, last = StrictAtOnce(STRICT), Mover(STRICT), np.full((SCENES, 2), 0.0)
+    judge, mover, last = BatchStrict(STRICT), Mover(STRICT), np.full((SCENES, 2), 0.0)
     free = judge.free(world)
     watched = free.copy()
     for _ in range(DECISIONS):
-        turned = rng.random((SCENES, 2)) < 0.3
-        last = np.where(turned, rng.choice(SIDES, (SCENES, 2)), last)
+        reversed = rng.random((SCENES, 2)) < 0.3
+        last = np.where(reversed, rng.choice(SIDES, (SCENES, 2)), last)
         rates = rng.choice([-4.0, -2.0, 0.0, 2.0], (SCENES, 2))
         told = Orders(rng.integers(0, 12, SCENES), rates, last)
         least_m = mover.decision(world, judge(world, told.proposal), told)

@@ -27,75 +27,77 @@ class State(IntEnum):
 
 
 def finite_state(
-    around: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
+    neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
 ) -> tuple[IntArray, Decisions]:
     """The next states and the decisions; ``states`` and ``desired_m_s`` have shape (R,).
 
     Behind a slow vehicle it changes to the better lane, where that has the gaps; a lane change
     that SUMO does not begin is given up at the next decision.
     """
-    states = _longitudinal_states(around, states, config)
-    side = np.where(around.under_way, 0, _side(around, states, desired_m_s, config))
-    states = np.where(around.under_way | (side != 0), State.LANE_CHANGE, states)
-    return states, Decisions(_acceleration(around, states, desired_m_s, config), side)
+    states = _longitudinal_states(neighbors, states, config)
+    side = np.where(neighbors.under_way, 0, _side(neighbors, states, desired_m_s, config))
+    states = np.where(neighbors.under_way | (side != 0), State.LANE_CHANGE, states)
+    return states, Decisions(_acceleration(neighbors, states, desired_m_s, config), side)
 
 
 def _longitudinal_states(
-    around: Surroundings, states: IntArray, config: FiniteStateConfig
+    neighbors: Surroundings, states: IntArray, config: FiniteStateConfig
 ) -> IntArray:
     """Follow where the vehicle ahead is near; nearer to begin with it than to stay with it."""
     headway_s = np.where(states == State.CRUISE, config.follow_headway_s, config.cruise_headway_s)
-    near_m = config.standstill_gap_m + headway_s * around.speed_m_s
-    return np.where(around.gap_m[:, OWN, FRONT] < near_m, State.FOLLOW, State.CRUISE)
+    near_m = config.standstill_gap_m + headway_s * neighbors.speed_m_s
+    return np.where(neighbors.gap_m[:, OWN, FRONT] < near_m, State.FOLLOW, State.CRUISE)
 
 
 def _side(
-    around: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
+    neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
 ) -> IntArray:
     """To the better of the lanes at both sides, left where equal, or 0."""
-    leader_m_s = around.speed_m_s + around.relative_speed_m_s[:, OWN, FRONT]
+    leader_m_s = neighbors.speed_m_s + neighbors.relative_speed_m_s[:, OWN, FRONT]
     held_up = (states == State.FOLLOW) & (leader_m_s < desired_m_s - config.slow_leader_m_s)
     left, right = (
-        np.where(held_up & _clear(around, lane, config), _gain(around, lane, config), -np.inf)
+        np.where(held_up & _clear(neighbors, lane, config), _gain(neighbors, lane, config), -np.inf)
         for lane in (LEFT, RIGHT)
     )
     better = np.maximum(left, right) >= config.worthwhile_gain_m_s
     return np.where(better, np.where(left >= right, 1, -1), 0)
 
 
-def _clear(around: Surroundings, lane: int, config: FiniteStateConfig) -> BoolArray:
+def _clear(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> BoolArray:
     """Whether a lane is there, with room for a lane change ahead and behind."""
-    closing_m_s = around.relative_speed_m_s[:, lane] * (-1.0, 1.0)
+    closing_m_s = neighbors.relative_speed_m_s[:, lane] * (-1.0, 1.0)
     needed_m = config.lane_change_gap_m + config.lane_change_time_s * np.maximum(closing_m_s, 0)
-    clear: BoolArray = around.has_lane[:, lane] & (around.gap_m[:, lane] > needed_m).all(axis=1)
+    clear: BoolArray = neighbors.has_lane[:, lane] & (neighbors.gap_m[:, lane] > needed_m).all(
+        axis=1
+    )
     return clear
 
 
-def _gain(around: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
+def _gain(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
     """How much faster another lane's vehicle ahead is than the own lane's; inf if it is far."""
-    far_m = config.standstill_gap_m + config.cruise_headway_s * around.speed_m_s
-    speed = around.relative_speed_m_s
+    far_m = config.standstill_gap_m + config.cruise_headway_s * neighbors.speed_m_s
+    speed = neighbors.relative_speed_m_s
     faster_m_s = speed[:, lane, FRONT] - speed[:, OWN, FRONT]
-    return np.where(around.gap_m[:, lane, FRONT] > far_m, np.inf, faster_m_s)
+    return np.where(neighbors.gap_m[:, lane, FRONT] > far_m, np.inf, faster_m_s)
 
 
 def _acceleration(
-    around: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
+    neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
 ) -> FloatArray:
     """Towards the desired speed, and behind whoever is ahead in the lanes that are used."""
-    free = config.speed_gain_per_s * (desired_m_s - around.speed_m_s)
-    own = np.where(states == State.CRUISE, np.inf, _behind(around, OWN, config))
-    leaning = np.sign(around.off_center_m) * (states == State.LANE_CHANGE)
-    left = np.where(leaning > 0, _behind(around, LEFT, config), np.inf)
-    right = np.where(leaning < 0, _behind(around, RIGHT, config), np.inf)
+    free = config.speed_gain_per_s * (desired_m_s - neighbors.speed_m_s)
+    own = np.where(states == State.CRUISE, np.inf, _behind(neighbors, OWN, config))
+    leaning = np.sign(neighbors.off_center_m) * (states == State.LANE_CHANGE)
+    left = np.where(leaning > 0, _behind(neighbors, LEFT, config), np.inf)
+    right = np.where(leaning < 0, _behind(neighbors, RIGHT, config), np.inf)
     wanted = np.minimum.reduce((free, own, left, right))
     limited: FloatArray = np.clip(wanted, -config.braking_m_s2, config.acceleration_m_s2)
     return limited
 
 
-def _behind(around: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
+def _behind(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
     """Keep the headway to a lane's vehicle ahead, m/s^2; inf where there is none."""
-    kept_m = config.standstill_gap_m + config.headway_s * around.speed_m_s
-    to_spare_m = around.gap_m[:, lane, FRONT] - kept_m
-    closing_m_s = -around.relative_speed_m_s[:, lane, FRONT]
+    kept_m = config.standstill_gap_m + config.headway_s * neighbors.speed_m_s
+    to_spare_m = neighbors.gap_m[:, lane, FRONT] - kept_m
+    closing_m_s = -neighbors.relative_speed_m_s[:, lane, FRONT]
     return config.gap_gain_per_s2 * to_spare_m - config.speed_gain_per_s * closing_m_s

@@ -30,12 +30,12 @@ LEVEL_0 = np.array(
 """Rows: the vehicle ahead is close, nominal, far; columns: approaching, stable, moving away."""
 
 
-def level_0(around: Surroundings, config: Level0Config, ego: EgoConfig) -> Decisions:
+def level_0(neighbors: Surroundings, config: Level0Config, ego: EgoConfig) -> Decisions:
     """Keep the lane and look at nothing but the vehicle ahead, coarsely."""
     distance = np.digitize(
-        around.gap_m[:, OWN, FRONT], (config.close_m, config.nominal_m), right=True
+        neighbors.gap_m[:, OWN, FRONT], (config.close_m, config.nominal_m), right=True
     )
-    speed = around.relative_speed_m_s[:, OWN, FRONT]
+    speed = neighbors.relative_speed_m_s[:, OWN, FRONT]
     motion = 1 + np.sign(speed).astype(np.intp) * (np.abs(speed) > config.stable_m_s)
     return Decisions(
         _accelerations(ego)[LEVEL_0[distance, motion]], np.zeros(len(speed), dtype=np.intp)
@@ -57,24 +57,24 @@ class Level1:
         self._safety = config.safety
         self._side = np.array([action.lateral.sign for action in ACTIONS])
 
-    def __call__(self, around: Surroundings) -> Decisions:
+    def __call__(self, neighbors: Surroundings) -> Decisions:
         """The action of the greatest value, for each vehicle; the first of several equal ones.
 
         A lane change is asked for where rules 2 and 3 of the safety check permit it, under which
         the policy learned; but never while one is under way: SUMO does not turn back.
         """
-        best = self.values(self._scale(around.vectors())).argmax(axis=1)
-        side = np.where(around.under_way, 0, self._side[best])
+        best = self.values(self._scale(neighbors.vectors())).argmax(axis=1)
+        side = np.where(neighbors.under_way, 0, self._side[best])
         for sign, lane in ((1, LEFT), (-1, RIGHT)):
-            side[(side == sign) & ~self._is_clear(around, lane)] = 0
+            side[(side == sign) & ~self._is_clear(neighbors, lane)] = 0
         return Decisions(self._acceleration_m_s2[best], side)
 
-    def _is_clear(self, around: Surroundings, lane: int) -> npt.NDArray[np.bool_]:
+    def _is_clear(self, neighbors: Surroundings, lane: int) -> npt.NDArray[np.bool_]:
         """Eq. 2 for the vehicle ahead and for front and rear of a lane that exists."""
-        closing_m_s = around.relative_speed_m_s * (-1.0, 1.0)
-        to_spare_m = around.gap_m - self._safety.minimum_ttc_s * closing_m_s
+        closing_m_s = neighbors.relative_speed_m_s * (-1.0, 1.0)
+        to_spare_m = neighbors.gap_m - self._safety.minimum_ttc_s * closing_m_s
         enough = to_spare_m > self._safety.minimum_gap_m
-        clear: npt.NDArray[np.bool_] = around.has_lane[:, lane] & enough[:, OWN, FRONT]
+        clear: npt.NDArray[np.bool_] = neighbors.has_lane[:, lane] & enough[:, OWN, FRONT]
         return clear & enough[:, lane].all(axis=1)
 
     def values(self, observations: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -11,7 +11,7 @@ from drl_av.config import Config
 from drl_av.safety.stopping import stopping_distance
 from drl_av.traffic.population import STANDSTILL_GAP_M
 from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import Snapshot, Wish
+from drl_av.traffic.snapshot import Snapshot, TrafficCommand
 
 
 class Entry(NamedTuple):
@@ -21,18 +21,20 @@ class Entry(NamedTuple):
     lane: int
 
 
-def give_way(wishes: Sequence[Wish], snapshot: Snapshot, road: Road, config: Config) -> list[Wish]:
+def give_way(
+    traffic_commands: Sequence[TrafficCommand], snapshot: Snapshot, road: Road, config: Config
+) -> list[TrafficCommand]:
     """The wishes without the lane changes that come too close to one from the other side.
 
     Too close is where the rear one, braking from the next decision on, could not stop behind the
     one in front. Who is on the way goes first, then whose wish stands first; the others stay in
     their lanes for this decision.
     """
-    if not any(wish.side for wish in wishes):
-        return list(wishes)
+    if not any(wish.side for wish in traffic_commands):
+        return list(traffic_commands)
     entries = _under_way(snapshot, road)
     allowed = []
-    for wish in wishes:
+    for wish in traffic_commands:
         if wish.side:
             lane = road.lane_of(float(snapshot.y_m[wish.row])) + wish.side
             entry = Entry(wish.row, lane)

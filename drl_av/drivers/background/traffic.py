@@ -13,7 +13,7 @@ from drl_av.drivers.background.surroundings import Surroundings, surroundings
 from drl_av.drivers.driver import Decisions
 from drl_av.traffic.population import Kind
 from drl_av.traffic.road import FloatArray, Road
-from drl_av.traffic.snapshot import Snapshot, Wish
+from drl_av.traffic.snapshot import Snapshot, TrafficCommand
 
 IntArray = npt.NDArray[np.intp]
 
@@ -39,24 +39,26 @@ class TrafficDrivers:
         self._desired_m_s = desired_m_s
         self._states = np.full(len(kinds), State.CRUISE, dtype=np.intp)
 
-    def __call__(self, snapshot: Snapshot) -> list[Wish]:
+    def __call__(self, snapshot: Snapshot) -> list[TrafficCommand]:
         """What each of them wants until the next decision; nothing where SUMO drives everybody."""
-        wishes: list[Wish] = []
+        traffic_commands: list[TrafficCommand] = []
         for kind, rows in self._rows.items():
             acceleration, side = self._drivers[kind](snapshot, rows)
-            wishes += map(Wish, rows.tolist(), acceleration.tolist(), side.tolist())
-        return give_way(wishes, snapshot, self._road, self._config)
+            traffic_commands += map(
+                TrafficCommand, rows.tolist(), acceleration.tolist(), side.tolist()
+            )
+        return give_way(traffic_commands, snapshot, self._road, self._config)
 
     def _by_finite_state(self, snapshot: Snapshot, rows: IntArray) -> Decisions:
-        around = self._look(snapshot, rows, self._config.observation.range_m)
+        neighbors = self._look(snapshot, rows, self._config.observation.range_m)
         self._states[rows], decisions = finite_state(
-            around, self._states[rows], self._desired_m_s[rows], self._config.finite_state
+            neighbors, self._states[rows], self._desired_m_s[rows], self._config.finite_state
         )
         return decisions
 
     def _by_level_0(self, snapshot: Snapshot, rows: IntArray) -> Decisions:
-        around = self._look(snapshot, rows, self._config.observation.range_m)
-        return level_0(around, self._config.level_0, self._config.ego)
+        neighbors = self._look(snapshot, rows, self._config.observation.range_m)
+        return level_0(neighbors, self._config.level_0, self._config.ego)
 
     def _by_level_1(self, snapshot: Snapshot, rows: IntArray) -> Decisions:
         assert self._level_1 is not None

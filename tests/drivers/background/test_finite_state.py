@@ -19,8 +19,8 @@ def decide(
     shot: Snapshot, state: State = CRUISE, desired_m_s: float = 30.0
 ) -> tuple[State, float, int]:
     """The ego's next state, acceleration and side."""
-    around = surroundings(shot, ROAD, 250.0, np.array([0]))
-    states, decisions = finite_state(around, np.array([state]), np.array([desired_m_s]), CONFIG)
+    neighbors = surroundings(shot, ROAD, 250.0, np.array([0]))
+    states, decisions = finite_state(neighbors, np.array([state]), np.array([desired_m_s]), CONFIG)
     return State(states[0]), float(decisions.acceleration_m_s2[0]), int(decisions.side[0])
 
 
@@ -135,8 +135,8 @@ def test_a_lane_change_that_sumo_did_not_begin_is_given_up() -> None:
 def test_each_remembers_its_own_state() -> None:
     # both 50 m behind somebody at their speed
     shot = snapshot(ahead(50.0), Car(20.0, RIGHT), Car(75.0, RIGHT))
-    around = surroundings(shot, ROAD, 250.0, np.array([2, 0]))
-    states, _ = finite_state(around, np.array([CRUISE, FOLLOW]), np.full(2, 20.0), CONFIG)
+    neighbors = surroundings(shot, ROAD, 250.0, np.array([2, 0]))
+    states, _ = finite_state(neighbors, np.array([CRUISE, FOLLOW]), np.full(2, 20.0), CONFIG)
     assert states.tolist() == [CRUISE, FOLLOW]
 
 
@@ -145,9 +145,9 @@ def test_wherever_it_is_it_stays_within_its_bounds_and_on_the_road(world: Scene)
     shot = world.snapshot
     rows = np.arange(len(shot.ids))
     for state in State:
-        around = surroundings(shot, ROAD, 250.0, rows)
+        neighbors = surroundings(shot, ROAD, 250.0, rows)
         _, decisions = finite_state(
-            around, np.full(len(rows), state), np.full(len(rows), 25.0), CONFIG
+            neighbors, np.full(len(rows), state), np.full(len(rows), 25.0), CONFIG
         )
         assert (np.abs(decisions.acceleration_m_s2 + 1) <= 3).all()
         lane = np.floor(shot.y_m / LANE_M + 0.5) + decisions.side

@@ -112,8 +112,8 @@ def test_level_1_changes_neither_off_the_road_nor_while_it_is_changing(
     ],
 )
 def test_level_1_changes_lanes_where_rule_3_permits_it(others: tuple[Car, ...], side: int) -> None:
-    around = surroundings(snapshot(*others), ROAD, 250.0, np.array([0]))
-    assert Level1(always(8), CONFIG, ROAD)(around).side.tolist() == [side]
+    neighbors = surroundings(snapshot(*others), ROAD, 250.0, np.array([0]))
+    assert Level1(always(8), CONFIG, ROAD)(neighbors).side.tolist() == [side]
 
 
 def test_level_1_decides_for_each_by_what_it_sees_itself() -> None:
@@ -138,15 +138,15 @@ def run(tmp_path: Path) -> Path:
 
 def test_level_1_is_the_policy_of_a_run_in_numpy(run: Path) -> None:
     shot = snapshot(*(ahead(17.0 * k, (RIGHT, CENTER, LEFT)[k % 3], 10.0 + k) for k in range(1, 9)))
-    around = look(shot)
+    neighbors = look(shot)
     level_1, greedy = (
         load_level_1(ROAD, run),
         GreedyPolicy(QNetwork(np.random.default_rng(7), hidden=(16, 16))),
     )
-    observations = ObservationScale(CONFIG.observation, 25.0, ROAD)(around.vectors())
+    observations = ObservationScale(CONFIG.observation, 25.0, ROAD)(neighbors.vectors())
     expected = np.array([greedy.values(row) for row in observations])
     np.testing.assert_allclose(level_1.values(observations), expected, rtol=1e-5, atol=1e-6)
-    accelerations = level_1(around).acceleration_m_s2
+    accelerations = level_1(neighbors).acceleration_m_s2
     meant = np.array([MAINTAIN, ACCELERATE, BRAKE, HARD_BRAKE])[expected.argmax(1) % 4]
     np.testing.assert_array_equal(accelerations, meant)
 

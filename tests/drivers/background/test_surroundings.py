@@ -8,7 +8,7 @@ from worlds import BARRICADED_ROAD, CENTER, LEFT, RIGHT, ROAD, Car, ahead, behin
 
 from drl_av.drivers.background import surroundings as lanes
 from drl_av.drivers.background.surroundings import FRONT, REAR, Surroundings, surroundings
-from drl_av.driving.affordances import affordances
+from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.scene import Scene
 from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import Snapshot
@@ -36,7 +36,7 @@ def test_each_row_is_the_affordances_of_a_snapshot_with_that_vehicle_as_the_ego(
         for range_m in (250.0, 60.0):
             found = look(shot, *rows, road=road, range_m=range_m).vectors()
             for row in rows:
-                expected = affordances(seen_from(shot, row), road, range_m).vector()
+                expected = compute_affordances(seen_from(shot, row), road, range_m).vector()
                 np.testing.assert_array_equal(found[row], expected)
 
 
@@ -56,14 +56,14 @@ def test_own_right_and_left_and_front_and_rear_are_where_they_are_said_to_be() -
         Car(10.0, RIGHT, 19.0),
         speed_m_s=24.0,
     )
-    around = look(shot, 1)
+    neighbors = look(shot, 1)
     own, right, left = lanes.OWN, lanes.RIGHT, lanes.LEFT
-    assert (around.gap_m[0, own, FRONT], around.gap_m[0, own, REAR]) == (40.0, 30.0)
-    assert (around.gap_m[0, left, FRONT], around.gap_m[0, right, REAR]) == (55.0, 20.0)
-    assert np.isinf(around.gap_m[0, left, REAR])
-    assert np.isinf(around.gap_m[0, right, FRONT])
-    assert around.relative_speed_m_s[0].tolist() == [[-2.0, 2.0], [0.0, -3.0], [9.0, 0.0]]
-    assert around.has_lane[0].tolist() == [True, True, True]
+    assert (neighbors.gap_m[0, own, FRONT], neighbors.gap_m[0, own, REAR]) == (40.0, 30.0)
+    assert (neighbors.gap_m[0, left, FRONT], neighbors.gap_m[0, right, REAR]) == (55.0, 20.0)
+    assert np.isinf(neighbors.gap_m[0, left, REAR])
+    assert np.isinf(neighbors.gap_m[0, right, FRONT])
+    assert neighbors.relative_speed_m_s[0].tolist() == [[-2.0, 2.0], [0.0, -3.0], [9.0, 0.0]]
+    assert neighbors.has_lane[0].tolist() == [True, True, True]
 
 
 def test_lanes_at_the_edges_and_behind_a_barricade_are_missing() -> None:
@@ -79,6 +79,6 @@ def test_lanes_at_the_edges_and_behind_a_barricade_are_missing() -> None:
 def test_a_lane_change_is_under_way_off_the_centre_of_either_lane() -> None:
     # 1.52 m from the old centre; 3.04 m from it is 0.76 m short of the new one
     shot = snapshot(Car(50.0, RIGHT + 1.52), Car(90.0, RIGHT + 3.04), Car(140.0, LEFT - 0.05))
-    around = look(shot, 0, 1, 2, 3)
-    assert around.under_way.tolist() == [False, True, True, False]
-    np.testing.assert_allclose(around.off_center_m, [0.0, 1.52, -0.76, -0.05])
+    neighbors = look(shot, 0, 1, 2, 3)
+    assert neighbors.under_way.tolist() == [False, True, True, False]
+    np.testing.assert_allclose(neighbors.off_center_m, [0.0, 1.52, -0.76, -0.05])

@@ -17,7 +17,7 @@ from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.drivers.rules import IdmDriver, RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.evaluation.recording import load_recording
-from drl_av.evaluation.replay import Ride, ride_again
+from drl_av.evaluation.replay import ReplaySession, replay_session
 from drl_av.traffic.population import Kind
 from drl_av.traffic.scenario import (
     PlacedVehicle,
@@ -26,7 +26,7 @@ from drl_av.traffic.scenario import (
     write_scenario,
 )
 from drl_av.traffic.simulation import Simulation
-from drl_av.traffic.snapshot import Command, Snapshot, Wish
+from drl_av.traffic.snapshot import Command, Snapshot, TrafficCommand
 
 TESTS = Path(__file__).parents[2]
 STEPS_S = 0.5
@@ -69,9 +69,9 @@ def placed(tmp_path: Path) -> Iterator[Road]:
         simulation.close()
 
 
-def decide(simulation: Simulation, *wishes: Wish) -> Snapshot:
+def decide(simulation: Simulation, *traffic_commands: TrafficCommand) -> Snapshot:
     """One decision in which the ego stands."""
-    return simulation.advance([Command(0.0, RIGHT, 0.0)] * 2, wishes)[0]
+    return simulation.advance([Command(0.0, RIGHT, 0.0)] * 2, traffic_commands)[0]
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_alone_a_vehicle_changes_its_speed_as_wished_within_the_bounds_of_its_ty
     placed: Road, wished_m_s2: float, gained_m_s: float
 ) -> None:
     simulation, shot = placed(PlacedVehicle("other", 1, 50.0, 15.0, 40.0))
-    speed = float(decide(simulation, Wish(OTHER, wished_m_s2, 0)).speed_m_s[OTHER])
+    speed = float(decide(simulation, TrafficCommand(OTHER, wished_m_s2, 0)).speed_m_s[OTHER])
     # SUMO's IDM approaches even a far desired speed a little more gently than accel
     assert speed - float(shot.speed_m_s[OTHER]) == pytest.approx(gained_m_s, abs=0.05)
 
@@ -91,9 +91,11 @@ def test_alone_a_vehicle_changes_its_speed_as_wished_within_the_bounds_of_its_ty
 def test_a_vehicle_brakes_to_a_stop_and_drives_off_again(placed: Road) -> None:
     simulation, _ = placed(PlacedVehicle("other", 1, 50.0, 6.0, 30.0))
     for _ in range(3):
-        shot = decide(simulation, Wish(OTHER, -4.0, 0))
+        shot = decide(simulation, TrafficCommand(OTHER, -4.0, 0))
     assert shot.speed_m_s[OTHER] == 0.0
-    assert decide(simulation, Wish(OTHER, 1.0, 0)).speed_m_s[OTHER] == pytest.approx(1.0, abs=0.05)
+    assert decide(simulation, TrafficCommand(OTHER, 1.0, 0)).speed_m_s[OTHER] == pytest.approx(
+        1.0, abs=0.05
+    )
 
 
 def test_who_wants_to_go_on_into_a_vehicle_that_brakes_to_a_stop_is_stopped_by_sumo(
@@ -108,7 +110,7 @@ def test_who_wants_to_go_on_into_a_vehicle_that_brakes_to_a_stop_is_stopped_by_s
     hardest = 0.0
     for _ in range(12):
         before = shot.speed_m_s[1]
-        shot = decide(simulation, Wish(1, 2.0, 0), Wish(2, -4.0, 0))
+        shot = decide(simulation, TrafficCommand(1, 2.0, 0), TrafficCommand(2, -4.0, 0))
         hardest = max(hardest, float(before - shot.speed_m_s[1]))
         assert shot.s_m[2] - shot.s_m[1] > 5.0
     assert shot.speed_m_s[1:].max() == 0.0
@@ -128,8 +130,10 @@ def test_behind_one_that_brakes_as_hard_as_it_can_nobody_comes_to_rest_inside_it
     brisk |= {"acceleration_min_m_s2": 2.0, "acceleration_max_m_s2": 2.0}
     simulation, _ = placed(*vehicles, **brisk, finite_state_share=float(ours))
     for second in range(15):
-        wishes = [Wish(1, 2.0, 0)] if ours else []
-        shot = decide(simulation, *wishes, Wish(2, -2.0 if second < 2 else -4.0, 0))
+        traffic_commands = [TrafficCommand(1, 2.0, 0)] if ours else []
+        shot = decide(
+            simulation, *traffic_commands, TrafficCommand(2, -2.0 if second < 2 else -4.0, 0)
+        )
     assert shot.speed_m_s[1:].max() == 0.0
     assert 1.5 < shot.s_m[2] - shot.s_m[1] - 5.0 < 2.5 + 1e-6
 
@@ -139,8 +143,8 @@ def test_a_lane_change_takes_5_s_at_0_76_m_s_and_ends_on_the_centre(
     placed: Road, side: int, end_m: float
 ) -> None:
     simulation, _ = placed(PlacedVehicle("other", 1, 50.0, 20.0, 40.0))
-    shots = [decide(simulation, Wish(OTHER, 0.0, side))]
-    shots += [decide(simulation, Wish(OTHER, 0.0, 0)) for _ in range(9)]
+    shots = [decide(simulation, TrafficCommand(OTHER, 0.0, side))]
+    shots += [decide(simulation, TrafficCommand(OTHER, 0.0, 0)) for _ in range(9)]
     y_m = np.array([CENTER, *(float(shot.y_m[OTHER]) for shot in shots)])
     assert np.abs(np.diff(y_m)).max() <= 0.76 + 1e-9
     assert y_m[:3] == pytest.approx([CENTER, CENTER + side * 0.76, CENTER + side * 1.52])
@@ -157,7 +161,7 @@ def test_a_lane_change_into_somebody_waits_until_there_is_room(
     )
     simulation, _ = placed(*vehicles)
     for second in range(10):
-        shot = decide(simulation, Wish(1, 0.0, 1), Wish(2, 0.0, 0))
+        shot = decide(simulation, TrafficCommand(1, 0.0, 1), TrafficCommand(2, 0.0, 0))
         between_m, aside_m = abs(shot.s_m[2] - shot.s_m[1]), shot.y_m[2] - shot.y_m[1]
         assert aside_m > 1.8 or between_m > 5.0
         assert second > 1 or shot.y_m[1] == CENTER
@@ -169,13 +173,13 @@ def test_on_the_way_to_another_lane_no_lane_change_is_asked_for_by_wish_or_at_ra
 ) -> None:
     # one that SUMO broke off half-way would go on, even into the vehicle that was in its way
     simulation, _ = placed(PlacedVehicle("other", 0, 50.0, 20.0, 40.0))
-    decide(simulation, Wish(OTHER, 0.0, 1))
+    decide(simulation, TrafficCommand(OTHER, 0.0, 1))
     asked: list[tuple[str, int]] = []
     vehicle = simulation._sumo.vehicle
     monkeypatch.setattr(vehicle, "changeLaneRelative", lambda *a: asked.append(a[:2]))
     for second in range(2, 9):
         monkeypatch.setattr(simulation, "_random_lane_changes", iter([[(OTHER, -1)]]))
-        centered = abs(decide(simulation, Wish(OTHER, 0.0, 1)).y_m[OTHER] - CENTER) < 0.1
+        centered = abs(decide(simulation, TrafficCommand(OTHER, 0.0, 1)).y_m[OTHER] - CENTER) < 0.1
         assert bool(asked) is (second >= 7), second
     assert centered
     assert set(asked) == {("other", -1), ("other", 1)}
@@ -189,7 +193,7 @@ def test_without_a_wish_nobody_leaves_a_slow_lane(placed: Road) -> None:
     )
     simulation, _ = placed(*vehicles)
     for _ in range(15):
-        shot = decide(simulation, Wish(1, 2.0, 0), Wish(2, 0.0, 0))
+        shot = decide(simulation, TrafficCommand(1, 2.0, 0), TrafficCommand(2, 0.0, 0))
         assert shot.y_m[1:].tolist() == [CENTER, CENTER]
 
 
@@ -197,8 +201,8 @@ def test_without_a_wish_nobody_leaves_a_slow_lane(placed: Road) -> None:
 
 
 def trajectory(config: Config = MIX, seed: int = 3) -> str:
-    ride = Ride(config, RandomDriver(), "random", seed, 30)
-    return ride.drive(None)[0].hash()
+    session = ReplaySession(config, RandomDriver(), "random", seed, 30)
+    return session.drive(None)[0].hash()
 
 
 @pytest.fixture(scope="module")
@@ -224,9 +228,9 @@ def test_a_mix_is_the_same_trajectory_in_a_fresh_process_and_not_that_of_idm(has
 
 
 def test_a_recorded_mix_is_replayed_exactly(tmp_path: Path) -> None:
-    recording, result = Ride(MIX, IdmDriver(MIX.safety), "idm", 5, 20).drive(None)
+    recording, result = ReplaySession(MIX, IdmDriver(MIX.safety), "idm", 5, 20).drive(None)
     recording.save(tmp_path / "episode.npz")
-    again, _ = ride_again(load_recording(tmp_path / "episode.npz")).drive(None)
+    again, _ = replay_session(load_recording(tmp_path / "episode.npz")).drive(None)
     assert again.hash() == recording.hash()
     assert result.decisions > 5
 
@@ -238,14 +242,14 @@ def test_a_mix_is_one_of_all_kinds_and_decides_on_the_snapshot_that_the_ego_sees
     env.reset(seed=3, options={"vehicles": 30})
     assert set(env.simulation.kinds.tolist()) == set(Kind)
     ours = np.flatnonzero(env.simulation.kinds != Kind.SUMO).tolist()
-    given, seen = [], []
+    given, affordances = [], []
     drivers, advance = env.traffic_drivers, env.simulation.advance
-    monkeypatch.setattr(env, "traffic_drivers", lambda s: (seen.append(s), drivers(s))[1])
+    monkeypatch.setattr(env, "traffic_drivers", lambda s: (affordances.append(s), drivers(s))[1])
     monkeypatch.setattr(env.simulation, "advance", lambda c, w: (given.append(w), advance(c, w))[1])
     for _ in range(3):
         before = env.scene.snapshot
         env.step(0)
-        assert seen.pop() is before
+        assert affordances.pop() is before
         assert sorted(wish.row for wish in given.pop()) == ours
     env.close()
 
