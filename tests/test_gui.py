@@ -20,7 +20,7 @@ import json, sys, time
 from pathlib import Path
 import traci
 from drl_av.evaluation.recording import load_recording
-from drl_av.evaluation.replay import ride_again
+from drl_av.evaluation.replay import replay_session
 recording, told = load_recording(Path(sys.argv[1])), []
 
 def width():
@@ -42,7 +42,7 @@ def watch(env):
             "ego": traci.vehicle.getPosition("ego"),
         })
 
-again, result = ride_again(recording).drive("human", watch)
+again, result = replay_session(recording).drive("human", watch)
 print(json.dumps({"hash": again.hash(), "decisions": told}))
 """
 

@@ -32,8 +32,8 @@ import sys
 from drl_av.evaluation.recording import load_recording
 from drl_av.evaluation.replay import ReplaySession, replay_session
 from test_one_hash import CONFIG, SEED, VEHICLES, IdmSumoDriver
-ride = Ride(CONFIG, IdmSumoDriver(CONFIG.safety), "idm-sumo", SEED, VEHICLES)
-print(ride.drive(sys.argv[1] if sys.argv[1:] else None)[0].hash())
+session = ReplaySession(CONFIG, IdmSumoDriver(CONFIG.safety), "idm-sumo", SEED, VEHICLES)
+print(session.drive(sys.argv[1] if sys.argv[1:] else None)[0].hash())
 """
 
 
