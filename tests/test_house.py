@@ -123,12 +123,55 @@ def test_only_traffic_names_sumo_modules_even_in_a_string() -> None:
             assert not words & {"libsumo", "traci", "sumolib"}, module
 
 
-def test_driving_is_pure() -> None:
-    allowed = {"numpy", "drl_av", "math", "enum", "typing", "dataclasses", "collections"}
-    allowed |= {"functools"}
-    for module, path in modules().items():
-        if module.startswith("drl_av.driving"):
-            assert {name.split(".")[0] for name in imported(path)} <= allowed, module
+PURE = ("driving",)
+"""Folders of pure functions."""
+EFFECTS = {
+    *("libsumo", "traci", "sumolib", "sumo", "torch", "safetensors", "matplotlib", "gymnasium"),
+    *("subprocess", "multiprocessing", "ctypes", "socket", "xml", "os", "shutil", "tempfile"),
+}
+
+
+def reached(module: str) -> set[str]:
+    """A module, what it imports, and so on to the end; with the packages that these lie in."""
+    found, left = set(), {module}
+    while left:
+        name = left.pop()
+        found.add(name)
+        parents = {name.rpartition(".")[0]} & set(modules()) - {"drl_av"}
+        left |= (graph()[name] | parents) - found
+    return found
+
+
+@pytest.mark.parametrize("folder", PURE)
+def test_a_pure_folder_reaches_no_effect_through_whatever_it_imports(folder: str) -> None:
+    for module in modules():
+        if module.startswith(f"drl_av.{folder}"):
+            for other in reached(module):
+                wrong = {name.split(".")[0] for name in imported(modules()[other])} & EFFECTS
+                assert not wrong, f"{module} reaches {wrong} through {other}"
+
+
+def test_what_a_module_reaches_is_followed_to_its_end() -> None:
+    # env.highway -> traffic.simulation -> traffic.connection, which starts programs
+    assert "drl_av.traffic.connection" in reached("drl_av.env.rollout")
+    assert "subprocess" in imported(modules()["drl_av.traffic.connection"])
+
+
+def test_no_cycle_between_folders() -> None:
+    folders: dict[str, set[str]] = {}
+    for module, others in graph().items():
+        own = folders.setdefault(folder_of(module), set())
+        own |= {folder_of(other) for other in others} - {folder_of(module)}
+    try:
+        TopologicalSorter(folders).prepare()
+    except CycleError as error:
+        pytest.fail(f"folders import each other: {' -> '.join(error.args[1])}")
+
+
+def folder_of(module: str) -> str:
+    """The folder that a module lies in; a module beside the folders stands for itself."""
+    folder = modules()[module].parent
+    return module if folder == PACKAGE else str(folder.relative_to(PACKAGE))
 
 
 def test_no_room_is_a_drawer() -> None:
