@@ -1,8 +1,8 @@
 """One running SUMO: load, place the traffic, advance by one decision, take a snapshot, close."""
 
+import weakref
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import ClassVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from drl_av.traffic.connection import (
     require_display,
     start,
 )
+from drl_av.traffic.instances import acquire
 from drl_av.traffic.population import (
     EGO_ID,
     Kind,
@@ -46,10 +47,9 @@ GUI_ZOOM = 350.0
 class Simulation:
     """SUMO in this process through libsumo, or in sumo-gui through traci.
 
-    Either holds one simulation a process: the Simulation that was reset last owns it.
+    It takes one of the process's simulations at the first reset, and leaves it to others when it
+    is closed or forgotten.
     """
-
-    _owners: ClassVar[dict[str, "Simulation"]] = {}
 
     def __init__(self, scenario: Scenario, config: Config, gui: bool = False) -> None:
         if gui:
@@ -58,10 +58,10 @@ class Simulation:
         self.road = scenario.road
         self._config = config
         self._gui = gui
-        self._sumo = connection(gui)
-        self._read = getters(self._sumo, STATE)
-        # not sumo.exceptions: those are traci's classes, and libsumo raises one of its own
-        self._errors = (self._sumo.TraCIException, self._sumo.FatalTraCIError)
+        library = connection(gui)
+        # not its exceptions: those are traci's classes, and libsumo raises one of its own
+        self._errors = (library.TraCIException, library.FatalTraCIError)
+        self._release: weakref.finalize[..., Simulation] | None = None
         self._ids: tuple[str, ...] = ()
         self._step_ms = round(1000 * config.simulation.step_length_s)
 
@@ -113,14 +113,10 @@ class Simulation:
         The wishes of the traffic are carried out as far as SUMO finds them safe.
 
         Raises:
-            SimulationError: another Simulation has taken SUMO over, or sumo-gui was closed.
+            SimulationError: SUMO does not run, or ended on its own, as a closed sumo-gui does.
         """
         if not self._owns_sumo():
-            raise SimulationError(
-                "Another environment in this process has taken SUMO over, which libsumo holds "
-                "once a process: reset this one first, or run several with "
-                "make_vec(..., vectorization_mode='async')."
-            )
+            raise SimulationError("SUMO does not run for this simulation: reset it first.")
         collision, timing = None, self._config.simulation
         try:
             for row, side in next(self._random_lane_changes):
@@ -147,13 +143,18 @@ class Simulation:
 
     def close(self) -> None:
         """End SUMO, which may have ended on its own; the next reset starts it again."""
-        if self._owns_sumo():
-            del Simulation._owners[self._sumo.__name__]
-            with suppress(self._sumo.FatalTraCIError):
-                self._sumo.close()
+        if self._release is not None:
+            self._release()  # does nothing the second time
 
     def _owns_sumo(self) -> bool:
-        return Simulation._owners.get(self._sumo.__name__) is self
+        return self._release is not None and self._release.alive
+
+    def _take_sumo(self) -> None:
+        instance = acquire(self._gui)
+        self._release = weakref.finalize(self, instance.release)
+        self._release.atexit = False
+        self._sumo = instance.sumo
+        self._read = getters(self._sumo, STATE)
 
     @property
     def capacity(self) -> int:
@@ -188,12 +189,11 @@ class Simulation:
                 self._vacate()
                 self._populate(population)
                 return
-        if owner := Simulation._owners.get(self._sumo.__name__):
-            owner.close()
+        self.close()
+        self._take_sumo()
         files = (self.scenario.network_file, *self.scenario.additional_files)
         view = self.scenario.view_file if self._gui else None
         start(self._sumo, files, seed, self._config.simulation, view)
-        Simulation._owners[self._sumo.__name__] = self
         laps = 2 + round(1e5 / self.road.circumference_m)
         self._sumo.route.add("loop", list(self.scenario.edges) * laps)
         self._populate(population)
