@@ -115,7 +115,7 @@ class ScenarioDescription:
             )
 
     def _check_vehicles(self) -> None:
-        affordances: list[PlacedVehicle] = []
+        checked: list[PlacedVehicle] = []
         for vehicle in self.vehicles:
             if vehicle.lane >= self.lanes or not self.open_lanes[vehicle.lane]:
                 raise ScenarioError(
@@ -127,9 +127,14 @@ class ScenarioDescription:
                     f"Vehicle {vehicle.id!r} is placed at {vehicle.position_m:g} m, but must be "
                     f"on the loop of {self.circumference_m:g} m."
                 )
-            for other in affordances:
+            if vehicle.speed_m_s > self.speed_limit_m_s:
+                raise ScenarioError(
+                    f"Vehicle {vehicle.id!r} starts at {vehicle.speed_m_s:g} m/s, but must not be "
+                    f"faster than the scenario's speed_limit_m_s, {self.speed_limit_m_s:g}."
+                )
+            for other in checked:
                 self._check_pair(vehicle, other)
-            affordances.append(vehicle)
+            checked.append(vehicle)
 
     def _check_pair(self, vehicle: PlacedVehicle, other: PlacedVehicle) -> None:
         if vehicle.id == other.id:

@@ -7,9 +7,9 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import EgoConfig, TrafficConfig
-from drl_av.errors import ScenarioError
-from drl_av.traffic.description import PlacedVehicle
+from drl_av.config import Config, EgoConfig, TrafficConfig
+from drl_av.errors import ConfigError, ScenarioError
+from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
 from drl_av.traffic.road import FloatArray, Road
 
 EGO_ID = "ego"
@@ -44,6 +44,20 @@ class Population:
     acceleration_m_s2: FloatArray
     speed_gain: FloatArray
     """Lane-change eagerness, SUMO's lcSpeedGain."""
+
+
+def require_speed_limit(config: Config, description: ScenarioDescription) -> None:
+    """Raise ConfigError where a setting lets a vehicle drive faster than the road allows."""
+    fastest = {"ego.max_speed_m_s": config.ego.max_speed_m_s}
+    if not description.vehicles:
+        fastest["traffic.desired_speed_max_m_s"] = config.traffic.desired_speed_max_m_s
+    for name, speed in fastest.items():
+        if speed > description.speed_limit_m_s:
+            raise ConfigError(
+                f"{name} is {speed:g}, but the scenario's speed_limit_m_s is "
+                f"{description.speed_limit_m_s:g}: lower the setting, or write a scenario with a "
+                "higher limit."
+            )
 
 
 def capacity(road: Road, length_m: float, start_gap_m: float) -> int:

@@ -25,6 +25,7 @@ from drl_av.traffic.population import (
     draw_population,
     placed_population,
     random_lane_changes,
+    require_speed_limit,
 )
 from drl_av.traffic.requests import (
     ask_for_lane_changes,
@@ -52,6 +53,7 @@ class Simulation:
     """
 
     def __init__(self, scenario: Scenario, config: Config, gui: bool = False) -> None:
+        require_speed_limit(config, scenario.description)
         if gui:
             require_display()
         self.scenario = scenario
@@ -209,7 +211,7 @@ class Simulation:
             speed = float(population.speed_m_s[row])
             kind = EGO_ID if row == EGO else "traffic"
             lane_id, position_m = self._berth(population.lane[row], population.front_m[row])
-            vehicle.add(name, "loop", kind, "now", departSpeed=repr(speed))
+            vehicle.add(name, "loop", kind, "now", departSpeed="0")
             vehicle.moveTo(name, lane_id, position_m)
             vehicle.setPreviousSpeed(name, speed)
             if row == EGO:

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from worlds import BARRICADED_ROAD, LANE_M, LENGTH_M, LONG_ROAD, ROAD
 
-from drl_av.config import EgoConfig, TrafficConfig
+from drl_av.config import Config, EgoConfig, TrafficConfig
 from drl_av.errors import ConfigError, ScenarioError
-from drl_av.traffic.description import PlacedVehicle
+from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
 from drl_av.traffic.population import (
     Kind,
     Population,
@@ -20,6 +20,7 @@ from drl_av.traffic.population import (
     draw_kinds,
     draw_population,
     placed_population,
+    require_speed_limit,
 )
 from drl_av.traffic.road import Road
 
@@ -216,3 +217,23 @@ def test_shares_of_more_than_all_are_refused_and_of_all_are_not() -> None:
     assert sum(shares(0.7, 0.2, 0.1).shares) == pytest.approx(1.0)
     with pytest.raises(ConfigError, match=r"^traffic: finite_state_share .* is 1.1, but must be"):
         shares(0.5, 0.3, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("section", "setting"),
+    [("traffic", "desired_speed_max_m_s"), ("ego", "max_speed_m_s")],
+)
+def test_a_setting_above_the_speed_limit_is_refused_by_its_name(section: str, setting: str) -> None:
+    road = ScenarioDescription(speed_limit_m_s=36.0)
+    require_speed_limit(Config().updated(section, **{setting: 36.0}), road)
+    with pytest.raises(
+        ConfigError, match=rf"{section}\.{setting} is 36\.5, .* speed_limit_m_s is 36:"
+    ):
+        require_speed_limit(Config().updated(section, **{setting: 36.5}), road)
+
+
+def test_placed_vehicles_bring_their_own_desired_speeds_to_a_slower_road() -> None:
+    ego = PlacedVehicle("ego", lane=1, position_m=50.0, speed_m_s=20.0, desired_speed_m_s=30.0)
+    require_speed_limit(Config(), ScenarioDescription(speed_limit_m_s=31.0, vehicles=(ego,)))
+    with pytest.raises(ConfigError, match="desired_speed_max_m_s is 32"):
+        require_speed_limit(Config(), ScenarioDescription(speed_limit_m_s=31.0))

@@ -185,6 +185,7 @@ def test_description_survives_toml(c_m: float, lanes: int, width_m: float, limit
         (PLACED_TOML.replace('"slow"', '"a b"'), "letters, digits, - and _"),
         (PLACED_TOML.replace("124.9", "4.0"), "'ego' and 'slow' overlap on lane 1"),
         (PLACED_TOML.replace("124.9", "498.0"), "'ego' and 'slow' overlap on lane 1"),
+        (PLACED_TOML.replace("limit_m_s = 40.0", "limit_m_s = 9.0"), "limit_m_s, 9"),
         (PLACED_TOML.replace("124.9", "500.0"), "placed at 500 m, but must be on the loop"),
         (PLACED_TOML.replace("lane = 1", "lane = 3"), "placed on lane 3, but must be"),
         (PLACED_TOML.replace("barricaded_lanes = []", "barricaded_lanes = [1]"), "on lane 1, but"),
