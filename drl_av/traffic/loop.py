@@ -110,8 +110,12 @@ def _length_m(lanes: list[ET.Element], edge: str) -> float:
 def _compare(lanes: list[ET.Element], edge: str, description: ScenarioDescription) -> None:
     if len(lanes) != description.lanes:
         raise _Unfit(f"has {len(lanes)} lanes on edge {edge!r}, not {description.lanes}")
-    for lane, is_open in zip(lanes, description.open_lanes, strict=True):
-        if (lane.get("disallow") != "all") != is_open:
+    for index, (lane, is_open) in enumerate(zip(lanes, description.open_lanes, strict=True)):
+        if lane.attrib["index"] != str(index) or lane.attrib["id"] != f"{edge}_{index}":
+            raise _Unfit(f"has no lane {index} in its place on edge {edge!r}")
+        if lane.get("allow") is not None or lane.get("disallow") not in (None, "all"):
+            raise _Unfit(f"has lane {lane.attrib['id']!r} for some kinds of vehicles only")
+        if (lane.get("disallow") is None) != is_open:
             state = "barricaded" if is_open else "open"
             raise _Unfit(f"has lane {lane.attrib['id']!r} {state}, unlike its description")
         for attribute, default, wanted in (

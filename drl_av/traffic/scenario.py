@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +11,13 @@ from drl_av.traffic import scenario_files
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription, from_toml
 from drl_av.traffic.loop import read_loop
 from drl_av.traffic.road import Road
+from drl_av.traffic.scenario_xml import (
+    ADDITIONAL,
+    NETWORK,
+    VIEW,
+    read_regular_file,
+    read_xml,
+)
 
 __all__ = [
     "PlacedVehicle",
@@ -112,9 +118,11 @@ def load_scenario(folder: str | Path) -> Scenario:
     description = from_toml(_text(folder / name), str(folder / name))
     additional = [folder / name for name in scenario_files.additional_files(description)]
     for path in additional:
-        _root(path)
+        read_xml(path, ADDITIONAL, WRITE_ANEW)
+    read_xml(folder / scenario_files.VIEW_FILE, VIEW, WRITE_ANEW)
     network_file = folder / scenario_files.NETWORK_FILE
-    loop = read_loop(_root(network_file), description, str(network_file))
+    network = read_xml(network_file, NETWORK, WRITE_ANEW)
+    loop = read_loop(network, description, str(network_file))
     as_written = _require_unchanged(folder)
     road = Road(loop.circumference_m, description.lane_width_m, description.open_lanes)
     positions, files = loop.lane_positions, tuple(additional)
@@ -130,7 +138,8 @@ def _require_unchanged(folder: Path) -> bool:
     if not record.exists():
         return False
     names = {path.name for path in folder.iterdir()} & set(scenario_files.ALL_FILES)
-    found = scenario_files.checksums({n: _bytes(folder / n) for n in names}).splitlines()
+    contents = {name: read_regular_file(folder / name, WRITE_ANEW) for name in names}
+    found = scenario_files.checksums(contents).splitlines()
     changed = set(found) ^ set(_text(record).splitlines())
     if changed:
         name = min(line.split("  ")[-1] for line in changed)
@@ -169,24 +178,8 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
     )
 
 
-def _bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except FileNotFoundError as error:
-        raise ScenarioError(f"{path} is missing: {WRITE_ANEW}.") from error
-    except OSError as error:
-        raise ScenarioError(f"{path} cannot be read ({error}): {WRITE_ANEW}.") from error
-
-
 def _text(path: Path) -> str:
     try:
-        return _bytes(path).decode("utf-8-sig")
+        return read_regular_file(path, WRITE_ANEW).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ScenarioError(f"{path} cannot be read ({error}): {WRITE_ANEW}.") from error
-
-
-def _root(path: Path) -> ET.Element:
-    try:
-        return ET.fromstring(_text(path).encode())
-    except (ET.ParseError, LookupError, ValueError) as error:
-        raise ScenarioError(f"{path} is damaged or cut short ({error}): {WRITE_ANEW}.") from error

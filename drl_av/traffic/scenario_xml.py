@@ -1,0 +1,83 @@
+"""Reads the XML files of a scenario folder, and refuses what a scenario does not need.
+
+SUMO's files can name other files to read or to overwrite, and addresses to connect to. A scenario
+folder may come from another person, so each file that SUMO will load is read here first.
+"""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from drl_av.errors import ScenarioError
+
+MAX_BYTES = 64_000_000
+MAX_DEPTH = 8
+NETWORK = frozenset(
+    ["net", "location", "type", "edge", "lane", "junction", "request", "connection"]
+)
+ADDITIONAL = frozenset(["additional", "vType", "poly"])
+VIEW = frozenset(["viewsettings", "scheme", "edges", "vehicles", "delay", "viewport"])
+"""The elements of each kind of file that a scenario needs."""
+
+
+class _Reader(ET.TreeBuilder):
+    """Builds the tree of a document of known elements; raises ValueError at any other."""
+
+    def __init__(self, elements: frozenset[str]) -> None:
+        super().__init__()
+        self._elements, self._depth = elements, 0
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
+        """Begin an element of the document."""
+        self._depth += 1
+        if self._depth > MAX_DEPTH:
+            raise ValueError(f"it nests elements more than {MAX_DEPTH} deep")
+        if tag not in self._elements:
+            raise ValueError(f"it has an element <{tag[:40]}>, which no scenario needs")
+        for name in attrs:
+            if "file" in name.lower() or name == "href":
+                raise ValueError(f"its <{tag}> names a file by the attribute {name[:40]!r}")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ET.Element:
+        """End an element of the document."""
+        self._depth -= 1
+        return super().end(tag)
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        """Refuse a document type, which may define entities and name other documents."""
+        raise ValueError("it declares a document type")
+
+
+def read_xml(path: Path, elements: frozenset[str], way_out: str) -> ET.Element:
+    """The root of an XML file that consists of the named elements.
+
+    ``way_out`` ends each refusal: what the user can do.
+
+    Raises:
+        ScenarioError: the file is missing, no regular file, too large, damaged, or has an element
+            or attribute that a scenario does not need.
+    """
+    data = read_regular_file(path, way_out)
+    parser = ET.XMLParser(target=_Reader(elements))
+    try:
+        parser.feed(data.decode("utf-8-sig").encode())
+        root: ET.Element = parser.close()
+    except (ET.ParseError, LookupError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path} is damaged or cut short ({error}): {way_out}.") from error
+    except ValueError as error:
+        raise ScenarioError(f"{path} cannot be used, {error}: {way_out}.") from error
+    return root
+
+
+def read_regular_file(path: Path, way_out: str) -> bytes:
+    """The bytes of a file; raises ScenarioError where it is missing, a pipe, or too large."""
+    try:
+        if path.exists() and not path.is_file():
+            raise ScenarioError(f"{path} is no regular file: {way_out}.")
+        if path.stat().st_size > MAX_BYTES:
+            raise ScenarioError(f"{path} is larger than {MAX_BYTES // 10**6} MB: {way_out}.")
+        return path.read_bytes()
+    except FileNotFoundError as error:
+        raise ScenarioError(f"{path} is missing: {way_out}.") from error
+    except OSError as error:
+        raise ScenarioError(f"{path} cannot be read ({error}): {way_out}.") from error
