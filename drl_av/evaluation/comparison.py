@@ -2,18 +2,12 @@
 
 import csv
 import io
-import multiprocessing
-import os
-import signal
-import threading
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import asdict, fields
+from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
@@ -22,6 +16,7 @@ from drl_av.env.rollout import EpisodeResult, drive
 from drl_av.errors import ConfigError, SimulationError
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.drivers import Choice, build
+from drl_av.evaluation.processes import BrokenProcessPool, workers
 from drl_av.files import write_whole
 
 
@@ -88,67 +83,33 @@ class Evaluation:
     def _rows_of_processes(self, jobs: int) -> Iterator[EpisodeResult]:
         names = [choice.name for choice in self._choices]
         episodes = list(product(self._vehicles, self._seeds, names))
-        pool = ProcessPoolExecutor(
-            jobs,
-            multiprocessing.get_context("spawn"),
-            initializer=_begin,
-            initargs=(self._config, self._choices),
-        )
         done = 0
-        try:
-            with interrupts_ignored():
-                rows = pool.map(_drive, episodes)
-            for row in rows:
-                yield row
-                done += 1
-        except BrokenProcessPool as error:
-            number, seed, name = episodes[done]
-            raise SimulationError(
-                "A process of the evaluation ended on its own, as it does when SUMO aborts: try "
-                f"again with --jobs 1; the first row missing is that of {name}, "
-                f"{number} vehicles, seed {seed}."
-            ) from error
-        finally:
-            pool.shutdown(cancel_futures=True)
+        with workers(jobs) as submit:
+            rows = [submit(_drive, self._config, self._choices, *episode) for episode in episodes]
+            try:
+                for row in rows:
+                    yield row.result()
+                    done += 1
+            except BrokenProcessPool as error:
+                number, seed, name = episodes[done]
+                raise SimulationError(
+                    "A process of the evaluation ended on its own, as it does when SUMO aborts: "
+                    f"try again with --jobs 1; the first row missing is that of {name}, "
+                    f"{number} vehicles, seed {seed}."
+                ) from error
 
 
-@contextmanager
-def interrupts_ignored() -> Iterator[None]:
-    """Processes begun inside ignore Ctrl-C, which the terminal sends to all, for good."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    former = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, former)
+@cache
+def _equipped(config: Config, choices: tuple[Choice, ...]) -> tuple[HighwayEnv, dict[str, Driver]]:
+    """The environment and the drivers of a worker process, which keeps them."""
+    return HighwayEnv(config=config), build(choices, config)
 
 
-class _Worker(NamedTuple):
-    env: HighwayEnv
-    drivers: dict[str, Driver]
-
-
-_worker: list[_Worker] = []
-"""What this process drives with, where it is one of an evaluation's."""
-
-
-def _begin(config: Config, choices: Sequence[Choice]) -> None:
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    _worker.append(_Worker(HighwayEnv(config=config), build(choices, config)))
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
-def _drive(episode: tuple[int, int, str]) -> EpisodeResult:
-    [(env, drivers)], (number, seed, name) = _worker, episode
-    return drive(env, drivers[name], name, seed, number)
+def _drive(
+    config: Config, choices: tuple[Choice, ...], vehicles: int, seed: int, name: str
+) -> EpisodeResult:
+    env, drivers = _equipped(config, choices)
+    return drive(env, drivers[name], name, seed, vehicles)
 
 
 def write_rows(path: Path, rows: Iterable[EpisodeResult]) -> None:

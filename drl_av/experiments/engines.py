@@ -7,15 +7,13 @@ again: the function has to go on where it was, and to do nothing where all is do
 
 import contextlib
 import os
-import threading
-import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 from importlib.util import find_spec
 from typing import Any, TypeVar
 
 from drl_av.errors import DrlAvError, SimulationError
-from drl_av.evaluation.comparison import interrupts_ignored
+from drl_av.evaluation.processes import BrokenProcessPool, workers
 
 Job = TypeVar("Job")
 Ended = Generator[list[Job], None, None]
@@ -25,7 +23,6 @@ RETRIES = 3
 TICK_S = 1.0
 PATIENT = {"agent_register_timeout_ms": 300_000, "worker_register_timeout_seconds": 300}
 """A local Ray gives up starting where a busy machine takes longer than its usual 30 s."""
-SINGLE_THREADED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 def on_this_machine(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> Ended[Job]:
@@ -34,44 +31,22 @@ def on_this_machine(work: Callable[[Job], None], jobs: Sequence[Job], processes:
     Raises:
         SimulationError: processes were killed again and again.
     """
-    from loky import ProcessPoolExecutor
-    from loky.process_executor import BrokenProcessPool
-
     left, breaks = list(jobs), 0
     while left:
-        pool = ProcessPoolExecutor(
-            min(processes, len(left)),
-            env=SINGLE_THREADED,
-            initializer=_end_with,
-            initargs=(os.getpid(),),
-        )
         try:
-            with interrupts_ignored():
-                futures = {pool.submit(work, job): job for job in left}
-            while futures:
-                ended = wait(futures, TICK_S, FIRST_COMPLETED).done
-                for future in ended:
-                    future.result()
-                done = [futures.pop(future) for future in ended]
-                left = [job for job in left if job not in done]
-                yield done
+            with workers(min(processes, len(left))) as submit:
+                futures = {submit(work, job): job for job in left}
+                while futures:
+                    ended = wait(futures, TICK_S, FIRST_COMPLETED).done
+                    for future in ended:
+                        future.result()
+                    done = [futures.pop(future) for future in ended]
+                    left = [job for job in left if job not in done]
+                    yield done
         except BrokenProcessPool as error:
             breaks += 1
             if breaks > RETRIES:
                 raise _given_up() from error
-        finally:
-            pool.shutdown(kill_workers=True)
-
-
-def _end_with(parent: int) -> None:
-    """End this process soon after its parent, however that ended."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(TICK_S)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def on_ray(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> Ended[Job]:

@@ -22,7 +22,7 @@ from drl_av.config import Config
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import EpisodeResult, drive
-from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError, SimulationError
+from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
 from drl_av.evaluation import comparison as module
 from drl_av.evaluation.comparison import Evaluation, drive_all, write_rows
 from drl_av.evaluation.drivers import PRETRAINED, Choice, build, choose, config_of
@@ -151,12 +151,12 @@ def test_two_processes_drive_the_same_rows_in_the_same_order(tmp_path: Path) -> 
     assert len(one) == 18
 
 
-def test_process_that_dies_is_told_in_one_sentence() -> None:
-    broken = Evaluation(SHORT, choose(["idm"]), (2,), range(2))
-    broken._choices = (Choice("idm", Path("gone")),)
-    rows = broken.rows(jobs=2)
-    with pytest.raises(SimulationError, match=r"ended on its own.*idm, 2 vehicles, seed 0"):
-        list(rows)
+def test_what_a_worker_process_raises_is_raised(tmp_path: Path) -> None:
+    run = run_folder(tmp_path / "run")
+    evaluation = Evaluation(SHORT, choose([str(run)]), (2,), range(2))
+    (run / "policy.safetensors").unlink()
+    with pytest.raises(RunError, match="run holds no trained driver"):
+        list(evaluation.rows(jobs=2))
 
 
 def test_rows_of_before_a_worker_aborted_are_kept_and_the_abort_is_told(
