@@ -37,9 +37,11 @@ print(session.drive(sys.argv[1] if sys.argv[1:] else None)[0].hash())
 """
 
 
-@pytest.fixture(scope="module")
-def env() -> Iterator[HighwayEnv]:
-    with closing(HighwayEnv(config=CONFIG)) as env:
+@pytest.fixture(scope="module", params=["alone", "beside another"])
+def env(request: pytest.FixtureRequest) -> Iterator[HighwayEnv]:
+    with closing(HighwayEnv(config=CONFIG)) as other, closing(HighwayEnv(config=CONFIG)) as env:
+        if request.param == "beside another":
+            other.reset(seed=1)
         yield env
 
 
