@@ -63,6 +63,7 @@ def evaluate(options: argparse.Namespace) -> int:
     config = overridden(config_of(choices), options)
     seeds = range(options.seed, options.seed + options.episodes)
     evaluation = Evaluation(config, choices, tuple(options.vehicles or ()), seeds)
+    kept = _partial(options.out) if options.out and options.out.exists() else options.out
     rows, status, saved_s = [], 0, time.monotonic()
     try:
         with (
@@ -72,17 +73,27 @@ def evaluate(options: argparse.Namespace) -> int:
             for row in found:
                 rows.append(row)
                 bar.advance(f"{row.driver}, {row.vehicles} vehicles", row.decisions)
-                if options.out and time.monotonic() - saved_s > SAVE_EVERY_S:
-                    write_rows(options.out, rows)
+                if kept and time.monotonic() - saved_s > SAVE_EVERY_S:
+                    write_rows(kept, rows)
                     saved_s = time.monotonic()
     except KeyboardInterrupt:
         status = INTERRUPTED
         print(f"drl-av: interrupted after {len(rows)} episodes.", file=sys.stderr)
     finally:
-        if rows and options.out:
-            write_rows(options.out, rows)
+        if rows and kept:
+            write_rows(kept, rows)
+    if rows and kept != options.out and status == 0:
+        write_rows(options.out, rows)
+        kept.unlink()
+    elif rows and kept != options.out:
+        print(f"drl-av: {options.out} is unchanged; the new rows are in {kept}.", file=sys.stderr)
     if rows and options.json:
         write_summaries(options.json, summarize(rows))
     if rows:
         print_summaries(summarize(rows))
     return status
+
+
+def _partial(table: Path) -> Path:
+    """Where the rows go while a table of that name exists: the old table stays until the end."""
+    return table.with_name(f"{table.stem}.partial{table.suffix}")

@@ -1,6 +1,7 @@
 """The verbs that learn: ``train`` from nothing, ``adapt`` from a trained driver on."""
 
 import argparse
+import shlex
 import sys
 from contextlib import closing
 from pathlib import Path
@@ -170,7 +171,7 @@ def _unchanged(run: "Run", stored: Config, asked: Config) -> Config:
 
 def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: str) -> int:
     """Learn from where the run stands; say how to go on, or with whom to compare the driver."""
-    again = f"drl-av {verb} --out {run.folder} --resume"
+    again = shlex.join(["drl-av", verb, "--out", str(run.folder), "--resume"])
     with run.alone():
         run.restore(training)
         try:
@@ -187,7 +188,7 @@ def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, ri
         return INTERRUPTED
     episodes = training.config.learning.episodes
     print(f"{run.folder}: {episodes} episodes; compare it with the driver {rival}:")
-    print(f"drl-av evaluate {run.folder} {rival}")
+    print(shlex.join(["drl-av", "evaluate", str(run.folder), rival]))
     return 0
 
 

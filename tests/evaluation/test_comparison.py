@@ -279,14 +279,18 @@ def test_place_that_cannot_be_written_to_is_found_before_the_work(tmp_path: Path
         require_writable(tmp_path / "missing" / "new.csv")
 
 
-def test_ctrl_c_keeps_the_rows_so_far(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_keep_the_rows_so_far(
+    number: signal.Signals,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     driven = iter(range(100))
 
     def drive(*arguments: object) -> EpisodeResult:
         if next(driven) == 3:
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(number)
         return ROW
 
     former = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in background jobs
@@ -302,6 +306,30 @@ def test_ctrl_c_keeps_the_rows_so_far(
     told = capsys.readouterr()
     assert told.err == "drl-av: interrupted after 3 episodes.\n"
     assert "3 episodes each" in told.out
+
+
+def test_a_table_that_exists_keeps_its_rows_until_the_new_ones_are_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stop_at, driven = [3], iter(range(100))
+
+    def drive(*arguments: object) -> EpisodeResult:
+        if next(driven) in stop_at:
+            signal.raise_signal(signal.SIGTERM)
+        return ROW
+
+    monkeypatch.setattr(module, "drive", drive)
+    out, partial = tmp_path / "rows.csv", tmp_path / "rows.partial.csv"
+    out.write_text("the old table\n")
+    words = ["evaluate", "idm", "--vehicles", "5", "--episodes", "9", "--out", str(out)]
+    assert cli.main(words) == 130
+    assert out.read_text() == "the old table\n"
+    assert len(partial.read_text().splitlines()) == 1 + 3
+    assert f"{out} is unchanged; the new rows are in {partial}." in capsys.readouterr().err
+    stop_at.clear()
+    assert cli.main(words) == 0
+    assert len(out.read_text().splitlines()) == 1 + 9
+    assert not partial.exists()
 
 
 def test_runs_of_one_name_are_told_apart_and_drivers_mix(tmp_path: Path) -> None:
