@@ -24,7 +24,18 @@ def next_lane_change(
     """The lane change that a lateral action starts, lets go on, or aborts (Sec. IV-A)."""
     if lane_change is None:
         return LaneChange(lane, lane + lateral.sign) if lateral.sign else None
-    return lane_change.reversed() if lateral.sign == -lane_change.sign else lane_change
+    return lane_change.reversed() if aborts(lane_change, lateral) else lane_change
+
+
+def aborts(lane_change: LaneChange | None, lateral: Lateral) -> bool:
+    """Whether a lateral action turns the lane change in progress back (Sec. IV-A)."""
+    return lane_change is not None and lateral.sign == -lane_change.sign
+
+
+def target_lane(scene: Scene, lateral: Lateral) -> int:
+    """The lane that the ego is bound for by a lateral action; its own without a lane change."""
+    change = next_lane_change(scene.lane_change, scene.affordances.lane, lateral)
+    return scene.affordances.lane if change is None else change.target
 
 
 class Sideways(NamedTuple):

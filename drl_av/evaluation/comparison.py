@@ -12,7 +12,8 @@ from pathlib import Path
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.env.highway import TRAINING_SEEDS, HighwayEnv
-from drl_av.env.rollout import EpisodeResult, drive
+from drl_av.env.metrics import EpisodeResult
+from drl_av.env.rollout import drive
 from drl_av.errors import ConfigError, SimulationError
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.drivers import Choice, build

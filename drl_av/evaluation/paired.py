@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from drl_av.env.rollout import EpisodeResult
+from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.statistics import Mean, mean_with_interval
 from drl_av.files import Row

@@ -10,7 +10,8 @@ from drl_av.drawing import Caption, Picture, draw
 from drl_av.drawing.film import interpolated, write_video
 from drl_av.drivers.driver import Driver
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.rollout import EpisodeResult, drive
+from drl_av.env.metrics import EpisodeResult
+from drl_av.env.rollout import drive
 from drl_av.evaluation.recording import Follower, RecordedDriver, Recorder, Recording, Watcher
 from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import Snapshot

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.env.rollout import EpisodeResult
+from drl_av.env.metrics import EpisodeResult
 from drl_av.files import write_whole
 
 

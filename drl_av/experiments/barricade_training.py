@@ -16,9 +16,8 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.config.presets import preset
-from drl_av.driving.actions import ACTIONS, Action
-from drl_av.driving.maneuver import next_lane_change
-from drl_av.driving.scene import Scene
+from drl_av.driving.actions import ACTIONS
+from drl_av.driving.maneuver import target_lane
 from drl_av.env.highway import HighwayEnv, Observation
 from drl_av.env.rollout import drive
 from drl_av.files import write_whole
@@ -60,21 +59,16 @@ class Witness(HighwayEnv):
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Carry out one decision, and remember what it was for and what it hit."""
         before = self.scene
-        self.barricade_proposals += self._barricaded(self._target(before, ACTIONS[action]))
+        self.barricade_proposals += self._barricaded(target_lane(before, ACTIONS[action].lateral))
         done = super().step(action)
         collision = done[4]["collision"]
         if collision is not None:
             executed = ACTIONS[done[4]["executed_action"]]
-            barricaded = self._barricaded(self._target(before, executed))
+            barricaded = self._barricaded(target_lane(before, executed.lateral))
             edge = "barricade" if barricaded else "road edge"
             vehicle = "vehicle" if collision.kind.ego_hit else "by vehicle"
             self.hit = edge if collision.kind is CollisionKind.HIT_EDGE else vehicle
         return done
-
-    @staticmethod
-    def _target(scene: Scene, action: Action) -> int:
-        wanted = next_lane_change(scene.lane_change, scene.affordances.lane, action.lateral)
-        return int(scene.affordances.lane if wanted is None else wanted.target)
 
     def _barricaded(self, lane: int) -> bool:
         return 0 <= lane < len(self.road.open_lanes) and not self.road.is_open(lane)

@@ -7,7 +7,7 @@ from itertools import count
 from typing import Any
 
 from drl_av.config import Config
-from drl_av.env.rollout import EpisodeResult
+from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.drivers import choose, config_of
 from drl_av.evaluation.paired import Paired, paired

@@ -7,7 +7,7 @@ from time import monotonic
 from typing import Any
 
 from drl_av.config import Config
-from drl_av.env.rollout import EpisodeResult
+from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.drivers import Choice, policy_file
 from drl_av.experiments.options import Scale

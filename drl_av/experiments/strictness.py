@@ -5,7 +5,7 @@ from functools import partial
 from typing import NamedTuple
 
 from drl_av.config import Config
-from drl_av.env.rollout import EpisodeResult
+from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.drivers import choose, config_of
 from drl_av.experiments.driven import DrivenTable, columns

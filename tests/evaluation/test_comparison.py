@@ -21,7 +21,8 @@ from drl_av import cli
 from drl_av.config import Config
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.rollout import EpisodeResult, drive
+from drl_av.env.metrics import EpisodeResult
+from drl_av.env.rollout import drive
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
 from drl_av.evaluation import comparison as module
 from drl_av.evaluation.comparison import Evaluation, drive_all, write_rows

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drl_av.env.rollout import EpisodeResult
+from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.paired import paired
 

@@ -1,0 +1,131 @@
+"""The rollout of an episode: its order, what it hands on, and how it ends."""
+
+import itertools
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from worlds import scene
+
+from drl_av.config import Config
+from drl_av.drivers.rules import RandomDriver
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.scene import Scene
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import drive, rollout
+from drl_av.errors import ConfigError
+
+
+class ScriptedEnv:
+    """An environment whose scene, observation and reward are numbered by the decision."""
+
+    check_name = "scripted"
+
+    def __init__(self, tape: list[str], decisions: int, *, terminated: bool = False) -> None:
+        self._tape, self._decisions, self._terminated = tape, decisions, terminated
+
+    def _show(self) -> npt.NDArray[np.float32]:
+        self.scene = scene(speed_m_s=10.0 + self._done)
+        return np.full(27, self._done, dtype=np.float32)
+
+    def reset(self, *, seed: int, options: Any) -> tuple[npt.NDArray[np.float32], dict[str, Any]]:
+        self._done = 0
+        self._tape.append(f"reset {seed} {options}")
+        return self._show(), {}
+
+    def step(self, action: int) -> tuple[npt.NDArray[np.float32], float, bool, bool, Any]:
+        self._done += 1
+        self._tape.append(f"step {action}")
+        terms = {"r_v": 0.0, "r_y": 0.0, "r_x": 0.0}
+        info = {"executed_action": action, "rule": "none", "rewards": terms, "collision": None}
+        over = self._done == self._decisions
+        ends = (over and self._terminated, over and not self._terminated)
+        return self._show(), -0.1 * self._done, *ends, info
+
+
+class CountingDriver:
+    """Proposes action 0, then 1, then 2 ..."""
+
+    def __init__(self, tape: list[str]) -> None:
+        self._tape = tape
+
+    def start(self, seed: int) -> None:
+        self._tape.append(f"start {seed}")
+        self._number = -1
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        assert scene.affordances.ego_speed_m_s == 10 + observation[0]
+        self._number += 1
+        self._tape.append(f"act on {observation[0]:g}")
+        return ACTIONS[self._number]
+
+
+def scripted(
+    decisions: int, *, terminated: bool = False
+) -> tuple[HighwayEnv, CountingDriver, list[str]]:
+    tape: list[str] = []
+    made: Any = ScriptedEnv(tape, decisions, terminated=terminated)
+    return made, CountingDriver(tape), tape
+
+
+def test_each_decision_is_yielded_before_the_driver_takes_the_next() -> None:
+    env, driver, tape = scripted(3)
+    for decision in rollout(env, driver, 5, 30):
+        tape.append(f"learn {decision.proposed.number}")
+    assert tape == [
+        *("reset 5 {'vehicles': 30}", "start 5"),
+        *("act on 0", "step 0", "learn 0"),
+        *("act on 1", "step 1", "learn 1"),
+        *("act on 2", "step 2", "learn 2"),
+    ]
+
+
+def test_without_a_number_of_vehicles_the_environment_draws_it() -> None:
+    env, driver, tape = scripted(1)
+    list(rollout(env, driver, 5))
+    assert tape[0] == "reset 5 None"
+
+
+@pytest.mark.parametrize("terminated", [True, False])
+def test_a_decision_holds_what_was_before_it_and_what_came_after(terminated: bool) -> None:
+    env, driver, _ = scripted(3, terminated=terminated)
+    decisions = list(rollout(env, driver, 5))
+    assert [each.proposed.number for each in decisions] == [0, 1, 2]
+    assert [each.observation[0] for each in decisions] == [0, 1, 2]
+    assert [each.next_observation[0] for each in decisions] == [1, 2, 3]
+    assert [each.scene.affordances.ego_speed_m_s for each in decisions] == [10, 11, 12]
+    assert [each.next_scene.affordances.ego_speed_m_s for each in decisions] == [11, 12, 13]
+    assert [each.reward for each in decisions] == pytest.approx([-0.1, -0.2, -0.3])
+    assert [each.terminated for each in decisions] == [False, False, terminated]
+    assert [each.truncated for each in decisions] == [False, False, not terminated]
+
+
+def test_drive_sums_up_every_decision_of_the_episode() -> None:
+    env, driver, _ = scripted(4)
+    row = drive(env, driver, "counting", 5, 30)
+    assert (row.driver, row.safety_check, row.vehicles, row.seed) == ("counting", "scripted", 30, 5)
+    assert (row.decisions, row.mean_speed_m_s) == (4, (11 + 12 + 13 + 14) / 4)
+    assert row.mean_reward == pytest.approx(-0.25)
+    assert row.hard_brakes == 1  # action 3
+
+
+def test_on_the_real_road_the_next_scene_is_the_scene_of_the_next_decision() -> None:
+    env = HighwayEnv(config=Config().updated("simulation", decisions_per_episode=8))
+    decisions = list(rollout(env, RandomDriver(), 800_000, 12))
+    env.close()
+    assert [each.truncated for each in decisions] == [False] * 7 + [True]
+    for before, after in itertools.pairwise(decisions):
+        assert before.next_scene is after.scene
+        assert before.next_observation is after.observation
+    last = decisions[-1]
+    assert last.info["vehicles"] == len(last.next_scene.snapshot.ids) - 1 == 12
+    assert last.proposed.number == last.info["proposed_action"]
+
+
+def test_what_the_environment_refuses_is_raised_at_the_first_decision() -> None:
+    env: Any = SimpleNamespace(reset=lambda **_: (_ for _ in ()).throw(ConfigError("no such road")))
+    episode = rollout(env, RandomDriver(), 0, 1)
+    with pytest.raises(ConfigError, match="no such road"):
+        next(episode)
