@@ -5,6 +5,7 @@ or "ours" where the paper is silent. Units stand in the names; bounds are inclus
 """
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,7 @@ __all__ = [
     "SimulationConfig",
     "StrictConfig",
     "TrafficConfig",
+    "from_sections",
     "from_toml",
     "load_config",
     "located",
@@ -91,20 +93,32 @@ def from_toml(text: str, base: Config | None = None, name: str = "config") -> Co
     """Lay the settings of a TOML text over ``base`` (default: the paper's).
 
     Raises:
-        ConfigError: the text is no TOML, or a section or key is unknown, mistyped or out of bounds.
+        ConfigError: the text is no TOML, or ``from_sections`` refuses what it says.
     """
     try:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{name} is not valid TOML: {error}.") from error
+    return from_sections(document, base, name)
+
+
+def from_sections(
+    sections: Mapping[str, Any], base: Config | None = None, name: str = "config"
+) -> Config:
+    """Lay ``{section: {key: value}}`` over ``base`` (default: the paper's).
+
+    Raises:
+        ConfigError: a section or key is unknown, mistyped or out of bounds.
+    """
     config = base if base is not None else Config()
-    for section, settings in document.items():
+    for section, settings in sections.items():
         if section not in _SECTIONS:
+            shown = repr(str(section))[1:-1]
             raise ConfigError(
-                f"{name} has no section [{repr(section)[1:-1]}]{did_you_mean(section, _SECTIONS)}; "
+                f"{name} has no section [{shown}]{did_you_mean(section, _SECTIONS)}; "
                 f"the sections are: {', '.join(_SECTIONS)}."
             )
-        if not isinstance(settings, dict):
+        if not isinstance(settings, Mapping):
             raise ConfigError(f"{name}: {section} must be a section, written [{section}].")
         known = [item.name for item in fields(_SECTIONS[section])]  # type: ignore[arg-type]
         for key in settings:

@@ -1,6 +1,10 @@
 """Whole configs by name, and the one that continuous adaptation makes of another."""
 
-from drl_av.config import Config
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from drl_av.config import Config, from_sections, load_config
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ConfigError
 
@@ -35,6 +39,31 @@ def preset(name: str) -> Config:
             f"the presets are: {', '.join(PRESETS)}."
         )
     return PRESETS[name]
+
+
+def as_config(given: Config | Mapping[str, Any] | str | Path | None) -> Config:
+    """The settings that are given in any of the ways in which a program may give them.
+
+    A Config, a preset's name, the path of a TOML file, or ``{section: {key: value}}``, which is
+    laid over the paper's settings as the TOML file is; None stands for these alone.
+
+    Raises:
+        ConfigError: it is none of these, or a setting is unknown, mistyped or out of bounds.
+    """
+    if isinstance(given, Config):
+        return given
+    if isinstance(given, Mapping):
+        return from_sections(given)
+    if isinstance(given, str) and given in PRESETS:
+        return PRESETS[given]
+    is_file = isinstance(given, Path) or (isinstance(given, str) and Path(given).exists())
+    if given is None or is_file:
+        return load_config(given)
+    raise ConfigError(
+        f"config is {given!r}{did_you_mean(given, PRESETS)}, but must be a preset "
+        f"({', '.join(PRESETS)}), a TOML file that exists, sections as in "
+        "{'traffic': {'vehicles_max': 5}}, or a Config."
+    )
 
 
 def adaptation(config: Config) -> Config:

@@ -1,5 +1,6 @@
 """``drl_av/Highway-v0``: the ego vehicle on SUMO's circular highway, as a gymnasium environment."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,8 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import Config, load_config
+from drl_av.config import Config
+from drl_av.config.presets import as_config
 from drl_av.drawing import Caption, draw
 from drl_av.drivers.background.level_1 import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
@@ -62,7 +64,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
     Terminated when the ego hits or is hit; truncated after `decisions_per_episode` decisions.
 
     ## Arguments
-    `scenario` (folder or name), `safety_check` (name or function), `config` (Config or TOML file),
+    `scenario` (folder or name), `safety_check` (name or function), `config` (a preset's name, a
+    TOML file, `{{"traffic": {{"vehicles_max": 5}}}}` or a Config),
     `render_mode` ("human" is sumo-gui, "rgb_array" needs no screen), `action_mask` (whether
     `info` holds one; `gymnasium.make` asks for it, an environment made directly does not).
 
@@ -88,7 +91,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self,
         scenario: str | Path | None = None,
         safety_check: str | SafetyCheck | None = None,
-        config: Config | str | Path | None = None,
+        config: Config | Mapping[str, Any] | str | Path | None = None,
         render_mode: str | None = None,
         action_mask: bool = False,
     ) -> None:
@@ -100,7 +103,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
                 f"render_mode is {render_mode!r}, but must be None, 'human' or 'rgb_array'."
             )
         self.render_mode = render_mode
-        config = config if isinstance(config, Config) else load_config(config)
+        config = as_config(config)
         if scenario is not None:
             folder = Path(scenario)
             name = str(folder.absolute() if folder.is_dir() else scenario)

@@ -765,7 +765,7 @@ def test_reset_refuses_more_vehicles_than_fit_and_goes_on_after_it(env: HighwayE
         ({"safety_check": "papper"}, r"'papper' \(did you mean 'paper'\?\)"),
         ({"safety_check": "permitall"}, r"\(did you mean 'permit_all'\?\)"),
         ({"render_mode": "ansi"}, r"render_mode is 'ansi', but must be None, 'human' or 'rgb_arr"),
-        ({"config": "/nowhere/settings.toml"}, r"/nowhere/settings.toml cannot be read"),
+        ({"config": "/nowhere/settings.toml"}, r"/nowhere/settings.toml', but must be a preset"),
     ],
 )
 def test_an_environment_refuses_bad_arguments(arguments: dict[str, Any], told: str) -> None:

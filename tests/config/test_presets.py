@@ -1,0 +1,75 @@
+"""Settings as a program may give them, all checked alike."""
+
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import pytest
+
+import drl_av
+from drl_av.config import Config
+from drl_av.config.presets import as_config, preset
+from drl_av.errors import ConfigError
+
+FIVE = Config().updated("traffic", vehicles_max=5)
+WRONG = [
+    ({"trafic": {}}, "[trafic]\n", r"no section \[trafic\] \(did you mean 'traffic'\?\)"),
+    ({5: {}}, "[5]\n", r"no section \[5\]"),
+    ({"traffic": 5}, "traffic = 5\n", "traffic must be a section"),
+    (
+        {"traffic": {"vehicle_max": 5}},
+        "[traffic]\nvehicle_max = 5\n",
+        r"no key 'vehicle_max' \(did you mean 'vehicles_max'\?\)",
+    ),
+    (
+        {"traffic": {"vehicles_max": 5.0}},
+        "[traffic]\nvehicles_max = 5.0\n",
+        "traffic.vehicles_max is 5.0, but must be of type int",
+    ),
+    (
+        {"traffic": {"vehicles_max": -1}},
+        "[traffic]\nvehicles_max = -1\n",
+        "traffic.vehicles_max is -1, but must be",
+    ),
+]
+
+
+def test_all_ways_to_give_settings_make_the_same_environment(tmp_path: Path) -> None:
+    file = tmp_path / "five.toml"
+    file.write_text("[traffic]\nvehicles_max = 5\n")
+    for given in (FIVE, {"traffic": {"vehicles_max": 5}}, file, str(file)):
+        with closing(gymnasium.make("drl_av/Highway-v0", config=given)) as env:
+            assert env.get_wrapper_attr("config") == FIVE
+            assert env.reset(seed=3)[1]["vehicles"] <= 5
+    assert drl_av.__version__
+
+
+def test_a_preset_has_its_name_and_nothing_stands_for_the_paper_s(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert as_config("fast") == preset("fast") != Config()
+    assert as_config("paper") == as_config(None) == as_config({}) == Config()
+    monkeypatch.chdir(tmp_path)
+    Path("fast").write_text("[traffic]\nvehicles_max = 5\n")
+    assert as_config("fast") == preset("fast")
+    assert as_config("./fast") == as_config(Path("fast")) == FIVE
+
+
+@pytest.mark.parametrize(("sections", "text", "told"), WRONG)
+def test_sections_are_refused_as_a_file_of_them_is(
+    sections: dict[Any, Any], text: str, told: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "wrong.toml"
+    file.write_text(text)
+    for given in (sections, file):
+        with pytest.raises(ConfigError, match=told):
+            as_config(given)
+
+
+@pytest.mark.parametrize("given", ["fasst", "/nowhere/fast.toml", 5, ["traffic"]])
+def test_what_is_no_config_is_refused_with_all_that_would_be(given: Any) -> None:
+    with pytest.raises(ConfigError, match=r"must be a preset \(paper, fast\), a TOML") as caught:
+        as_config(given)
+    assert repr(given) in str(caught.value)
+    assert ("did you mean 'fast'" in str(caught.value)) == (given == "fasst")
