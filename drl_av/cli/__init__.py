@@ -1,4 +1,4 @@
-"""The ``drl-av`` command: parse, call, print; every room is opened inside its verb."""
+"""The ``drl-av`` command: parse, call, print. Each verb imports what it needs when it runs."""
 
 import argparse
 import io
@@ -17,7 +17,7 @@ from drl_av.errors import DrlAvError
 
 
 class Verb(NamedTuple):
-    """What can be said to ``drl-av``."""
+    """A subcommand of ``drl-av``."""
 
     meaning: str
     add_options: Callable[[argparse.ArgumentParser], None]
@@ -51,7 +51,7 @@ VERBS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a verb; returns the exit status: 0, 1 for a failure told in one sentence, 2 for usage."""
+    """Run a verb; the exit status is 0, 1 for a failure (one sentence) or 2 for bad usage."""
     try:
         with _printable(), _terminated_as_interrupted():
             options = command_line().parse_args(arguments)
@@ -86,10 +86,10 @@ def _terminated_as_interrupted() -> Iterator[None]:
 
 @contextmanager
 def _printable() -> Iterator[None]:
-    """A character that the output has no code for is told by its number; a full output, at once.
+    """Escape characters that the output cannot encode, and report a full output at once.
 
     Raises:
-        BrokenPipeError: nobody reads the output any more.
+        BrokenPipeError: the reader of the output has gone.
         DrlAvError: it cannot be written.
     """
     out = sys.stdout
@@ -111,7 +111,7 @@ def _printable() -> Iterator[None]:
 
 
 def command_line() -> argparse.ArgumentParser:
-    """The parser; what it returns holds the verb that was asked for as ``verb``."""
+    """The parser; its result holds the chosen ``Verb`` as ``verb``."""
     parser = argparse.ArgumentParser(
         prog="drl-av",
         description="Learn to drive on a highway, safely, in SUMO.",
@@ -133,7 +133,7 @@ def command_line() -> argparse.ArgumentParser:
 
 
 class _Verbs(argparse.HelpFormatter):
-    """Tells what a verb does beside its name, for whose indentation argparse leaves no room."""
+    """Prints the meaning of a verb beside its name, on one line."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog)
@@ -141,9 +141,9 @@ class _Verbs(argparse.HelpFormatter):
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
-    """Tells the defaults, but those that are none."""
+    """Prints defaults, except None, False and the empty list."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         none = action.default is None or action.default is False or action.default == []
-        told = "default" in (action.help or "")
-        return action.help if none or told else super()._get_help_string(action)
+        stated = "default" in (action.help or "")
+        return action.help if none or stated else super()._get_help_string(action)

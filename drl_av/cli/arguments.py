@@ -1,4 +1,4 @@
-"""Types of command-line arguments: what is no such number is bad usage."""
+"""Types of command-line arguments; a value of another type is bad usage (status 2)."""
 
 import argparse
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What ``drl-av`` shows while it works and in the end, and how Ctrl-C is heard."""
+"""Progress bars, result tables, and the handling of Ctrl-C."""
 
 import math
 import os
@@ -35,22 +35,22 @@ def _console() -> Console:
 
 
 class Bar:
-    """A progress bar with the time left; without a terminal only what is said is shown."""
+    """A progress bar with the time left; without a terminal it prints only the lines of ``say``."""
 
     def __init__(self, progress: Progress, task: TaskID) -> None:
         self._progress, self._task = progress, task
         self._decisions, self._begun_s = 0, time.monotonic()
 
-    def advance(self, told: str, decisions: int) -> None:
-        """One more episode is driven; ``told`` stands beside the bar, and decisions a second."""
+    def advance(self, text: str, decisions: int) -> None:
+        """Count one more episode; show ``text`` and the decisions a second beside the bar."""
         self._decisions += decisions
         rate = self._decisions / (time.monotonic() - self._begun_s)
-        self._progress.update(self._task, advance=1, told=f"{told}  {rate:.0f} decisions/s")
+        self._progress.update(self._task, advance=1, text=f"{text}  {rate:.0f} decisions/s")
 
     def reach(self, progress: "Reached") -> None:
-        """So many of so many episodes are driven."""
+        """Set the bar to the progress of an experiment."""
         self._progress.update(
-            self._task, completed=progress.done, total=progress.total, told=progress.told
+            self._task, completed=progress.done, total=progress.total, text=progress.told
         )
         if progress.line:
             self.say(progress.line)
@@ -69,16 +69,16 @@ def progress_bar(what: str, total: int, done: int = 0) -> Iterator[Bar]:
         BarColumn(bar_width=20),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[told]}", markup=False),
+        TextColumn("{task.fields[text]}", markup=False),
         console=console,
         disable=not console.is_terminal,
     )
     with progress:
-        yield Bar(progress, progress.add_task(what, total=total, completed=done, told=""))
+        yield Bar(progress, progress.add_task(what, total=total, completed=done, text=""))
 
 
 def episode_line(row: "EpisodeRow") -> str:
-    """The episode that training has just had, in short."""
+    """One line about a training episode."""
     return (
         f"reward {row.mean_reward:.3f}  {row.mean_speed_m_s:.1f} m/s  "
         f"triggers {row.safety_triggers}  epsilon {row.epsilon:.2f}"
@@ -86,7 +86,7 @@ def episode_line(row: "EpisodeRow") -> str:
 
 
 def evaluation_line(row: "EvaluationRow") -> str:
-    """What the driver is worth so far, in one line."""
+    """One line about an evaluation."""
     return (
         f"episode {row.episode}: greedy reward {row.mean_reward:.3f}, "
         f"{row.mean_speed_m_s:.2f} m/s, {row.ego_hits} times hit something, "
@@ -95,14 +95,14 @@ def evaluation_line(row: "EvaluationRow") -> str:
 
 
 class StopRequest:
-    """Whether somebody pressed Ctrl-C."""
+    """Whether the user has asked to stop."""
 
     made = False
 
 
 @contextmanager
 def stop_request() -> Iterator[StopRequest]:
-    """The first Ctrl-C (or SIGTERM) only asks to stop; the second raises KeyboardInterrupt."""
+    """The first Ctrl-C or SIGTERM sets ``made``; the second raises KeyboardInterrupt."""
     request = StopRequest()
 
     def ask(number: int, frame: object) -> None:

@@ -1,4 +1,4 @@
-"""The verb ``evaluate``: drivers compared on the same seeded traffic."""
+"""The verb ``evaluate``: compare drivers on the same seeded traffic."""
 
 import argparse
 import sys
@@ -12,11 +12,11 @@ from drl_av.cli.status import INTERRUPTED
 from drl_av.evaluation import DENSITIES
 
 SAVE_EVERY_S = 5.0
-"""What an evaluation may lose where its process dies; SUMO can take it along."""
+"""Rows of at most this long are lost when SUMO aborts the process."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """What can be said to it."""
+    """Add this command's arguments."""
     parser.add_argument(
         "runs", nargs="*", metavar="RUN", help="runs' folders (default: the driver that ships)"
     )
@@ -51,7 +51,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def evaluate(options: argparse.Namespace) -> int:
-    """Drive, keep the rows, and print what they come to."""
+    """Drive all episodes, write a row for each, and print the summary."""
     from drl_av.cli.console import print_summaries, progress_bar
     from drl_av.evaluation.comparison import Evaluation, write_rows
     from drl_av.evaluation.drivers import choose, config_of

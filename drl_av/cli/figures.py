@@ -7,7 +7,7 @@ from drl_av.config import Config
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """What can be said to it."""
+    """Add this command's arguments."""
     parser.add_argument(
         "sources",
         nargs="+",
@@ -19,7 +19,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def figures(options: argparse.Namespace) -> int:
-    """Draw what the sources hold."""
+    """Draw every figure that the sources allow."""
     from drl_av.experiments.drawing import learning_figure, reward_figure, save_figure, speed_figure
     from drl_av.experiments.figures import published
     from drl_av.experiments.lane_change_figure import lane_change_figure

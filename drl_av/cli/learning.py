@@ -1,4 +1,4 @@
-"""The verbs that learn: ``train`` from nothing, ``adapt`` from a trained driver on."""
+"""The commands ``train`` and ``adapt``: learning from scratch, and continual adaptation."""
 
 import argparse
 import shlex
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def add_train_options(parser: argparse.ArgumentParser) -> None:
-    """What can be said to ``train``."""
+    """Add the arguments of ``train``."""
     parser.add_argument(
         "--out", type=Path, required=True, metavar="RUN", help="the run's folder; must be new"
     )
@@ -49,7 +49,7 @@ def add_train_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_adapt_options(parser: argparse.ArgumentParser) -> None:
-    """What can be said to ``adapt``."""
+    """Add the arguments of ``adapt``."""
     parser.add_argument(
         "run",
         nargs="?",
@@ -81,7 +81,7 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
 
 
 def train(options: argparse.Namespace) -> int:
-    """Algorithm 1 into a run's folder."""
+    """Run Algorithm 1, and keep its results in a run folder."""
     from drl_av.env.highway import HighwayEnv
     from drl_av.learning.board import require_tensorboard
     from drl_av.learning.run import Run
@@ -99,7 +99,7 @@ def train(options: argparse.Namespace) -> int:
 
 
 def adapt(options: argparse.Namespace) -> int:
-    """Continuous adaptation (Sec. IV-D): the driver of a run goes on learning in another run."""
+    """Continual adaptation (Sec. IV-D): a trained driver keeps learning, in a new run folder."""
     from drl_av.env.highway import HighwayEnv
     from drl_av.evaluation.drivers import choose, policy_file
     from drl_av.learning.adaptation import take_over
@@ -156,7 +156,7 @@ def _adaptation_config(options: argparse.Namespace, run: "Run", choice: "Choice"
 
 
 def _given(options: argparse.Namespace, *names: str) -> dict[str, Any]:
-    """The settings that somebody asked for."""
+    """The settings that were given on the command line, by name."""
     return {name: getattr(options, name) for name in names if getattr(options, name) is not None}
 
 
@@ -170,7 +170,7 @@ def _unchanged(run: "Run", stored: Config, asked: Config) -> Config:
 
 
 def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: str) -> int:
-    """Learn from where the run stands; say how to go on, or with whom to compare the driver."""
+    """Train from the last checkpoint; then print how to resume, or how to compare the driver."""
     again = shlex.join(["drl-av", verb, "--out", str(run.folder), "--resume"])
     with run.alone():
         run.restore(training)
@@ -193,7 +193,7 @@ def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, ri
 
 
 def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bool:
-    """Train to the end, or to the episode in which somebody asked to stop; True at the end."""
+    """Train until the last episode (True) or until the user asks to stop (False)."""
     from drl_av.cli.console import episode_line, evaluation_line, progress_bar, stop_request
     from drl_av.learning.board import board
     from drl_av.learning.run import train

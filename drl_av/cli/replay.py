@@ -1,4 +1,4 @@
-"""The verb ``replay``: a driver in sumo-gui or on film, or a recorded episode again."""
+"""The verb ``replay``: show a driver or a recorded episode in sumo-gui or as a film."""
 
 import argparse
 from pathlib import Path
@@ -9,7 +9,7 @@ from drl_av.errors import RecordingError
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """What can be said to it."""
+    """Add this command's arguments."""
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
         "source",
@@ -39,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def replay(options: argparse.Namespace) -> int:
-    """Drive one episode before somebody's eyes."""
+    """Drive one episode, and show or film it."""
     from drl_av.drawing.film import require_film
     from drl_av.evaluation.drivers import build, choose, config_of
     from drl_av.evaluation.recording import load_recording

@@ -11,7 +11,7 @@ from drl_av.experiments.options import ENGINES, MEANINGS, VARIANTS, Scale
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """What can be said to it."""
+    """Add this command's arguments."""
     usual = Scale()
     told = "; ".join(f"{name}: {meaning}" for name, meaning in MEANINGS.items())
     parser.add_argument(
@@ -70,7 +70,7 @@ def _experiment(text: str) -> str:
 
 
 def reproduce(options: argparse.Namespace) -> int:
-    """Make the experiments that are asked for, one after the other."""
+    """Run the chosen experiments, one after the other."""
     from drl_av.cli.console import progress_bar
     from drl_av.experiments.registry import EXPERIMENTS
 

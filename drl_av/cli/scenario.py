@@ -1,4 +1,4 @@
-"""The verb ``scenario``: a road of one's own, for SUMO too."""
+"""The verb ``scenario``: write a scenario folder, which plain SUMO opens too."""
 
 import argparse
 from pathlib import Path
@@ -7,7 +7,7 @@ from drl_av.cli.arguments import whole
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """What can be said to it."""
+    """Add this command's arguments."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder to write; must be new")
     parser.add_argument(
         "--circumference-m", type=float, default=500.0, metavar="M", help="every lane's, in metres"
@@ -27,7 +27,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def scenario(options: argparse.Namespace) -> int:
-    """Write the folder, and say how to open it."""
+    """Write the folder, and print the command that opens it."""
     from drl_av.traffic.scenario import ScenarioDescription, write_scenario
 
     description = ScenarioDescription(

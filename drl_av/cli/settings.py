@@ -1,4 +1,4 @@
-"""Options of every verb that drives, and the config that they come to."""
+"""The options that every driving verb shares, and the config that they select."""
 
 import argparse
 
@@ -6,7 +6,7 @@ from drl_av.config import SAFETY_CHECKS, Config, load_config, located
 
 
 def driving(parser: argparse.ArgumentParser, whose: str) -> None:
-    """Where, under which check, and with which settings; ``whose`` are the defaults."""
+    """Add --scenario, --safety-check and --config; ``whose`` names the defaults in the help."""
     parser.add_argument(
         "--scenario",
         metavar="DIR",
@@ -23,7 +23,7 @@ def driving(parser: argparse.ArgumentParser, whose: str) -> None:
 
 
 def overridden(config: Config, options: argparse.Namespace) -> Config:
-    """Lay what the command line says over a config."""
+    """The config with the options of the command line applied."""
     config = load_config(options.config, config)
     if options.scenario is not None:
         config = config.updated("simulation", scenario=options.scenario)

@@ -1,4 +1,4 @@
-"""Exit statuses beyond 0, 1 for a failure and 2 for usage."""
+"""Exit statuses beside 0, 1 (failure) and 2 (usage)."""
 
 INTERRUPTED = 130
-"""By Ctrl-C, as a shell tells it."""
+"""Interrupted by Ctrl-C, as shells report it."""
