@@ -13,21 +13,29 @@ class EgoConfig(Section):
     """What the ego can do."""
 
     max_speed_m_s: float = setting(30.0, "ours", "highest speed of the ego", low=1, high=60)
-    accelerate_m_s2: float = setting(2.0, "Sec. IV-A", "a_1", low=0.1, high=10)
-    brake_m_s2: float = setting(2.0, "Sec. IV-A", "a_1, braking", low=0.1, high=10)
-    hard_brake_m_s2: float = setting(4.0, "Sec. IV-A", "a_2, braking", low=0.1, high=10)
-    lane_change_duration_s: float = setting(5.0, "Table I", "T_LC", low=1, high=20)
+    accelerate_m_s2: float = setting(
+        2.0, "Sec. IV-A", "a_1, acceleration of the action accelerate", low=0.1, high=10
+    )
+    brake_m_s2: float = setting(
+        2.0, "Sec. IV-A", "a_1, braking of the action brake", low=0.1, high=10
+    )
+    hard_brake_m_s2: float = setting(
+        4.0, "Sec. IV-A", "a_2, braking of the action hard brake", low=0.1, high=10
+    )
+    lane_change_duration_s: float = setting(
+        5.0, "Table I", "T_LC, duration of a lane change", low=1, high=20
+    )
     lateral_plant: str = setting(
         "kinematic",
         "Sec. IV-A",
-        "how a lane change moves the ego: at a constant lateral speed, or steered (Sec. III)",
+        "lateral plant: constant lateral speed (kinematic), or curvature feedback (Sec. III)",
         choices=LATERAL_PLANTS,
     )
     max_curvature_per_m: float = setting(
-        0.2, "ours", "steering: sharpest turn, one of 5 m radius", low=0.01, high=1
+        0.2, "ours", "steering: largest curvature, a radius of 5 m", low=0.01, high=1
     )
     max_lateral_acceleration_m_s2: float = setting(
-        2.0, "ours", "steering: most that an abort may take", low=0.1, high=10
+        2.0, "ours", "steering: largest lateral acceleration of an abort", low=0.1, high=10
     )
     steering_interval_s: float = setting(
         0.05, "ours", "steering: longest time between two curvature commands", low=0.001, high=0.1
@@ -35,20 +43,20 @@ class EgoConfig(Section):
     longitudinal_reference: str = setting(
         "acceleration",
         "Sec. III",
-        "what maintain and accelerate mean: the numbers above, or a model that follows",
+        "reference of maintain and accelerate: the numbers above, IDM, or cruise control",
         choices=LONGITUDINAL_REFERENCES,
     )
     reference_headway_s: float = setting(
-        1.3, "ours", "idm, acc: time gap; the headway behind d_safe", low=0.1, high=10
+        1.3, "ours", "idm, acc: time gap; equal to the headway of d_safe", low=0.1, high=10
     )
     reference_standstill_gap_m: float = setting(
         2.5, "ours", "idm, acc: gap at standstill, SUMO's minGap", low=0, high=20
     )
     acc_gap_gain_per_s: float = setting(
-        0.4, "ours", "acc: lambda, rate at which an error in the gap fades", low=0.01, high=10
+        0.4, "ours", "acc: lambda, gain on the error of the gap", low=0.01, high=10
     )
     acc_speed_gain_per_s: float = setting(
-        0.4, "ours", "acc: rate at which an error in the speed fades", low=0.01, high=10
+        0.4, "ours", "acc: gain on the error of the speed", low=0.01, high=10
     )
 
     def __post_init__(self) -> None:
@@ -60,10 +68,18 @@ class EgoConfig(Section):
 class ObservationConfig(Section):
     """Constants that scale the 27 indicators to about [-1, 1]."""
 
-    range_m: float = setting(250.0, "Sec. IV-B", "how far the ego sees", low=10, high=2000)
-    gap_scale_m: float = setting(100.0, "ours", "gap that is observed as 1", low=1, high=2000)
-    speed_scale_m_s: float = setting(10.0, "ours", "relative velocity seen as 1", low=0.1, high=60)
-    lateral_scale_m: float = setting(3.8, "ours", "lateral offset observed as 1", low=0.1, high=50)
+    range_m: float = setting(
+        250.0, "Sec. IV-B", "range within which the ego observes other vehicles", low=10, high=2000
+    )
+    gap_scale_m: float = setting(
+        100.0, "ours", "gap that the observation scales to 1", low=1, high=2000
+    )
+    speed_scale_m_s: float = setting(
+        10.0, "ours", "relative velocity that scales to 1", low=0.1, high=60
+    )
+    lateral_scale_m: float = setting(
+        3.8, "ours", "lateral offset that scales to 1", low=0.1, high=50
+    )
     lateral_speed_scale_m_s: float = setting(
-        0.76, "ours", "lateral velocity observed as 1", low=0.01, high=10
+        0.76, "ours", "lateral velocity that the observation scales to 1", low=0.01, high=10
     )

@@ -12,7 +12,9 @@ from drl_av.errors import ConfigError
 class SimulationConfig(Section):
     """Where and how SUMO steps."""
 
-    scenario: str = setting("circular_three_lane", "ours", "scenario folder, or a shipped name")
+    scenario: str = setting(
+        "circular_three_lane", "ours", "scenario folder, or the name of a shipped one"
+    )
     step_length_s: float = setting(
         0.5, "ours", "length of a SUMO step; divides one second", low=0.01, high=1.0
     )

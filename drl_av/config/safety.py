@@ -11,12 +11,16 @@ SAFETY_CHECKS = ("permit_all", "paper", "strict")
 class SafetyConfig(Section):
     """The short-horizon safety check (eq. 2 and 3)."""
 
-    check: str = setting("paper", "Sec. III", "which safety check", choices=SAFETY_CHECKS)
-    minimum_ttc_s: float = setting(3.0, "Table I", "T_min", low=0, high=60)
-    hard_brake_ttc_s: float = setting(2.0, "Table I", "T_HB", low=0, high=60)
-    brake_ttc_s: float = setting(3.0, "Table I", "T_B", low=0, high=60)
-    accelerate_ttc_s: float = setting(8.0, "Table I", "T_A", low=0, high=60)
-    minimum_gap_m: float = setting(15.0, "Table I", "d_TVmin", low=0, high=250)
+    check: str = setting("paper", "Sec. III", "name of the safety check", choices=SAFETY_CHECKS)
+    minimum_ttc_s: float = setting(3.0, "Table I", "T_min of eq. 2", low=0, high=60)
+    hard_brake_ttc_s: float = setting(
+        2.0, "Table I", "T_HB of eq. 3, hard brake up to it", low=0, high=60
+    )
+    brake_ttc_s: float = setting(3.0, "Table I", "T_B of eq. 3, brake up to it", low=0, high=60)
+    accelerate_ttc_s: float = setting(
+        8.0, "Table I", "T_A, the driver idm accelerates above it", low=0, high=60
+    )
+    minimum_gap_m: float = setting(15.0, "Table I", "d_TVmin of eq. 2", low=0, high=250)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -31,24 +35,36 @@ class StrictConfig(Section):
     """
 
     braking_m_s2: float = setting(
-        4.0, "ours", "hardest braking of a vehicle ahead: its emergencyDecel", low=0.1, high=20
+        4.0,
+        "ours",
+        "hardest braking of a vehicle ahead; at least its emergencyDecel",
+        low=0.1,
+        high=20,
     )
     acceleration_m_s2: float = setting(
-        2.0, "ours", "strongest acceleration of a vehicle behind: its accel", low=0, high=20
+        2.0,
+        "ours",
+        "strongest acceleration of a vehicle behind; at least its accel",
+        low=0,
+        high=20,
     )
     lateral_speed_m_s: float = setting(
-        0.76, "ours", "fastest move sideways: its maxSpeedLat", low=0, high=10
+        0.76, "ours", "largest lateral speed of a vehicle; at least its maxSpeedLat", low=0, high=10
     )
     follower_response_s: float = setting(
         0.5,
         "ours",
-        "after which a vehicle behind brakes for the ego, a SUMO step",
+        "time until a vehicle behind brakes for the ego; at least a SUMO step",
         low=0,
         high=5,
     )
     follower_braking_m_s2: float = setting(
-        4.0, "ours", "and as hard as this, if it must: its decel", low=0.1, high=20
+        4.0,
+        "ours",
+        "braking that a vehicle behind is able to do; at most its decel",
+        low=0.1,
+        high=20,
     )
     clearance_m: float = setting(
-        0.5, "ours", "what is left of every gap in the worst case", low=0, high=50
+        0.5, "ours", "part of every gap that is left in the worst case", low=0, high=50
     )
