@@ -20,6 +20,7 @@ from drl_av.traffic.population import (
     draw_kinds,
     draw_population,
     placed_population,
+    random_lane_changes,
     require_speed_limit,
 )
 from drl_av.traffic.road import Road
@@ -237,3 +238,19 @@ def test_placed_vehicles_bring_their_own_desired_speeds_to_a_slower_road() -> No
     require_speed_limit(Config(), ScenarioDescription(speed_limit_m_s=31.0, vehicles=(ego,)))
     with pytest.raises(ConfigError, match="desired_speed_max_m_s is 32"):
         require_speed_limit(Config(), ScenarioDescription(speed_limit_m_s=31.0))
+
+
+def test_random_lane_changes_come_at_their_rate_for_each_vehicle_and_go_both_ways() -> None:
+    decisions = itertools.islice(random_lane_changes(np.random.default_rng(0), 4, 0.1), 20_000)
+    requests = [request for decision in decisions for request in decision]
+    rows, sides = zip(*requests, strict=True)
+    assert set(rows) == {1, 2, 3}  # never the ego
+    for row in (1, 2, 3):
+        assert rows.count(row) == pytest.approx(2000, abs=150)
+    assert set(sides) == {-1, 1}
+    assert sides.count(1) / len(sides) == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_rate_of_zero_asks_for_no_lane_change() -> None:
+    decisions = itertools.islice(random_lane_changes(np.random.default_rng(0), 9, 0.0), 2_000)
+    assert not any(decisions)

@@ -3,12 +3,14 @@
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drl_av.config import Config
 from drl_av.traffic.scenario import (
     PlacedVehicle,
     ScenarioDescription,
+    find_scenario,
     load_scenario,
     write_scenario,
 )
@@ -27,3 +29,22 @@ def test_a_vehicle_may_start_as_fast_as_the_road_allows(tmp_path: Path) -> None:
         assert start.speed_m_s.tolist() == [20.0, 60.0]
         after, _ = simulation.advance([Command(20.0, 3.8, 0.0)] * 2)
         assert after.speed_m_s[1] == pytest.approx(60.0, abs=0.5)
+
+
+def moved_left_and_right(rate_per_s: float) -> tuple[int, int]:
+    """Of 20 vehicles, those that are left and right of their first lane after 60 s."""
+    config = Config().updated("traffic", random_lane_changes_per_s=rate_per_s)
+    with closing(Simulation(load_scenario(find_scenario()), config)) as simulation:
+        start = simulation.reset(seed=3, vehicles=20)
+        ego = Command(float(start.speed_m_s[0]), float(start.y_m[0]), 0.0)
+        for _ in range(60):
+            end, _ = simulation.advance([ego] * 2)
+    lanes = np.round((end.y_m - start.y_m)[1:] / 3.8)
+    return int((lanes > 0).sum()), int((lanes < 0).sum())
+
+
+def test_traffic_changes_lanes_at_random_to_both_sides_and_not_at_all_without_a_rate() -> None:
+    left, right = moved_left_and_right(0.05)
+    assert left >= 2
+    assert right >= 2
+    assert moved_left_and_right(0.0) == (0, 0)
