@@ -1,4 +1,4 @@
-"""The way to SUMO: which module speaks to it, and whether this machine can."""
+"""Starting SUMO, and checks of what the machine lacks for it."""
 
 import ctypes
 import importlib
@@ -20,7 +20,7 @@ GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "128
 
 
 def require_display() -> None:
-    """Raise DisplayError where sumo-gui would find no screen, and end the interpreter."""
+    """Raise DisplayError where no screen exists; sumo-gui would end the interpreter."""
     if platform.system() != "Linux":
         return
     try:

@@ -1,4 +1,4 @@
-"""What a scenario is, in a dozen numbers: the loop, its lanes, and vehicles placed exactly."""
+"""The description of a scenario: the loop, its lanes, and vehicles placed exactly."""
 
 import math
 import re
@@ -31,7 +31,7 @@ VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 @dataclass(frozen=True)
 class PlacedVehicle:
-    """A vehicle put exactly where a scenario wants it; the id "ego" is the ego.
+    """A vehicle with an exact starting place; the id "ego" is the ego.
 
     Raises:
         ScenarioError: a value is mistyped or out of bounds.

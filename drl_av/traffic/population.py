@@ -1,4 +1,4 @@
-"""Who is on the road at the start of an episode: places and characters, drawn at random."""
+"""The vehicles at the start of an episode: places and characteristics, drawn at random."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ COMFORTABLE_BRAKING_M_S2 = 2.0
 
 
 class Kind(IntEnum):
-    """Who decides for a vehicle of the traffic."""
+    """The driver of a background vehicle."""
 
     SUMO = 0
-    """IDM and SL2015; the ego's row says so too."""
+    """IDM and SL2015; also the value in the ego's row."""
     FINITE_STATE = 1
     LEVEL_0 = 2
     LEVEL_1 = 3
@@ -74,7 +74,7 @@ def draw_population(
     traffic: TrafficConfig,
     ego: EgoConfig,
 ) -> Population:
-    """Place ``vehicles`` and the ego at random within 250 m of it, each of its own character.
+    """Place the ego and ``vehicles`` others at random within 250 m, each with its own parameters.
 
     Raises:
         ScenarioError: more vehicles than fit on the open lanes.
@@ -106,7 +106,7 @@ def draw_population(
 
 
 def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig) -> Population:
-    """The vehicles that a scenario places exactly, of middling character.
+    """The vehicles that a scenario places exactly, with the mean parameters of the config.
 
     Raises:
         ScenarioError: the ego is not among them.
@@ -133,9 +133,9 @@ def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig)
 
 
 def draw_kinds(seed: int, n: int, traffic: TrafficConfig) -> npt.NDArray[np.intp]:
-    """The kind of each of the rows, shape (n,), by the shares of the config; the ego's is SUMO.
+    """The driver of each row, shape (n,), drawn by the shares of the config; the ego's is SUMO.
 
-    Drawn from a stream of its own: the shares change nobody's place or character.
+    A random stream of its own draws them, so the shares change no vehicle's place or parameters.
     """
     limits = np.cumsum(traffic.shares)
     draws = np.random.default_rng([seed, 3]).random(n)
@@ -147,7 +147,7 @@ def draw_kinds(seed: int, n: int, traffic: TrafficConfig) -> npt.NDArray[np.intp
 def random_lane_changes(
     rng: np.random.Generator, n: int, chance: float
 ) -> Iterator[list[tuple[int, int]]]:
-    """For each decision the rows of vehicles that want a random lane change, and their sides.
+    """For each decision the rows and sides of the random lane changes.
 
     Sides are left +1 and right -1; the ego, row 0, is left out. Never ends.
     """
@@ -163,7 +163,7 @@ def random_lane_changes(
 def _lanes(
     rng: np.random.Generator, n: int, road: Road, room: int, evenness: float
 ) -> npt.NDArray[np.intp]:
-    """A lane for the ego, any with equal chance, and for the others by shares drawn anew."""
+    """Lanes: the ego's with equal probability, the others' by shares drawn for this episode."""
     open_lanes = np.flatnonzero(road.open_lanes)
     berths = np.full(len(open_lanes), room // len(open_lanes))
     shares = rng.dirichlet(np.full(len(open_lanes), evenness))

@@ -1,4 +1,4 @@
-"""What drivers of our own ask SUMO for; it grants as much as its own models hold safe."""
+"""Requests of our background drivers to SUMO, which grants what its own models consider safe."""
 
 import math
 from collections.abc import Sequence
@@ -8,26 +8,27 @@ from drl_av.config import SimulationConfig
 from drl_av.traffic.snapshot import EGO, TrafficCommand
 
 LANE_CHANGES_ON_REQUEST = 1536
-"""No wish of SUMO's own; it keeps to the gaps of others, and centres itself in its lane."""
+"""SUMO changes lanes on request only, respects the gaps, and centres the vehicle in its lane."""
 LEFT_TO_SUMO = -1.0
 CENTERED_M = 0.1
 LOOK_AHEAD_M = 200.0
-"""More than anybody needs to stop in."""
+"""Longer than any stopping distance."""
 
 
 def leave_to_commands(vehicle: Any, name: str) -> None:
-    """Let SUMO begin no lane change of its own accord, and keep every wish within what is safe.
+    """Let SUMO change the vehicle's lane on request only.
 
-    Its speed mode stays SUMO's default: no wish brings it above the speed that SUMO's IDM holds
-    safe, nor beyond the acceleration and braking of its type.
+    The speed mode stays SUMO's default, so no request makes the vehicle faster than SUMO's IDM
+    considers safe, or exceeds the acceleration and braking of its type.
     """
     vehicle.setLaneChangeMode(name, LANE_CHANGES_ON_REQUEST)
 
 
 def is_centered(vehicle: Any, name: str) -> bool:
-    """Whether a lane change may be asked for.
+    """Whether the vehicle is in the middle of its lane, and a lane change may be requested.
 
-    One that was cut short by a vehicle in its way goes on at a new request, even into that vehicle.
+    SUMO continues a lane change that another vehicle interrupted when a new request arrives, even
+    into that vehicle.
     """
     return bool(abs(vehicle.getLateralLanePosition(name)) <= CENTERED_M)
 
@@ -38,7 +39,7 @@ def ask_for_lane_changes(
     traffic_commands: Sequence[TrafficCommand],
     timing: SimulationConfig,
 ) -> None:
-    """Wishes to change lanes stand until the next decision; one begun runs to its end."""
+    """Request lane changes until the next decision; SUMO completes those that it has begun."""
     for row, _, side in traffic_commands:
         if side and is_centered(vehicle, ids[row]):
             vehicle.changeLaneRelative(ids[row], side, timing.decision_interval_s)
@@ -50,11 +51,11 @@ def ask_for_speeds(
     traffic_commands: Sequence[TrafficCommand],
     timing: SimulationConfig,
 ) -> None:
-    """The speeds wished for at the end of the coming SUMO step, or none where SUMO must brake.
+    """Request speeds for the end of the coming SUMO step, or leave the vehicle to SUMO's braking.
 
-    Never more than ``stoppable_speed`` allows: SUMO's IDM relies on braking harder than anybody
-    can where a vehicle ahead brakes as hard as it can, which level 0 does by its rule. So SUMO's
-    own drivers among such traffic are held back too.
+    The requested speed is at most ``stoppable_speed``. SUMO's IDM would need harder braking than
+    the vehicle has where the vehicle ahead brakes fully, as level-0 drivers do. SUMO's own
+    drivers in such traffic are therefore limited too.
     """
     step_s = timing.step_length_s
     if traffic_commands:

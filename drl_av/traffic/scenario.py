@@ -35,7 +35,7 @@ WRITE_ANEW = "write the scenario anew with: drl-av scenario DIR"
 
 @dataclass(frozen=True)
 class Scenario:
-    """A scenario folder that was read and found sound."""
+    """A scenario folder that was read and verified."""
 
     folder: Path
     description: ScenarioDescription
@@ -47,7 +47,7 @@ class Scenario:
     additional_files: tuple[Path, ...]
     """What SUMO loads before any vehicle: the vehicle types, and the barricades if any."""
     as_written: bool
-    """Whether checksums in the folder say so; without them its files may be anything."""
+    """True where the checksums in the folder match; False where the folder has none."""
 
     @property
     def network_file(self) -> Path:
@@ -130,7 +130,7 @@ def load_scenario(folder: str | Path) -> Scenario:
 
 
 def _require_unchanged(folder: Path) -> bool:
-    """Compare the files with the checksums beside them; False without those: taken as it is.
+    """Compare the files with their checksums; False where the folder has none.
 
     Nothing else would notice a digit of the vehicle types that flipped.
     """

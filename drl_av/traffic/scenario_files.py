@@ -25,7 +25,7 @@ ALL_FILES = (
     CONFIG_FILE,
     VIEW_FILE,
 )
-"""What the checksums cover; whatever else lies in the folder is the user's own."""
+"""The files that the checksums cover; other files in the folder belong to the user."""
 
 DEMO_END_S = 3600
 DEMO_VEHICLES = 16
@@ -105,7 +105,7 @@ def _vehicle_types(description: ScenarioDescription) -> ET.Element:
 
 
 def _barricades(description: ScenarioDescription) -> ET.Element:
-    """Pavement, which SUMO does not draw where nobody may drive, and blocks in two colours."""
+    """Pavement, which SUMO does not draw on closed lanes, and blocks in two colours."""
     root = ET.Element("additional")
     circumference_m, width_m = description.circumference_m, description.lane_width_m
     blocks = math.floor(circumference_m / BLOCK_PITCH_M)
@@ -135,7 +135,7 @@ def _polygon(root: ET.Element, name: str, color: str, layer: str, shape: str) ->
 
 
 def demo_vehicles(description: ScenarioDescription) -> tuple[PlacedVehicle, ...]:
-    """The placed vehicles, or without any, some spread evenly over the open lanes."""
+    """The placed vehicles of the scenario, or else some spread evenly over the open lanes."""
     if description.vehicles:
         return description.vehicles
     lanes = [lane for lane, is_open in enumerate(description.open_lanes) if is_open]

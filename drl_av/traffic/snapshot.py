@@ -1,4 +1,4 @@
-"""The vehicles at one decision: what leaves the traffic room."""
+"""The state of all vehicles at one decision, collisions, and the commands to the simulation."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -11,7 +11,7 @@ EGO = 0
 
 
 class CollisionKind(Enum):
-    """What the ego was in a collision with, and who hit whom."""
+    """What the ego collided with, and which of the two hit the other."""
 
     HIT_AHEAD = "ego hit the vehicle ahead"
     HIT_BESIDE = "ego moved into a vehicle beside it"
@@ -53,11 +53,11 @@ class Snapshot:
     length_m: FloatArray
     width_m: FloatArray
     sumo_lane_change: int = 0
-    """What SUMO's lane-change model would do with the ego: +1 left, -1 right, 0 stay."""
+    """Lane change that SUMO's model would make with the ego: +1 left, -1 right, 0 none."""
 
 
 class TrafficCommand(NamedTuple):
-    """What a vehicle of the traffic, not driven by SUMO, wants to do until the next decision."""
+    """The decision of a background driver of ours for one vehicle, until the next decision."""
 
     row: int
     """Its row in the snapshot."""
@@ -67,7 +67,7 @@ class TrafficCommand(NamedTuple):
 
 
 class Command(NamedTuple):
-    """Where the ego is to be at the end of one SUMO step: what enters the room."""
+    """The ego's speed and lateral position at the end of one SUMO step."""
 
     speed_m_s: float
     y_m: float
