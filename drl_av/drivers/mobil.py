@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from drl_av.config import EgoConfig, MobilConfig, SafetyConfig
 from drl_av.drivers.rules import idm_action
-from drl_av.driving.actions import Action, Lateral, toward
+from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.driving.car_following import idm_acceleration
 from drl_av.driving.scene import Scene
@@ -25,7 +25,7 @@ class MobilDriver:
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """The more rewarding lane of those that pass both criteria; a change runs to its end."""
-        longitudinal = idm_action(scene.affordances, self._safety)
+        longitudinal = self.longitudinal(scene.affordances)
         if scene.lane_change is not None:
             return Action(Lateral.KEEP, longitudinal)
         gains = {
@@ -34,6 +34,10 @@ class MobilDriver:
         sign = max(gains, key=lambda side: gains[side], default=0)
         is_beneficial = sign != 0 and gains[sign] > self._mobil.threshold_m_s2
         return Action(toward(sign) if is_beneficial else Lateral.KEEP, longitudinal)
+
+    def longitudinal(self, affordances: Affordances) -> Longitudinal:
+        """The paper's IDM."""
+        return idm_action(affordances, self._safety)
 
     def gain(self, scene: Scene, sign: int) -> float:
         """Left side of MOBIL's incentive criterion for a side, m/s^2; -inf where it is unsafe.

@@ -49,14 +49,23 @@ def acc_acceleration(
 ) -> float:
     """Adaptive cruise control, m/s^2: the lesser of its two modes; ``gap_m`` inf on a free road.
 
-    Speed control k (v_des - v); gap control (-closing + lambda (d - d_0 - h v)) / h, the constant
-    time-gap law (Rajamani, Vehicle Dynamics and Control, ch. 6).
+    Speed control k (v_des - v), and gap control by the constant time-gap law.
     """
     towards_desired = ego.acc_speed_gain_per_s * (desired_m_s - speed_m_s)
     headway_s = ego.reference_headway_s
-    spare_m = gap_m - ego.reference_standstill_gap_m - headway_s * speed_m_s
-    towards_gap = (ego.acc_gap_gain_per_s * spare_m - closing_m_s) / headway_s
+    towards_gap = time_gap_acceleration(speed_m_s, gap_m, closing_m_s, headway_s, ego)
     return min(towards_desired, towards_gap)
+
+
+def time_gap_acceleration(
+    speed_m_s: float, gap_m: float, closing_m_s: float, headway_s: float, ego: EgoConfig
+) -> float:
+    """The constant time-gap law (-closing + lambda (d - d_0 - h v)) / h, m/s^2.
+
+    Rajamani, Vehicle Dynamics and Control, ch. 6.
+    """
+    spare_m = gap_m - ego.reference_standstill_gap_m - headway_s * speed_m_s
+    return (ego.acc_gap_gain_per_s * spare_m - closing_m_s) / headway_s
 
 
 def reference_speeds(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from drl_av.config import BEFORE, Config, load_config
 from drl_av.config.schema import did_you_mean
 from drl_av.drivers.driver import Driver
+from drl_av.drivers.gap_mobil import GapMobilDriver
 from drl_av.drivers.mobil import MobilDriver
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.errors import CheckpointError, ConfigError, RunError
@@ -21,6 +22,8 @@ PRETRAINED = Path(__file__).parent.parent / "pretrained"
 RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "idm": lambda config: IdmDriver(config.safety),
     "idm-mobil": lambda config: MobilDriver(config.safety, config.ego, config.mobil),
+    "gap-mobil": lambda config: GapMobilDriver(config.safety, config.ego, config.mobil, 1.1),
+    "gap-mobil-1.3": lambda config: GapMobilDriver(config.safety, config.ego, config.mobil, 1.3),
     "idm-sumo": lambda config: IdmSumoDriver(config.safety),
     "random": lambda config: RandomDriver(),
 }

@@ -1,0 +1,37 @@
+"""``gap-mobil``: the paper's actions at their best by rule, a time-gap law and MOBIL (ours)."""
+
+from drl_av.config import EgoConfig, MobilConfig, SafetyConfig
+from drl_av.drivers.mobil import MobilDriver
+from drl_av.driving.actions import Longitudinal
+from drl_av.driving.affordances import Affordances
+from drl_av.driving.car_following import time_gap_acceleration
+
+
+class GapMobilDriver(MobilDriver):
+    """In the lane the action nearest the constant time-gap law, across lanes MOBIL.
+
+    Nothing is drawn at random, and no number is tuned to any traffic: the standstill gap and the
+    gain of the law are those of ``ego.longitudinal_reference`` ``acc``.
+    """
+
+    def __init__(
+        self, safety: SafetyConfig, ego: EgoConfig, mobil: MobilConfig, headway_s: float
+    ) -> None:
+        super().__init__(safety, ego, mobil)
+        self._headway_s = headway_s
+
+    def longitudinal(self, affordances: Affordances) -> Longitudinal:
+        """The action whose acceleration is nearest the law's; of two as near the gentler one."""
+        front = affordances.own_front
+        if front is None:
+            return Longitudinal.ACCELERATE
+        wanted = time_gap_acceleration(
+            affordances.ego_speed_m_s,
+            front.gap_m,
+            -front.relative_speed_m_s,
+            self._headway_s,
+            self._ego,
+        )
+        return min(
+            Longitudinal, key=lambda action: abs(action.acceleration_m_s2(self._ego) - wanted)
+        )
