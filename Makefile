@@ -4,7 +4,7 @@ BIN := .venv/bin
 DEMO := demo
 DENSITIES := 1 5 10 15 20 25 30
 
-.PHONY: setup demo test lint pretrained level_1 results clean
+.PHONY: setup demo test lint docs pretrained level_1 results clean
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
@@ -26,6 +26,10 @@ lint: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# The documentation as a website in site/; the tests build it too.
+docs: setup
+	$(BIN)/mkdocs build --strict --quiet
+
 test: lint
 	$(BIN)/python -m pytest -n 2
 
@@ -42,7 +46,7 @@ level_1: setup
 
 text = $(BIN)/python $(2) > runs/$(1) && mv runs/$(1) docs/results/$(1)
 
-# Every number, table and figure of the README (hours). What drl-av reproduce has made already is
+# Every number, table and figure of README.md and docs/results (hours). What drl-av reproduce has made already is
 # not made again; a tool's text stands once the tool has ended well.
 results: setup
 	$(BIN)/drl-av reproduce curves ends --seeds 10 --jobs 2
@@ -55,7 +59,7 @@ results: setup
 	$(call text,background_traffic.txt,tools/check_background_traffic.py)
 	$(call text,long_run.txt,-m verification.long_run --episodes 5000 --out runs/long_run.csv)
 	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
-	$(BIN)/python tools/draw_picture.py docs/drive.png
+	$(BIN)/python tools/draw_drive.py docs/drive.gif
 	$(BIN)/python tools/refresh_tables.py
 
 clean:

@@ -1,7 +1,7 @@
-"""Write the README's tables anew from the CSV files in docs/results.
+"""Write the tables of README.md and docs/results anew: from the CSV files, and from the code.
 
-python tools/refresh_tables.py            rewrite README.md
-python tools/refresh_tables.py --check    exit 1 where README.md and the files differ
+python tools/refresh_tables.py            rewrite the pages
+python tools/refresh_tables.py --check    exit 1 where a page and its sources differ
 """
 
 import argparse
@@ -13,12 +13,15 @@ import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from docs_pages import actions, observation
+
 from drl_av.evaluation.statistics import Mean, mean_with_interval
 from drl_av.experiments.adaptation import BLOCK
 from drl_av.experiments.strictness_figure import change
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "docs" / "results"
+PAGES = (ROOT / "README.md", *sorted(RESULTS.glob("*.md")))
 MOST_VEHICLES = 30
 ADAPTED_BY = 10_000
 """Episodes of the adaptation that a row of its table sums up."""
@@ -28,6 +31,24 @@ Row = dict[str, str]
 def speed_table() -> str:
     """Mean speed of every driver at every density."""
     return pivot(read("evaluation.csv"), "driver", mean_speed)
+
+
+def summary_table() -> str:
+    """Each driver over the densities up to the paper's 30 vehicles; the shipped one also strict."""
+    strict = [row for row in read("strict.csv") if not row["bound"] and row["check"] == "strict"]
+    driven: dict[tuple[str, str], list[Row]] = {}
+    for row in read("evaluation.csv"):
+        if int(row["vehicles"]) <= MOST_VEHICLES:
+            driven.setdefault((row["driver"], row["safety_check"]), []).append(row)
+    driven["pretrained", "strict"] = strict
+    names = ("driver", "safety check", "mean speed, m/s", "reward per decision", "ego hit")
+    lines = ["| " + " | ".join(names) + " |", "|" + " --- |" * len(names)]
+    for (driver, check), rows in sorted(driven.items(), key=lambda of: of[0][0] != "pretrained"):
+        rewards = [float(row["mean_reward"]) for row in rows if "mean_reward" in row]
+        reward = f"{mean_with_interval(rewards).value:.3f}" if rewards else "not recorded"
+        hits = f"{count(rows, 'ego_hit')} of {len(rows)}"
+        lines.append(f"| `{driver}` | `{check}` | {mean_speed(rows)} | {reward} | {hits} |")
+    return "\n".join(lines)
 
 
 def collision_table() -> str:
@@ -49,31 +70,31 @@ def driving_table() -> str:
     lines = [
         "| vehicles | " + " | ".join(map(str, densities)) + f" | up to {MOST_VEHICLES} |",
         "|" + " --- |" * (len(columns) + 1),
-        line("reward a decision", lambda row: float(row["mean_reward"]), 3),
+        line("reward per decision", lambda row: float(row["mean_reward"]), 3),
         line("r_v", lambda row: float(row["mean_r_v"]), 3),
         line("r_y", lambda row: float(row["mean_r_y"]), 3),
         line("r_x", lambda row: float(row["mean_r_x"]), 3),
-        line("nearer than d_safe, %", share_nearer, 1),
+        line("closer than d_safe, %", share_closer, 1),
         line("lane changes", lambda row: float(row["lane_changes"]), 1),
-        line("taken back", lambda row: float(row["aborted_lane_changes"]), 1),
+        line("aborted lane changes", lambda row: float(row["aborted_lane_changes"]), 1),
     ]
     return "\n".join(lines)
 
 
-def share_nearer(row: Row) -> float:
-    """Decisions after which the vehicle ahead is nearer than d_safe, percent."""
+def share_closer(row: Row) -> float:
+    """Decisions after which the vehicle ahead is closer than d_safe, percent."""
     return 100 * int(row["d_safe_violations"]) / int(row["decisions"])
 
 
 def reference_table() -> str:
     """What each driver does with the numbers of the paper's actions, and otherwise."""
     tables = {
-        "the paper's numbers": read("evaluation.csv"),
+        "the paper's accelerations": read("evaluation.csv"),
         "the same, v_des exact": read("exact_speed.csv"),
         "`acc` as reference": read("reference_acc.csv"),
     }
-    names = ("driver", "settings", "reward a decision", "r_v")
-    names += ("nearer than d_safe, %", "mean speed, m/s", "ego hit something")
+    names = ("driver", "settings", "reward per decision", "r_v")
+    names += ("closer than d_safe, %", "mean speed, m/s", "ego hit something")
     lines = ["| " + " | ".join(names) + " |", "|" + " --- |" * len(names)]
     for driver in dict.fromkeys(row["driver"] for rows in tables.values() for row in rows):
         for settings, rows in tables.items():
@@ -88,7 +109,7 @@ def reference_table() -> str:
                 mean_with_interval(float(row[name]) for row in own).value
                 for name in ("mean_reward", "mean_r_v")
             )
-            nearer = mean_with_interval(map(share_nearer, own)).value
+            nearer = mean_with_interval(map(share_closer, own)).value
             lines.append(
                 f"| `{driver}` | {settings} | {reward:.3f} | {r_v:.3f} | {nearer:.1f} "
                 f"| {mean_speed(own)} | {count(own, 'ego_hit')} of {len(own)} |"
@@ -156,13 +177,13 @@ def gain(row: Row) -> str:
 def convergence_table() -> str:
     """Where the learning curves end, and since when they are near it."""
     columns = {
-        "reward a decision": ("reward", 3),
+        "reward per decision": ("reward", 3),
         "mean speed, m/s": ("mean_speed_m_s", 2),
-        "collisions an episode": ("collisions_an_episode", 2),
+        "collisions per episode": ("collisions_an_episode", 2),
         "reward while exploring": ("training_reward", 3),
         "collisions while exploring": ("training_collisions_an_episode", 2),
     }
-    names = ("training", "seeds", "near its end from episode", *columns)
+    names = ("training", "seeds", "converged at episode", *columns)
     lines = ["| " + " | ".join(names) + " |", "|" + " --- |" * len(names)]
     for row in read("convergence.csv"):
         cells = [f"`{row['variant']}`", row["seeds"], f"{row['converged_at']} of {row['episodes']}"]
@@ -201,9 +222,9 @@ def ends_table() -> str:
     """What the trainings of the curves end in: mean over the drivers of the mean of each."""
     rows = read("ends.csv")
     columns: dict[str, tuple[Callable[[Row], float], int]] = {
-        "reward a decision": (lambda row: float(row["mean_reward"]), 3),
+        "reward per decision": (lambda row: float(row["mean_reward"]), 3),
         "mean speed, m/s": (lambda row: float(row["mean_speed_m_s"]), 2),
-        "collisions an episode": (lambda row: row["collided"] == "True", 3),
+        "collisions per episode": (lambda row: row["collided"] == "True", 3),
         "ego hit something": (lambda row: row["ego_hit"] == "True", 3),
     }
     names = ("training", "drivers", "episodes of each", *columns)
@@ -226,7 +247,7 @@ def fast_table() -> str:
     rows = read("fast.csv")
     trainings = list(dict.fromkeys(row["training"] for row in rows))
     driven = {name: [row for row in rows if row["training"] == name] for name in trainings}
-    names = ("training", "seconds", "ego hit something", "reward a decision", "gain")
+    names = ("training", "seconds", "ego hit something", "reward per decision", "gain")
     names += ("mean speed, m/s", "gain")
     lines = ["| " + " | ".join(names) + " |", "|" + " --- |" * len(names)]
     for name, own in driven.items():
@@ -247,7 +268,7 @@ def adaptation_table() -> str:
     rows = read("adaptation.csv")
     last = {row["variant"]: int(row["episode"]) for row in rows}
     lines = [
-        "| learning | episodes | safety triggers an episode | reward a decision "
+        "| learning | episodes | safety triggers an episode | reward per decision "
         "| ego hit something | was hit |",
         "|" + " --- |" * 6,
     ]
@@ -288,6 +309,9 @@ def strict_table() -> str:
 
 
 TABLES = {
+    "observation": observation,
+    "actions": actions,
+    "summary": summary_table,
     "speed": speed_table,
     "driving": driving_table,
     "collisions": collision_table,
@@ -304,7 +328,7 @@ WITH_RESULTS = {
     "adaptation": ("adaptation.csv", adaptation_table),
     "strict": ("strict.csv", strict_table),
 }
-"""Those that the README has as soon as their results are there."""
+"""Those that a page has as soon as their results are there."""
 TABLES |= {name: table for name, (file, table) in WITH_RESULTS.items() if (RESULTS / file).exists()}
 
 
@@ -348,27 +372,28 @@ def read(name: str) -> list[Row]:
 
 
 def refreshed(text: str) -> str:
-    """The README with every table between its marks made anew."""
-    for name, table in TABLES.items():
-        marks = rf"(<!-- table: {name} -->\n).*?(<!-- end -->)"
-        text, found = re.subn(
-            marks, lambda m, t=table: f"{m[1]}{t()}\n{m[2]}", text, flags=re.DOTALL
-        )
-        if not found:
-            raise SystemExit(f"README.md has no place for the table {name!r}.")
-    return text
+    """A page with every table between its marks made anew."""
+    return re.sub(
+        r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)",
+        lambda marks: f"{marks[1]}{TABLES[marks[2]]()}\n{marks[3]}",
+        text,
+        flags=re.DOTALL,
+    )
 
 
 def main() -> int:
     """Rewrite or compare."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true", help="compare only")
-    readme = ROOT / "README.md"
-    text = readme.read_text(encoding="utf-8")
-    fresh = refreshed(text)
+    texts = {page: page.read_text(encoding="utf-8") for page in PAGES}
+    shown = set(re.findall(r"<!-- table: (\w+) -->", "".join(texts.values())))
+    if missing := set(TABLES) - shown:
+        raise SystemExit(f"No page has a place for the tables: {', '.join(sorted(missing))}.")
+    changed = {page: new for page, text in texts.items() if (new := refreshed(text)) != text}
     if parser.parse_args().check:
-        return int(fresh != text)
-    readme.write_text(fresh, encoding="utf-8")
+        return int(bool(changed))
+    for page, text in changed.items():
+        page.write_text(text, encoding="utf-8")
     return 0
 
 

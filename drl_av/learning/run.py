@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from drl_av.config import BEFORE, Config, from_toml, load_config
+from drl_av.config.reference import annotated_toml
 from drl_av.errors import CheckpointError, ConfigError, RunError
 from drl_av.learning import checkpoint
 from drl_av.learning.training import EpisodeRow, EvaluationRow, Training
@@ -56,7 +57,7 @@ class Run:
             new = Path(tempfile.mkdtemp(prefix=f".{self.folder.name}-", dir=self.folder.parent))
             try:
                 new.chmod(0o755)
-                (new / self.config_file.name).write_text(config.to_toml(), encoding="utf-8")
+                (new / self.config_file.name).write_text(annotated_toml(config), encoding="utf-8")
                 (new / self.episodes_file.name).write_bytes(_header(EpisodeRow))
                 (new / self.evaluations_file.name).write_bytes(_header(EvaluationRow))
                 if training is not None:

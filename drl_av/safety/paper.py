@@ -35,7 +35,7 @@ def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
 
 
 def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
-    """The three rules of Sec. III. Not collision-free: see the README.
+    """The three rules of Sec. III. Not collision-free: see docs/safety.md.
 
     Ours where the paper is silent: a proposal that already brakes at least as hard as eq. 3 asks
     is safe; and a lane change that may go neither on nor back ends in the lane its centre is in.

@@ -1,0 +1,30 @@
+"""The verb ``config``: every setting with its meaning, unit, bounds and source."""
+
+import argparse
+
+from drl_av.config import load_config
+from drl_av.config.presets import PRESETS, preset
+from drl_av.config.reference import SECTIONS, annotated_toml
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument(
+        "section",
+        nargs="?",
+        metavar="SECTION",
+        help=f"one of: {', '.join(SECTIONS)} (default: all)",
+    )
+    parser.add_argument(
+        "--preset", default="paper", metavar="NAME", help=f"one of: {', '.join(PRESETS)}"
+    )
+    parser.add_argument(
+        "--config", metavar="FILE.toml", help="settings as TOML, laid over the preset's"
+    )
+
+
+def config(options: argparse.Namespace) -> int:
+    """Print the settings as TOML with comments."""
+    settings = load_config(options.config, preset(options.preset))
+    print(annotated_toml(settings, options.section), end="")
+    return 0

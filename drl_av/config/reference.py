@@ -1,0 +1,120 @@
+"""What each setting means: its unit, bounds and source, as comments in TOML and for the docs."""
+
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any, NamedTuple
+
+import tomli_w
+
+from drl_av.config import Config
+from drl_av.config.schema import did_you_mean
+from drl_av.errors import ConfigError
+
+UNITS = {
+    "_m_s2": "m/s²",
+    "_per_s2": "1/s²",
+    "_per_s": "1/s",
+    "_per_m": "1/m",
+    "_m_s": "m/s",
+    "_m": "m",
+    "_s": "s",
+}
+"""Unit by the end of a setting's name; the first that fits."""
+
+
+SECTIONS: tuple[str, ...] = tuple(item.name for item in fields(Config))
+
+
+class Setting(NamedTuple):
+    """One setting of a config, with the metadata of its field."""
+
+    section: str
+    key: str
+    value: Any
+    default: Any
+    meaning: str
+    source: str
+    """A table, equation or section of the paper, another paper, or "ours"."""
+    unit: str
+    """Empty for a setting without a unit."""
+    allowed: str
+    """Bounds or choices in words."""
+
+
+def settings(config: Config, section: str | None = None) -> Iterator[Setting]:
+    """All settings of a config in file order, or those of one section.
+
+    Raises:
+        ConfigError: there is no such section.
+    """
+    for name in _sections(section):
+        part = getattr(config, name)
+        for item in fields(part):
+            meta = item.metadata
+            yield Setting(
+                section=name,
+                key=item.name,
+                value=getattr(part, item.name),
+                default=item.default,
+                meaning=meta["meaning"],
+                source=meta["source"],
+                unit=next((UNITS[end] for end in UNITS if item.name.endswith(end)), ""),
+                allowed=_allowed(item.default, meta),
+            )
+
+
+def section_meaning(section: str) -> str:
+    """What a section is about: the first line of its class."""
+    return str(type(getattr(Config(), section)).__doc__).splitlines()[0]
+
+
+def annotated_toml(config: Config, section: str | None = None) -> str:
+    """TOML text with a comment above each setting; ``from_toml`` reads it back.
+
+    Raises:
+        ConfigError: there is no such section.
+    """
+    parts = []
+    for name in _sections(section):
+        lines = [f"# {section_meaning(name)}", f"[{name}]"]
+        for setting in settings(config, name):
+            lines += [*_comment(setting), tomli_w.dumps({setting.key: setting.value}).rstrip()]
+        parts.append("\n".join(lines) + "\n")
+    return "\n".join(parts)
+
+
+def _sections(section: str | None) -> tuple[str, ...]:
+    if section is None:
+        return SECTIONS
+    if section not in SECTIONS:
+        raise ConfigError(
+            f"There is no section {section!r}{did_you_mean(section, SECTIONS)}; "
+            f"the sections are: {', '.join(SECTIONS)}."
+        )
+    return (section,)
+
+
+def _allowed(default: Any, meta: Any) -> str:
+    if meta["choices"] is not None:
+        return "one of " + ", ".join(meta["choices"])
+    if isinstance(default, bool):
+        return "true or false"
+    low, high = meta["low"], meta["high"]
+    if low is None and high is None:
+        return "text" if isinstance(default, str) else "any number"
+    if high is None:
+        return f"at least {low:g}"
+    return f"{low:g} to {high:g}"
+
+
+def _comment(setting: Setting) -> list[str]:
+    """The comment lines of a setting: its meaning; its unit, bounds, source and default."""
+    facts = [setting.unit, setting.allowed, f"source: {setting.source}"]
+    if setting.value != setting.default:
+        facts.append(f"default: {written(setting.default)}")
+    return [f"# {setting.meaning}", f"#   {'; '.join(fact for fact in facts if fact)}"]
+
+
+def written(value: Any) -> str:
+    """A value as TOML writes it."""
+    return tomli_w.dumps({"x": value}).removeprefix("x = ").rstrip()

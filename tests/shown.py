@@ -1,0 +1,48 @@
+"""Commands and programs that a page shows, and how to run them."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+SMALL = {
+    "scenario": [],
+    "train": ["--episodes", "2"],
+    "evaluate": ["--episodes", "1", "--vehicles", "2"],
+    "adapt": ["--episodes", "2"],
+    "figures": [],
+    "replay": ["--decisions", "3"],
+}
+"""Arguments that reduce a shown command to a matter of seconds."""
+
+
+def read(page: str) -> str:
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
+def fenced(page: str, language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", read(page), flags=re.DOTALL)
+
+
+def run_commands(page: str, folder: Path) -> None:
+    """Run the console commands of a page in order, but those that need a screen."""
+    lines = [line for block in fenced(page, "console") for line in block.splitlines()]
+    for line in lines:
+        program, verb, *options = shlex.split(line.removeprefix("$ "), comments=True)
+        assert program == "drl-av"
+        if verb == "replay" and "--video" not in options:
+            continue
+        if verb == "evaluate" and "--episodes" in options:
+            del options[options.index("--episodes") :][:2]
+        small = [] if "--resume" in options else SMALL[verb]
+        run(folder, "-m", "drl_av", verb, *options, *small)
+
+
+def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(
+        [sys.executable, *arguments], cwd=folder, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    return done

@@ -1,0 +1,115 @@
+"""The documentation: the site is built strictly, its references are complete, its examples run."""
+
+import os
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import fields
+from html import unescape
+from pathlib import Path
+
+import pytest
+from shown import ROOT, fenced, run, run_commands
+
+from drl_av.cli import VERBS
+from drl_av.config import Config
+from drl_av.config.reference import SECTIONS, settings
+from drl_av.driving.affordances import INDICATORS
+
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)],
+        cwd=ROOT,
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def words(page: Path) -> str:
+    """The text of a built page without its tags."""
+    return unescape(re.sub(r"<[^>]+>", "", page.read_text(encoding="utf-8")))
+
+
+def test_the_settings_page_names_every_setting_with_its_meaning_and_source(site: Path) -> None:
+    page = words(site / "reference" / "settings.html")
+    found = list(settings(Config()))
+    assert len(found) == sum(len(fields(getattr(Config(), name))) for name in SECTIONS) > 100
+    for setting in found:
+        assert setting.key in page
+        assert setting.meaning in page
+        assert setting.source in page
+
+
+def test_the_command_line_page_has_the_help_of_every_verb(site: Path) -> None:
+    page = words(site / "reference" / "command_line.html")
+    for verb in VERBS:
+        assert f"usage: drl-av {verb} " in page
+
+
+def test_the_environment_page_has_every_indicator_and_action(site: Path) -> None:
+    page = words(site / "environment.html")
+    for place, name in enumerate(INDICATORS):
+        assert re.search(rf"\b{place}\s+{name}\b", page)
+    assert re.search(r"keep the lane\s+0\s+1\s+2\s+3", page)
+    assert re.search(r"change to the left\s+8\s+9\s+10\s+11", page)
+
+
+def test_the_argument_for_strict_stands_on_the_safety_page(site: Path) -> None:
+    import drl_av.safety.strict
+
+    argument = str(drl_av.safety.strict.__doc__)
+    page = re.sub(r"\s+", " ", words(site / "safety.html"))
+    sentences = re.findall(r"[A-Z][a-z ,;:']{40,}\.", re.sub(r"\s+", " ", argument))
+    assert len(sentences) > 3
+    for sentence in sentences:
+        assert sentence in page
+
+
+def test_no_page_loads_anything_from_another_place(site: Path) -> None:
+    loaded = r"<(?:script|img|link)[^>]+(?:src|href)=\"?(https?://[^\s\">]+)"
+    for page in site.rglob("*.html"):
+        assert not re.findall(loaded, page.read_text(encoding="utf-8")), page
+
+
+def test_the_commands_of_the_guide_work_in_an_empty_folder(tmp_path: Path) -> None:
+    run_commands("docs/guide.md", tmp_path)
+    assert (tmp_path / "my_loop" / "highway.sumocfg").exists()
+    assert (tmp_path / "runs" / "adapted" / "policy.safetensors").exists()
+    assert (tmp_path / "episode.npz").exists()
+
+
+def test_the_settings_file_of_the_guide_trains(tmp_path: Path) -> None:
+    [text] = fenced("docs/guide.md", "toml")
+    (tmp_path / "mine.toml").write_text(text)
+    run(tmp_path, "-m", "drl_av", "scenario", "my_loop")
+    small = ["--preset", "fast", "--config", "mine.toml", "--episodes", "1"]
+    run(tmp_path, "-m", "drl_av", "train", "--out", "mine", *small)
+    assert '\nlateral_plant = "steering"\n' in (tmp_path / "mine" / "config.toml").read_text()
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_runs(example: Path, tmp_path: Path) -> None:
+    assert run(tmp_path, str(example)).stdout
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_a_page_shows_the_example(example: Path) -> None:
+    pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))
+    assert f'--8<-- "examples/{example.name}"' in pages
+
+
+def test_the_picture_of_the_packages_names_them_all() -> None:
+    picture = ET.parse(ROOT / "docs" / "assets" / "packages.svg").getroot()
+    named = [str(text.text) for text in picture.iter() if text.get("font-weight") == "bold"]
+    folders = {path.parent.name for path in (ROOT / "drl_av").glob("*/__init__.py")}
+    assert folders | {"errors", "files"} == set(", ".join(named).split(", "))

@@ -1,0 +1,135 @@
+"""Hook of mkdocs: the pages and tables of the site that are made from the code.
+
+``mkdocs.yml`` names this file. A page in PAGES exists only in the built site. A table in TABLES
+replaces the line ``<!-- from code: NAME -->`` of a page.
+"""
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from drl_av.cli import command_line
+from drl_av.config import Config
+from drl_av.config.reference import SECTIONS, section_meaning, settings, written
+from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
+from drl_av.driving.affordances import INDICATORS, SLOTS
+
+MEANINGS = {
+    "d_x": "net gap, bumper to bumper, m",
+    "v_x": "relative velocity, m/s; negative for a vehicle ahead that comes nearer",
+    "d_y": "relative lateral position, m; left positive",
+    "v_y": "relative lateral velocity, m/s; left positive",
+    "ego_v_x": "speed of the ego, m/s",
+    "ego_d_y": "lateral position of the ego from the centre of the rightmost lane, m",
+    "ego_v_y": "lateral velocity of the ego, m/s; left positive",
+}
+LONGITUDINAL = ("maintain", "accelerate", "brake", "hard brake")
+LATERAL = ("keep the lane", "change to the right", "change to the left")
+
+
+def table(heading: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """A table in Markdown."""
+    lines = [heading, ["---"] * len(heading), *rows]
+    cells = ([str(cell).replace("|", "\\|") for cell in line] for line in lines)
+    return "\n".join("| " + " | ".join(line) + " |" for line in cells)
+
+
+def actions() -> str:
+    """The 12 actions: a row a lateral action, a column a longitudinal one."""
+    ego = Config().ego
+    columns = [
+        f"{LONGITUDINAL[how]} ({how.acceleration_m_s2(ego):+g} m/s²)".replace("+0 ", "0 ")
+        for how in Longitudinal
+    ]
+    rows = [
+        [LATERAL[where], *(Action(where, how).number for how in Longitudinal)] for where in Lateral
+    ]
+    assert sorted(number for row in rows for number in row[1:]) == list(range(len(ACTIONS)))
+    return table(["", *columns], rows)
+
+
+def observation() -> str:
+    """The 27 affordance indicators in short: a row a lane."""
+    rows = []
+    for place in range(0, 4 * len(SLOTS), 8):
+        lane = SLOTS[place // 4].removesuffix("_front")
+        assert SLOTS[place // 4 : place // 4 + 2] == (f"{lane}_front", f"{lane}_rear")
+        states = [name.removeprefix(f"{lane}_front_") for name in INDICATORS[place : place + 4]]
+        where = "the ego's lane" if lane == "own" else f"the lane to its {lane}"
+        each = f"{', '.join(states)} of the vehicle ahead, then behind"
+        rows.append([f"{place} to {place + 7}", where, each])
+    ego = [name.removeprefix("ego_") for name in INDICATORS[4 * len(SLOTS) :]]
+    rows.append([f"{4 * len(SLOTS)} to {len(INDICATORS) - 1}", "the ego", ", ".join(ego)])
+    return table(["places", "about", "values"], rows)
+
+
+def indicators() -> str:
+    """The 27 affordance indicators, a row each."""
+    rows = []
+    for place, name in enumerate(INDICATORS):
+        slot = next((slot for slot in SLOTS if name.startswith(f"{slot}_")), None)
+        state = name if slot is None else name.removeprefix(f"{slot}_")
+        rows.append([place, f"`{name}`", MEANINGS[state]])
+    return table(["place", "name", "meaning"], rows)
+
+
+TABLES: dict[str, Callable[[], str]] = {"actions": actions, "indicators": indicators}
+
+
+def settings_page() -> str:
+    """Every setting, by section."""
+    lines = [
+        "# Settings",
+        "",
+        "`drl-av config [SECTION]` prints this list as a TOML file with comments. A file for",
+        "`--config` holds only the settings that you want to change. *ours* as a source means that",
+        "the paper does not state the number.",
+    ]
+    for name in SECTIONS:
+        rows = [
+            (f"`{s.key}`", f"`{written(s.default)}`", s.unit, s.allowed, s.meaning, s.source)
+            for s in settings(Config(), name)
+        ]
+        heading = ["key", "default", "unit", "allowed", "meaning", "source"]
+        lines += ["", f"## {name}", "", section_meaning(name), "", table(heading, rows)]
+    return "\n".join(lines) + "\n"
+
+
+def command_line_page() -> str:
+    """The help of every verb."""
+    parser = command_line()
+    [verbs] = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    lines = ["# Command line", "", "What `drl-av VERB --help` prints.", "", *block(parser)]
+    for name, own in verbs.choices.items():
+        lines += ["", f"## {name}", "", *block(own)]
+    return "\n".join(lines) + "\n"
+
+
+def block(parser: argparse.ArgumentParser) -> list[str]:
+    """A parser's help as a block of text."""
+    return ["```text", parser.format_help().rstrip(), "```"]
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    "reference/settings.md": settings_page,
+    "reference/command_line.md": command_line_page,
+}
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add the pages made from the code."""
+    from mkdocs.structure.files import File
+
+    for path, make in PAGES.items():
+        files.append(File.generated(config, path, content=make()))
+    return files
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Put the tables made from the code into a page."""
+    return re.sub(r"<!-- from code: (\w+) -->", lambda m: TABLES[m[1]](), markdown)

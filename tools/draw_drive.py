@@ -1,0 +1,71 @@
+"""The README's moving picture: the shipped driver overtakes.
+
+python tools/draw_drive.py docs/drive.gif
+"""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from PIL import Image
+
+from drl_av.drawing import draw
+from drl_av.drawing.film import interpolated
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import drive
+from drl_av.evaluation.drivers import build, choose, config_of
+
+FRAMES_PER_DECISION = 6
+FRAME_MS = 90
+ROAD_PART = (0, 0, 1280, 376)
+"""Of the whole picture: the header and the two views of the road."""
+WIDTH_PX = 880
+COLOURS = 128
+
+
+def main() -> None:
+    """Drive one episode, and draw some of its decisions."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("out", type=Path, metavar="FILE.gif")
+    parser.add_argument("--seed", type=int, default=3, help="of the traffic (default: 3)")
+    parser.add_argument("--vehicles", type=int, default=15, help="(default: 15)")
+    parser.add_argument("--first", type=int, default=58, help="first decision (default: 58)")
+    parser.add_argument("--last", type=int, default=73, help="last decision (default: 73)")
+    options = parser.parse_args()
+    frames = overtaking(options.seed, options.vehicles, options.first, options.last)
+    first, *rest = with_one_palette(frames)
+    first.save(
+        options.out, save_all=True, append_images=rest, duration=FRAME_MS, loop=0, optimize=True
+    )
+
+
+def overtaking(seed: int, vehicles: int, first: int, last: int) -> list[Image.Image]:
+    """Frames of the road between two decisions of an episode of the shipped driver."""
+    choices = choose(["pretrained"])
+    config = config_of(choices).updated("simulation", decisions_per_episode=last)
+    env = HighwayEnv(config=config, render_mode="rgb_array")
+    [(name, driver)] = build(choices, config).items()
+    moments = []
+
+    def watch(env: HighwayEnv) -> None:
+        moments.append((env.scene.snapshot, replace(env.caption, driver="the shipped driver")))
+
+    drive(env, driver, name, seed, vehicles, watch)
+    env.close()
+    frames = []
+    for (before, _), (after, caption) in zip(moments[first:], moments[first + 1 :], strict=False):
+        for step in range(1, FRAMES_PER_DECISION + 1):
+            scene = interpolated(before, after, step / FRAMES_PER_DECISION, env.road)
+            picture = Image.fromarray(draw(scene, env.road, caption)).crop(ROAD_PART)
+            frames.append(picture.resize((WIDTH_PX, WIDTH_PX * picture.height // picture.width)))
+    return frames
+
+
+def with_one_palette(frames: list[Image.Image]) -> list[Image.Image]:
+    """The frames with few colours, the same in all, so that what stands still costs nothing."""
+    palette = frames[0].quantize(COLOURS, Image.Quantize.MAXCOVERAGE)
+    return [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+
+
+if __name__ == "__main__":
+    main()
