@@ -13,74 +13,94 @@ class LearningConfig(Section):
     """Algorithm 1."""
 
     seed: int = setting(0, "ours", "seed of everything random in a training", low=0, high=2**32)
-    episodes: int = setting(10_000, "Sec. IV-C", "N_e", low=1, high=10_000_000)
-    discount: float = setting(0.9, "Table I", "gamma", low=0, high=1)
-    learning_rate: float = setting(1e-4, "Sec. IV-C", "Adam's; 0 learns nothing", low=0, high=1)
+    episodes: int = setting(
+        10_000, "Sec. IV-C", "N_e, episodes of a training", low=1, high=10_000_000
+    )
+    discount: float = setting(0.9, "Table I", "gamma, discount", low=0, high=1)
+    learning_rate: float = setting(
+        1e-4, "Sec. IV-C", "step size of Adam; 0 learns nothing", low=0, high=1
+    )
     learning_rate_end_fraction: float = setting(
-        1.0, "ours", "share of it left in the last episode, approached linearly", low=0, high=1
+        1.0, "ours", "share of the learning rate in the last episode; falls linearly", low=0, high=1
     )
     hidden_units: int = setting(100, "Sec. IV-C", "units in each hidden layer", low=1, high=10_000)
-    epsilon_start: float = setting(1.0, "Sec. IV-C", "exploration at first", low=0, high=1)
-    epsilon_end: float = setting(0.2, "Sec. IV-C", "exploration at last", low=0, high=1)
+    epsilon_start: float = setting(
+        1.0, "Sec. IV-C", "probability of a random action in the first episode", low=0, high=1
+    )
+    epsilon_end: float = setting(0.2, "Sec. IV-C", "the same after the decrease", low=0, high=1)
     epsilon_fraction: float = setting(
-        0.7, "Sec. IV-C", "share of the episodes over which it falls", low=0.001, high=1
+        0.7, "Sec. IV-C", "share of the episodes over which it decreases", low=0.001, high=1
     )
     networks: int = setting(
-        1, "ours", "networks that learn apart, and decide by their mean", low=1, high=100
+        1,
+        "ours",
+        "number of networks; each learns from its own batches, their mean decides",
+        low=1,
+        high=100,
     )
     networks_take_turns: bool = setting(
-        False, "ours", "a gradient step is that of one network, in turn, instead of one of each"
+        False, "ours", "a gradient step trains one network, in turn, instead of each of them"
     )
-    replay: str = setting("two-buffer", "Alg. 1", "experience replay", choices=REPLAYS)
+    replay: str = setting("two-buffer", "Alg. 1", "kind of experience replay", choices=REPLAYS)
     batch_size: int = setting(64, "ours", "rows in a minibatch", low=2, high=100_000)
     collision_fraction: float = setting(
-        0.25, "ours", "share of the minibatch from the collision buffer", low=0, high=1
+        0.25, "ours", "share of a minibatch from the collision buffer", low=0, high=1
     )
-    safe_capacity: int = setting(100_000, "ours", "rows of Buf_S", low=1, high=100_000_000)
-    collision_capacity: int = setting(50_000, "ours", "rows of Buf_C", low=1, high=100_000_000)
+    safe_capacity: int = setting(
+        100_000, "ours", "capacity of Buf_S, the safe buffer, rows", low=1, high=100_000_000
+    )
+    collision_capacity: int = setting(
+        50_000, "ours", "capacity of Buf_C, the collision buffer, rows", low=1, high=100_000_000
+    )
     priority_exponent: float = setting(
         0.6, "Schaul 2015, Table 3", "alpha of prioritized replay", low=0, high=1
     )
     importance_exponent_start: float = setting(
-        0.4, "Schaul 2015, Table 3", "beta at first; rises linearly to 1", low=0, high=1
+        0.4, "Schaul 2015, Table 3", "beta in the first episode; rises linearly to 1", low=0, high=1
     )
     priority_floor: float = setting(
-        1e-6, "ours", "what is added to each |TD error|", low=1e-12, high=1
+        1e-6, "ours", "added to the absolute TD error of each row", low=1e-12, high=1
     )
-    target_update_episodes: int = setting(5, "ours", "N_C", low=1, high=10_000)
-    gradient_steps: int = setting(1, "Alg. 1", "gradient steps a decision", low=0, high=100)
+    target_update_episodes: int = setting(
+        5, "ours", "N_C, episodes between two updates of the target network", low=1, high=10_000
+    )
+    gradient_steps: int = setting(1, "Alg. 1", "gradient steps per decision", low=0, high=100)
     collisions_to_start: int = setting(
-        0, "ours", "rows of Buf_C to have before an episode, to learn in it", low=0
+        0, "ours", "rows that Buf_C must hold for an episode to learn", low=0
     )
     traffic_by_episode: bool = setting(
-        False, "ours", "traffic depends on the seed and the episode's number, not on the learning"
+        False, "ours", "traffic depends on the seed and the number of the episode only"
     )
     mirrored: bool = setting(
-        False, "ours", "learns and decides in a mirror too, left and right swapped"
+        False, "ours", "learns and decides also from the mirrored scene, left and right exchanged"
     )
     counterfactuals: int = setting(
-        0, "ours", "other actions drawn a decision, whose outcome is remembered too", low=0, high=12
+        0, "ours", "actions per decision whose outcome is stored although not taken", low=0, high=12
     )
     speed_weight: float = setting(
-        0.0, "ours", "weight of v_x / ego.max_speed_m_s beside the reward", low=0, high=10
+        0.0,
+        "ours",
+        "weight of v_x / ego.max_speed_m_s, learned in addition to the reward",
+        low=0,
+        high=10,
     )
     unsafe_penalty: float = setting(
         0.0,
         "ours",
-        "how much less an unsafe proposal is worth than what is executed in its place; 0: it ends "
-        "in r_col (Alg. 1)",
+        "by how much an unsafe proposal is worth less than the action executed instead; 0: it "
+        "is terminal with r_col (Alg. 1)",
         low=0,
         high=1000,
     )
     lane_change_margin: float = setting(
         0.0,
         "ours",
-        "what a lane change has to be worth above keeping the lane; in driving, not in Alg. 1",
+        "least advantage over keeping the lane that starts a lane change; not in Alg. 1",
         low=0,
         high=1000,
     )
     evaluate_every: int = setting(100, "Sec. IV-C", "episodes between evaluations", low=1)
-    evaluation_episodes: int = setting(10, "ours", "episodes in an evaluation", low=1, high=10_000)
+    evaluation_episodes: int = setting(10, "ours", "episodes of an evaluation", low=1, high=10_000)
     checkpoint_every: int = setting(50, "ours", "episodes between checkpoints", low=1)
 
     def __post_init__(self) -> None:

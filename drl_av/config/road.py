@@ -21,7 +21,9 @@ class SimulationConfig(Section):
     decision_interval_s: float = setting(
         1.0, "Table I", "sampling time: one decision a second", low=1.0, high=1.0
     )
-    decisions_per_episode: int = setting(200, "Sec. IV-C", "N_s", low=1, high=100_000)
+    decisions_per_episode: int = setting(
+        200, "Sec. IV-C", "N_s, decisions of an episode", low=1, high=100_000
+    )
     lateral_resolution_m: float = setting(
         3.8, "ours", "strip width of SUMO's sublane model; one strip a lane", low=0.1, high=10.0
     )

@@ -11,20 +11,34 @@ class TrafficConfig(Section):
     """The vehicles around the ego; each draws its own character from these ranges."""
 
     vehicles_min: int = setting(1, "Sec. IV-B", "fewest vehicles in an episode", low=0, high=1000)
-    vehicles_max: int = setting(30, "Sec. IV-B", "N_T, most vehicles", low=0, high=1000)
+    vehicles_max: int = setting(
+        30, "Sec. IV-B", "N_T, most vehicles in an episode", low=0, high=1000
+    )
     desired_speed_min_m_s: float = setting(20.0, "ours", "slowest desired speed", low=0, high=60)
     desired_speed_max_m_s: float = setting(32.0, "ours", "fastest desired speed", low=0.1, high=60)
-    headway_min_s: float = setting(0.8, "ours", "shortest IDM headway", low=0.5, high=10)
-    headway_max_s: float = setting(1.4, "ours", "longest IDM headway", low=0.5, high=10)
-    acceleration_min_m_s2: float = setting(1.0, "ours", "weakest IDM accel", low=0.1, high=10)
-    acceleration_max_m_s2: float = setting(2.0, "ours", "strongest IDM accel", low=0.1, high=10)
-    speed_gain_min: float = setting(0.0, "ours", "least lane-change eagerness", low=0, high=100)
-    speed_gain_max: float = setting(0.0, "ours", "most; 0: changes at random only", low=0, high=100)
+    headway_min_s: float = setting(0.8, "ours", "shortest headway of SUMO's IDM", low=0.5, high=10)
+    headway_max_s: float = setting(1.4, "ours", "longest headway of SUMO's IDM", low=0.5, high=10)
+    acceleration_min_m_s2: float = setting(
+        1.0, "ours", "smallest acceleration of SUMO's IDM", low=0.1, high=10
+    )
+    acceleration_max_m_s2: float = setting(
+        2.0, "ours", "largest acceleration of SUMO's IDM", low=0.1, high=10
+    )
+    speed_gain_min: float = setting(
+        0.0, "ours", "smallest lcSpeedGain, eagerness to change lanes to get ahead", low=0, high=100
+    )
+    speed_gain_max: float = setting(
+        0.0, "ours", "largest lcSpeedGain; 0: random lane changes only", low=0, high=100
+    )
     random_lane_changes_per_s: float = setting(
-        0.002, "ours", "rate at which a vehicle asks for a random lane change", low=0, high=1
+        0.002, "ours", "rate at which a vehicle requests a random lane change", low=0, high=1
     )
     lane_evenness: float = setting(
-        2.0, "ours", "how evenly the lanes are used; large is even", low=0.01, high=1000
+        2.0,
+        "ours",
+        "evenness of the lanes, parameter of a Dirichlet distribution; large is even",
+        low=0.01,
+        high=1000,
     )
     start_gap_m: float = setting(
         8.0, "ours", "smallest net gap between vehicles at the start", low=2.5, high=100
