@@ -4,8 +4,8 @@
 
 SUMO drives the ego too, like the vehicles around it, so that nobody is there but traffic. A line
 a mix: shares of finite-state machine, level 0 and level 1 (the rest is SUMO's IDM), episodes,
-decisions of vehicles, collisions by SUMO and overlapping bodies by geometry, mean speed, lane
-changes a vehicle and minute. Exits with 1 where anything collided.
+decisions of vehicles, collisions by SUMO and by bodies swept through each SUMO step, mean speed,
+lane changes a vehicle and minute. Exits with 1 where anything collided.
 """
 
 import argparse
@@ -20,10 +20,11 @@ from drl_av.config import Config
 from drl_av.drivers.background.level_1 import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.experiments.provenance import made_by
+from drl_av.traffic.collisions import bodies, motions
 from drl_av.traffic.population import EGO_ID
-from drl_av.traffic.scenario import find_scenario, load_scenario
+from drl_av.traffic.scenario import Scenario, find_scenario, load_scenario
 from drl_av.traffic.simulation import Simulation
-from drl_av.traffic.snapshot import EGO, Collision, Command, Snapshot
+from drl_av.traffic.snapshot import EGO, Command, Snapshot
 
 MIXES = (
     "0,0,0",
@@ -44,7 +45,10 @@ NOTHING = Command(0.0, 0.0, 0.0)
 class Background(Simulation):
     """Traffic alone: SUMO drives the ego as it drives the others, whatever it is commanded."""
 
-    collisions = 0
+    def __init__(self, scenario: Scenario, config: Config) -> None:
+        super().__init__(scenario, config)
+        self.after_step = self._watch
+        self.seen_by_sumo, self.swept = 0, 0
 
     def reset(self, seed: int, vehicles: int) -> Snapshot:
         """Start an episode and hand the ego over to SUMO."""
@@ -53,31 +57,28 @@ class Background(Simulation):
         vehicle.setSpeedMode(EGO_ID, DEFAULT_SPEED_MODE)
         vehicle.setLaneChangeMode(EGO_ID, DEFAULT_LANE_CHANGE_MODE)
         vehicle.setMaxSpeedLat(EGO_ID, LATERAL_SPEED_M_S)
-        return self._snapshot()
+        self._before = self._snapshot()
+        return self._before
 
-    def _step(self, command: Command) -> Collision | None:
-        self._sumo.simulationStep()
-        self.collisions += self._sumo.simulation.getCollidingVehiclesNumber()
+    def _command(self, command: Command) -> bool:
+        return True
+
+    def _watch(self, shot: Snapshot) -> None:
+        moves = motions(self._before, shot, self.road)
+        self._before = shot
+        self.swept += len(bodies(shot, self.road).collisions(moves))
+        self.seen_by_sumo += self._sumo.simulation.getCollidingVehiclesNumber()
         self._ego_lateral_speed_m_s = self._sumo.vehicle.getLateralSpeed(EGO_ID)
-        return None
 
 
 class Tally(NamedTuple):
     """What one mix did."""
 
     decisions: int
-    collisions: int
-    overlaps: int
+    seen_by_sumo: int
+    swept: int
     mean_speed_m_s: float
     lane_changes_a_minute: float
-
-
-def overlaps(shot: Snapshot, circumference_m: float) -> int:
-    """Pairs of bodies that overlap."""
-    between_m = np.abs(shot.s_m[:, None] - shot.s_m)
-    lengthwise = np.minimum(between_m, circumference_m - between_m) < shot.length_m - 1e-6
-    sideways = np.abs(shot.y_m[:, None] - shot.y_m) < shot.width_m - 1e-6
-    return int(np.triu(lengthwise & sideways, 1).sum())
 
 
 def check(config: Config, episodes: int, vehicles: Sequence[int]) -> Tally:
@@ -87,14 +88,13 @@ def check(config: Config, episodes: int, vehicles: Sequence[int]) -> Tally:
     level_1 = load_level_1(road) if config.traffic.level_1_share else None
     drivers = TrafficDrivers(config, road, level_1)
     steps = config.simulation.steps_per_decision
-    decisions, overlapping, changes, speeds = 0, 0, 0, []
+    decisions, changes, speeds = 0, 0, []
     for episode in range(episodes):
         shot = simulation.reset(SEEDS + episode, vehicles[episode % len(vehicles)])
         drivers.start(simulation.kinds, simulation.desired_speed_m_s)
         lanes = []
         for _ in range(config.simulation.decisions_per_episode):
             shot, _ = simulation.advance([NOTHING] * steps, drivers(shot))
-            overlapping += overlaps(shot, road.circumference_m)
             others = np.arange(len(shot.ids)) != EGO
             lanes.append(np.floor(shot.y_m[others] / road.lane_width_m + 0.5))
             speeds.append(shot.speed_m_s[others])
@@ -103,7 +103,8 @@ def check(config: Config, episodes: int, vehicles: Sequence[int]) -> Tally:
     simulation.close()
     mean_speed = float(np.concatenate(speeds).mean())
     per_minute = 60 * changes / decisions / config.simulation.decision_interval_s
-    return Tally(decisions, simulation.collisions, overlapping, mean_speed, per_minute)
+    found = simulation.seen_by_sumo, simulation.swept
+    return Tally(decisions, *found, mean_speed, per_minute)
 
 
 def with_shares(mix: str) -> Config:
@@ -134,10 +135,10 @@ def main() -> int:
     collided, begun_s = 0, time.monotonic()
     for mix in options.mix:
         tally = check(with_shares(mix), options.episodes, options.vehicles)
-        collided += tally.collisions + tally.overlaps
+        collided += tally.seen_by_sumo + tally.swept
         print(
             f"{mix}: {options.episodes} episodes, {tally.decisions} vehicle-decisions, "
-            f"{tally.collisions} collisions, {tally.overlaps} overlaps, "
+            f"{tally.seen_by_sumo} collisions seen by SUMO, {tally.swept} by swept bodies, "
             f"{tally.mean_speed_m_s:.2f} m/s, {tally.lane_changes_a_minute:.2f} lane changes "
             "a vehicle and minute",
             flush=True,

@@ -21,7 +21,6 @@ from verification.kinematic_simulator import (
     Mover,
     Orders,
     World,
-    collision,
 )
 
 DECISIONS = 14
@@ -197,15 +196,12 @@ def play(
 
     0: no collision, 1: the ego hit somebody, 2: it was hit.
     """
-    least_m = np.full(len(world.x_m), np.inf)
     for order in told:
-        executed = judge(world, order.proposal)
-        least_m = np.minimum(least_m, mover.decision(world, executed, order).min(axis=1))
-    ended = np.zeros(len(least_m), dtype=np.int64)
-    for row in np.flatnonzero(least_m < 0):
-        met = collision(world, int(row))
-        ended[row] = 2 if met is not None and not met.kind.ego_hit else 1
-    return least_m, ended
+        mover.decision(world, judge(world, order.proposal), order)
+    ended = np.zeros(len(world.x_m), dtype=np.int64)
+    for row, collision in world.collisions.items():
+        ended[row] = 1 if collision.kind.ego_hit else 2
+    return world.least_m.min(axis=1), ended
 
 
 def search(

@@ -25,6 +25,7 @@ from drl_av.config import SAFETY_CHECKS, Config
 from drl_av.errors import ScenarioError
 from drl_av.experiments.provenance import made_by
 from drl_av.safety import named_check
+from drl_av.traffic.snapshot import Collision
 from verification.batch_check import BatchStrict
 from verification.falsification import FAMILIES, PLACED, Tally, genes, orders, play, scripted
 from verification.falsification import search as learn
@@ -97,24 +98,24 @@ def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[di
     rows, sumo = [], SumoWorld(config)
     for name in names:
         family, judge, mover = FAMILIES[name], judge_of(config), Mover(config)
-        rng, hits, apart_m = np.random.default_rng(seed), [0, 0, 0], 0.0
-        while sum(hits) < scenes:
+        rng = np.random.default_rng(seed)
+        ends: list[tuple[Collision | None, Collision | None, float]] = []
+        while len(ends) < scenes:
             genome = rng.normal(size=(1, genes(family)))
             placing = 1 / (1 + np.exp(-1.7 * genome[:, : PLACED * family.others]))
             world = family.start(placing, config)
             try:
-                ended, off_m = sumo.play(world, orders(genome, family, config), judge, mover)
+                ends.append(sumo.play(world, orders(genome, family, config), judge, mover))
             except ScenarioError:
                 continue  # two of the others would start in one place
-            hits[ended] += 1
-            apart_m = max(apart_m, off_m)
         rows.append(
             {
                 "family": name,
                 "scenes": scenes,
-                "ego_hit": hits[1],
-                "was_hit": hits[2],
-                "furthest_from_the_equations_m": round(apart_m, 6),
+                "ego_hit": sum(hit is not None and hit.kind.ego_hit for hit, _, _ in ends),
+                "was_hit": sum(hit is not None and not hit.kind.ego_hit for hit, _, _ in ends),
+                "unlike_the_equations": sum(hit != expected for hit, expected, _ in ends),
+                "furthest_from_the_equations_m": round(max(off_m for *_, off_m in ends), 6),
             }
         )
     return rows

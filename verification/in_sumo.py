@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import libsumo
 import numpy as np
 
 from drl_av.config import Config
@@ -20,8 +19,8 @@ from drl_av.traffic.simulation import (
     NO_AUTONOMOUS_LANE_CHANGES,
     Simulation,
 )
-from drl_av.traffic.snapshot import Command
-from verification.kinematic_simulator import BatchCheck, Mover, Orders, World, collision
+from drl_av.traffic.snapshot import Collision, CollisionKind, Command
+from verification.kinematic_simulator import BatchCheck, Mover, Orders, World
 
 LAP_M = 2000.0
 START_M = 500.0
@@ -40,8 +39,8 @@ class SumoWorld:
 
     def play(
         self, world: World, told: Iterator[Orders], judge: BatchCheck, mover: Mover
-    ) -> tuple[int, float]:
-        """How a scene ends (as ``falsification.play``) and how far SUMO strays, metres."""
+    ) -> tuple[Collision | None, Collision | None, float]:
+        """The ego's collision in SUMO, that by the equations, and how far SUMO strays, metres."""
         simulation = self._start(world)
         apart_m, ego_x_m = 0.0, float(world.x_m[0, 0])
         for order in told:
@@ -49,17 +48,16 @@ class SumoWorld:
             for speeds, places_m in mover.steps(world, executed, order):
                 self._tell(speeds[0], places_m[0])
                 command = Command(float(speeds[0, 0]), float(places_m[0, 0]), 0.0)
-                hit = simulation._step(command)
-                shot = simulation._snapshot()
+                shot, hit = simulation.advance([command])
+                if hit is not None and hit.kind is CollisionKind.HIT_EDGE:
+                    return hit, world.collisions.get(0), apart_m
                 s_m = START_M - 2.5 + world.x_m[0] - ego_x_m
                 off_m = np.abs((shot.s_m - s_m + LAP_M / 2) % LAP_M - LAP_M / 2)
                 apart_m = max(apart_m, float(off_m.max()))
                 apart_m = max(apart_m, float(np.abs(shot.y_m - world.y_m[0]).max()))
-                met = collision(world, 0)
-                if hit is not None or met is not None:
-                    ego_hit = (hit or met).kind.ego_hit  # type: ignore[union-attr]
-                    return (1 if ego_hit else 2), apart_m
-        return 0, apart_m
+                if hit is not None or world.collisions:
+                    return hit, world.collisions.get(0), apart_m
+        return None, None, apart_m
 
     def _start(self, world: World) -> Simulation:
         names = ("ego", *(f"vehicle{row}" for row in range(1, world.x_m.shape[1])))
@@ -76,18 +74,19 @@ class SumoWorld:
         description = replace(self._scenario.description, vehicles=placed)
         simulation = Simulation(replace(self._scenario, description=description), self._config)
         simulation.reset(0, len(names) - 1)
+        self._vehicle = simulation._sumo.vehicle
         for name in names[1:]:
-            libsumo.vehicle.setSpeedMode(name, ALL_SPEED_CHECKS_OFF)
-            libsumo.vehicle.setLaneChangeMode(name, NO_AUTONOMOUS_LANE_CHANGES)
-            libsumo.vehicle.setMaxSpeedLat(name, 10.0)
+            self._vehicle.setSpeedMode(name, ALL_SPEED_CHECKS_OFF)
+            self._vehicle.setLaneChangeMode(name, NO_AUTONOMOUS_LANE_CHANGES)
+            self._vehicle.setMaxSpeedLat(name, 10.0)
         self._names, self._y_m = names, world.y_m[0].copy()
         return simulation
 
     def _tell(self, speeds: np.ndarray, places_m: np.ndarray) -> None:
         for row, name in enumerate(self._names[1:], 1):
-            libsumo.vehicle.setSpeed(name, float(speeds[row]))
+            self._vehicle.setSpeed(name, float(speeds[row]))
             if places_m[row] != self._y_m[row]:
-                lane = int(libsumo.vehicle.getLaneIndex(name))
-                y_m = 3.8 * lane + libsumo.vehicle.getLateralLanePosition(name)
-                libsumo.vehicle.changeSublane(name, float(places_m[row] - y_m))
+                lane = int(self._vehicle.getLaneIndex(name))
+                y_m = 3.8 * lane + self._vehicle.getLateralLanePosition(name)
+                self._vehicle.changeSublane(name, float(places_m[row] - y_m))
         self._y_m = places_m.copy()

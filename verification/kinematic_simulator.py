@@ -5,7 +5,7 @@ adversary tells them. Arrays have shape (scenes,) for the ego and (scenes, other
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +18,9 @@ from drl_av.driving.scene import LaneChange, Scene
 from drl_av.safety.check import SafetyCheck
 from drl_av.safety.reachability import CENTERED_M, lanes_under, lateral_extent
 from drl_av.safety.stopping import cut_in_gap, stopping_distance
-from drl_av.traffic.collisions import overlapping
 from drl_av.traffic.road import FloatArray, Road
-from drl_av.traffic.snapshot import Collision, Snapshot
+from drl_av.traffic.snapshot import Collision, CollisionKind, Snapshot
+from verification.separation import first_collision, swept_separation
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
@@ -29,6 +29,8 @@ LENGTH_M, WIDTH_M = 5.0, 1.8
 NONE = -9
 """Origin and target of an ego that changes no lane."""
 FASTEST_M_S = 40.0
+TOUCHING_M = 1e-9
+"""Bodies that overlap by no more do so by rounding."""
 SIGN = np.array([0, -1, 1])
 """Of a lateral action."""
 
@@ -46,6 +48,16 @@ class World:
     target: IntArray
     lane_s: FloatArray
     """For how long the ego's body has been over each lane; shape (scenes, lanes)."""
+    collisions: dict[int, Collision] = field(default_factory=dict)
+    """The collision of each scene in which the ego has had one; such a scene has ended."""
+
+    def __post_init__(self) -> None:
+        self.least_m = np.full(self.x_m[:, 1:].shape, np.inf)
+        """The smallest separation of each from the ego so far, shape (scenes, others).
+
+        It is the larger of the gaps lengthwise and sideways; negative where bodies overlap
+        anywhere on their way.
+        """
 
     def scene(self, row: int) -> Scene:
         """One of the scenes, as a safety check gets it."""
@@ -98,16 +110,10 @@ class Mover:
         self._config, self._ballistic = config, ballistic
         self.step_s = config.simulation.step_length_s
 
-    def decision(self, world: World, executed: IntArray, orders: Orders) -> FloatArray:
-        """One decision; the smallest separation from the ego in it, shape (scenes, others).
-
-        It is the larger of the gaps lengthwise and sideways; negative where bodies overlap. A
-        scene in which they do stays as it is from that SUMO step on.
-        """
-        least_m = separation(world)
+    def decision(self, world: World, executed: IntArray, orders: Orders) -> None:
+        """One decision; a scene with a collision stays as it is from that SUMO step on."""
         for _ in self.steps(world, executed, orders):
-            least_m = np.minimum(least_m, separation(world))
-        return least_m
+            pass
 
     def steps(
         self, world: World, executed: IntArray, orders: Orders
@@ -118,10 +124,9 @@ class Mover:
         ego = self._config.ego
         rates = np.array([0.0, ego.accelerate_m_s2, -ego.brake_m_s2, -ego.hard_brake_m_s2])
         for _ in range(self._config.simulation.steps_per_decision):
-            going: BoolArray = np.all(separation(world) > 0, axis=1)
-            self._step(world, rates[longitudinal], orders, going)
+            self._step(world, rates[longitudinal], orders, _going(world))
             yield world.speed_m_s, world.y_m
-        arrived = (world.target == NONE) & np.all(separation(world) > 0, axis=1)
+        arrived = (world.target == NONE) & _going(world)
         world.lateral_m_s[:, 0] = np.where(arrived, 0.0, world.lateral_m_s[:, 0])
 
     def _steer(self, world: World, sign: IntArray) -> None:
@@ -146,11 +151,27 @@ class Mover:
         wanted = self._staying_behind(world, wanted)
         speed[:, 1:] = np.clip(speed[:, 1:] + wanted * self.step_s, 0.0, FASTEST_M_S)
         moved = (speed + world.speed_m_s) / 2 if self._ballistic else speed
-        lead_m = world.x_m[:, 1:] - world.x_m[:, :1]
+        x_m, y_m = world.x_m, world.y_m
         world.x_m = np.where(going[:, None], world.x_m + moved * self.step_s, world.x_m)
         world.speed_m_s = np.where(going[:, None], speed, world.speed_m_s)
         self._sideways(world, self._permitted_side(world, orders.side, rate), going)
-        _stop_inside(world, lead_m)
+        self._collide(world, x_m, y_m, going)
+
+    def _collide(
+        self, world: World, from_x_m: FloatArray, from_y_m: FloatArray, going: BoolArray
+    ) -> None:
+        """Note the collisions on the way from there, off the road first."""
+        sizes_m = (LENGTH_M, WIDTH_M)
+        least_m = swept_separation((from_x_m, from_y_m), (world.x_m, world.y_m), *sizes_m)
+        world.least_m = np.minimum(world.least_m, least_m)
+        middle_m = ROAD.lane_width_m * (len(ROAD.open_lanes) - 1) / 2
+        leaves = np.abs(world.y_m[:, 0] - middle_m) + WIDTH_M / 2 > middle_m + ROAD.lane_width_m / 2
+        for row in np.flatnonzero(going & leaves).tolist():
+            world.collisions[row] = Collision(CollisionKind.HIT_EDGE, None)
+        touches = (least_m < -TOUCHING_M).any(axis=1)
+        for row in np.flatnonzero(going & touches & ~leaves).tolist():
+            starts, ends = (from_x_m[row], from_y_m[row]), (world.x_m[row], world.y_m[row])
+            world.collisions[row] = first_collision(starts, ends, *sizes_m)
 
     def _permitted_side(self, world: World, side: FloatArray, rate: FloatArray) -> FloatArray:
         """Bound 3: the sides to which the others may move now, 0 where they may not."""
@@ -254,25 +275,8 @@ def _bound_for(y_m: FloatArray, side: FloatArray) -> FloatArray:
     return result
 
 
-def _stop_inside(world: World, lead_m: FloatArray) -> None:
-    """Leave whoever came through the ego in one SUMO step inside it, where it is seen.
-
-    ``lead_m``, (scenes, others), is how far their centres were ahead of the ego's before.
-    """
-    beside = np.abs(world.y_m[:, 1:] - world.y_m[:, :1]) < WIDTH_M
-    came_through = beside & (lead_m * (world.x_m[:, 1:] - world.x_m[:, :1]) < 0)
-    rows, others = np.nonzero(came_through)
-    inside_m = np.sign(lead_m[rows, others]) * LENGTH_M / 2
-    world.x_m[rows, 1 + others] = world.x_m[rows, 0] + inside_m
-
-
-def separation(world: World) -> FloatArray:
-    """How far apart the ego and the others are, on the axis on which they are farther."""
-    ahead_m = np.abs(world.x_m[:, 1:] - world.x_m[:, :1]) - LENGTH_M
-    beside_m = np.abs(world.y_m[:, 1:] - world.y_m[:, :1]) - WIDTH_M
-    return np.maximum(ahead_m, beside_m)
-
-
-def collision(world: World, row: int) -> Collision | None:
-    """The ego's collision in one scene, told apart as everywhere."""
-    return overlapping(world.scene(row).snapshot, ROAD)
+def _going(world: World) -> BoolArray:
+    """Which scenes have not ended."""
+    going = np.ones(len(world.x_m), dtype=np.bool_)
+    going[list(world.collisions)] = False
+    return going

@@ -29,8 +29,6 @@ from drl_av.experiments.provenance import (
     stored_config,
     write_sidecar,
 )
-from drl_av.traffic.collisions import overlapping
-from drl_av.traffic.snapshot import Collision, Command
 from verification.auditor import Auditor
 
 FIRST_SEED = 800_000
@@ -58,13 +56,7 @@ class Watched:
     def __init__(self, config: Config) -> None:
         self.env = HighwayEnv(config=config)
         self.auditor = Auditor(config, self.env.road)
-        self._step = self.env.simulation._step
-        self.env.simulation._step = self._watch  # type: ignore[method-assign]
-
-    def _watch(self, command: Command) -> Collision | None:
-        collision = self._step(command)
-        self.auditor.watch(self.env.simulation._snapshot())
-        return collision
+        self.env.simulation.after_step = self.auditor.watch
 
     def episode(self, driver: RandomDriver, mix: str, seed: int) -> dict[str, Any]:
         """Drive one episode; its row."""
@@ -76,8 +68,8 @@ class Watched:
 
         result = drive(self.env, driver, "random", seed, 1 + seed % 30, watch)
         margins, shot = self.auditor.cut_ins_m, self.env.scene.snapshot
-        met = overlapping(shot, self.env.road) if result.collided else None
-        other = str(met.other) if met else ""
+        met = self.env.collision
+        other = "" if met is None or met.other is None else met.other
         return {
             "seed": seed,
             "vehicles": result.vehicles,

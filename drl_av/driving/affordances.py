@@ -60,15 +60,6 @@ class Affordances(NamedTuple):
     circumference_m: float = 0.0
     """Length of the loop; 0 is a road without an end."""
 
-    def may_touch(self, width_m: float) -> bool:
-        """Whether a body may overlap the ego's, of that width: someone is alongside it.
-
-        As long as it is wholly in its lane, only who is in that lane too.
-        """
-        wholly_in_lane = abs(self.ego_y_m - self.lane_center_m) < (self.lane_width_m - width_m) / 2
-        near = self[:2] if wholly_in_lane else self[:6]
-        return any(neighbor is not None and neighbor.gap_m == 0.0 for neighbor in near)
-
     def front(self, sign: int) -> Neighbor | None:
         """Nearest vehicle ahead in the own (0), left (+1) or right (-1) lane."""
         return (self.own_front, self.left_front, self.right_front)[sign]

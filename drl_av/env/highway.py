@@ -22,10 +22,9 @@ from drl_av.env.reward import Rewards, desired, rewards
 from drl_av.errors import ConfigError
 from drl_av.safety import ActionMask, action_mask, named_check
 from drl_av.safety.check import SafetyCheck, Verdict
-from drl_av.traffic.collisions import overlapping
 from drl_av.traffic.scenario import find_scenario, load_scenario
 from drl_av.traffic.simulation import Simulation
-from drl_av.traffic.snapshot import EGO, Collision, Snapshot
+from drl_av.traffic.snapshot import Collision, Snapshot
 
 Observation = npt.NDArray[np.float32]
 TRAINING_SEEDS = (1_000_000, 2**31)
@@ -129,6 +128,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self._masked = action_mask
         self.caption = Caption()
         self.proposed: Action | None = None
+        self.collision: Collision | None = None
         self._over = True
 
     def require_room(self) -> None:
@@ -154,7 +154,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         vehicles = self._vehicles(options or {})
         self.caption = Caption(vehicles=vehicles, seed=self.seed)
         self.decisions = 0
-        self.proposed = None
+        self.proposed = self.collision = None
         self._over = True
         self._look(self.simulation.reset(self.seed, vehicles), None)
         self.traffic_drivers.start(self.simulation.kinds, self.simulation.desired_speed_m_s)
@@ -182,28 +182,27 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         )
         traffic_commands = self.traffic_drivers(self.scene.snapshot)
         self._over = True  # should SUMO end in the middle
-        snapshot, collision = self.simulation.advance(commands, traffic_commands)
+        snapshot, self.collision = self.simulation.advance(commands, traffic_commands)
         self._look(snapshot, lane_change)
-        if collision is None and self.scene.affordances.may_touch(float(snapshot.width_m[EGO])):
-            collision = overlapping(snapshot, self.road)
         self.decisions += 1
         target = desired(self.scene.affordances, self.config.reward, self.config.safety)
         terms = rewards(
             self.scene.affordances, target, self.config.reward, self.config.safety.minimum_gap_m
         )
-        reward = terms.total if collision is None else self.config.reward.collision_reward
+        reward = terms.total if self.collision is None else self.config.reward.collision_reward
         truncated = self.decisions >= self.config.simulation.decisions_per_episode
-        self._over = truncated or collision is not None
+        collided = self.collision is not None
+        self._over = truncated or collided
         info = self._info() | {
             "proposed_action": proposed.number,
             "executed_action": verdict.action.number,
             "rule": str(verdict.rule),
             "rewards": terms._asdict(),
-            "collision": collision,
+            "collision": self.collision,
         }
         if self.render_mode is not None:
-            self._narrate(proposed, verdict, reward, terms, collision)
-        return self._observe(), reward, collision is not None, truncated, info
+            self._narrate(proposed, verdict, reward, terms)
+        return self._observe(), reward, collided, truncated, info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """The scene as a picture (720, 1280, 3); None in sumo-gui, which draws by itself."""
@@ -267,7 +266,6 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         verdict: Verdict,
         reward: float,
         terms: Rewards,
-        collision: Collision | None,
     ) -> None:
         speed = self.scene.affordances.ego_speed_m_s
         self.caption = replace(
@@ -280,7 +278,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             **terms._asdict(),
             speed_history=(*self.caption.speed_history, speed),
             trigger_history=(*self.caption.trigger_history, bool(verdict.rule)),
-            collision="" if collision is None else collision.kind.value,
+            collision="" if self.collision is None else self.collision.kind.value,
         )
         if self.render_mode == "human":
             self.simulation.show(

@@ -1,17 +1,16 @@
 """One running SUMO: load, place the traffic, advance by one decision, take a snapshot, close."""
 
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import numpy as np
 
 from drl_av.config import Config
 from drl_av.errors import SimulationError
-from drl_av.traffic.collisions import classify
+from drl_av.traffic.collisions import Motion, bodies, motion
 from drl_av.traffic.connection import (
     connection,
-    getters,
     require_display,
     start,
 )
@@ -27,6 +26,7 @@ from drl_av.traffic.population import (
     random_lane_changes,
     require_speed_limit,
 )
+from drl_av.traffic.readings import Readings
 from drl_av.traffic.requests import (
     ask_for_lane_changes,
     ask_for_speeds,
@@ -39,7 +39,6 @@ from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snap
 ALL_SPEED_CHECKS_OFF = 32
 NO_AUTONOMOUS_LANE_CHANGES = 0
 RANDOM_LANE_CHANGE_S = 5.0
-STATE = ("getLaneID", "getLanePosition", "getLateralLanePosition", "getSpeed", "getLateralSpeed")
 VIEW = "View #0"
 GUI_ZOOM = 350.0
 """In percent of the whole loop's size, about: 120 m of road in sumo-gui's window."""
@@ -64,6 +63,8 @@ class Simulation:
         # not its exceptions: those are traci's classes, and libsumo raises one of its own
         self._errors = (library.TraCIException, library.FatalTraCIError)
         self._release: weakref.finalize[..., Simulation] | None = None
+        self.after_step: Callable[[Snapshot], None] | None = None
+        """Called after each SUMO step, for those who watch more than the decisions."""
         self._ids: tuple[str, ...] = ()
         self._step_ms = round(1000 * config.simulation.step_length_s)
 
@@ -105,14 +106,18 @@ class Simulation:
         self._steps = 0
         self._ego_y_m = self.road.center_m(int(population.lane[EGO]))
         self._ego_lateral_speed_m_s = 0.0
-        return self._snapshot()
+        snapshot = self._snapshot()
+        self._bodies = bodies(snapshot, self.road)
+        return snapshot
 
     def advance(
         self, commands: Sequence[Command], traffic_commands: Sequence[TrafficCommand] = ()
     ) -> tuple[Snapshot, Collision | None]:
-        """Carry out one command a SUMO step; stops at the step in which SUMO sees the ego collide.
+        """Carry out one command a SUMO step; stops at the step in which the ego collides.
 
-        The wishes of the traffic are carried out as far as SUMO finds them safe.
+        This alone decides whether it does: bodies are swept along the way that they move in each
+        SUMO step, which may be right through each other (``traffic/collisions.py``). The traffic
+        commands are carried out as far as SUMO finds them safe.
 
         Raises:
             SimulationError: SUMO does not run, or ended on its own, as a closed sumo-gui does.
@@ -126,9 +131,12 @@ class Simulation:
                 if self.kinds[row] == Kind.SUMO or is_centered(self._sumo.vehicle, vehicle):
                     self._sumo.vehicle.changeLaneRelative(vehicle, side, RANDOM_LANE_CHANGE_S)
             ask_for_lane_changes(self._sumo.vehicle, self._ids, traffic_commands, timing)
+            near = self._bodies.within_reach(
+                self._s_m, self._y_m, self._speed_m_s, commands, timing.step_length_s
+            )
             for command in commands:
                 ask_for_speeds(self._sumo.vehicle, self._ids, traffic_commands, timing)
-                collision = self._step(command)
+                collision = self._step(command, near)
                 if collision is not None:
                     break
             snapshot = self._snapshot()
@@ -156,7 +164,7 @@ class Simulation:
         self._release = weakref.finalize(self, instance.release)
         self._release.atexit = False
         self._sumo = instance.sumo
-        self._read = getters(self._sumo, STATE)
+        self._readings = Readings(self._sumo, self.scenario)
 
     @property
     def capacity(self) -> int:
@@ -235,47 +243,42 @@ class Simulation:
         )
         return best[1], float(front_m - best[0])
 
-    def _step(self, command: Command) -> Collision | None:
-        vehicle = self._sumo.vehicle
-        sideways_m = 0.0
-        if command.y_m != self._ego_y_m:
-            if not self.road.holds(command.y_m, float(self._width_m[EGO])):
-                return Collision(CollisionKind.HIT_EDGE, None)
-            sideways_m = command.y_m - self._lateral_m(EGO_ID)
-            vehicle.changeSublane(EGO_ID, sideways_m)
-            self._ego_y_m = command.y_m
-        vehicle.setSpeed(EGO_ID, command.speed_m_s)
+    def _step(self, command: Command, near: Sequence[int]) -> Collision | None:
+        """One SUMO step, and the ego's collision in it with one of the rows near it."""
+        if not self._command(command):
+            return Collision(CollisionKind.HIT_EDGE, None)
         self._sumo.simulationStep()
         self._steps += 1
-        self._ego_lateral_speed_m_s = sideways_m / self._config.simulation.step_length_s
-        collision = None
-        if self._sumo.simulation.getCollidingVehiclesNumber():
-            collision = self._collision_of_ego()
-        self._ego_lateral_speed_m_s = command.lateral_speed_m_s
+        collision = self._bodies.ego_collision(self._moves((EGO, *near))) if near else None
+        if self.after_step is not None:
+            self.after_step(self._snapshot())
         return collision
 
-    def _collision_of_ego(self) -> Collision | None:
-        for record in self._sumo.simulation.getCollisions():
-            if EGO_ID in (record.collider, record.victim):
-                other = record.victim if record.collider == EGO_ID else record.collider
-                return classify(self._snapshot(), self.road, self._ids.index(other))
-        return None
+    def _moves(self, rows: Sequence[int]) -> dict[int, Motion]:
+        """How vehicles have moved since they were last looked at."""
+        moves = {}
+        for row in rows:
+            s_m, y_m = self._readings.place(self._ids[row])
+            moves[row] = motion(self._s_m[row], self._y_m[row], s_m, y_m, self.road)
+            self._s_m[row], self._y_m[row] = s_m, y_m
+        return moves
 
-    def _lateral_m(self, name: str) -> float:
+    def _command(self, command: Command) -> bool:
+        """Tell SUMO where the ego is to be after the next step; False where that is no road."""
         vehicle = self._sumo.vehicle
-        lane = self.scenario.lane_positions[vehicle.getLaneID(name)][0]
-        return float(self.road.center_m(lane) + vehicle.getLateralLanePosition(name))
+        if command.y_m != self._ego_y_m:
+            if not self.road.holds(command.y_m, float(self._width_m[EGO])):
+                return False
+            vehicle.changeSublane(EGO_ID, command.y_m - self._readings.place(EGO_ID)[1])
+            self._ego_y_m = command.y_m
+        vehicle.setSpeed(EGO_ID, command.speed_m_s)
+        self._ego_lateral_speed_m_s = command.lateral_speed_m_s
+        return True
 
     def _snapshot(self) -> Snapshot:
-        lanes, at_m, aside_m, speeds, laterals = ([*map(read, self._ids)] for read in self._read)
-        places = map(self.scenario.lane_positions.__getitem__, lanes)
-        lap_m, width_m = self.road.circumference_m, self.road.lane_width_m
-        half_m = self.scenario.description.vehicle_length_m / 2
-        along_m, across_m = [], []
-        for (lane, start_m), at, aside in zip(places, at_m, aside_m, strict=True):
-            along_m.append((start_m + at - half_m) % lap_m)
-            across_m.append(lane * width_m + aside)
-        s_m, y_m, speed, lateral = np.array((along_m, across_m, speeds, laterals))
+        state = self._readings.state(self._ids)
+        self._s_m, self._y_m, self._speed_m_s, _ = state
+        s_m, y_m, speed, lateral = np.array(state)
         lateral[EGO] = self._ego_lateral_speed_m_s
         return Snapshot(
             time_s=self._steps * self._step_ms / 1000,
@@ -286,14 +289,5 @@ class Simulation:
             lateral_speed_m_s=lateral,
             length_m=self._length_m,
             width_m=self._width_m,
-            sumo_lane_change=self._sumo_lane_change(),
+            sumo_lane_change=self._readings.lane_change(EGO_ID),
         )
-
-    def _sumo_lane_change(self) -> int:
-        """What SUMO's model would do with the ego now: +1 left, -1 right, 0 stay."""
-        bits = self._sumo.constants
-        for sign, wish in ((1, bits.LCA_LEFT), (-1, bits.LCA_RIGHT)):
-            state = self._sumo.vehicle.getLaneChangeState(EGO_ID, sign)[0]
-            if state & wish and not state & bits.LCA_BLOCKED:
-                return sign
-        return 0

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 from worlds import (
     ACROSS_THE_SEAM,
     ALONE,
     BARRICADED_ROAD,
-    CARS,
     CENTER,
     LEFT,
     LONG_ROAD,
@@ -24,7 +22,6 @@ from worlds import (
 from drl_av.config import ObservationConfig
 from drl_av.driving.affordances import INDICATORS, Affordances, ObservationScale
 from drl_av.driving.scene import Scene
-from drl_av.traffic.collisions import overlapping
 from drl_av.traffic.road import Road
 
 PAPER_ORDER = [
@@ -153,25 +150,6 @@ def test_no_vehicle_fills_both_ends_of_a_lane_and_no_gap_is_negative(world: Scen
 @pytest.mark.parametrize("offset_m", [0.0, 2.0, 4.99])
 def test_a_vehicle_alongside_has_no_gap_not_a_negative_one(offset_m: float) -> None:
     assert slot(scene(Car(offset_m, LEFT, 23.0)).affordances, "left_front") == [0, 3, 3.8, 0]
-
-
-def test_a_vehicle_alongside_may_touch_an_ego_that_leaves_its_lane() -> None:
-    # 1.8 m wide in a lane of 3.8 m: up to 1 m off its centre the ego keeps within it
-    for y_m, may_touch in ((CENTER, False), (CENTER + 0.9, False), (CENTER + 1.1, True)):
-        assert scene(Car(2.0, LEFT), y_m=y_m).affordances.may_touch(1.8) == may_touch
-    assert scene(Car(2.0, CENTER + 2.7)).affordances.may_touch(
-        1.8
-    )  # its side is 0.1 m into the lane
-    assert not scene(Car(2.0, CENTER + 2.9)).affordances.may_touch(1.8)
-    assert not scene(ahead(0.1), behind(0.1)).affordances.may_touch(1.8)
-    assert not scene().affordances.may_touch(1.8)
-
-
-@given(st.lists(CARS, min_size=1, max_size=6), st.floats(0, 7.6))
-def test_whoever_overlaps_the_ego_may_touch_it(cars: list[Car], y_m: float) -> None:
-    world = scene(*cars, y_m=y_m)
-    if overlapping(world.snapshot, ROAD):
-        assert world.affordances.may_touch(1.8)
 
 
 def test_a_vehicle_alongside_is_behind_where_its_centre_is() -> None:

@@ -20,7 +20,6 @@ from gymnasium.utils.env_checker import check_env
 from worlds import CENTER, LANE_M
 
 from drl_av.config import Config
-from drl_av.drivers.rules import IdmDriver, RandomDriver
 from drl_av.driving.actions import ACTIONS, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.scene import LaneChange, Scene
@@ -28,9 +27,8 @@ from drl_av.env import highway
 from drl_av.env.highway import TRAINING_SEEDS, HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.safety.check import Rule, Verdict
-from drl_av.traffic.collisions import overlapping
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
-from drl_av.traffic.snapshot import Collision, CollisionKind, Snapshot
+from drl_av.traffic.snapshot import Collision, CollisionKind
 
 KEEP, BRAKE, HARD_BRAKE, RIGHT, LEFT = 0, 2, 3, 4, 8
 """Numbers of actions; right and left at an unchanged speed."""
@@ -380,50 +378,6 @@ def test_an_unseeded_reset_never_draws_a_seed_of_evaluation(env: HighwayEnv) -> 
     assert [env.reset()[1]["seed"] for _ in range(10)] == seeds
 
 
-def test_traffic_alone_never_collides(env: HighwayEnv, monkeypatch: pytest.MonkeyPatch) -> None:
-    # 20 episodes of 30 vehicles, the ego in its lane under the paper's check
-    steps = 0
-    among_traffic: list[tuple[int, float, str, str]] = []
-    step = env.simulation._step
-
-    def watched(command: Any) -> Any:
-        nonlocal steps
-        steps += 1
-        result = step(command)
-        sumo = env.simulation._sumo.simulation
-        if sumo.getCollidingVehiclesNumber():
-            among_traffic.extend(
-                (env.seed, sumo.getTime(), record.collider, record.victim)
-                for record in sumo.getCollisions()
-                if "ego" not in (record.collider, record.victim)
-            )
-        return result
-
-    monkeypatch.setattr(env.simulation, "_step", watched)
-    driver = IdmDriver(env.config.safety)
-    for seed in range(20):
-        observation, _ = env.reset(seed=seed, options={"vehicles": 30})
-        over = False
-        while not over:
-            action = driver.act(env.scene, observation).number
-            observation, _, terminated, truncated, _ = env.step(action)
-            over = terminated or truncated
-            assert not overlaps_among_traffic(env.scene.snapshot)
-    assert steps > 20 * 100
-    assert among_traffic == []
-
-
-def overlaps_among_traffic(shot: Snapshot) -> list[tuple[str, str]]:
-    """Pairs of bodies that overlap, the ego's apart; without the ring's own arithmetic."""
-    between_m = np.abs(shot.s_m[:, None] - shot.s_m[None, :])
-    lengthwise = np.minimum(between_m, 500 - between_m) < 5.0 - 1e-6
-    sideways = np.abs(shot.y_m[:, None] - shot.y_m[None, :]) < 1.8 - 1e-6
-    rows, columns = np.nonzero(np.triu(lengthwise & sideways, 1))
-    return [
-        (shot.ids[a], shot.ids[b]) for a, b in zip(rows, columns, strict=True) if 0 not in (a, b)
-    ]
-
-
 # Episode ends
 
 
@@ -511,41 +465,6 @@ def test_under_the_check_the_same_driver_does_none_of_this(place: Place) -> None
         rules.add(info["rule"])
         assert not terminated
     assert len(rules) > 1
-
-
-def test_a_collision_is_found_where_bodies_overlap_and_where_sumo_says_so(
-    unchecked: HighwayEnv,
-) -> None:
-    driver = RandomDriver()
-    ends: list[CollisionKind] = []
-    agreed: list[bool] = []
-    for seed in range(40):
-        observation, _ = unchecked.reset(seed=seed, options={"vehicles": 30})
-        driver.start(seed)
-        terminated = truncated = False
-        while not (terminated or truncated):
-            action = driver.act(unchecked.scene, observation).number
-            observation, _, terminated, truncated, info = unchecked.step(action)
-            told = info["collision"]
-            if told is not None:
-                ends.append(told.kind)
-            if told is not None and told.kind is CollisionKind.HIT_EDGE:
-                continue
-            shot, road = unchecked.scene.snapshot, unchecked.road
-            by_geometry = overlapping(shot, road)
-            colliding = unchecked.simulation._sumo.simulation.getCollidingVehiclesIDList()
-            assert ("ego" in colliding) is terminated
-            if told is None:
-                assert by_geometry is None
-                continue
-            assert told.other in colliding
-            agreed.append(by_geometry == told)
-            # where not: in that SUMO step they touched first, and then moved 0.38 m apart, each
-            before = replace(shot, width_m=shot.width_m + 2 * 0.38)
-            assert overlapping(before, road) is not None
-    assert len(ends) > 25
-    assert np.mean(agreed) > 0.8
-    assert {CollisionKind.HIT_AHEAD, CollisionKind.HIT_BESIDE, CollisionKind.HIT_EDGE} <= set(ends)
 
 
 # Scenarios

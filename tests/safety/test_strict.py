@@ -45,7 +45,7 @@ from drl_av.safety.reachability import lateral_extent
 from drl_av.safety.stopping import reach
 from drl_av.safety.strict import Strict, fallback_maneuver
 from drl_av.traffic.road import Road
-from verification.kinematic_simulator import NONE, ROAD, Mover, Orders, World, separation
+from verification.kinematic_simulator import NONE, ROAD, Mover, Orders, World
 
 CONFIG = Config().updated("safety", check="strict")
 STRICT = Strict(CONFIG.strict, CONFIG.ego, CONFIG.simulation)
@@ -437,7 +437,7 @@ def test_a_free_way_out_is_free_again_at_the_next_decision_whatever_the_one_ahea
     )
     Mover(CONFIG).decision(world, np.array([executed.number]), orders)
     event(f"{executed}, proposal kept: {executed == proposed}")
-    assert separation(world).min() > 0
+    assert world.least_m.min() > 0
     after = world.scene(0)
     if not STRICT.fallback_is_free(after):  # the one exception: into one lane from both sides
         assert lanes_of(after, 0) & lanes_of(after, 1) - lanes_of(before, 1)

@@ -18,7 +18,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.traffic.scenario import find_scenario
 from drl_av.traffic.scenario_files import VEHICLE_TYPES_FILE
-from drl_av.traffic.snapshot import Command, Snapshot
+from drl_av.traffic.snapshot import Snapshot
 from verification.auditor import (
     ACCELERATED,
     BEHIND,
@@ -239,14 +239,7 @@ def watched(request: pytest.FixtureRequest) -> Iterator[tuple[HighwayEnv, list[S
     config = CONFIG.updated("traffic", **MIXES[request.param])
     config = config.updated("simulation", decisions_per_episode=60)
     env, shots = HighwayEnv(config=config, safety_check="strict"), []
-    step = env.simulation._step
-
-    def stepped(command: Command) -> object:
-        collision = step(command)
-        shots.append(env.simulation._snapshot())
-        return collision
-
-    env.simulation._step = stepped  # type: ignore[assignment, method-assign]
+    env.simulation.after_step = shots.append
     yield env, shots
     env.close()
 

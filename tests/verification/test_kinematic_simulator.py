@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from drl_av.config import Config
+from drl_av.traffic.snapshot import Collision, CollisionKind
 from verification.batch_check import BatchStrict
 from verification.falsification import placed
-from verification.kinematic_simulator import Mover, Orders, collision
+from verification.kinematic_simulator import Mover, Orders, World
 
 STRICT = Config().updated("safety", check="strict")
 SCENES, DECISIONS = 3000, 8
@@ -27,29 +28,47 @@ def test_the_way_out_stays_free_but_for_two_that_enter_one_lane_and_the_ego_hits
         last = np.where(reversed, rng.choice(SIDES, (SCENES, 2)), last)
         rates = rng.choice([-4.0, -2.0, 0.0, 2.0], (SCENES, 2))
         told = Orders(rng.integers(0, 12, SCENES), rates, last)
-        least_m = mover.decision(world, judge(world, told.proposal), told)
-        hit = watched & (least_m < 0).any(axis=1)
-        met = [collision(world, int(row)) for row in np.flatnonzero(hit)]
-        assert not any(m is None or m.kind.ego_hit for m in met)
-        watched &= ~hit
+        mover.decision(world, judge(world, told.proposal), told)
+        assert not any(watched[row] and met.kind.ego_hit for row, met in world.collisions.items())
+        watched[list(world.collisions)] = False
         # such an ego is two seconds into its lane change: over the line, its centre not yet
         place = world.y_m[:, 0] / 3.8
         entering = np.isclose(np.abs(place - np.round(place)), 0.4) & (world.target >= 0)
         assert judge.free(world)[watched & ~entering].all()
 
 
-def test_whom_the_ego_would_come_through_in_one_step_it_hits() -> None:
+NOTHING = Orders(np.zeros(1, dtype=np.int64), np.zeros((1, 1)), np.zeros((1, 1)))
+"""The ego maintains its speed, and the other one too."""
+
+
+def approach(ahead_m: float, lane: int) -> World:
+    """The ego at 30 m/s in the middle lane, and a standing vehicle."""
+    lanes = np.array([[lane]])
+    return placed(LANE, np.array([30.0]), np.array([[ahead_m]]), lanes, np.zeros((1, 1)))
+
+
+def test_a_vehicle_that_the_ego_comes_right_through_in_one_step_it_hits() -> None:
     # 30 m/s are 15 m a step: from 0.5 m behind a standing vehicle, bodies 5 m long, past its front
-    world = placed(LANE, np.array([30.0]), np.array([[5.5]]), LANE[:, None], np.zeros((1, 1)))
-    told = Orders(np.zeros(1, dtype=np.int64), np.zeros((1, 1)), np.zeros((1, 1)))
-    least_m = Mover(STRICT).decision(world, told.proposal, told)
-    assert least_m[0, 0] < 0
-    met = collision(world, 0)
-    assert met is not None
-    assert met.kind.ego_hit
+    world = approach(5.5, lane=1)
+    Mover(STRICT).decision(world, NOTHING.proposal, NOTHING)
+    assert world.least_m[0, 0] == pytest.approx(-1.8)  # side by side, one body in the other
+    assert world.collisions == {0: Collision(CollisionKind.HIT_AHEAD, "vehicle1")}
 
 
 def test_whom_the_ego_passes_in_the_next_lane_it_does_not_hit() -> None:
-    world = placed(LANE, np.array([30.0]), np.array([[5.5]]), LANE[:, None] + 1, np.zeros((1, 1)))
-    told = Orders(np.zeros(1, dtype=np.int64), np.zeros((1, 1)), np.zeros((1, 1)))
-    assert Mover(STRICT).decision(world, told.proposal, told)[0, 0] == pytest.approx(2.0)
+    world = approach(5.5, lane=2)
+    Mover(STRICT).decision(world, NOTHING.proposal, NOTHING)
+    assert world.least_m[0, 0] == pytest.approx(2.0)
+    assert world.collisions == {}
+
+
+def test_the_ego_that_leaves_the_road_hits_its_edge() -> None:
+    # 1 m from its side to the edge at 0.76 m/s: the third step of half a second
+    world = placed(
+        LANE + 1, np.array([20.0]), np.array([[50.0]]), LANE[:, None], np.array([[20.0]])
+    )
+    left, mover = NOTHING._replace(proposal=np.array([8])), Mover(STRICT)
+    mover.decision(world, left.proposal, left)
+    assert world.collisions == {}
+    mover.decision(world, left.proposal, left)
+    assert world.collisions == {0: Collision(CollisionKind.HIT_EDGE, None)}
