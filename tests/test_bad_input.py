@@ -20,9 +20,10 @@ from hypothesis import strategies as st
 
 from drl_av.cli import main
 from drl_av.config import Config, from_toml, load_config
+from drl_av.drivers.policy_file import load, load_policy
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, ScenarioError, SimulationError
-from drl_av.learning import checkpoint
+from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
 from drl_av.learning.training import Training
 from drl_av.traffic import description
@@ -359,7 +360,7 @@ def test_a_file_with_a_true_checksum_and_false_contents_is_one_sentence(
     run = Run(runs[0])
     env.config = SMALL.updated("learning", seed=1)
     whole, rows = run.checkpoint_file.read_bytes(), run.episodes_file.read_bytes()
-    tensors, numbers = checkpoint.load(run.checkpoint_file)
+    tensors, numbers = load(run.checkpoint_file)
     name = data.draw(st.sampled_from([*tensors, *numbers]))
     if name in tensors:
         shape = data.draw(st.sampled_from([(), (0,), (3, 2), tensors[name].shape]))
@@ -369,10 +370,10 @@ def test_a_file_with_a_true_checksum_and_false_contents_is_one_sentence(
     if data.draw(st.booleans()):
         (tensors if name in tensors else numbers).pop(name)
     try:
-        checkpoint.save(run.checkpoint_file, tensors, numbers)
+        save(run.checkpoint_file, tensors, numbers)
         for read in (
             lambda: run.restore(Training(env)),
-            lambda: checkpoint.load_policy(run.checkpoint_file),
+            lambda: load_policy(run.checkpoint_file),
         ):
             with pytest.raises(CheckpointError) as error:
                 read()
@@ -388,10 +389,10 @@ def test_a_checkpoint_truncates_no_file_but_the_run_s_own(
     run, victim = Run(runs[0]), runs[0].parent / "diary.txt"
     victim.write_text("dear diary")
     env.config = SMALL.updated("learning", seed=1)
-    tensors, numbers = checkpoint.load(run.checkpoint_file)
+    tensors, numbers = load(run.checkpoint_file)
     whole = run.checkpoint_file.read_bytes()
     numbers["sizes"]["../diary.txt"] = 0
-    checkpoint.save(run.checkpoint_file, tensors, numbers)
+    save(run.checkpoint_file, tensors, numbers)
     run.restore(Training(env))
     assert victim.read_text() == "dear diary"
     run.checkpoint_file.write_bytes(whole)
@@ -405,7 +406,7 @@ def test_a_policy_is_itself_or_one_sentence(data: st.DataObject, runs: list[Path
     rest = [(runs[0] / "checkpoint.safetensors").read_bytes(), PICKLE]
     path.write_bytes(data.draw(spoilt(whole, *rest)))
     try:
-        checkpoint.load_policy(path)
+        load_policy(path)
     except CheckpointError as error:
         sentence(error)
     else:

@@ -85,7 +85,7 @@ def test_the_graph_sees_what_is_there() -> None:
     assert "drl_av.traffic.simulation" in graph()["drl_av.env.highway"]
     assert "drl_av.safety.paper" in graph()["drl_av.drivers.rules"]
     assert "drl_av.env.highway" in graph()["drl_av.cli.learning"]  # inside a function
-    assert "torch" in imported(modules()["drl_av.learning.qnetwork"])
+    assert "torch" in imported(modules()["drl_av.learning.learner"])
     assert len(modules()) > 35
 
 

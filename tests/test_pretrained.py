@@ -8,15 +8,16 @@ import pytest
 from drl_av.config import load_config
 from drl_av.config.presets import preset
 from drl_av.drivers.background.level_1 import LEVEL_1
+from drl_av.drivers.policy_file import PRETRAINED, load_policy
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.evaluation.drivers import PRETRAINED, learned_driver
-from drl_av.learning.checkpoint import load_policy, save_policy
+from drl_av.evaluation.drivers import load_driver
+from drl_av.learning.checkpoint import save_policy
 
 
 def test_it_learnt_as_the_preset_fast_does_for_longer_and_with_its_eyes_on_speed() -> None:
-    _, config = learned_driver(PRETRAINED)
+    _, config = load_driver(PRETRAINED)
     assert config == load_config(PRETRAINED / "config.toml")
     own = {"speed_weight": 0.8, "discount": 0.95, "learning_rate": 1e-3, "lane_change_margin": 0.04}
     assert config == preset("fast").updated("learning", episodes=1000, seed=1, **own)
@@ -32,7 +33,7 @@ def test_what_ships_is_what_this_version_would_write(folder: Path, tmp_path: Pat
 
 
 def test_it_overtakes_the_rule_based_driver_on_the_same_traffic_without_hitting_anything() -> None:
-    driver, config = learned_driver(PRETRAINED)
+    driver, config = load_driver(PRETRAINED)
     env = HighwayEnv(config=config)
     seeds = range(700_000, 700_008)
     learned = [drive(env, driver, "pretrained", seed, 10) for seed in seeds]

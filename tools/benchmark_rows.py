@@ -20,12 +20,13 @@ import torch
 from benchmark_drives import commanded, drive, recorded, step_bare
 
 from drl_av.config import Config
+from drl_av.drivers.network import QNetwork
+from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv, Observation
-from drl_av.evaluation.drivers import PRETRAINED, learned_driver
+from drl_av.evaluation.drivers import load_driver
 from drl_av.learning.experience import make_buffer
 from drl_av.learning.learner import Learner
-from drl_av.learning.qnetwork import QNetwork
 from drl_av.learning.training import Training
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
 
@@ -59,7 +60,7 @@ def crowded(vehicles: int = VEHICLES) -> Config:
 def env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     """Decisions a second."""
     env = stack.enter_context(closing(HighwayEnv(config=crowded())))
-    actions = recorded(env, learned_driver(PRETRAINED)[0], seeds)
+    actions = recorded(env, load_driver(PRETRAINED)[0], seeds)
     ours, bare = partial(drive, env, actions), partial(step_bare, env, commanded(env, actions))
     return [Row("environment | bare libsumo", ours, bare, 0.75, 2_000)]
 
@@ -91,7 +92,7 @@ def repeat(step: Callable[[], None]) -> float:
 def bare_step(rows: int) -> Callable[[], None]:
     """Double DQN on one batch in plain PyTorch."""
     rng = np.random.default_rng(0)
-    online, target = QNetwork(rng), QNetwork(rng)
+    online, target = multilayer_perceptron(), multilayer_perceptron()
     adam = torch.optim.Adam(online.parameters(), lr=1e-4, fused=True)
     s_t, s_tp1 = (torch.from_numpy(rng.normal(size=(rows, 27)).astype("f4")) for _ in range(2))
     a_t = torch.from_numpy(rng.integers(12, size=(rows, 1)))
@@ -106,6 +107,17 @@ def bare_step(rows: int) -> Callable[[], None]:
         adam.step()
 
     return step
+
+
+def multilayer_perceptron() -> torch.nn.Module:
+    """The network of the paper as a module of PyTorch."""
+    return torch.nn.Sequential(
+        torch.nn.Linear(27, 100),
+        torch.nn.LeakyReLU(),
+        torch.nn.Linear(100, 100),
+        torch.nn.LeakyReLU(),
+        torch.nn.Linear(100, 12),
+    )
 
 
 def train_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:

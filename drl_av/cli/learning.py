@@ -100,8 +100,9 @@ def train(options: argparse.Namespace) -> int:
 
 def adapt(options: argparse.Namespace) -> int:
     """Continual adaptation (Sec. IV-D): a trained driver keeps learning, in a new run folder."""
+    from drl_av.drivers.policy_file import find_policy
     from drl_av.env.highway import HighwayEnv
-    from drl_av.evaluation.drivers import choose, policy_file
+    from drl_av.evaluation.drivers import choose
     from drl_av.learning.adaptation import take_over
     from drl_av.learning.board import require_tensorboard
     from drl_av.learning.run import Run
@@ -120,7 +121,7 @@ def adapt(options: argparse.Namespace) -> int:
     with closing(HighwayEnv(config=config)) as env:
         training = Training(env)
         if not options.resume:
-            experienced = take_over(training, policy_file(choice.run))
+            experienced = take_over(training, find_policy(choice.run))
             run.create(config, training)
             if not experienced and config.learning.learning_rate > 0:
                 print(

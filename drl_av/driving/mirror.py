@@ -30,3 +30,12 @@ def _mirror() -> Mirror:
 
 
 MIRROR = _mirror()
+
+
+def mirrored_observations(
+    s: npt.NDArray[np.float32], mirror: Mirror = MIRROR
+) -> npt.NDArray[np.float32]:
+    """Scaled observations as they are in the mirror, (rows, 27) or (27,): s[permutation] * sign."""
+    reflected: npt.NDArray[np.float32] = s.take(mirror.observation_permutation, axis=-1)
+    reflected *= mirror.observation_sign
+    return reflected

@@ -3,21 +3,18 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-from drl_av.config import BEFORE, Config, load_config
+from drl_av.config import Config
 from drl_av.config.schema import did_you_mean
+from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.gap_mobil import GapMobilDriver
+from drl_av.drivers.learned import LearnedDriver, learned_driver
 from drl_av.drivers.mobil import MobilDriver
+from drl_av.drivers.policy_file import load_run
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
-from drl_av.errors import CheckpointError, ConfigError, RunError
-
-if TYPE_CHECKING:
-    from drl_av.learning.greedy import GreedyDriver
-
-PRETRAINED = Path(__file__).parent.parent / "pretrained"
-"""Folder of the driver that ships with the package; laid out as a run's."""
+from drl_av.errors import ConfigError, RunError
 
 RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "idm": lambda config: IdmDriver(config.safety),
@@ -52,7 +49,7 @@ def choose(words: Iterable[str]) -> tuple[Choice, ...]:
         if word in RULE_DRIVERS:
             runs[word] = None
         elif word == "pretrained":
-            runs[word] = PRETRAINED
+            runs[word] = policy_file.PRETRAINED
         elif Path(word).exists():
             runs[word] = Path(word)
         else:
@@ -77,7 +74,7 @@ def config_of(choices: Sequence[Choice]) -> Config:
         CheckpointError: the policy file is damaged.
     """
     run = next((choice.run for choice in choices if choice.run), None)
-    return learned_driver(run)[1] if run else Config()
+    return load_driver(run)[1] if run else Config()
 
 
 def build(choices: Sequence[Choice], config: Config) -> dict[str, Driver]:
@@ -90,7 +87,7 @@ def build(choices: Sequence[Choice], config: Config) -> dict[str, Driver]:
         RunError, CheckpointError: as ``config_of``; or a learned driver sees the road otherwise.
     """
     drivers: dict[str, Driver] = {}
-    learned = {name: learned_driver(run) for name, run in choices if run}
+    learned = {name: load_driver(run) for name, run in choices if run}
     margins = [own.learning.lane_change_margin for _, own in learned.values()]
     margin = config.learning.lane_change_margin
     for name, run in choices:
@@ -120,42 +117,11 @@ def rule_driver(name: str, config: Config) -> Driver:
     return RULE_DRIVERS[name](config)
 
 
-def learned_driver(path: Path) -> tuple["GreedyDriver", Config]:
+def load_driver(path: Path) -> tuple[LearnedDriver, Config]:
     """The driver of a run's folder or of a policy file, and the config that built it.
 
     Raises:
-        RunError, CheckpointError: as ``policy_file``; or the file is damaged, or of another run
-            than the folder's config.
+        RunError, CheckpointError: as ``drivers.policy_file.load_run``.
     """
-    from drl_av.learning.checkpoint import load_policy
-    from drl_av.learning.greedy import greedy_driver
-
-    file = policy_file(path)
-    networks, config = load_policy(file)
-    settings = file.with_name("config.toml")
-    if path.is_dir() and settings.is_file() and load_config(settings, BEFORE) != config:
-        raise CheckpointError(
-            f"{file} belongs to other settings than {settings}: put back the policy of that run, "
-            "or name the policy file itself."
-        )
-    return greedy_driver(networks, config.learning), config
-
-
-def policy_file(path: Path) -> Path:
-    """Where the policy of a run's folder is, or of a path that is a policy file itself.
-
-    Raises:
-        RunError: there is no such run, or it has saved no policy yet.
-    """
-    file = path / "policy.safetensors" if path.is_dir() else path
-    if path == PRETRAINED and not file.is_file():
-        raise RunError(
-            f"This installation lacks the driver that ships with drl-av ({file}): train one with "
-            "drl-av train --out RUN and name its folder, or name another driver."
-        )
-    if not file.is_file():
-        raise RunError(
-            f"{path} holds no trained driver: give a run's folder that has a policy.safetensors, "
-            "or leave the run out for the driver that ships with drl-av."
-        )
-    return file
+    networks, config = load_run(path)
+    return learned_driver(networks, config.learning), config

@@ -7,9 +7,10 @@ from time import monotonic
 from typing import Any
 
 from drl_av.config import Config
+from drl_av.drivers.policy_file import find_policy
 from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.comparison import Evaluation
-from drl_av.evaluation.drivers import Choice, policy_file
+from drl_av.evaluation.drivers import Choice
 from drl_av.experiments.options import Scale
 from drl_av.experiments.provenance import (
     checksum,
@@ -43,7 +44,7 @@ class DrivenTable:
         self._identity: dict[str, str] = {}
         for choice in choices:
             if choice.run:
-                self._identity["policy_sha256"] = checksum(policy_file(choice.run))
+                self._identity["policy_sha256"] = checksum(find_policy(choice.run))
         self.path = scale.out / name
         scale.out.mkdir(parents=True, exist_ok=True)
         require_writable(self.path, sidecar(self.path))

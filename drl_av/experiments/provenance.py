@@ -14,6 +14,7 @@ import tomli_w
 from threadpoolctl import threadpool_info
 
 from drl_av.config import BEFORE, Config, from_toml
+from drl_av.drivers import policy_file
 from drl_av.errors import DrlAvError
 from drl_av.files import write_whole
 
@@ -61,12 +62,10 @@ def checksum(policy: Path) -> str:
     """SHA-256 of a policy file's tensors: the same driver, whatever settings came up since.
 
     Raises:
-        CheckpointError: as ``checkpoint.load``.
+        CheckpointError: as ``policy_file.load``.
     """
-    from drl_av.learning import checkpoint
-
-    tensors, _ = checkpoint.load(policy)
-    return checkpoint.checksum(tensors, "")
+    tensors, _ = policy_file.load(policy)
+    return policy_file.checksum(tensors, "")
 
 
 def machine() -> str:

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from drl_av.drivers import policy_file
 from drl_av.errors import RunError
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.comparison import Evaluation
@@ -119,10 +120,8 @@ def _trained(scale: Scale, legs: Sequence[Leg]) -> Generator[Progress, None, Non
 
 def _require_not_beyond(leg: Leg) -> None:
     """Raise RunError where the driver of the leg's last episode has gone on learning."""
-    from drl_av.learning import checkpoint
-
     file = leg.folder / "checkpoint.safetensors"
-    done = checkpoint.load(file)[1]["episodes_done"] if file.is_file() else 0
+    done = policy_file.load(file)[1]["episodes_done"] if file.is_file() else 0
     if done > leg.stop:
         raise RunError(
             f"{leg.folder} has gone on to episode {done}, and its driver of episode {leg.stop} is "

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from drl_av.config import BEFORE, from_toml
+from drl_av.drivers.policy_file import load, load_policy
 from drl_av.errors import CheckpointError
-from drl_av.learning import checkpoint
 from drl_av.learning.training import Training, learner_names
 
 
@@ -23,15 +23,15 @@ def take_over(training: Training, policy_file: Path) -> bool:
     checkpoint_file = policy_file.with_name("checkpoint.safetensors")
     experienced = policy_file.name == "policy.safetensors" and checkpoint_file.is_file()
     if experienced:
-        tensors, found = checkpoint.load(checkpoint_file)
+        tensors, found = load(checkpoint_file)
         if found.get("kind") != "training":
             raise CheckpointError(f"{checkpoint_file} is not a training's: put back the run's own.")
         told = f"the config in {checkpoint_file}"
         trained_with = from_toml(str(found.get("config")), BEFORE, told)
     else:
-        networks, trained_with = checkpoint.load_policy(policy_file)
+        networks, trained_with = load_policy(policy_file)
         for name, network in zip(learner_names(len(networks)), networks, strict=True):
-            flat = network.flat.numpy()
+            flat = network.flat
             tensors |= {f"{name}.online": flat, f"{name}.target": flat}
     count, wanted = trained_with.learning.networks, training.config.learning.networks
     if count != wanted:

@@ -8,10 +8,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from drl_av.drivers.network import Float32Array
+from drl_av.drivers.policy_file import State
 from drl_av.errors import CheckpointError
-
-Float32Array = NDArray[np.float32]
-State = dict[str, np.ndarray]
 
 
 class Batch(NamedTuple):

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable
 
+from drl_av.drivers.network import Float32Array
 from drl_av.driving.actions import Action
 from drl_av.driving.counterfactual import affordances_after, motion
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.reward import desired, rewards, speed_bonus
-from drl_av.learning.buffers import Buffer, Float32Array
+from drl_av.learning.buffers import Buffer
 
 
 def remember_others(

@@ -9,10 +9,12 @@ import torch
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from torch import Tensor
+from torch.optim.adam import adam
 
+from drl_av.drivers.network import LEAK, Float32Array, Layers, QNetwork, forward
+from drl_av.drivers.policy_file import State
 from drl_av.errors import CheckpointError
-from drl_av.learning.buffers import Batch, Float32Array, State
-from drl_av.learning.qnetwork import LEAK, Layers, QNetwork
+from drl_av.learning.buffers import Batch
 
 
 def double_q_target(
@@ -48,19 +50,6 @@ def q_gradient(weighted_td: Float32Array, a_t: NDArray[np.int64], action_size: i
     return gradient
 
 
-def forward(layers: Layers, s: Float32Array) -> tuple[list[Float32Array], Float32Array]:
-    """What enters each layer, (rows, inputs) each, and Q(s, .), (rows, actions)."""
-    entered = [s]
-    for weight, bias in layers[:-1]:
-        z = entered[-1] @ weight.T
-        z += bias
-        entered.append(np.maximum(z, z * LEAK, out=z))
-    weight, bias = layers[-1]
-    q: Float32Array = entered[-1] @ weight.T
-    q += bias
-    return entered, q
-
-
 def backward(
     layers: Layers, entered: list[Float32Array], dq: Float32Array, gradients: Layers
 ) -> None:
@@ -91,13 +80,13 @@ class Learner:
         self.network = network
         self.learning_rate = learning_rate
         self.td_errors: Float32Array = np.zeros(0, np.float32)
-        self._online = network.flat.detach()
+        self._online = torch.from_numpy(network.flat)
         self._target = self._online.clone()
         self._gradient = torch.zeros_like(self._online)
         self._first_moment = torch.zeros_like(self._online)
         self._second_moment = torch.zeros_like(self._online)
         self._step = torch.zeros(())
-        self._online_layers = network.split(self._online.numpy())
+        self._online_layers = network.layers
         self._target_layers = network.split(self._target.numpy())
         self._gradient_layers = network.split(self._gradient.numpy())
 
@@ -132,15 +121,15 @@ class Learner:
         return float(weighted_td.dot(td)) / rows
 
     def _adam(self) -> None:
-        """The step of torch.optim.Adam(fused=True), without the half of its time around it."""
-        self._step.add_(1)
-        torch._fused_adam_(
+        """The step of torch.optim.Adam(fused=True), without half of its time around it."""
+        adam(
             [self._online],
             [self._gradient],
             [self._first_moment],
             [self._second_moment],
             [],
             [self._step],
+            fused=True,
             amsgrad=False,
             beta1=0.9,
             beta2=0.999,

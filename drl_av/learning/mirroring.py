@@ -1,10 +1,9 @@
-"""Learning from the road as a mirror shows it, and deciding by it: left and right swapped."""
+"""Learning from the road as a mirror shows it: left and right swapped (ours)."""
 
 from drl_av.config import Config
-from drl_av.driving.mirror import Mirror
+from drl_av.driving.mirror import Mirror, mirrored_observations
 from drl_av.errors import ConfigError
-from drl_av.learning.buffers import Batch, Float32Array
-from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
+from drl_av.learning.buffers import Batch
 from drl_av.traffic.road import Road
 
 
@@ -19,13 +18,6 @@ def require_symmetry(config: Config, road: Road) -> None:
         )
 
 
-def mirrored_observations(s: Float32Array, mirror: Mirror) -> Float32Array:
-    """s[..., permutation] * sign, for scaled observations (rows, n) or (n,)."""
-    reflected: Float32Array = s.take(mirror.observation_permutation, axis=-1)
-    reflected *= mirror.observation_sign
-    return reflected
-
-
 def mirror_half(batch: Batch, mirror: Mirror) -> Batch:
     """Reflect every second row of a batch in place, and return it.
 
@@ -36,23 +28,3 @@ def mirror_half(batch: Batch, mirror: Mirror) -> Batch:
         s[::2] = mirrored_observations(s[::2], mirror)
     batch.a_t[::2] = mirror.action_permutation[batch.a_t[::2]]
     return batch
-
-
-class MirroredPolicy(GreedyPolicy):
-    """argmax_a of Q(s, a) + Q(m(s), m(a)), with m the mirror: decides alike on both sides (ours).
-
-    Where the road is as good in the mirror, both estimate the same value, and their sum has less
-    of the network's error.
-    """
-
-    def __init__(self, network: QNetwork, mirror: Mirror) -> None:
-        super().__init__(network)
-        self._mirror = mirror
-
-    def values(self, s_t: Float32Array) -> Float32Array:
-        """The mean of both estimates: (observation_size,) -> (action_size,)."""
-        values = super().values(s_t)
-        reflected = super().values(mirrored_observations(s_t, self._mirror))
-        values += reflected[self._mirror.action_permutation]
-        values *= 0.5
-        return values

@@ -6,8 +6,10 @@ Surprising rows are drawn more often, and count for less each time they are.
 import numpy as np
 from numpy.typing import NDArray
 
+from drl_av.drivers.network import Float32Array
+from drl_av.drivers.policy_file import State
 from drl_av.errors import CheckpointError
-from drl_av.learning.buffers import Batch, Buffer, Float32Array, Ring, State, batch_of
+from drl_av.learning.buffers import Batch, Buffer, Ring, batch_of
 
 Numbers = NDArray[np.float64]
 Slots = NDArray[np.int64]

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from drl_av.config import BEFORE, Config, from_toml, load_config
 from drl_av.config.reference import annotated_toml
+from drl_av.drivers.policy_file import load
 from drl_av.errors import CheckpointError, ConfigError, RunError
 from drl_av.learning import checkpoint
 from drl_av.learning.training import EpisodeRow, EvaluationRow, Training
@@ -109,7 +110,7 @@ class Run:
             self.evaluations_file.name: len(_header(EvaluationRow)),
         }
         if self.checkpoint_file.exists():
-            tensors, numbers = checkpoint.load(self.checkpoint_file)
+            tensors, numbers = load(self.checkpoint_file)
             settings = str(numbers.get("config"))
             if numbers.get("kind") != "training" or not _fits(settings, training.config):
                 raise CheckpointError(

@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.drivers.learned import learned_driver
+from drl_av.drivers.network import QNetwork
+from drl_av.drivers.policy_file import State
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.mirror import MIRROR
@@ -16,15 +19,12 @@ from drl_av.driving.scene import Scene
 from drl_av.env.highway import TRAINING_SEEDS, HighwayEnv
 from drl_av.env.reward import speed_bonus
 from drl_av.env.rollout import drive
-from drl_av.learning.buffers import State
 from drl_av.learning.checkpoint import rng_from_json, rng_to_json
 from drl_av.learning.counterfactuals import remember_others
 from drl_av.learning.experience import make_buffer
 from drl_av.learning.exploration import epsilon_greedy, linear_epsilon
-from drl_av.learning.greedy import greedy_driver
 from drl_av.learning.learner import Learner
 from drl_av.learning.mirroring import mirror_half, require_symmetry
-from drl_av.learning.qnetwork import QNetwork
 
 EVALUATION_SEEDS = 900_000
 """First traffic seed of the evaluations within training, which never trains on it."""
@@ -87,7 +87,7 @@ class Training:
             QNetwork(self._rng, len(INDICATORS), len(ACTIONS), hidden)
             for _ in range(self._config.networks)
         ]
-        self.driver = greedy_driver(self.networks, self._config)
+        self.driver = learned_driver(self.networks, self._config)
         self._learners = {
             name: Learner(network, self._config.learning_rate)
             for name, network in zip(learner_names(len(self.networks)), self.networks, strict=True)
@@ -128,7 +128,7 @@ class Training:
         rewards, speeds, losses, triggers, over = [], [], [], 0, False
         while not over:
             before = self._env.scene
-            greedy = partial(self.driver.policy, s_t)
+            greedy = partial(self.driver.greedy, s_t)
             a_t = epsilon_greedy(epsilon, len(ACTIONS), greedy, self._rng)
             s_tp1, r_tp1, terminated, truncated, info = self._env.step(a_t)
             self._remember(s_t, a_t, r_tp1, s_tp1, terminated, info)

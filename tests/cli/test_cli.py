@@ -12,7 +12,7 @@ import pytest
 
 from drl_av import cli
 from drl_av.cli import console, main
-from drl_av.evaluation import drivers
+from drl_av.drivers import policy_file
 from drl_av.evaluation.statistics import Mean, Summary
 from drl_av.traffic.scenario import find_scenario
 
@@ -226,7 +226,7 @@ def test_place_that_is_a_file_is_no_run(settings: Path, capsys: pytest.CaptureFi
 def test_missing_shipped_driver_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(drivers, "PRETRAINED", tmp_path / "pretrained")
+    monkeypatch.setattr(policy_file, "PRETRAINED", tmp_path / "pretrained")
     assert main(["evaluate"]) == 1
     assert "lacks the driver that ships with drl-av" in told(capsys)
     assert main(["replay", "--video", str(tmp_path / "drive.gif")]) == 1

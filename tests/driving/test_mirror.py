@@ -10,7 +10,7 @@ from drl_av.config import EgoConfig, ObservationConfig, SafetyConfig, Simulation
 from drl_av.driving.actions import ACTIONS, Action, Lateral
 from drl_av.driving.affordances import INDICATORS, ObservationScale, compute_affordances
 from drl_av.driving.maneuver import plan
-from drl_av.driving.mirror import MIRROR
+from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.safety.paper import paper
 from drl_av.traffic.road import Road
@@ -116,3 +116,17 @@ def test_a_plan_moves_alike_in_the_mirror(world: Scene, action: Action) -> None:
 def test_keeping_the_lane_is_its_own_mirror_image() -> None:
     kept = [action for action in ACTIONS if mirrored_action(action) == action]
     assert kept == [action for action in ACTIONS if action.lateral is Lateral.KEEP]
+
+
+def test_a_gap_at_the_right_is_at_the_left_and_the_rightmost_lane_becomes_the_leftmost() -> None:
+    # three indicators: gap right, gap left, own y from the middle of the road
+    tiny = Mirror(np.array([1, 0, 2]), np.array([1, 1, -1], np.float32), np.array([0, 2, 1]))
+    s = np.array([0.3, 0.7, -1.0], np.float32)
+    assert mirrored_observations(s, tiny).tolist() == np.array([0.7, 0.3, 1.0], np.float32).tolist()
+
+
+def test_the_mirror_of_the_mirror_is_the_highway_itself() -> None:
+    s = np.random.default_rng(0).standard_normal((4, 27)).astype(np.float32)
+    once = mirrored_observations(s)
+    assert np.array_equal(mirrored_observations(once), s)
+    assert not np.array_equal(once, s)

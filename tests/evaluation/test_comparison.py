@@ -19,6 +19,8 @@ from worlds import ALONE
 
 from drl_av import cli
 from drl_av.config import Config
+from drl_av.drivers.network import QNetwork
+from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
@@ -26,11 +28,10 @@ from drl_av.env.rollout import drive
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
 from drl_av.evaluation import comparison as module
 from drl_av.evaluation.comparison import Evaluation, drive_all, write_rows
-from drl_av.evaluation.drivers import PRETRAINED, Choice, build, choose, config_of
+from drl_av.evaluation.drivers import Choice, build, choose, config_of
 from drl_av.evaluation.statistics import Mean, mean_with_interval, summarize, write_summaries
 from drl_av.files import require_writable
 from drl_av.learning.checkpoint import save_policy
-from drl_av.learning.qnetwork import QNetwork
 
 KEEP, LEFT = 0, 8
 SHORT = Config().updated("simulation", decisions_per_episode=10)
@@ -355,7 +356,7 @@ def test_config_is_that_of_the_first_run(tmp_path: Path) -> None:
 
 def test_a_run_drives_with_its_own_margin_unless_the_config_has_another(tmp_path: Path) -> None:
     network = QNetwork(np.random.default_rng(0))
-    network.flat.zero_()
+    network.flat[:] = 0
     network.flat[-12 + LEFT] = 1.0  # worth 1 more than any other in every state
     choices = []
     for margin in (2.0, 0.5):

@@ -4,9 +4,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-import torch
 
+from drl_av.drivers.policy_file import load, load_policy
 from drl_av.errors import DrlAvError
 from drl_av.experiments import adaptation as module
 from drl_av.experiments import trainings
@@ -15,7 +16,6 @@ from drl_av.experiments.legs import Leg
 from drl_av.experiments.options import Scale
 from drl_av.experiments.provenance import checksum
 from drl_av.experiments.tables import read_rows
-from drl_av.learning import checkpoint
 
 SETTINGS = """
 [simulation]
@@ -58,9 +58,9 @@ def test_both_begin_as_the_shipped_driver_trained_anew_and_only_one_of_them_lear
     names = ("pretrained-1", "pretrained-1/adaptation-0", "pretrained-1/no_adaptation-0")
     weights, remembered = {}, {}
     for name in names:
-        networks, _ = checkpoint.load_policy(runs / name / "policy.safetensors")
-        tensors, _ = checkpoint.load(runs / name / "checkpoint.safetensors")
-        weights[name] = torch.cat([network.flat for network in networks])
+        networks, _ = load_policy(runs / name / "policy.safetensors")
+        tensors, _ = load(runs / name / "checkpoint.safetensors")
+        weights[name] = np.concatenate([network.flat for network in networks])
         remembered[name] = sum(
             len(tensors[f"buffer.{kind}.rows"]) for kind in ("safe", "collision")
         )

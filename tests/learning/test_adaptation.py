@@ -14,11 +14,10 @@ import pytest
 from drl_av.cli import main
 from drl_av.config import Config, load_config
 from drl_av.config.presets import adaptation, preset
+from drl_av.drivers.learned import network_values
+from drl_av.drivers.policy_file import PRETRAINED, load, load_policy
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError
-from drl_av.evaluation.drivers import PRETRAINED
-from drl_av.learning import checkpoint
-from drl_av.learning.qnetwork import GreedyPolicy
 
 TRAINED = """
 [simulation]
@@ -100,7 +99,7 @@ def adapt(trained: Path, quick: str, name: str, *options: str) -> Path:
 
 
 def tensors(folder: Path) -> dict[str, np.ndarray]:
-    return checkpoint.load(folder / "checkpoint.safetensors")[0]
+    return load(folder / "checkpoint.safetensors")[0]
 
 
 def rows(folder: Path) -> list[dict[str, str]]:
@@ -169,14 +168,14 @@ def test_every_violation_lands_in_the_collision_buffer_beside_the_trainings_own(
 def test_what_it_proposes_is_what_the_trained_network_values_most(
     frozen: Path, trained: Path
 ) -> None:
-    (network,), _ = checkpoint.load_policy(trained / "policy.safetensors")
-    policy, known = GreedyPolicy(network), len(tensors(trained)["buffer.collision.rows"])
+    (network,), _ = load_policy(trained / "policy.safetensors")
+    values, known = network_values(network), len(tensors(trained)["buffer.collision.rows"])
     overruled = tensors(frozen)["buffer.collision.rows"][known:]
     if any(row["collided"] == "True" for row in rows(frozen)):
         pytest.fail("choose another seed: a collision blames what was executed")
     assert len(overruled) > 0
     for row in overruled:
-        assert policy(row[:27]) == row[-3]
+        assert values(row[:27]).argmax() == row[-3]
     assert {row["epsilon"] for row in rows(frozen)} == {"0.0"}
 
 
@@ -205,10 +204,10 @@ def test_the_shipped_driver_brings_its_policy_and_waits_for_experience(
     out = tmp_path / "adapted"
     words = ["adapt", "--out", str(out), "--episodes", "2", "--config", str(settings)]
     assert main(words) == 0
-    networks, _ = checkpoint.load_policy(PRETRAINED / "policy.safetensors")
+    networks, _ = load_policy(PRETRAINED / "policy.safetensors")
     for learner, network in zip(("learner", "learner1", "learner2"), networks, strict=True):
         for name in ("online", "target"):
-            np.testing.assert_array_equal(tensors(out)[f"{learner}.{name}"], network.flat.detach())
+            np.testing.assert_array_equal(tensors(out)[f"{learner}.{name}"], network.flat)
         assert tensors(out)[f"{learner}.step"] == 0
     assert len(tensors(out)["buffer.safe.rows"]) == 10
     told = "pretrained comes without the experience of its training: it learns from 64 collision"

@@ -14,16 +14,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from drl_av.config.presets import preset
+from drl_av.drivers.network import QNetwork
+from drl_av.drivers.policy_file import load, load_policy
 from drl_av.errors import CheckpointError
-from drl_av.learning.checkpoint import (
-    load,
-    load_policy,
-    rng_from_json,
-    rng_to_json,
-    save,
-    save_policy,
-)
-from drl_av.learning.qnetwork import QNetwork
+from drl_av.learning.checkpoint import rng_from_json, rng_to_json, save, save_policy
 
 TENSORS = {"online": np.arange(6, dtype=np.float32).reshape(2, 3), "step": np.array(7)}
 METADATA = {"episode": 41, "name": "Straße", "nested": {"a": [1, 2.5, None]}}
@@ -195,9 +189,7 @@ def test_a_policy_file_stands_on_its_own(tmp_path, count):
     found, found_config = load_policy(tmp_path / "policy.safetensors")
     assert found_config == config
     for mine, its in zip(found, networks, strict=True):
-        assert torch.equal(mine.flat, its.flat)
-        s = torch.ones(1, 27)
-        assert torch.equal(mine(s), its(s))
+        assert np.array_equal(mine.flat, its.flat)
 
 
 def test_other_users_can_read_the_policy_with_safetensors_alone(tmp_path):
@@ -206,7 +198,7 @@ def test_other_users_can_read_the_policy_with_safetensors_alone(tmp_path):
     network = QNetwork(np.random.default_rng(0))
     save_policy(tmp_path / "policy.safetensors", [network], preset("paper"))
     tensors = load_file(tmp_path / "policy.safetensors")
-    assert torch.equal(tensors["layers.1.weight"], network.layers[1].weight)
+    assert np.array_equal(tensors["layers.1.weight"].numpy(), network.layers[1][0])
 
 
 def test_a_policy_of_other_shapes_or_none_at_all_is_refused(tmp_path, saved):

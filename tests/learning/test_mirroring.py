@@ -2,24 +2,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from worlds import ALONE
 
 from drl_av.config import Config
-from drl_av.driving.mirror import MIRROR, Mirror
+from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError
-from drl_av.evaluation.drivers import learned_driver
+from drl_av.evaluation.drivers import load_driver
 from drl_av.learning import checkpoint
 from drl_av.learning.buffers import TwoBuffers
-from drl_av.learning.mirroring import (
-    MirroredPolicy,
-    mirror_half,
-    mirrored_observations,
-    require_symmetry,
-)
-from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
+from drl_av.learning.mirroring import mirror_half, require_symmetry
 from drl_av.learning.training import Training
 from drl_av.traffic.road import Road
 
@@ -29,18 +21,6 @@ ROAD = Mirror(
     observation_sign=np.array([1, 1, -1], np.float32),
     action_permutation=np.array([0, 2, 1]),
 )
-
-
-def test_right_and_left_swap_and_the_rightmost_lane_becomes_the_leftmost():
-    s = np.array([0.3, 0.7, -1.0], np.float32)
-    assert np.array_equal(mirrored_observations(s, ROAD), np.array([0.7, 0.3, 1.0], np.float32))
-
-
-def test_the_highway_in_a_mirror_in_a_mirror_is_the_highway_itself():
-    s = np.random.default_rng(0).standard_normal((4, 27)).astype(np.float32)
-    once = mirrored_observations(s, MIRROR)
-    assert np.array_equal(mirrored_observations(once, MIRROR), s)
-    assert not np.array_equal(once, s)
 
 
 def test_half_of_the_safe_and_half_of_the_collision_rows_are_mirrored():
@@ -62,24 +42,6 @@ def test_mirroring_a_batch_leaves_the_experience_itself_alone():
     assert np.array_equal(buffer.state()["safe.rows"], before)
 
 
-def test_a_mirrored_policy_takes_the_mean_of_what_it_sees_on_both_sides():
-    network = QNetwork(np.random.default_rng(3), 3, 3, hidden=(4,))
-    policy, plain = MirroredPolicy(network, ROAD), GreedyPolicy(network)
-    s = np.array([0.3, 0.7, -1.0], np.float32)
-    here, there = plain.values(s), plain.values(np.array([0.7, 0.3, 1.0], np.float32))
-    expected = [(here[0] + there[0]) / 2, (here[1] + there[2]) / 2, (here[2] + there[1]) / 2]
-    assert np.allclose(policy.values(s), expected)
-    assert not np.allclose(policy.values(s), here)
-
-
-@given(seed=st.integers(0, 10_000))
-def test_it_turns_left_where_a_mirror_would_have_it_turn_right(seed: int):
-    rng = np.random.default_rng(seed)
-    policy = MirroredPolicy(QNetwork(rng), MIRROR)
-    s = rng.standard_normal(27).astype(np.float32)
-    assert policy(mirrored_observations(s, MIRROR)) == MIRROR.action_permutation[policy(s)]
-
-
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_run_that_learns_in_a_mirror_decides_in_it_then_and_ever_after(
     mirrored: bool, tmp_path: Path
@@ -88,11 +50,11 @@ def test_a_run_that_learns_in_a_mirror_decides_in_it_then_and_ever_after(
     with HighwayEnv(config=config) as env:
         training = Training(env)
     checkpoint.save_policy(tmp_path / "policy.safetensors", training.networks, config)
-    driver, _ = learned_driver(tmp_path / "policy.safetensors")
+    driver, _ = load_driver(tmp_path / "policy.safetensors")
     rng = np.random.default_rng(1)
     states = rng.standard_normal((50, 27)).astype(np.float32)
     alike = [
-        who.act(ALONE, mirrored_observations(s, MIRROR)).number
+        who.act(ALONE, mirrored_observations(s)).number
         == MIRROR.action_permutation[who.act(ALONE, s).number]
         for who in (training.driver, driver)
         for s in states

@@ -14,9 +14,10 @@ import pytest
 
 from drl_av.cli import main
 from drl_av.config import BEFORE, Config, load_config
+from drl_av.drivers.policy_file import load, load_policy
 from drl_av.errors import RunError
 from drl_av.learning import run as module
-from drl_av.learning.checkpoint import load, load_policy, save
+from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
 
 EPISODES = 9

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from worlds import ALONE
 
 from drl_av.config import REPLAYS, Config
@@ -123,9 +122,8 @@ def test_it_learns_from_lane_changes_that_its_driver_does_not_begin(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     training, _, _ = scripted([QUIET] * 3, lane_change_margin=2.0, epsilon_start=0, epsilon_end=0)
-    values = torch.zeros_like(training.networks[0].flat)
-    values[-12 + LEFT] = 1.0  # worth 1 more than any other in every state
-    training.networks[0].flat.copy_(values)
+    training.networks[0].flat[:] = 0
+    training.networks[0].flat[-12 + LEFT] = 1.0  # worth 1 more than any other in every state
     training.run_episode()
     rows = training._buffer.safe.rows  # type: ignore[attr-defined]
     assert rows[:3, -3].tolist() == [LEFT] * 3

@@ -4,21 +4,16 @@ Li, Oyler, Zhang, Yildiz, Kolmanovsky and Girard 2017; the rule of level 0 is th
 Yildiz 2020, the accelerations are those of the ego's actions.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config, EgoConfig, Level0Config
 from drl_av.drivers.background.surroundings import FRONT, LEFT, OWN, RIGHT, Surroundings
 from drl_av.drivers.driver import Decisions
+from drl_av.drivers.network import Layers, forward
 from drl_av.driving.actions import ACTIONS, Longitudinal
 from drl_av.driving.affordances import ObservationScale
 from drl_av.traffic.road import FloatArray, Road
-
-LEAK = np.float32(0.01)
-Layers = Sequence[tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]]
-"""Weight (outputs, inputs) and bias (outputs,) of each layer; leaky ReLU between them."""
 
 LEVEL_0 = np.array(
     [
@@ -63,7 +58,8 @@ class Level1:
         A lane change is asked for where rules 2 and 3 of the safety check permit it, under which
         the policy learned; but never while one is under way: SUMO does not turn back.
         """
-        best = self.values(self._scale(neighbors.vectors())).argmax(axis=1)
+        _, values = forward(self._layers, self._scale(neighbors.vectors()))
+        best = values.argmax(axis=1)
         side = np.where(neighbors.under_way, 0, self._side[best])
         for sign, lane in ((1, LEFT), (-1, RIGHT)):
             side[(side == sign) & ~self._is_clear(neighbors, lane)] = 0
@@ -76,15 +72,6 @@ class Level1:
         enough = to_spare_m > self._safety.minimum_gap_m
         clear: npt.NDArray[np.bool_] = neighbors.has_lane[:, lane] & enough[:, OWN, FRONT]
         return clear & enough[:, lane].all(axis=1)
-
-    def values(self, observations: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """Q(s, .): (R, 27) -> (R, 12)."""
-        *hidden, (weight, bias) = self._layers
-        rows = observations
-        for inner, offset in hidden:
-            rows = rows @ inner.T + offset
-            rows = np.maximum(rows, rows * LEAK)
-        return rows @ weight.T + bias
 
 
 def _accelerations(ego: EgoConfig) -> FloatArray:

@@ -8,13 +8,13 @@ from worlds import CENTER, LEFT, LENGTH_M, RIGHT, ROAD, Car, ahead, behind, snap
 
 from drl_av.config import Config
 from drl_av.drivers.background.level_1 import LEVEL_1, load_level_1
-from drl_av.drivers.background.level_k import Layers, Level1, level_0
+from drl_av.drivers.background.level_k import Level1, level_0
 from drl_av.drivers.background.surroundings import Surroundings, surroundings
+from drl_av.drivers.network import Layers, QNetwork, forward
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import ObservationScale
 from drl_av.errors import CheckpointError
 from drl_av.learning.checkpoint import save_policy
-from drl_av.learning.qnetwork import GreedyPolicy, QNetwork
 from drl_av.traffic.snapshot import Snapshot
 
 CONFIG = Config()
@@ -130,39 +130,43 @@ def test_level_1_decides_for_each_by_what_it_sees_itself() -> None:
 def run(tmp_path: Path) -> Path:
     """A run's folder with a policy nobody trained, of another top speed than the default."""
     config = CONFIG.updated("learning", hidden_units=16).updated("ego", max_speed_m_s=25.0)
-    network = QNetwork(np.random.default_rng(7), hidden=(16, 16))
+    network = QNetwork(np.random.default_rng(41), hidden=(16, 16))
     save_policy(tmp_path / "policy.safetensors", [network], config)
     (tmp_path / "config.toml").write_text(config.to_toml())
     return tmp_path
 
 
-def test_level_1_is_the_policy_of_a_run_in_numpy(run: Path) -> None:
+def test_level_1_decides_as_the_network_of_a_run_sees_it(run: Path) -> None:
     shot = snapshot(*(ahead(17.0 * k, (RIGHT, CENTER, LEFT)[k % 3], 10.0 + k) for k in range(1, 9)))
     neighbors = look(shot)
-    level_1, greedy = (
-        load_level_1(ROAD, run),
-        GreedyPolicy(QNetwork(np.random.default_rng(7), hidden=(16, 16))),
-    )
+    layers = QNetwork(np.random.default_rng(41), hidden=(16, 16)).layers
     observations = ObservationScale(CONFIG.observation, 25.0, ROAD)(neighbors.vectors())
-    expected = np.array([greedy.values(row) for row in observations])
-    np.testing.assert_allclose(level_1.values(observations), expected, rtol=1e-5, atol=1e-6)
-    accelerations = level_1(neighbors).acceleration_m_s2
-    meant = np.array([MAINTAIN, ACCELERATE, BRAKE, HARD_BRAKE])[expected.argmax(1) % 4]
-    np.testing.assert_array_equal(accelerations, meant)
+    best = np.array([forward(layers, row)[1].argmax() for row in observations])
+    assert len(set(best % 4)) > 1
+    meant = np.array([MAINTAIN, ACCELERATE, BRAKE, HARD_BRAKE])[best % 4]
+    np.testing.assert_array_equal(load_level_1(ROAD, run)(neighbors).acceleration_m_s2, meant)
 
 
-@pytest.mark.parametrize("harm", ["missing", "cut short", "another network", "no network"])
+@pytest.mark.parametrize("harm", ["missing", "cut short", "27 -> 16", "several"])
 def test_level_1_that_cannot_be_read_is_told_in_one_sentence(run: Path, harm: str) -> None:
+    reason = {
+        "missing": "holds no trained driver",
+        "cut short": "cut short",
+        "27 -> 16": "does not fit a network of 27 -> 100",
+        "several": "holds 2 networks, not one",
+    }[harm]
     file = run / "policy.safetensors"
     if harm == "missing":
         file.unlink()
     elif harm == "cut short":
         file.write_bytes(file.read_bytes()[:-100])
+    elif harm == "27 -> 16":
+        save_policy(file, [QNetwork(np.random.default_rng(0), hidden=(16, 16))], CONFIG)
     else:
-        sizes = {"another network": (26, 12), "no network": (27, 11)}[harm]
-        network = QNetwork(np.random.default_rng(0), *sizes, hidden=(16, 16))
-        save_policy(file, [network], CONFIG)
-    told = r"^The level-1 driver .*policy\.safetensors is missing, damaged, or no policy \(.*make"
+        several = CONFIG.updated("learning", networks=2)
+        save_policy(file, [QNetwork(np.random.default_rng(n)) for n in (0, 1)], several)
+        (run / "config.toml").write_text(several.to_toml())
+    told = rf"^The level-1 driver of the traffic cannot be read \(.*{reason}.*\): train .*make"
     with pytest.raises(CheckpointError, match=told):
         load_level_1(ROAD, run)
 

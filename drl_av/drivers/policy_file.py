@@ -1,0 +1,150 @@
+"""Reading a trained driver: its safetensors file and checksum, without unpickling anything."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors.numpy
+from safetensors import SafetensorError
+
+from drl_av.config import BEFORE, Config, from_toml, load_config
+from drl_av.drivers.network import QNetwork
+from drl_av.driving.actions import ACTIONS
+from drl_av.driving.affordances import INDICATORS
+from drl_av.errors import CheckpointError, ConfigError, RunError
+
+State = dict[str, np.ndarray]
+
+PRETRAINED = Path(__file__).parent.parent / "pretrained"
+"""Folder of the driver that ships with the package; laid out as a run's."""
+FORMAT = "drl_av/1"
+"""The only key of the file's metadata: several would be written in an order that is random."""
+_DAMAGE = (SafetensorError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
+"""What reading a file raises that was damaged, or written by another program."""
+
+
+def checksum(tensors: State, text: str) -> str:
+    """SHA-256 over the metadata text and every array's name, type, shape and bytes."""
+    digest = hashlib.sha256(text.encode())
+    for name in sorted(tensors):
+        tensor = tensors[name]
+        digest.update(json.dumps([name, tensor.dtype.str, tensor.shape]).encode())
+        digest.update(tensor.reshape(-1).view(np.uint8).data)
+    return digest.hexdigest()
+
+
+def load(path: Path) -> tuple[State, dict[str, Any]]:
+    """The arrays and the metadata of a policy or checkpoint file.
+
+    Raises:
+        CheckpointError: there is no such file, it cannot be read, is cut short or damaged, or is
+            no checkpoint of this package.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise CheckpointError(
+            f"The checkpoint {path} cannot be read ({error.strerror or error}): check the path."
+        ) from error
+    try:
+        tensors = safetensors.numpy.load(data)
+        size = int.from_bytes(data[:8], "little")
+        header = json.loads(data[8 : 8 + size]).get("__metadata__", {}).get(FORMAT)
+        stored = {"metadata": "", "sha256": ""} if header is None else json.loads(header)
+        text, expected = str(stored["metadata"]), stored["sha256"]
+        metadata: dict[str, Any] = dict(json.loads(text or "{}"))
+    except _DAMAGE as error:
+        raise CheckpointError(
+            f"{path} is cut short, damaged, or no checkpoint at all ({error}): take an older copy "
+            "or train again."
+        ) from error
+    if header is None:
+        raise CheckpointError(
+            f"{path} is a safetensors file, but not one of this version of drl-av, whose format "
+            f"is {FORMAT!r}: train again, or read it with the version that wrote it."
+        )
+    if checksum(tensors, text) != expected:
+        raise CheckpointError(
+            f"{path} is damaged, its checksum does not match its contents: take an older copy or "
+            "train again."
+        )
+    return tensors, metadata
+
+
+def load_policy(
+    path: Path, observation_size: int = len(INDICATORS), action_size: int = len(ACTIONS)
+) -> tuple[list[QNetwork], Config]:
+    """The networks, one or several, and the config of a policy file.
+
+    Raises:
+        CheckpointError: as ``load``; or the file holds no policy, or one of other shapes than
+            its config and the sizes given here ask for.
+    """
+    tensors, metadata = load(path)
+    if metadata.get("kind") != "policy":
+        raise CheckpointError(
+            f"{path} is a checkpoint, but holds no policy: give the policy.safetensors of a run."
+        )
+    try:
+        config = from_toml(str(metadata.get("config")), BEFORE, f"the config in {path}")
+    except ConfigError as error:
+        raise CheckpointError(
+            f"{path} was written with other settings than this version knows: {error}"
+        ) from error
+    hidden, count = (config.learning.hidden_units,) * 2, config.learning.networks
+    rng = np.random.default_rng(0)
+    networks = [QNetwork(rng, observation_size, action_size, hidden) for _ in range(count)]
+    axis = (count,) if count > 1 else ()
+    expected = {
+        name: ("float32", *axis, *tensor.shape) for name, tensor in networks[0].tensors().items()
+    }
+    found = {name: (str(tensor.dtype), *tensor.shape) for name, tensor in tensors.items()}
+    if found != expected:
+        raise CheckpointError(
+            f"{path} does not fit a network of {' -> '.join(map(str, networks[0].sizes))}: its "
+            f"tensors are {found}, not {expected}; take a policy trained for this observation."
+        )
+    for number, network in enumerate(networks):
+        for name, view in network.tensors().items():
+            view[...] = tensors[name][number] if axis else tensors[name]
+    return networks, config
+
+
+def find_policy(path: Path) -> Path:
+    """The policy file of a run's folder, or ``path`` where it is a policy file itself.
+
+    Raises:
+        RunError: there is no such run, or it has saved no policy yet.
+    """
+    file = path / "policy.safetensors" if path.is_dir() else path
+    if path == PRETRAINED and not file.is_file():
+        raise RunError(
+            f"This installation lacks the driver that ships with drl-av ({file}): train one with "
+            "drl-av train --out RUN and name its folder, or name another driver."
+        )
+    if not file.is_file():
+        raise RunError(
+            f"{path} holds no trained driver: give a run's folder that has a policy.safetensors, "
+            "or leave the run out for the driver that ships with drl-av."
+        )
+    return file
+
+
+def load_run(path: Path) -> tuple[list[QNetwork], Config]:
+    """The networks of a run's folder or of a policy file, and the config that built them.
+
+    Raises:
+        RunError, CheckpointError: as ``find_policy`` and ``load_policy``; or the policy is of
+            another run than the folder's config.
+    """
+    file = find_policy(path)
+    networks, config = load_policy(file)
+    settings = file.with_name("config.toml")
+    if path.is_dir() and settings.is_file() and load_config(settings, BEFORE) != config:
+        raise CheckpointError(
+            f"{file} belongs to other settings than {settings}: put back the policy of that run, "
+            "or name the policy file itself."
+        )
+    return networks, config

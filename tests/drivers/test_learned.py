@@ -1,0 +1,153 @@
+"""The learned driver decides by value: in a mirror, by a mean, and above a margin."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from worlds import ALONE, changing
+
+from drl_av.config import LearningConfig
+from drl_av.drivers.learned import (
+    LearnedDriver,
+    Values,
+    learned_driver,
+    mean_values,
+    mirrored_values,
+    network_values,
+)
+from drl_av.drivers.network import QNetwork
+from drl_av.driving.actions import ACTIONS, Lateral
+from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
+from drl_av.driving.scene import Scene
+
+MAINTAIN, ACCELERATE = 0, 1
+MAINTAIN_RIGHT, ACCELERATE_LEFT = 4, 9
+S_T: Any = np.zeros(27, np.float32)
+UNDER_WAY = changing(origin=1, target=2, seconds=1)
+
+
+def stated(values: dict[int, float]) -> Values:
+    """The values that a story gives, -1 for what it does not name."""
+    return lambda s_t: np.array([values.get(number, -1.0) for number in range(12)], np.float32)
+
+
+def decided(values: dict[int, float], margin: float, scene: Scene = ALONE) -> int:
+    return LearnedDriver(stated(values), margin).act(scene, S_T).number
+
+
+@pytest.mark.parametrize(
+    ("left", "margin", "expected"),
+    [
+        (0.53, 0.0, ACCELERATE_LEFT),  # the paper's: any difference will do
+        (0.53, 0.02, ACCELERATE_LEFT),  # 0.51 is still more than 0.5
+        (0.51, 0.02, ACCELERATE),  # 0.49 is not
+        (0.53, 0.04, ACCELERATE),
+    ],
+)
+def test_a_lane_change_begins_only_where_it_gains_more_than_the_margin(
+    left, margin, expected
+) -> None:
+    values = {MAINTAIN: 0.3, ACCELERATE: 0.5, MAINTAIN_RIGHT: 0.2, ACCELERATE_LEFT: left}
+    assert decided(values, margin) == expected
+
+
+def test_what_has_begun_goes_on_or_back_by_value_alone() -> None:
+    back, on = {ACCELERATE: 0.5, MAINTAIN_RIGHT: 0.501}, {ACCELERATE: 0.5, ACCELERATE_LEFT: 0.501}
+    assert decided(back, 0.2, UNDER_WAY) == MAINTAIN_RIGHT
+    assert decided(on, 0.2, UNDER_WAY) == ACCELERATE_LEFT
+    assert decided(back, 0.2) == decided(on, 0.2) == ACCELERATE
+
+
+@given(
+    values=st.lists(st.floats(-4, 1, width=32), min_size=12, max_size=12),
+    margin=st.floats(0.001, 3),
+)
+def test_the_margin_decides_between_lanes_and_never_between_speeds(values, margin) -> None:
+    number = decided(dict(enumerate(values)), margin)
+    lateral = ACTIONS[number].lateral
+    alike = [a for a, action in enumerate(ACTIONS) if action.lateral is lateral]
+    keeping = max(values[:4])
+    assert values[number] == max(values[a] for a in alike)
+    if lateral is Lateral.KEEP:
+        assert max(values[4:]) - keeping < margin + 1e-5
+    else:
+        assert values[number] == max(values[4:])
+        assert values[number] - keeping > margin - 1e-5
+
+
+def test_algorithm_1_meets_lane_changes_that_the_margin_keeps_its_driver_from() -> None:
+    driver = LearnedDriver(stated({ACCELERATE: 0.5, ACCELERATE_LEFT: 0.51}), 0.02)
+    assert driver.greedy(S_T) == ACCELERATE_LEFT
+    assert driver.act(ALONE, S_T).number == ACCELERATE
+    assert driver.with_margin(0.005).act(ALONE, S_T).number == ACCELERATE_LEFT
+
+
+def test_the_driver_follows_parameters_that_change_in_place() -> None:
+    network, other = (QNetwork(np.random.default_rng(seed)) for seed in (0, 1))
+    values = network_values(network)
+    assert not np.array_equal(values(S_T), network_values(other)(S_T))
+    network.flat[:] = other.flat
+    assert np.array_equal(values(S_T), network_values(other)(S_T))
+
+
+def test_of_equal_values_the_first_is_taken() -> None:
+    assert LearnedDriver(stated({ACCELERATE: 0.5, ACCELERATE_LEFT: 0.5})).greedy(S_T) == ACCELERATE
+
+
+# Three indicators: gap right, gap left, own y from the middle of the road; two actions swap.
+TINY_MIRROR = Mirror(
+    observation_permutation=np.array([1, 0, 2]),
+    observation_sign=np.array([1, 1, -1], np.float32),
+    action_permutation=np.array([0, 2, 1]),
+)
+
+
+def test_in_a_mirror_the_values_are_the_mean_of_both_sides() -> None:
+    plain = network_values(QNetwork(np.random.default_rng(3), 3, 3, hidden=(4,)))
+    s = np.array([0.3, 0.7, -1.0], np.float32)
+    here, there = plain(s), plain(np.array([0.7, 0.3, 1.0], np.float32))
+    expected = [(here[0] + there[0]) / 2, (here[1] + there[2]) / 2, (here[2] + there[1]) / 2]
+    assert np.allclose(mirrored_values(plain, TINY_MIRROR)(s), expected)
+    assert not np.allclose(plain(s), expected)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_it_changes_left_where_in_the_mirror_it_changes_right(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    driver = LearnedDriver(mirrored_values(network_values(QNetwork(rng))))
+    s = rng.standard_normal(27).astype(np.float32)
+    reflected = driver.greedy(mirrored_observations(s))
+    assert reflected == MIRROR.action_permutation[driver.greedy(s)]
+
+
+def tiny(*parameters: float) -> Values:
+    """One input, one hidden unit in one layer, two actions."""
+    network = QNetwork(np.random.default_rng(0), 1, 2, (1,))
+    network.flat[:] = parameters
+    return network_values(network)
+
+
+def test_two_that_disagree_decide_by_the_mean_of_their_values() -> None:
+    # s = 3: z = 2 * 3 + 1 = 7, Q = (7 + 1, -7 + 2) = (8, -5)
+    one = tiny(2.0, 1.0, 1.0, -1.0, 1.0, 2.0)
+    # s = 3: z = -4 * 3 + 2 = -10 -> -0.1, Q = (10 * -0.1, 20 * -0.1 + 5) = (-1, 3)
+    other = tiny(-4.0, 2.0, 10.0, 20.0, 0.0, 5.0)
+    both, s_t = mean_values([one, other]), np.array([3.0], np.float32)
+    for _ in range(2):  # the first answer changes nothing
+        assert both(s_t) == pytest.approx([3.5, -1.0], abs=1e-6)
+    assert [values(s_t).argmax() for values in (one, other, both)] == [0, 1, 0]
+
+
+def test_the_settings_of_the_training_say_whether_it_decides_in_a_mirror() -> None:
+    networks = [QNetwork(np.random.default_rng(seed)) for seed in (1, 2)]
+    s = np.random.default_rng(0).standard_normal(27).astype(np.float32)
+    plain, mirrored = (
+        learned_driver(networks, LearningConfig(networks=2, mirrored=on)).values(s)
+        for on in (False, True)
+    )
+    members = [network_values(network) for network in networks]
+    assert np.array_equal(plain, mean_values(members)(s))
+    assert np.array_equal(mirrored, mean_values([mirrored_values(each) for each in members])(s))
+    assert not np.allclose(plain, mirrored)

@@ -1,0 +1,47 @@
+"""A trained driver drives where torch cannot be imported; only learning needs it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+WITHOUT_TORCH = """
+import sys
+class WithoutTorch:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "torch":
+            raise ModuleNotFoundError("No module named 'torch'", name="torch")
+sys.meta_path.insert(0, WithoutTorch())
+from drl_av.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+SHORT_WITH_LEVEL_1 = """
+[simulation]
+decisions_per_episode = 5
+[traffic]
+level_1_share = 1.0
+"""
+
+
+def without_torch(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", WITHOUT_TORCH, *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+
+
+def test_evaluate_and_replay_drive_among_level_1_traffic(tmp_path: Path) -> None:
+    settings = tmp_path / "settings.toml"
+    settings.write_text(SHORT_WITH_LEVEL_1)
+    out, film = tmp_path / "rows.csv", tmp_path / "film.gif"
+    words = ["evaluate", "pretrained", "idm", "--vehicles", "3", "--episodes", "1"]
+    done = without_torch(*words, "--config", str(settings), "--out", str(out))
+    assert done.returncode == 0, done.stderr
+    assert len(out.read_text().splitlines()) == 1 + 2
+    words = ["replay", "--video", str(film), "--vehicles", "3", "--config", str(settings)]
+    done = without_torch(*words)
+    assert done.returncode == 0, done.stderr
+    assert film.stat().st_size > 0
+
+
+def test_learning_is_what_needs_torch(tmp_path: Path) -> None:
+    done = without_torch("train", "--out", str(tmp_path / "run"), "--episodes", "1")
+    assert done.returncode != 0
+    assert "torch" in done.stderr
