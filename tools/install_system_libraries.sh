@@ -1,7 +1,7 @@
 #!/bin/sh
-# The system libraries that SUMO's wheels need, and Xvfb for the tests of sumo-gui.
+# The system libraries that SUMO's wheels need, and what the tests of sumo-gui and of pages need.
 set -eu
-packages="libx11-6 libxext6 libxrender1 libgl1 libglu1-mesa xvfb"
+packages="libx11-6 libxext6 libxrender1 libgl1 libglu1-mesa xvfb chromium"
 [ "$(uname -s)" = Linux ] && command -v dpkg-query >/dev/null || exit 0
 missing=""
 for package in $packages; do

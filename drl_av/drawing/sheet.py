@@ -24,7 +24,7 @@ DARK: Color = (14, 17, 23)
 
 SLOW_M_S, FAST_M_S = 10.0, 34.0
 """Speeds at the two ends of the colour scale; slower and faster vehicles keep the end's colour."""
-_SPEED_COLORS = np.array(
+SPEED_COLORS = np.array(
     [
         (222, 53, 48),
         (246, 130, 67),
@@ -41,8 +41,8 @@ OVERSAMPLING = 2
 def speed_color(speed_m_s: float) -> Color:
     """Colour of a speed in m/s: red is slow, blue is fast, told apart by the colour-blind too."""
     share = np.clip((speed_m_s - SLOW_M_S) / (FAST_M_S - SLOW_M_S), 0.0, 1.0)
-    knots = np.linspace(0.0, 1.0, len(_SPEED_COLORS))
-    red, green, blue = (round(float(np.interp(share, knots, c))) for c in _SPEED_COLORS.T)
+    knots = np.linspace(0.0, 1.0, len(SPEED_COLORS))
+    red, green, blue = (round(float(np.interp(share, knots, c))) for c in SPEED_COLORS.T)
     return red, green, blue
 
 

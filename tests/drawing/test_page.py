@@ -1,0 +1,70 @@
+"""The page of an episode plays in a real browser, from one file."""
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from worlds import LEFT, ROAD, Car, ahead, snapshot
+
+from drl_av.drawing.page import PageDecision, write_page
+from drl_av.drawing.sheet import EGO_COLOR
+
+KEEP = PageDecision(0, 0, "none", -0.1, -0.2, -0.1, 0.0, [float(n) for n in range(12)], None)
+BRAKE = PageDecision(1, 3, "in_lane", -3.0, -0.5, 0.0, -1.0, None, "ego hit the vehicle </script>")
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Path:
+    """Two decisions: the ego follows a vehicle 20 m ahead, and one drives in the left lane."""
+    shots = [snapshot(ahead(20.0), Car(-10.0, LEFT), s_m=s_m) for s_m in (480.0, 500.0, 20.0)]
+    write_page(tmp_path / "page.html", "a <story>", ROAD, shots, [KEEP, BRAKE])
+    return tmp_path / "page.html"
+
+
+def browser(page: Path, moment_s: float, *options: str) -> str:
+    """What headless Chromium prints of the page at a moment of the episode."""
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.fail("chromium is missing: install it with apt-get install chromium.", pytrace=False)
+    quiet = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"]
+    quiet += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
+    profile = f"--user-data-dir={page.parent / 'profile'}"
+    command = [program, *quiet, profile, *options, f"{page.as_uri()}#t={moment_s}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    return done.stdout
+
+
+def test_the_page_shows_the_decision_of_the_moment(page: Path) -> None:
+    shown = browser(page, 0.5, "--dump-dom")
+    assert "<title>a &lt;story&gt;</title>" in shown
+    assert "0.5 s of 2 s" in shown
+    assert re.search(r"proposed</td><td>maintain, keep lane", shown)
+    assert re.search(r"<tr class=\"chosen\"><td>maintain, keep lane</td>.*?0\.000", shown)
+    assert "hard brake, change left" in shown
+
+
+def test_a_rule_and_a_collision_are_shown_and_text_cannot_end_the_script(page: Path) -> None:
+    shown = browser(page, 2.0, "--dump-dom")
+    assert re.search(r"alarm\"><td>executed</td><td>hard brake, keep lane", shown)
+    assert "ego hit the vehicle &lt;/script&gt;" in shown
+    assert "this driver has none" in shown
+
+
+def test_the_ego_is_drawn_in_its_colour_in_the_middle_of_the_road(page: Path) -> None:
+    picture = page.with_name("page.png")
+    browser(page, 1.5, "--window-size=1200,760", f"--screenshot={picture}")
+    image = Image.open(picture).convert("RGB")
+    pink = [x for x in range(1200) if image.getpixel((x, 147)) == EGO_COLOR]
+    assert 590 <= sum(pink) / len(pink) <= 610
+    assert 25 <= len(pink) <= 35  # 5 m of the 200 m that are in view
+
+
+def test_the_page_is_one_file_that_names_no_other(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert not re.search(r"https?://|src=|href=|@import|url\(", text)
+    [data] = re.findall(r'type="application/json">(.*?)</script>', text, flags=re.S)
+    assert json.loads(data)["frames"][0]["s"] == [480.0, 5.0, 470.0]
