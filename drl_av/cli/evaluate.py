@@ -53,10 +53,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def evaluate(options: argparse.Namespace) -> int:
     """Drive all episodes, write a row for each, and print the summary."""
     from drl_av.cli.console import print_summaries, progress_bar
-    from drl_av.evaluation.comparison import Evaluation, write_rows
+    from drl_av.env.metrics import EpisodeResult
+    from drl_av.evaluation.comparison import Evaluation
     from drl_av.evaluation.drivers import choose, config_of
     from drl_av.evaluation.statistics import summarize, write_summaries
-    from drl_av.files import require_writable
+    from drl_av.files import require_writable, write_table
 
     require_writable(options.out, options.json)
     choices = choose([*options.runs, *options.driver] or ["pretrained"])
@@ -74,16 +75,16 @@ def evaluate(options: argparse.Namespace) -> int:
                 rows.append(row)
                 bar.advance(f"{row.driver}, {row.vehicles} vehicles", row.decisions)
                 if kept and time.monotonic() - saved_s > SAVE_EVERY_S:
-                    write_rows(kept, rows)
+                    write_table(kept, EpisodeResult, rows)
                     saved_s = time.monotonic()
     except KeyboardInterrupt:
         status = INTERRUPTED
         print(f"drl-av: interrupted after {len(rows)} episodes.", file=sys.stderr)
     finally:
         if rows and kept:
-            write_rows(kept, rows)
+            write_table(kept, EpisodeResult, rows)
     if rows and kept != options.out and status == 0:
-        write_rows(options.out, rows)
+        write_table(options.out, EpisodeResult, rows)
         kept.unlink()
     elif rows and kept != options.out:
         print(f"drl-av: {options.out} is unchanged; the new rows are in {kept}.", file=sys.stderr)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from drl_av.errors import RecordingError
+from drl_av.files import replacing
 from drl_av.traffic.road import FloatArray, Road
 from drl_av.traffic.snapshot import Snapshot
 
@@ -65,19 +66,12 @@ def write_video(path: str | os.PathLike[str], frames: Iterable[Picture], fps: fl
     The file appears under its name only when it is complete. An .mp4 is written frame by frame
     (H.264, yuv420p, padded to even sizes); a .gif is held in memory and suits short clips.
     """
-    path = Path(path).resolve()
+    path = Path(path)
     require_film(path, fps)
     write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix.lower()}")
-    try:
-        with _told(path):
-            temporary.touch()
-        count = write(temporary, path, iter(frames), fps)
-        with _told(path):
-            os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    return count
+    with replacing(path, RecordingError) as temporary:
+        temporary.touch()
+        return write(temporary, path, iter(frames), fps)
 
 
 def require_film(path: Path, fps: float) -> None:
@@ -96,15 +90,15 @@ def require_film(path: Path, fps: float) -> None:
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """Failures of the file system and of ffmpeg, told in one sentence."""
+def _encoding(path: Path) -> Iterator[None]:
+    """Failures of ffmpeg as one sentence."""
     try:
         yield
     except (OSError, RuntimeError) as error:
         reason = getattr(error, "strerror", None) or "the video encoder stopped early"
         raise RecordingError(
-            f"Cannot write the video {path}: {reason}; "
-            "check that the disk has room and that the folder may be written to."
+            f"{path} cannot be written ({reason}): check that the disk has room and that the "
+            "folder may be written to."
         ) from error
 
 
@@ -117,19 +111,19 @@ def _first(frames: Iterator[Picture], path: Path) -> Picture:
 def _write_mp4(temporary: Path, path: Path, frames: Iterator[Picture], fps: float) -> int:
     frame = _even(_first(frames, path))
     height, width = frame.shape[:2]
-    with _told(path):
+    with _encoding(path):
         encoder = _encoder(temporary, (width, height), fps)
     count = 0
     with closing(encoder):
         while True:
-            with _told(path):
+            with _encoding(path):
                 encoder.send(np.ascontiguousarray(frame))
             count += 1
             following = next(frames, None)
             if following is None:
                 break
             frame = _even(following)
-    with _told(path):
+    with _encoding(path):
         if imageio_ffmpeg.count_frames_and_secs(str(temporary))[0] != count:
             raise RuntimeError("frames are missing from the file")
     return count
@@ -161,7 +155,7 @@ def _even(frame: Picture) -> Picture:
 
 def _write_gif(temporary: Path, path: Path, frames: Iterator[Picture], fps: float) -> int:
     images = [_indexed(_first(frames, path)), *map(_indexed, frames)]
-    with _told(path):
+    with _encoding(path):
         images[0].save(
             temporary,
             save_all=True,

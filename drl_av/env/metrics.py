@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from drl_av.driving.actions import Longitudinal
 from drl_av.env.decision import Decision
+from drl_av.files import PossiblyInfinite
 from drl_av.safety.paper import closing_speed, time_to_collision
 from drl_av.traffic.snapshot import Collision
 
@@ -34,9 +35,9 @@ class EpisodeResult:
     lane_changes: int
     """Lane changes that ended in another lane than they began in."""
     aborted_lane_changes: int
-    min_ttc_s: float
+    min_ttc_s: PossiblyInfinite
     """Smallest time to collision with the vehicle ahead; inf where it never closed."""
-    min_headway_s: float
+    min_headway_s: PossiblyInfinite
     """Smallest time gap to the vehicle ahead; inf where there was none."""
     hard_brakes: int
     d_safe_violations: int

@@ -1,13 +1,9 @@
 """Drivers compared on the same seeded traffic."""
 
-import csv
-import io
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, fields
 from functools import cache
 from itertools import product
-from pathlib import Path
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
@@ -18,7 +14,6 @@ from drl_av.errors import ConfigError, SimulationError
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.drivers import Choice, build
 from drl_av.evaluation.processes import BrokenProcessPool, workers
-from drl_av.files import write_whole
 
 
 def drive_all(
@@ -111,13 +106,3 @@ def _drive(
 ) -> EpisodeResult:
     env, drivers = _equipped(config, choices)
     return drive(env, drivers[name], name, seed, vehicles)
-
-
-def write_rows(path: Path, rows: Iterable[EpisodeResult]) -> None:
-    """Write the CSV file whole or not at all; raises DrlAvError where the disk refuses."""
-    text = io.StringIO(newline="")
-    names = [field.name for field in fields(EpisodeResult)]
-    writer = csv.DictWriter(text, names, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(row) for row in rows)
-    write_whole(path, text.getvalue().encode())

@@ -1,12 +1,11 @@
 """Scenario folders: write one with netconvert, read one back and verify it, find a shipped one."""
 
-import os
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
+from drl_av.files import replacing
 from drl_av.traffic import scenario_files
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription, from_toml
 from drl_av.traffic.loop import read_loop
@@ -77,18 +76,10 @@ def write_scenario(folder: str | Path, description: ScenarioDescription) -> None
     _require_readable(folder)
     _require_free(folder)
     texts = scenario_files.scenario_texts(description)
-    scratch = folder.with_name(f".{folder.name}.{os.getpid()}.unfinished")
-    try:
-        scratch.mkdir(parents=True)
+    with replacing(folder, ScenarioError) as unfinished:
+        unfinished.mkdir(parents=True)
         for name, text in texts.items():
-            (scratch / name).write_text(text, encoding="utf-8", newline="\n")
-        if folder.is_dir():
-            folder.rmdir()
-        scratch.rename(folder)
-    except OSError as error:
-        raise ScenarioError(f"The scenario {folder} cannot be written: {error}.") from error
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+            (unfinished / name).write_text(text, encoding="utf-8", newline="\n")
 
 
 def _require_readable(folder: Path) -> None:

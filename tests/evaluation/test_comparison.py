@@ -27,10 +27,10 @@ from drl_av.env.metrics import EpisodeResult
 from drl_av.env.rollout import drive
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
 from drl_av.evaluation import comparison as module
-from drl_av.evaluation.comparison import Evaluation, drive_all, write_rows
+from drl_av.evaluation.comparison import Evaluation, drive_all
 from drl_av.evaluation.drivers import Choice, build, choose, config_of
 from drl_av.evaluation.statistics import Mean, mean_with_interval, summarize, write_summaries
-from drl_av.files import require_writable
+from drl_av.files import require_writable, write_table
 from drl_av.learning.checkpoint import save_policy
 
 KEEP, LEFT = 0, 8
@@ -247,7 +247,7 @@ def test_summary_counts_hits_and_groups_by_vehicles_driver_and_check() -> None:
 
 
 def test_table_on_disk_has_the_columns_and_keeps_every_digit(tmp_path: Path) -> None:
-    write_rows(tmp_path / "rows.csv", [replace(ROW, mean_speed_m_s=0.1 + 0.2)])
+    write_table(tmp_path / "rows.csv", EpisodeResult, [replace(ROW, mean_speed_m_s=0.1 + 0.2)])
     with (tmp_path / "rows.csv").open(newline="") as file:
         [row] = csv.DictReader(file)
     assert set(row) >= COLUMNS
@@ -259,7 +259,7 @@ def test_table_that_cannot_be_written_leaves_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "rows.csv"
-    write_rows(path, [ROW])
+    write_table(path, EpisodeResult, [ROW])
     before = path.read_bytes()
 
     def full(descriptor: int) -> None:
@@ -267,7 +267,7 @@ def test_table_that_cannot_be_written_leaves_the_one_before(
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(DrlAvError, match=r"rows.csv cannot be written \(No space left"):
-        write_rows(path, [ROW, ROW])
+        write_table(path, EpisodeResult, [ROW, ROW])
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
 

@@ -1,0 +1,28 @@
+"""The only writer of whole files, and the only reader and writer of CSV tables."""
+
+from drl_av.files.table import (
+    PossiblyInfinite,
+    Row,
+    append_rows,
+    column_types,
+    read_rows,
+    read_table,
+    table_bytes,
+    write_table,
+)
+from drl_av.files.whole import append, replacing, require_writable, write_whole
+
+__all__ = [
+    "PossiblyInfinite",
+    "Row",
+    "append",
+    "append_rows",
+    "column_types",
+    "read_rows",
+    "read_table",
+    "replacing",
+    "require_writable",
+    "table_bytes",
+    "write_table",
+    "write_whole",
+]

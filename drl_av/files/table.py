@@ -1,0 +1,197 @@
+"""CSV tables: rows of a dataclass, or of columns with their types, written and read.
+
+A table is UTF-8 text with a header, commas and line feeds. Numbers are written with every digit,
+so that a float that is read is the one that was written.
+"""
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, get_type_hints
+
+from drl_av.errors import DrlAvError
+from drl_av.files.whole import append, write_whole
+
+Row = dict[str, str]
+"""A row of a CSV file as text, by column."""
+PossiblyInfinite = Annotated[float, "possibly infinite"]
+"""The type of a column of numbers that may be inf, such as a time to collision."""
+Columns = type | Iterable[str]
+"""A dataclass or NamedTuple whose fields are the columns, or the columns' names."""
+RowType = TypeVar("RowType")
+_WAY_OUT = "put the table back as it was written, or make it anew"
+_KINDS: dict[Any, str] = {
+    str: "text",
+    int: "a whole number",
+    bool: "True or False",
+    float: "a finite number",
+    PossiblyInfinite: "a number or inf",
+}
+
+
+def column_types(row_type: type) -> dict[str, Any]:
+    """The columns of a dataclass or NamedTuple and the type of their values, in order."""
+    return get_type_hints(row_type, include_extras=True)
+
+
+def table_bytes(columns: Columns, rows: Iterable[Any] = (), *, header: bool = True) -> bytes:
+    """The text of a table; each row is a dataclass, a NamedTuple or a mapping by column.
+
+    Raises:
+        ValueError: a row has another column than the table.
+    """
+    names = list(column_types(columns) if isinstance(columns, type) else columns)
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, names, lineterminator="\n")
+    if header:
+        writer.writeheader()
+    writer.writerows(map(_cells, rows))
+    return text.getvalue().encode()
+
+
+def write_table(
+    path: Path, columns: Columns, rows: Iterable[Any], error: type[DrlAvError] = DrlAvError
+) -> None:
+    """Write a CSV file whole or not at all.
+
+    Raises:
+        error: the disk is full, or the folder is missing or may not be written to.
+    """
+    write_whole(path, table_bytes(columns, rows), error)
+
+
+def append_rows(
+    path: Path, columns: Columns, rows: Iterable[Any], error: type[DrlAvError] = DrlAvError
+) -> None:
+    """Add rows to a CSV file, and its header where the file is missing or empty.
+
+    Raises:
+        error: the disk is full, or the file or its folder may not be written to.
+    """
+    new = not path.exists() or not path.stat().st_size
+    append(path, table_bytes(columns, rows, header=new), error)
+
+
+def read_rows(path: Path, row_type: type[RowType], *, growing: bool = False) -> list[RowType]:
+    """The rows of a CSV file as dataclasses or NamedTuples; raises as ``read_table``."""
+    rows = read_table(path, column_types(row_type), growing=growing)
+    return [row_type(**row) for row in rows]
+
+
+def read_table(
+    path: Path, columns: Mapping[str, Any] | None = None, *, growing: bool = False
+) -> list[dict[str, Any]]:
+    """Those columns of a CSV file, each value read by its column's type.
+
+    The types are str, int, bool, float (a finite number), PossiblyInfinite, and any of these or
+    None, which is written as an empty cell. Without columns, all of them are read as text. To a
+    table that is ``growing`` rows are still being added: it may be missing or have no rows yet,
+    and its last line does not count before it is complete.
+
+    Raises:
+        DrlAvError: the file is missing, cannot be read, is empty, has no rows, lacks a column or
+            has one twice, is cut short, or has a row with too few or too many values, or with a
+            value of another type.
+    """
+    if growing and not (path.exists() and path.stat().st_size):
+        return []
+    text = _text(path)
+    if not text.endswith("\n"):
+        if not growing:
+            raise DrlAvError(_cut(path, text))
+        text = text[: text.rfind("\n") + 1]
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    try:
+        lines = [(reader.line_num, cells) for cells in reader if cells]
+    except csv.Error as error:
+        raise DrlAvError(
+            f"{path}, line {reader.line_num} is damaged ({error}): {_WAY_OUT}."
+        ) from error
+    if len(lines) < 2 and not growing:
+        raise DrlAvError(f"The table {path} has no rows: {_WAY_OUT}.")
+    header = lines[0][1] if lines else []
+    types = dict.fromkeys(header, str) if columns is None else columns
+    if lines:
+        _require_columns(path, header, types)
+    return [_row(f"{path}, line {line}", header, cells, types) for line, cells in lines[1:]]
+
+
+def _cells(row: Any) -> Mapping[str, object]:
+    if is_dataclass(row) and not isinstance(row, type):
+        return asdict(row)
+    cells: Mapping[str, object] = row if isinstance(row, Mapping) else row._asdict()
+    return cells
+
+
+def _text(path: Path) -> str:
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise DrlAvError(f"There is no table {path}: check the path.") from error
+    except OSError as error:
+        raise DrlAvError(
+            f"The table {path} cannot be read ({error.strerror or error}): check the path."
+        ) from error
+    if not data:
+        raise DrlAvError(f"The table {path} is empty: {_WAY_OUT}.")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DrlAvError(f"The table {path} is not UTF-8 text ({error}): {_WAY_OUT}.") from error
+
+
+def _cut(path: Path, text: str) -> str:
+    last = text.count("\n") + 1
+    return f"{path}, line {last} is cut short, it has no line end: {_WAY_OUT}."
+
+
+def _require_columns(path: Path, header: list[str], types: Mapping[str, Any]) -> None:
+    for column in types:
+        if header.count(column) != 1:
+            found = "no column" if column not in header else "more than one column"
+            raise DrlAvError(
+                f"The table {path} has {found} {column!r}: "
+                "name a table of another kind, or make this one anew."
+            )
+
+
+def _row(
+    place: str, header: list[str], cells: list[str], types: Mapping[str, Any]
+) -> dict[str, Any]:
+    if len(cells) != len(header):
+        raise DrlAvError(
+            f"{place}: there are {len(cells)} values for {len(header)} columns: {_WAY_OUT}."
+        )
+    by_name = dict(zip(header, cells, strict=True))
+    return {name: _value(place, name, by_name[name], kind) for name, kind in types.items()}
+
+
+def _value(place: str, column: str, cell: str, kind: Any) -> Any:
+    optional = [each for each in getattr(kind, "__args__", ()) if each is not type(None)]
+    if kind not in _KINDS and len(optional) == 1:
+        if not cell:
+            return None
+        kind = optional[0]
+    try:
+        return _parsed(cell, kind)
+    except ValueError as error:
+        raise DrlAvError(
+            f"{place}: {column} is {cell!r}, but must be {_KINDS[kind]}: {_WAY_OUT}."
+        ) from error
+
+
+def _parsed(cell: str, kind: Any) -> Any:
+    value: Any
+    if kind is bool:
+        value = {"True": True, "False": False}.get(cell)
+    elif kind is str or kind is int:
+        value = kind(cell)
+    else:
+        number = float(cell)
+        value = None if math.isnan(number) or (kind is float and math.isinf(number)) else number
+    if value is None:
+        raise ValueError(cell)
+    return value

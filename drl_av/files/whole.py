@@ -1,0 +1,163 @@
+"""Files and folders that appear whole or not at all."""
+
+import contextlib
+import glob
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from drl_av.errors import DrlAvError
+
+OF_A_RUN = {
+    *("config.toml", "checkpoint.safetensors", "policy.safetensors"),
+    *("episodes.csv", "evaluations.csv"),
+}
+
+
+@contextmanager
+def replacing(path: Path, error: type[DrlAvError] = DrlAvError) -> Iterator[Path]:
+    """Write a file or a folder whole: the block makes it under the name that it is given.
+
+    The name lies beside ``path`` and has its suffix. Where the block ends well, its contents are
+    on the disk before they take the place of ``path``, a file or an empty folder; where it raises,
+    they are removed. A link is written through. What a process that has died left unfinished
+    beside ``path`` is removed first.
+
+    Raises:
+        error: the disk is full, or the folder is missing or may not be written to.
+    """
+    path = _target(path)
+    temporary = _unfinished(path)
+    _remove_abandoned(path)
+    try:
+        try:
+            yield temporary
+            _sync(temporary)
+            if temporary.is_dir() and path.is_dir():
+                path.rmdir()
+            os.replace(temporary, path)
+            _sync_folder(path.parent)
+        finally:
+            _remove(temporary)
+    except OSError as refusal:
+        raise _refused(path, refusal, error) from refusal
+
+
+def write_whole(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> None:
+    """Put ``data`` in the file, or leave what was there before; raises as ``replacing``."""
+    with replacing(path, error) as temporary:
+        temporary.write_bytes(data)
+
+
+def append(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> None:
+    """Add ``data`` at the end of the file, which is made where it is missing.
+
+    A process that ends meanwhile may leave a part of ``data`` there.
+
+    Raises:
+        error: the disk is full, or the file or its folder may not be written to.
+    """
+    try:
+        with path.open("ab") as file:
+            file.write(data)
+    except OSError as refusal:
+        raise _refused(path, refusal, error) from refusal
+
+
+def require_writable(*paths: Path | None) -> None:
+    """Try whether ``write_whole`` could; raises DrlAvError before any long work is done for it.
+
+    None stands for a file that is not asked for; none may be written over by another of them.
+    """
+    asked = [path for path in paths if path is not None]
+    for path in asked:
+        _try(path)
+        if [_target(other) for other in asked].count(_target(path)) > 1:
+            raise DrlAvError(f"{path} cannot hold two files at once: name another for one of them.")
+
+
+def _try(path: Path) -> None:
+    if path.is_dir():
+        raise DrlAvError(f"{path} is a folder: name a file in it.")
+    if path.exists() and not path.is_file():
+        raise DrlAvError(f"{path} is there already and no regular file: name a file.")
+    target = _target(path)
+    if target.name in OF_A_RUN and target.exists() and target.with_name("config.toml").exists():
+        raise DrlAvError(f"{path} belongs to the run in that folder: name another file.")
+    probe = _unfinished(target)
+    try:
+        try:
+            probe.touch()
+        finally:
+            probe.unlink(missing_ok=True)
+    except OSError as error:
+        raise _refused(path, error, DrlAvError) from error
+
+
+def _target(path: Path) -> Path:
+    """Where a link leads; the link itself where it leads in a circle."""
+    return Path(os.path.realpath(path))
+
+
+def _unfinished(path: Path) -> Path:
+    return path.with_name(f".{path.stem}.{os.getpid()}.unfinished{path.suffix}")
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Remove what processes that no longer run left unfinished beside ``path``."""
+    if os.name != "posix":
+        return
+    stem, suffix = re.escape(path.stem), re.escape(path.suffix)
+    for other in path.parent.glob(f".{glob.escape(path.stem)}.*"):
+        match = re.fullmatch(rf"\.{stem}\.(\d+)\.unfinished{suffix}", other.name)
+        if match and not _runs(int(match[1])):
+            with contextlib.suppress(OSError):
+                _remove(other)
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file, or a folder with all that is in it, has reached the disk."""
+    if path.is_dir():
+        for part in path.iterdir():
+            _sync(part)
+        _sync_folder(path)
+        return
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+def _sync_folder(folder: Path) -> None:
+    """Wait until the names in a folder have reached the disk, on file systems that offer it."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _refused(path: Path, refusal: OSError, error: type[DrlAvError]) -> DrlAvError:
+    return error(
+        f"{path} cannot be written ({refusal.strerror or refusal}): free some space, or choose a "
+        "folder that exists and may be written to; what was there before is unchanged."
+    )
