@@ -2,7 +2,7 @@
 
 import gymnasium
 
-import drl_av  # noqa: F401  (registers the environment)
+import drl_av  # registers the environment
 
 env = gymnasium.make("drl_av/Highway-v0", safety_check="paper")
 env.action_space.seed(7)

@@ -5,7 +5,7 @@ python examples/own_check.py
 
 import gymnasium
 
-import drl_av  # noqa: F401  (registers the environment)
+import drl_av  # registers the environment
 from drl_av.config import SafetyConfig
 from drl_av.driving.actions import Action, Longitudinal
 from drl_av.driving.scene import Scene

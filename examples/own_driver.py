@@ -10,7 +10,7 @@ from drl_av.config import Config
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.affordances import Affordances
 from drl_av.driving.scene import Scene
-from drl_av.env import HighwayEnv
+from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 
 
@@ -27,20 +27,20 @@ class TimeGapDriver:
         """An action for the scene; the safety check examines it afterwards."""
         return Action(self.lateral(scene.affordances), self.longitudinal(scene.affordances))
 
-    def longitudinal(self, seen: Affordances) -> Longitudinal:
+    def longitudinal(self, affordances: Affordances) -> Longitudinal:
         """Accelerate with room ahead, brake without."""
-        front = seen.own_front
-        if front is None or front.gap_m > 2 * self.headway_s * seen.ego_speed_m_s:
+        front = affordances.own_front
+        if front is None or front.gap_m > 2 * self.headway_s * affordances.ego_speed_m_s:
             return Longitudinal.ACCELERATE
-        if front.gap_m < self.headway_s * seen.ego_speed_m_s:
+        if front.gap_m < self.headway_s * affordances.ego_speed_m_s:
             return Longitudinal.BRAKE
         return Longitudinal.MAINTAIN
 
-    def lateral(self, seen: Affordances) -> Lateral:
+    def lateral(self, affordances: Affordances) -> Lateral:
         """Overtake on the left if the ego has caught up with the vehicle ahead."""
-        behind_slow = seen.own_front is not None and seen.own_front.gap_m < 40
-        room = seen.left_front is None or seen.left_front.gap_m > 60
-        return Lateral.LEFT if behind_slow and seen.left_lane and room else Lateral.KEEP
+        behind_slow = affordances.own_front is not None and affordances.own_front.gap_m < 40
+        room = affordances.left_front is None or affordances.left_front.gap_m > 60
+        return Lateral.LEFT if behind_slow and affordances.left_lane and room else Lateral.KEEP
 
 
 def main() -> None:

@@ -8,7 +8,8 @@ from contextlib import closing
 from drl_av.config import Config
 from drl_av.drivers.mobil import MobilDriver
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.rollout import EpisodeResult, drive
+from drl_av.env.metrics import EpisodeResult
+from drl_av.env.rollout import drive
 from drl_av.evaluation.statistics import mean_with_interval
 
 SEEDS = range(800_000, 800_005)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import gymnasium
 
-import drl_av  # noqa: F401  (registers the environment)
+import drl_av  # registers the environment
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
 
 MAINTAIN = 0
