@@ -59,8 +59,9 @@ def evaluate(options: argparse.Namespace) -> int:
     from drl_av.evaluation.statistics import summarize, write_summaries
     from drl_av.files import require_writable, write_table
 
-    require_writable(options.out, options.json)
-    choices = choose([*options.runs, *options.driver] or ["pretrained"])
+    words = [*options.runs, *options.driver]
+    require_writable(options.out, options.json, inputs=[options.config, *words])
+    choices = choose(words or ["pretrained"])
     config = overridden(config_of(choices), options)
     seeds = range(options.seed, options.seed + options.episodes)
     evaluation = Evaluation(config, choices, tuple(options.vehicles or ()), seeds)

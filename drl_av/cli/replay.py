@@ -46,7 +46,8 @@ def replay(options: argparse.Namespace) -> int:
     from drl_av.evaluation.replay import Film, Pacer, ReplaySession, replay_session
     from drl_av.files import require_writable
 
-    require_writable(options.record, options.video)
+    inputs = [options.source, options.driver, options.config]
+    require_writable(options.record, options.video, inputs=inputs)
     if options.video:
         require_film(options.video, options.rate)
     given = (options.source, options.driver, "pretrained")

@@ -5,7 +5,7 @@ import glob
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -67,13 +67,19 @@ def append(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> Non
         raise _refused(path, refusal, error) from refusal
 
 
-def require_writable(*paths: Path | None) -> None:
-    """Try whether ``write_whole`` could; raises DrlAvError before any long work is done for it.
+def require_writable(*paths: Path | None, inputs: Iterable[str | Path | None] = ()) -> None:
+    """Try whether ``write_whole`` could write the paths, before any long work is done for them.
 
-    None stands for a file that is not asked for; none may be written over by another of them.
+    None stands for a file that is not asked for.
+
+    Raises:
+        DrlAvError: a path cannot be written, is given twice, or is one of the command's inputs.
     """
     asked = [path for path in paths if path is not None]
+    read = {_target(Path(name)) for name in inputs if name is not None}
     for path in asked:
+        if _target(path) in read:
+            raise DrlAvError(f"{path} is an input of this command: name another file to write.")
         _try(path)
         if [_target(other) for other in asked].count(_target(path)) > 1:
             raise DrlAvError(f"{path} cannot hold two files at once: name another for one of them.")

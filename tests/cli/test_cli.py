@@ -355,3 +355,26 @@ def test_a_terminal_without_the_character_is_told_its_number(settings: Path) -> 
     assert ended.returncode == 0
     assert r"1 episodes each, \xb1 half" in ended.stdout
     assert ended.stderr == ""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["evaluate", "idm", "--config", "{input}", "--out", "{input}"],
+        ["evaluate", "idm", "--config", "{input}", "--json", "{link}"],
+        ["evaluate", "{input}", "--out", "{input}"],
+        ["evaluate", "--driver", "{input}", "--out", "{input}"],
+        ["replay", "--config", "{input}", "--record", "{input}"],
+        ["replay", "{input}", "--record", "{link}"],
+        ["replay", "{input}", "--video", "{input}"],
+    ],
+)
+def test_a_file_that_a_command_reads_is_not_written_over(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, link = tmp_path / "mine.toml", tmp_path / "link.toml"
+    source.write_text("[traffic]\nvehicles_max = 3\n")
+    link.symlink_to(source)
+    assert main([word.format(input=source, link=link) for word in words]) == 1
+    assert "is an input of this command: name another file to write." in told(capsys)
+    assert source.read_text() == "[traffic]\nvehicles_max = 3\n"
