@@ -4,8 +4,8 @@
 
 SUMO drives the ego too, like the vehicles around it, so that nobody is there but traffic. A line
 a mix: shares of finite-state machine, level 0 and level 1 (the rest is SUMO's IDM), episodes,
-decisions of vehicles, collisions by SUMO, overlaps of bodies swept through each SUMO step, mean speed,
-lane changes a vehicle and minute. Exits with 1 where anything collided.
+decisions of vehicles, collisions by SUMO, overlaps of bodies swept through each SUMO step, mean
+speed, lane changes a vehicle and minute. Exits with 1 where anything collided.
 """
 
 import argparse
@@ -86,7 +86,7 @@ def check(config: Config, episodes: int, vehicles: Sequence[int]) -> Tally:
     scenario = load_scenario(find_scenario(config.simulation.scenario))
     simulation, road = Background(scenario, config), scenario.road
     level_1 = load_level_1(road) if config.traffic.level_1_share else None
-    drivers = TrafficDrivers(config, road, scenario.vehicle_types, level_1)
+    drivers = TrafficDrivers(config, road, level_1)
     steps = config.simulation.steps_per_decision
     decisions, changes, speeds = 0, 0, []
     for episode in range(episodes):
