@@ -167,10 +167,10 @@ def test_the_hash_is_the_same_in_an_async_worker(recording: Recording) -> None:
         num_envs=2,
         vectorization_mode="async",
         vector_kwargs={"context": "spawn"},
-        config=CONFIG.updated("traffic", vehicles_min=VEHICLES, vehicles_max=VEHICLES),
+        config=CONFIG,
     )
     try:
-        vector.reset(seed=[99, SEED])
+        vector.reset(seed=[99, SEED], options={"vehicles": VEHICLES})
         states = [states_of(vector.get_attr("scene")[1].snapshot)]
         for action in recording.proposed:
             vector.step(np.array([0, action]))

@@ -18,6 +18,7 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import INDICATORS, ObservationScale, compute_affordances
 from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import LaneChange, Scene
+from drl_av.env.episode import number_of_vehicles, traffic_seed
 from drl_av.env.reward import Rewards, desired, rewards
 from drl_av.errors import ConfigError
 from drl_av.safety import ActionMask, action_mask, named_check
@@ -27,8 +28,6 @@ from drl_av.traffic.simulation import Simulation
 from drl_av.traffic.snapshot import Collision, Snapshot
 
 Observation = npt.NDArray[np.float32]
-TRAINING_SEEDS = (1_000_000, 2**31)
-"""Traffic seeds that an unseeded reset draws from; those below are left to evaluation."""
 
 
 class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle):
@@ -55,9 +54,12 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     ## Starting State
     `options={{"vehicles": n}}` of them, or a number drawn from the config's range, at random
-    places within 250 m. A seed determines the whole traffic; without one, each reset draws a new
-    seed of at least 1,000,000 (`info["seed"]`). What a program of your own changes in
-    SUMO, such as who may use a lane, stays until `close`.
+    places within 250 m. `reset(seed=7, options={{"vehicles": 30}})` is one episode, the same that
+    `drl-av evaluate` has for these numbers. A smaller seed than 1,000,000 alone, as clients pass it
+    to their first reset, decides which traffic that reset and the unseeded ones after it draw, with
+    seeds of at least 1,000,000 (`info["seed"]`, which may be passed again): so no training meets an
+    episode of the evaluation. What a program of your own changes in SUMO, such as who may use a
+    lane, stays until `close`.
 
     ## Episode End
     Terminated when the ego hits or is hit; truncated after `decisions_per_episode` decisions.
@@ -150,8 +152,10 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             ScenarioError: more vehicles than fit on the road.
         """
         super().reset(seed=seed)
-        self.seed = int(self.np_random.integers(*TRAINING_SEEDS)) if seed is None else seed
-        vehicles = self._vehicles(options or {})
+        options = options or {}
+        self.seed = traffic_seed(seed, options, self.np_random)
+        placed = self.simulation.placed_vehicles
+        vehicles = number_of_vehicles(options, self.seed, self.config.traffic, placed)
         self.caption = Caption(vehicles=vehicles, seed=self.seed)
         self.decisions = 0
         self.proposed = self.collision = None
@@ -239,26 +243,6 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         if self._masked:
             info["action_mask"] = self.action_masks()
         return info
-
-    def _vehicles(self, options: dict[str, Any]) -> int:
-        unknown = set(options) - {"vehicles"}
-        if unknown:
-            raise ConfigError(f"reset has no option {unknown.pop()!r}; its option is: vehicles.")
-        traffic, placed = self.config.traffic, self.simulation.placed_vehicles
-        if placed is not None:
-            if options.get("vehicles", placed) != placed:
-                raise ConfigError(
-                    f"vehicles is {options['vehicles']!r}, but the scenario places {placed} "
-                    "vehicles exactly: leave the option out."
-                )
-            return placed
-        if "vehicles" not in options:
-            draw_number = np.random.default_rng([self.seed, 1])
-            return int(draw_number.integers(traffic.vehicles_min, traffic.vehicles_max + 1))
-        vehicles = options["vehicles"]
-        if isinstance(vehicles, bool) or not isinstance(vehicles, int | np.integer) or vehicles < 0:
-            raise ConfigError(f"vehicles is {vehicles!r}, but must be a whole number from 0 on.")
-        return int(vehicles)
 
     def _narrate(
         self,

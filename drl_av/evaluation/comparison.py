@@ -7,7 +7,8 @@ from itertools import product
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
-from drl_av.env.highway import TRAINING_SEEDS, HighwayEnv
+from drl_av.env.episode import TRAINING_SEEDS
+from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.env.rollout import drive
 from drl_av.errors import ConfigError, SimulationError

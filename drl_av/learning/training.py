@@ -16,7 +16,8 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.mirror import MIRROR
 from drl_av.driving.scene import Scene
-from drl_av.env.highway import TRAINING_SEEDS, HighwayEnv
+from drl_av.env.episode import TRAINING_SEEDS
+from drl_av.env.highway import HighwayEnv
 from drl_av.env.reward import speed_bonus
 from drl_av.env.rollout import drive
 from drl_av.learning.checkpoint import rng_from_json, rng_to_json

@@ -24,7 +24,8 @@ from drl_av.driving.actions import ACTIONS, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env import highway
-from drl_av.env.highway import TRAINING_SEEDS, HighwayEnv
+from drl_av.env.episode import TRAINING_SEEDS
+from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.safety.check import Rule, Verdict
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
@@ -376,6 +377,22 @@ def test_an_unseeded_reset_never_draws_a_seed_of_evaluation(env: HighwayEnv) -> 
     assert all(TRAINING_SEEDS[0] <= seed < TRAINING_SEEDS[1] for seed in seeds)
     env.reset(seed=5)
     assert [env.reset()[1]["seed"] for _ in range(10)] == seeds
+
+
+def test_a_client_s_small_seed_is_that_of_no_episode_of_evaluation(env: HighwayEnv) -> None:
+    observation, info = env.reset(seed=0)
+    assert TRAINING_SEEDS[0] <= info["seed"] < TRAINING_SEEDS[1]
+    for seed in (0, info["seed"]):  # which is that of the same traffic
+        again, same = env.reset(seed=seed)
+        assert np.array_equal(again, observation)
+        assert (same["seed"], same["vehicles"]) == (info["seed"], info["vehicles"])
+    assert env.reset(seed=1)[1]["seed"] != info["seed"]
+    named = {"vehicles": info["vehicles"]}
+    evaluated, info = env.reset(seed=0, options=named)
+    assert (info["seed"], info["vehicles"]) == (0, named["vehicles"])
+    assert not np.array_equal(evaluated, observation)
+    assert env.reset(seed=TRAINING_SEEDS[0], options={})[1]["seed"] == TRAINING_SEEDS[0]
+    assert env.reset(seed=999_999)[1]["seed"] >= TRAINING_SEEDS[0]
 
 
 # Episode ends

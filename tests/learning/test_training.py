@@ -13,7 +13,8 @@ from worlds import ALONE
 
 from drl_av.config import REPLAYS, Config
 from drl_av.driving.affordances import INDICATORS
-from drl_av.env.highway import TRAINING_SEEDS, HighwayEnv
+from drl_av.env.episode import TRAINING_SEEDS
+from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import ConfigError
 from drl_av.learning import training as module
