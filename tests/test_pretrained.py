@@ -9,10 +9,10 @@ from drl_av.config import load_config
 from drl_av.config.presets import preset
 from drl_av.drivers.background.level_1 import LEVEL_1
 from drl_av.drivers.policy_file import PRETRAINED, load_policy
+from drl_av.drivers.registry import load_driver
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.evaluation.drivers import load_driver
 from drl_av.learning.checkpoint import save_policy
 
 

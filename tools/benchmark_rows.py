@@ -22,9 +22,9 @@ from benchmark_drives import commanded, drive, recorded, step_bare
 from drl_av.config import Config
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.policy_file import PRETRAINED
+from drl_av.drivers.registry import load_driver
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv, Observation
-from drl_av.evaluation.drivers import load_driver
 from drl_av.learning.experience import make_buffer
 from drl_av.learning.learner import Learner
 from drl_av.learning.training import Training

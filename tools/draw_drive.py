@@ -11,9 +11,9 @@ from PIL import Image
 
 from drl_av.drawing import draw
 from drl_av.drawing.film import interpolated
+from drl_av.drivers.registry import default_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.evaluation.drivers import build, choose, config_of
 
 FRAMES_PER_DECISION = 6
 FRAME_MS = 90
@@ -41,10 +41,10 @@ def main() -> None:
 
 def overtaking(seed: int, vehicles: int, first: int, last: int) -> list[Image.Image]:
     """Frames of the road between two decisions of an episode of the shipped driver."""
-    choices = choose(["pretrained"])
-    config = config_of(choices).updated("simulation", decisions_per_episode=last)
+    choices = find_drivers(["pretrained"])
+    config = default_config(choices).updated("simulation", decisions_per_episode=last)
     env = HighwayEnv(config=config, render_mode="rgb_array")
-    [(name, driver)] = build(choices, config).items()
+    [(name, driver)] = make_drivers(choices, config).items()
     moments = []
 
     def watch(env: HighwayEnv) -> None:

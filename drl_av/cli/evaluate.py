@@ -9,6 +9,7 @@ from pathlib import Path
 from drl_av.cli.arguments import whole
 from drl_av.cli.settings import driving, overridden
 from drl_av.cli.status import INTERRUPTED
+from drl_av.drivers.registry import default_config, driver_names, find_drivers
 from drl_av.evaluation import DENSITIES
 
 SAVE_EVERY_S = 5.0
@@ -25,7 +26,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="NAME",
-        help="also these: idm, idm-mobil, idm-sumo, random, pretrained (which ships), or RUNs",
+        help=f"also these: {', '.join(driver_names())} (which ships), or RUNs",
     )
     parser.add_argument(
         "--vehicles",
@@ -55,16 +56,15 @@ def evaluate(options: argparse.Namespace) -> int:
     from drl_av.cli.console import print_summaries, progress_bar
     from drl_av.env.metrics import EpisodeResult
     from drl_av.evaluation.comparison import Evaluation
-    from drl_av.evaluation.drivers import choose, config_of
     from drl_av.evaluation.statistics import summarize, write_summaries
     from drl_av.files import require_writable, write_table
 
     words = [*options.runs, *options.driver]
     require_writable(options.out, options.json, inputs=[options.config, *words])
-    choices = choose(words or ["pretrained"])
-    config = overridden(config_of(choices), options)
+    specs = find_drivers(words or ["pretrained"])
+    config = overridden(default_config(specs), options)
     seeds = range(options.seed, options.seed + options.episodes)
-    evaluation = Evaluation(config, choices, tuple(options.vehicles or ()), seeds)
+    evaluation = Evaluation(config, specs, tuple(options.vehicles or ()), seeds)
     kept = _partial(options.out) if options.out and options.out.exists() else options.out
     rows, status, saved_s = [], 0, time.monotonic()
     try:

@@ -15,7 +15,7 @@ from drl_av.config.presets import PRESETS, adaptation, preset
 from drl_av.errors import ConfigError, RunError, SimulationError
 
 if TYPE_CHECKING:
-    from drl_av.evaluation.drivers import Choice
+    from drl_av.drivers.registry import DriverSpec
     from drl_av.learning.run import Run
     from drl_av.learning.training import Training
 
@@ -101,8 +101,8 @@ def train(options: argparse.Namespace) -> int:
 def adapt(options: argparse.Namespace) -> int:
     """Continual adaptation (Sec. IV-D): a trained driver keeps learning, in a new run folder."""
     from drl_av.drivers.policy_file import find_policy
+    from drl_av.drivers.registry import find_drivers
     from drl_av.env.highway import HighwayEnv
-    from drl_av.evaluation.drivers import choose
     from drl_av.learning.adaptation import take_over
     from drl_av.learning.board import require_tensorboard
     from drl_av.learning.run import Run
@@ -111,17 +111,17 @@ def adapt(options: argparse.Namespace) -> int:
     if options.tensorboard:
         require_tensorboard()
     run, word = Run(options.out), "pretrained" if options.run is None else options.run
-    [choice] = choose([word])
-    if choice.run is None:
+    [spec] = find_drivers([word])
+    if spec.run is None:
         raise ConfigError(
             f"{word} drives by rule and cannot learn: give a run's folder, "
             "or leave it out for the driver that ships with drl-av."
         )
-    config = _adaptation_config(options, run, choice)
+    config = _adaptation_config(options, run, spec)
     with closing(HighwayEnv(config=config)) as env:
         training = Training(env)
         if not options.resume:
-            experienced = take_over(training, find_policy(choice.run))
+            experienced = take_over(training, find_policy(spec.run))
             run.create(config, training)
             if not experienced and config.learning.learning_rate > 0:
                 print(
@@ -143,16 +143,16 @@ def _training_config(options: argparse.Namespace, run: "Run") -> Config:
     return overridden(base, options).updated("learning", **given)
 
 
-def _adaptation_config(options: argparse.Namespace, run: "Run", choice: "Choice") -> Config:
-    from drl_av.evaluation.drivers import build, config_of
+def _adaptation_config(options: argparse.Namespace, run: "Run", spec: "DriverSpec") -> Config:
+    from drl_av.drivers.registry import default_config, make_drivers
 
     given = _given(options, "episodes", "seed", "learning_rate")
     if options.resume:
         stored = run.read_config()
         return _unchanged(run, stored, overridden(stored, options).updated("learning", **given))
-    base = adaptation(config_of([choice]))
+    base = adaptation(default_config([spec]))
     config = overridden(base, options).updated("learning", **given)
-    build([choice], config)
+    make_drivers([spec], config)
     return config
 
 

@@ -5,6 +5,12 @@ from pathlib import Path
 
 from drl_av.cli.arguments import rate, whole
 from drl_av.cli.settings import driving, overridden
+from drl_av.drivers.registry import (
+    default_config,
+    driver_names,
+    find_drivers,
+    make_drivers,
+)
 from drl_av.errors import RecordingError
 
 
@@ -17,9 +23,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="RUN | RECORDING",
         help="a run's folder, or what --record kept (default: the driver that ships)",
     )
-    which.add_argument(
-        "--driver", metavar="NAME", help="idm, idm-mobil, idm-sumo, random or pretrained"
-    )
+    which.add_argument("--driver", metavar="NAME", help=f"one of: {', '.join(driver_names())}")
     parser.add_argument("--seed", type=whole(0), metavar="S", help="of the traffic (default: 0)")
     parser.add_argument(
         "--vehicles", type=whole(0), metavar="N", help="vehicles around the ego (default: 15)"
@@ -41,7 +45,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def replay(options: argparse.Namespace) -> int:
     """Drive one episode, and show or film it."""
     from drl_av.drawing.film import require_film
-    from drl_av.evaluation.drivers import build, choose, config_of
     from drl_av.evaluation.recording import load_recording
     from drl_av.evaluation.replay import Film, Pacer, ReplaySession, replay_session
     from drl_av.files import require_writable
@@ -56,11 +59,11 @@ def replay(options: argparse.Namespace) -> int:
         _refuse_settings(options)
         session = replay_session(load_recording(Path(source)))
     else:
-        choices = choose([source])
-        config = overridden(config_of(choices), options)
+        specs = find_drivers([source])
+        config = overridden(default_config(specs), options)
         if options.decisions:
             config = config.updated("simulation", decisions_per_episode=options.decisions)
-        [(name, driver)] = build(choices, config).items()
+        [(name, driver)] = make_drivers(specs, config).items()
         session = ReplaySession(config, driver, name, options.seed or 0, options.vehicles)
     film = Film(session.name)
     if options.video:

@@ -7,13 +7,13 @@ from itertools import product
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
+from drl_av.drivers.registry import DriverSpec, make_drivers
 from drl_av.env.episode import TRAINING_SEEDS
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.env.rollout import drive
 from drl_av.errors import ConfigError, SimulationError
 from drl_av.evaluation import DENSITIES
-from drl_av.evaluation.drivers import Choice, build
 from drl_av.evaluation.processes import BrokenProcessPool, workers
 
 
@@ -42,17 +42,17 @@ class Evaluation:
     def __init__(
         self,
         config: Config,
-        choices: Sequence[Choice],
+        specs: Sequence[DriverSpec],
         vehicles: Sequence[int],
         seeds: range,
     ) -> None:
-        self._config, self._choices = config, tuple(choices)
+        self._config, self._specs = config, tuple(specs)
         if seeds[-1] >= TRAINING_SEEDS[0]:
             raise ConfigError(
                 f"The last episode's seed would be {seeds[-1]}, but those from "
                 f"{TRAINING_SEEDS[0]} on belong to training: begin with a smaller one."
             )
-        build(choices, config)
+        make_drivers(specs, config)
         with closing(HighwayEnv(config=config)) as env:
             placed = env.simulation.placed_vehicles
             default = DENSITIES if placed is None else (placed,)
@@ -62,7 +62,7 @@ class Evaluation:
         self._seeds = seeds
 
     def __len__(self) -> int:
-        return len(self._choices) * len(self._vehicles) * len(self._seeds)
+        return len(self._specs) * len(self._vehicles) * len(self._seeds)
 
     def rows(self, jobs: int = 1) -> Generator[EpisodeResult, None, None]:
         """A row an episode; in the same order and the same whatever the number of processes.
@@ -74,15 +74,15 @@ class Evaluation:
             yield from self._rows_of_processes(min(jobs, len(self)))
             return
         with closing(HighwayEnv(config=self._config)) as env:
-            drivers = build(self._choices, self._config)
+            drivers = make_drivers(self._specs, self._config)
             yield from drive_all(env, drivers, self._vehicles, self._seeds)
 
     def _rows_of_processes(self, jobs: int) -> Iterator[EpisodeResult]:
-        names = [choice.name for choice in self._choices]
+        names = [spec.name for spec in self._specs]
         episodes = list(product(self._vehicles, self._seeds, names))
         done = 0
         with workers(jobs) as submit:
-            rows = [submit(_drive, self._config, self._choices, *episode) for episode in episodes]
+            rows = [submit(_drive, self._config, self._specs, *episode) for episode in episodes]
             try:
                 for row in rows:
                     yield row.result()
@@ -97,13 +97,15 @@ class Evaluation:
 
 
 @cache
-def _equipped(config: Config, choices: tuple[Choice, ...]) -> tuple[HighwayEnv, dict[str, Driver]]:
+def _equipped(
+    config: Config, specs: tuple[DriverSpec, ...]
+) -> tuple[HighwayEnv, dict[str, Driver]]:
     """The environment and the drivers of a worker process, which keeps them."""
-    return HighwayEnv(config=config), build(choices, config)
+    return HighwayEnv(config=config), make_drivers(specs, config)
 
 
 def _drive(
-    config: Config, choices: tuple[Choice, ...], vehicles: int, seed: int, name: str
+    config: Config, specs: tuple[DriverSpec, ...], vehicles: int, seed: int, name: str
 ) -> EpisodeResult:
-    env, drivers = _equipped(config, choices)
+    env, drivers = _equipped(config, specs)
     return drive(env, drivers[name], name, seed, vehicles)

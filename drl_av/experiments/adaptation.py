@@ -7,7 +7,7 @@ from typing import Any
 
 from drl_av.config import Config
 from drl_av.config.presets import adaptation as adapted
-from drl_av.evaluation.drivers import choose, config_of
+from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.experiments.legs import Leg, blocks_of
 from drl_av.experiments.options import Progress, Scale
 from drl_av.experiments.trainings import Table, trained
@@ -25,7 +25,7 @@ def adaptation(scale: Scale) -> Generator[Progress, None, None]:
     As many seeds of it as of the full learning curves, at least one. It goes on with the
     experience of its training, which is trained anew, and has the others' folders within its own.
     """
-    shipped = config_of(choose(["pretrained"]))
+    shipped = default_config(find_drivers(["pretrained"]))
     origin = _leg("pretrained", scale.over(shipped), scale.runs)
     configs = {
         variant: scale.over(adapted(shipped)).updated("learning", seed=0, **settings)

@@ -7,9 +7,9 @@ from itertools import count
 from typing import Any
 
 from drl_av.config import Config
+from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation import DENSITIES
-from drl_av.evaluation.drivers import choose, config_of
 from drl_av.evaluation.paired import Paired, paired
 from drl_av.experiments.driven import DrivenTable
 from drl_av.experiments.options import Progress, Scale
@@ -32,8 +32,8 @@ def speeds(scale: Scale) -> Generator[Progress, None, None]:
     Raises:
         DrlAvError: as ``DrivenTable``.
     """
-    choices = choose([DRIVER, *BASELINES])
-    config = scale.over(config_of(choices))
+    choices = find_drivers([DRIVER, *BASELINES])
+    config = scale.over(default_config(choices))
     table = DrivenTable(scale, TABLE, config, choices)
     require_writable(scale.out / PAIRED)
     with intact(table.path):

@@ -8,9 +8,9 @@ from typing import Any
 
 from drl_av.config import Config
 from drl_av.drivers.policy_file import find_policy
+from drl_av.drivers.registry import DriverSpec
 from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.comparison import Evaluation
-from drl_av.evaluation.drivers import Choice
 from drl_av.experiments.options import Scale
 from drl_av.experiments.provenance import (
     checksum,
@@ -39,7 +39,9 @@ class DrivenTable:
             disk refuses.
     """
 
-    def __init__(self, scale: Scale, name: str, config: Config, choices: Sequence[Choice]) -> None:
+    def __init__(
+        self, scale: Scale, name: str, config: Config, choices: Sequence[DriverSpec]
+    ) -> None:
         self._scale, self.config, self._choices = scale, config, choices
         self._identity: dict[str, str] = {}
         for choice in choices:

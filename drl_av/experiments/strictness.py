@@ -5,9 +5,9 @@ from functools import partial
 from typing import NamedTuple
 
 from drl_av.config import Config
+from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation import DENSITIES
-from drl_av.evaluation.drivers import choose, config_of
 from drl_av.experiments.driven import DrivenTable, columns
 from drl_av.experiments.options import Progress, Scale
 from drl_av.files import Row
@@ -68,8 +68,8 @@ def strictness(scale: Scale) -> Generator[Progress, None, None]:
     Raises:
         DrlAvError: as ``DrivenTable``.
     """
-    choices = choose(["pretrained"])
-    config = scale.over(config_of(choices))
+    choices = find_drivers(["pretrained"])
+    config = scale.over(default_config(choices))
     table = DrivenTable(scale, TABLE, config, choices)
     total = len(cells()) * scale.drives
     for done, cell in enumerate(cells()):

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from drl_av.drivers import policy_file
+from drl_av.drivers.registry import find_drivers
 from drl_av.errors import RunError
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.comparison import Evaluation
-from drl_av.evaluation.drivers import choose
 from drl_av.experiments.driven import columns
 from drl_av.experiments.engines import ENGINES
 from drl_av.experiments.legs import (
@@ -73,7 +73,7 @@ def drive_trained(
     facts = _with_trainings(facts, table, legs, left)
     driven, total = 0, sum(scale.drives - held[cell] for cell in missing)
     for cell in missing:
-        choices = choose([str(scale.runs / cell.training)])
+        choices = find_drivers([str(scale.runs / cell.training)])
         seeds = range(held[cell], scale.drives)
         config = by_name[cell.training].config
         evaluation = Evaluation(config, choices, [int(cell.vehicles)], seeds)

@@ -4,8 +4,8 @@ from collections.abc import Generator
 from typing import Any, NamedTuple
 
 from drl_av.config import Config
+from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation import DENSITIES
-from drl_av.evaluation.drivers import choose, config_of
 from drl_av.experiments.barricade_training import SCENARIO, TRAINED_VEHICLES
 from drl_av.experiments.density_sweep import BASELINES, DRIVER
 from drl_av.experiments.driven import DrivenTable
@@ -58,8 +58,8 @@ def variations(scale: Scale) -> Generator[Progress, None, None]:
     """
     tables = []
     for variation in VARIATIONS:
-        choices = choose(variation.drivers)
-        config = variation.over(scale.over(config_of(choices)))
+        choices = find_drivers(variation.drivers)
+        config = variation.over(scale.over(default_config(choices)))
         tables.append(DrivenTable(scale, variation.table, config, choices))
     total = sum(len(v.densities) * len(v.drivers) for v in VARIATIONS) * scale.drives
     done = 0

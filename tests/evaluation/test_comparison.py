@@ -15,20 +15,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from worlds import ALONE
 
 from drl_av import cli
 from drl_av.config import Config
 from drl_av.drivers.network import QNetwork
-from drl_av.drivers.policy_file import PRETRAINED
+from drl_av.drivers.registry import find_drivers
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.env.rollout import drive
-from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
+from drl_av.errors import ConfigError, DrlAvError, RunError
 from drl_av.evaluation import comparison as module
 from drl_av.evaluation.comparison import Evaluation, drive_all
-from drl_av.evaluation.drivers import Choice, build, choose, config_of
 from drl_av.evaluation.statistics import Mean, mean_with_interval, summarize, write_summaries
 from drl_av.files import require_writable, write_table
 from drl_av.learning.checkpoint import save_policy
@@ -145,8 +143,8 @@ def test_rows_come_by_vehicles_then_seed_then_driver(env: HighwayEnv) -> None:
 
 def test_two_processes_drive_the_same_rows_in_the_same_order(tmp_path: Path) -> None:
     run = run_folder(tmp_path / "run")
-    choices = choose([str(run), "idm-sumo", "random"])
-    evaluation = Evaluation(SHORT, choices, (2, 20), range(5, 8))
+    specs = find_drivers([str(run), "idm-sumo", "random"])
+    evaluation = Evaluation(SHORT, specs, (2, 20), range(5, 8))
     assert len(evaluation) == 18
     one, two = list(evaluation.rows()), list(evaluation.rows(jobs=2))
     assert one == two
@@ -155,7 +153,7 @@ def test_two_processes_drive_the_same_rows_in_the_same_order(tmp_path: Path) -> 
 
 def test_what_a_worker_process_raises_is_raised(tmp_path: Path) -> None:
     run = run_folder(tmp_path / "run")
-    evaluation = Evaluation(SHORT, choose([str(run)]), (2,), range(2))
+    evaluation = Evaluation(SHORT, find_drivers([str(run)]), (2,), range(2))
     (run / "policy.safetensors").unlink()
     with pytest.raises(RunError, match="run holds no trained driver"):
         list(evaluation.rows(jobs=2))
@@ -334,69 +332,7 @@ def test_a_table_that_exists_keeps_its_rows_until_the_new_ones_are_whole(
     assert not partial.exists()
 
 
-def test_runs_of_one_name_are_told_apart_and_drivers_mix(tmp_path: Path) -> None:
-    a, b, c = (run_folder(tmp_path / name) for name in ("a/run", "b/run", "other"))
-    choices = choose([str(a), "idm", str(b), str(c), "idm", "random"])
-    assert choices == (
-        Choice(str(a), a),
-        Choice("idm", None),
-        Choice(str(b), b),
-        Choice("other", c),
-        Choice("random", None),
-    )
-    assert list(build(choices, config_of(choices))) == [str(a), "idm", str(b), "other", "random"]
-    assert choose(["pretrained"]) == (Choice("pretrained", PRETRAINED),)
-
-
-def test_config_is_that_of_the_first_run(tmp_path: Path) -> None:
-    run = run_folder(tmp_path / "run", SHORT.updated("safety", check="permit_all"))
-    assert config_of(choose(["idm", str(run)])).safety.check == "permit_all"
-    assert config_of(choose(["idm"])) == Config()
-
-
-def test_a_run_drives_with_its_own_margin_unless_the_config_has_another(tmp_path: Path) -> None:
-    network = QNetwork(np.random.default_rng(0))
-    network.flat[:] = 0
-    network.flat[-12 + LEFT] = 1.0  # worth 1 more than any other in every state
-    choices = []
-    for margin in (2.0, 0.5):
-        path = tmp_path / f"{margin}.safetensors"
-        save_policy(path, [network], SHORT.updated("learning", lane_change_margin=margin))
-        choices += choose([str(path)])
-
-    def decided(config: Config) -> list[int]:
-        drivers = build(choices, config).values()
-        return [driver.act(ALONE, np.zeros(27, np.float32)).number for driver in drivers]
-
-    base = config_of(choices)
-    assert base.learning.lane_change_margin == 2
-    assert decided(base.updated("reward", collision_reward=-1.0)) == [KEEP, LEFT]
-    assert decided(base.updated("learning", lane_change_margin=0.2)) == [LEFT, LEFT]
-    assert decided(base.updated("learning", lane_change_margin=1.5)) == [KEEP, KEEP]
-
-
-@pytest.mark.parametrize(
-    ("section", "change"), [("observation", {"range_m": 100.0}), ("ego", {"max_speed_m_s": 25.0})]
-)
-def test_run_that_sees_the_road_otherwise_is_refused(
-    section: str, change: dict[str, float], tmp_path: Path
-) -> None:
-    choices = choose([str(run_folder(tmp_path / "run"))])
-    with pytest.raises(RunError, match="was trained with other"):
-        build(choices, SHORT.updated(section, **change))
-
-
-def test_folder_without_a_policy_and_damaged_policy_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(RunError, match="holds no trained driver"):
-        config_of(choose([str(tmp_path / "empty")]))
-    run = run_folder(tmp_path / "cut")
-    os.truncate(run / "policy.safetensors", 1000)
-    with pytest.raises(CheckpointError, match="cut short"):
-        config_of(choose([str(run)]))
-
-
 def test_seeds_of_training_are_not_evaluated_on() -> None:
     with pytest.raises(ConfigError, match="1000000 on belong to training"):
-        Evaluation(SHORT, choose(["idm"]), (1,), range(999_999, 1_000_001))
-    Evaluation(SHORT, choose(["idm"]), (1,), range(999_999, 1_000_000))
+        Evaluation(SHORT, find_drivers(["idm"]), (1,), range(999_999, 1_000_001))
+    Evaluation(SHORT, find_drivers(["idm"]), (1,), range(999_999, 1_000_000))

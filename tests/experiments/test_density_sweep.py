@@ -110,8 +110,8 @@ def test_a_table_that_nobody_says_how_it_was_made_is_left_alone(scale: Scale) ->
 
 @pytest.mark.parametrize("harm", ["a column", "a number", "the time"])
 def test_a_damaged_table_is_told_in_one_sentence_and_kept(scale: Scale, harm: str) -> None:
-    config = scale.over(module.config_of(module.choose(["pretrained"])))
-    table = DrivenTable(scale, "evaluation.csv", config, module.choose(["pretrained"]))
+    config = scale.over(module.default_config(module.find_drivers(["pretrained"])))
+    table = DrivenTable(scale, "evaluation.csv", config, module.find_drivers(["pretrained"]))
     facts = table.facts()
     if harm == "the time":
         del facts["wall_time_s"]

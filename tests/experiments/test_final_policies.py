@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from drl_av.config import Config
+from drl_av.drivers.registry import DriverSpec
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.comparison import Evaluation
-from drl_av.evaluation.drivers import Choice
 from drl_av.experiments import trained_drivers
 from drl_av.experiments.curves import curves
 from drl_av.experiments.final_policies import ends
@@ -44,7 +44,7 @@ def test_those_that_stop_are_driven_each_with_the_check_that_it_learnt_with(
     checks = set()
 
     class Noted(Evaluation):
-        def __init__(self, config: Config, choices: Sequence[Choice], *rest: Any) -> None:
+        def __init__(self, config: Config, choices: Sequence[DriverSpec], *rest: Any) -> None:
             super().__init__(config, choices, *rest)
             checks.update((choice.name, config.safety.check) for choice in choices)
 

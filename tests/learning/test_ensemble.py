@@ -10,9 +10,9 @@ import pytest
 
 from drl_av.config import Config
 from drl_av.drivers.learned import network_values
+from drl_av.drivers.registry import load_driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError
-from drl_av.evaluation.drivers import load_driver
 from drl_av.learning.adaptation import take_over
 from drl_av.learning.run import Run
 from drl_av.learning.training import Training

@@ -5,10 +5,10 @@ import pytest
 from worlds import ALONE
 
 from drl_av.config import Config
+from drl_av.drivers.registry import load_driver
 from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError
-from drl_av.evaluation.drivers import load_driver
 from drl_av.learning import checkpoint
 from drl_av.learning.buffers import TwoBuffers
 from drl_av.learning.mirroring import mirror_half, require_symmetry

@@ -1,4 +1,8 @@
-"""Drivers by name: those by rule, the one that ships, and learned ones from a run's folder."""
+"""The drivers of the ego by name: those by rule, the shipped one, and learned ones by their run.
+
+To add a driver by rule, write its file and add a line to ``RULE_DRIVERS``. The command line's help
+is made from these lines.
+"""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -12,7 +16,6 @@ from drl_av.drivers.driver import Driver
 from drl_av.drivers.gap_mobil import GapMobilDriver
 from drl_av.drivers.learned import LearnedDriver, learned_driver
 from drl_av.drivers.mobil import MobilDriver
-from drl_av.drivers.policy_file import load_run
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.errors import ConfigError, RunError
 
@@ -24,25 +27,35 @@ RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "idm-sumo": lambda config: IdmSumoDriver(config.safety),
     "random": lambda config: RandomDriver(),
 }
-DRIVERS = (*RULE_DRIVERS, "pretrained")
+"""How a driver by rule is made from the config it drives with, by the driver's name.
+
+Worker processes look names up in their own copy of this table, so a driver that a program adds to
+it while it runs is evaluated with one process.
+"""
 
 
-class Choice(NamedTuple):
-    """A driver somebody asked for."""
+class DriverSpec(NamedTuple):
+    """A driver that was asked for, and where it comes from."""
 
     name: str
-    """What the results call it; no two are called the same."""
+    """Its name in the results, unique among the drivers asked for together."""
     run: Path | None
-    """A run's folder or a policy file; None for a driver by rule, which ``name`` names."""
+    """A run's folder or a policy file; None for the driver by rule of that name."""
 
 
-def choose(words: Iterable[str]) -> tuple[Choice, ...]:
-    """What each word means: one of ``DRIVERS``, a run's folder, or a policy file.
+def driver_names() -> tuple[str, ...]:
+    """Every name that ``find_drivers`` takes beside the paths of runs."""
+    return *RULE_DRIVERS, "pretrained"
 
-    Runs are called by the last part of their path, or by the whole path where others end alike.
+
+def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
+    """The drivers that the words name: a ``driver_names``, a run's folder or a policy file each.
+
+    Learned drivers are named by the last part of their path, or by the whole path where two would
+    have the same name.
 
     Raises:
-        ConfigError: a word is neither; tells the nearest driver.
+        ConfigError: a word is neither; suggests the most similar name.
     """
     runs: dict[str, Path | None] = {}
     for word in dict.fromkeys(words):
@@ -54,49 +67,55 @@ def choose(words: Iterable[str]) -> tuple[Choice, ...]:
             runs[word] = Path(word)
         else:
             raise _unknown(word)
-    short = {word: word if word in DRIVERS else Path(word).absolute().name for word in runs}
+    names = driver_names()
+    short = {word: word if word in names else Path(word).absolute().name for word in runs}
     count = Counter(short.values())
-    return tuple(Choice(short[w] if count[short[w]] == 1 else w, run) for w, run in runs.items())
-
-
-def _unknown(word: str) -> ConfigError:
-    hint = did_you_mean(word, DRIVERS)
-    return ConfigError(
-        f"There is no driver or run folder {word!r}{hint}; the drivers are: {', '.join(DRIVERS)}."
+    return tuple(
+        DriverSpec(short[word] if count[short[word]] == 1 else word, run)
+        for word, run in runs.items()
     )
 
 
-def config_of(choices: Sequence[Choice]) -> Config:
+def _unknown(word: str) -> ConfigError:
+    names = driver_names()
+    hint = did_you_mean(word, names)
+    return ConfigError(
+        f"There is no driver or run folder {word!r}{hint}; the drivers are: {', '.join(names)}."
+    )
+
+
+def default_config(specs: Sequence[DriverSpec]) -> Config:
     """The config of the first learned driver, or the paper's where all drive by rule.
 
     Raises:
         RunError: there is no such run, or it has saved no policy yet.
         CheckpointError: the policy file is damaged.
     """
-    run = next((choice.run for choice in choices if choice.run), None)
+    run = next((spec.run for spec in specs if spec.run), None)
     return load_driver(run)[1] if run else Config()
 
 
-def build(choices: Sequence[Choice], config: Config) -> dict[str, Driver]:
+def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Driver]:
     """The drivers by name, for an environment of that config.
 
     A learned driver keeps its own margin for lane changes, unless the config has another one than
     the first of them.
 
     Raises:
-        RunError, CheckpointError: as ``config_of``; or a learned driver sees the road otherwise.
+        RunError, CheckpointError: as ``default_config``; or a learned driver was trained with
+            other observations.
     """
     drivers: dict[str, Driver] = {}
-    learned = {name: load_driver(run) for name, run in choices if run}
+    learned = {name: load_driver(run) for name, run in specs if run}
     margins = [own.learning.lane_change_margin for _, own in learned.values()]
     margin = config.learning.lane_change_margin
-    for name, run in choices:
+    for name, run in specs:
         if run is None:
             drivers[name] = rule_driver(name, config)
             continue
         driver, own = learned[name]
         drivers[name] = driver if margin == margins[0] else driver.with_margin(margin)
-        if _eyes(own) != _eyes(config):
+        if _observed_by(own) != _observed_by(config):
             raise RunError(
                 f"{run} was trained with other [observation] settings or another "
                 "ego.max_speed_m_s than it would drive with here: let it drive by itself, "
@@ -105,13 +124,13 @@ def build(choices: Sequence[Choice], config: Config) -> dict[str, Driver]:
     return drivers
 
 
-def _eyes(config: Config) -> tuple[object, ...]:
-    """What the numbers that a learned driver sees depend on."""
+def _observed_by(config: Config) -> tuple[object, ...]:
+    """The settings that the numbers of an observation depend on."""
     return config.observation, config.ego.max_speed_m_s
 
 
 def rule_driver(name: str, config: Config) -> Driver:
-    """The driver of that name; raises ConfigError with the nearest one."""
+    """The driver by rule of that name; raises ConfigError with the most similar name."""
     if name not in RULE_DRIVERS:
         raise _unknown(name)
     return RULE_DRIVERS[name](config)
@@ -121,7 +140,7 @@ def load_driver(path: Path) -> tuple[LearnedDriver, Config]:
     """The driver of a run's folder or of a policy file, and the config that built it.
 
     Raises:
-        RunError, CheckpointError: as ``drivers.policy_file.load_run``.
+        RunError, CheckpointError: as ``policy_file.load_run``.
     """
-    networks, config = load_run(path)
+    networks, config = policy_file.load_run(path)
     return learned_driver(networks, config.learning), config

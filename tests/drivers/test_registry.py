@@ -1,0 +1,153 @@
+"""Drivers by name: rules, runs and policy files, and a driver that a program adds."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from worlds import ALONE
+
+from drl_av.cli import main
+from drl_av.config import Config
+from drl_av.drivers.network import QNetwork
+from drl_av.drivers.policy_file import PRETRAINED
+from drl_av.drivers.registry import (
+    RULE_DRIVERS,
+    DriverSpec,
+    default_config,
+    find_drivers,
+    make_drivers,
+)
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.scene import Scene
+from drl_av.errors import CheckpointError, ConfigError, RunError
+from drl_av.learning.checkpoint import save_policy
+
+KEEP, LEFT, BRAKE = 0, 8, 2
+SHORT = Config().updated("simulation", decisions_per_episode=10)
+
+
+def run_folder(folder: Path, config: Config = SHORT) -> Path:
+    """A run's folder with an untrained policy."""
+    folder.mkdir(parents=True)
+    save_policy(folder / "policy.safetensors", [QNetwork(np.random.default_rng(3))], config)
+    return folder
+
+
+class AlwaysBrakes:
+    """A driver of another program."""
+
+    def __init__(self, config: Config) -> None:
+        self.most_m_s = config.ego.max_speed_m_s
+
+    def start(self, seed: int) -> None:
+        """Stateless and deterministic."""
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """Brake."""
+        return ACTIONS[BRAKE]
+
+
+def test_a_driver_of_another_program_is_one_line_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(RULE_DRIVERS, "cautious", AlwaysBrakes)
+    settings, out = tmp_path / "short.toml", tmp_path / "rows.csv"
+    settings.write_text("[simulation]\ndecisions_per_episode = 10\n")
+    words = ["evaluate", "--driver", "cautious", "idm", "--vehicles", "0", "--episodes", "1"]
+    assert main([*words, "--config", str(settings), "--out", str(out)]) == 0
+    header, cautious, idm = (line.split(",") for line in out.read_text().splitlines())
+    speed = header.index("mean_speed_m_s")
+    assert (cautious[0], idm[0]) == ("cautious", "idm")
+    assert float(cautious[speed]) < float(idm[speed])
+    for verb in ("evaluate", "replay"):
+        with pytest.raises(SystemExit):
+            main([verb, "--help"])
+        assert "cautious" in capsys.readouterr().out
+    assert main(["evaluate", "cautius"]) == 1
+    assert "did you mean 'cautious'?" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("verb", ["evaluate", "replay"])
+def test_help_names_every_driver(
+    verb: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    with pytest.raises(SystemExit):
+        main([verb, "--help"])
+    words = capsys.readouterr().out.replace(",", " ").split()
+    assert {*RULE_DRIVERS, "pretrained"} <= set(words)
+
+
+def test_a_word_that_is_neither_a_driver_nor_a_path_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"no driver or run folder 'idm-mobli' \(did you mean"):
+        find_drivers(["idm", "idm-mobli"])
+
+
+def test_runs_of_one_name_are_told_apart_and_drivers_mix(tmp_path: Path) -> None:
+    a, b, c = (run_folder(tmp_path / name) for name in ("a/run", "b/run", "other"))
+    specs = find_drivers([str(a), "idm", str(b), str(c), "idm", "random"])
+    assert specs == (
+        DriverSpec(str(a), a),
+        DriverSpec("idm", None),
+        DriverSpec(str(b), b),
+        DriverSpec("other", c),
+        DriverSpec("random", None),
+    )
+    assert list(make_drivers(specs, default_config(specs))) == [
+        str(a),
+        "idm",
+        str(b),
+        "other",
+        "random",
+    ]
+    assert find_drivers(["pretrained"]) == (DriverSpec("pretrained", PRETRAINED),)
+
+
+def test_config_is_that_of_the_first_run(tmp_path: Path) -> None:
+    run = run_folder(tmp_path / "run", SHORT.updated("safety", check="permit_all"))
+    assert default_config(find_drivers(["idm", str(run)])).safety.check == "permit_all"
+    assert default_config(find_drivers(["idm"])) == Config()
+
+
+def test_a_run_drives_with_its_own_margin_unless_the_config_has_another(tmp_path: Path) -> None:
+    network = QNetwork(np.random.default_rng(0))
+    network.flat[:] = 0
+    network.flat[-12 + LEFT] = 1.0  # worth 1 more than any other in every state
+    specs = []
+    for margin in (2.0, 0.5):
+        path = tmp_path / f"{margin}.safetensors"
+        save_policy(path, [network], SHORT.updated("learning", lane_change_margin=margin))
+        specs += find_drivers([str(path)])
+
+    def decided(config: Config) -> list[int]:
+        drivers = make_drivers(specs, config).values()
+        return [driver.act(ALONE, np.zeros(27, np.float32)).number for driver in drivers]
+
+    base = default_config(specs)
+    assert base.learning.lane_change_margin == 2
+    assert decided(base.updated("reward", collision_reward=-1.0)) == [KEEP, LEFT]
+    assert decided(base.updated("learning", lane_change_margin=0.2)) == [LEFT, LEFT]
+    assert decided(base.updated("learning", lane_change_margin=1.5)) == [KEEP, KEEP]
+
+
+@pytest.mark.parametrize(
+    ("section", "change"), [("observation", {"range_m": 100.0}), ("ego", {"max_speed_m_s": 25.0})]
+)
+def test_run_that_sees_the_road_otherwise_is_refused(
+    section: str, change: dict[str, float], tmp_path: Path
+) -> None:
+    specs = find_drivers([str(run_folder(tmp_path / "run"))])
+    with pytest.raises(RunError, match="was trained with other"):
+        make_drivers(specs, SHORT.updated(section, **change))
+
+
+def test_folder_without_a_policy_and_damaged_policy_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(RunError, match="holds no trained driver"):
+        default_config(find_drivers([str(tmp_path / "empty")]))
+    run = run_folder(tmp_path / "cut")
+    os.truncate(run / "policy.safetensors", 1000)
+    with pytest.raises(CheckpointError, match="cut short"):
+        default_config(find_drivers([str(run)]))
