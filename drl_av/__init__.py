@@ -1,14 +1,18 @@
 """Learning to drive on a highway, safely, in SUMO.
 
-The rooms, each importing only from those before it:
+The packages, each importing only from those before it:
 
-    config, errors   every number (settings, presets), and every error
-    traffic          the road: the only room that touches SUMO
-    driving          affordance indicators, actions, reward, safety check, maneuvers, rule drivers
-    drawing          a scene as a picture
-    env              ``drl_av/Highway-v0``, the gymnasium environment
-    learning         double DQN with two buffers: the only room that imports torch
-    studies          evaluation, replay, figures
+    config, errors   every setting with its source and bounds, and every error
+    files            atomic writing, CSV tables
+    traffic          roads, scenarios and the simulation; the only package that uses SUMO
+    driving          affordance indicators, actions, lane changes: pure functions
+    safety           the safety checks: pure functions
+    drivers          all that drives the ego, and the drivers of the background traffic
+    drawing          a scene as a picture, an episode as a film
+    env              ``drl_av/Highway-v0``, the gymnasium environment, and its reward
+    learning         Algorithm 1; the only package that imports torch
+    evaluation       drivers in the same traffic, statistics, recordings
+    experiments      the experiments of the paper
     cli              the ``drl-av`` command
 """
 

@@ -112,4 +112,4 @@ def test_the_picture_of_the_packages_names_them_all() -> None:
     picture = ET.parse(ROOT / "docs" / "assets" / "packages.svg").getroot()
     named = [str(text.text) for text in picture.iter() if text.get("font-weight") == "bold"]
     folders = {path.parent.name for path in (ROOT / "drl_av").glob("*/__init__.py")}
-    assert folders | {"errors", "files"} == set(", ".join(named).split(", "))
+    assert folders | {"errors"} == set(", ".join(named).split(", "))
