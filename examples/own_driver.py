@@ -6,12 +6,11 @@ python examples/own_driver.py
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import Config
+from drl_av.cli import main as run_command
+from drl_av.drivers.registry import RULE_DRIVERS
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.affordances import Affordances
 from drl_av.driving.scene import Scene
-from drl_av.env.highway import HighwayEnv
-from drl_av.env.rollout import drive
 
 
 class TimeGapDriver:
@@ -43,13 +42,13 @@ class TimeGapDriver:
         return Lateral.LEFT if behind_slow and affordances.left_lane and room else Lateral.KEEP
 
 
+RULE_DRIVERS["time-gap"] = lambda config: TimeGapDriver()
+
+
 def main() -> None:
-    """Compare two time gaps in the same traffic."""
-    env = HighwayEnv(safety_check="strict", config=Config())
-    for headway_s in (1.5, 2.5):
-        result = drive(env, TimeGapDriver(headway_s), "time-gap", seed=800_000, vehicles=15)
-        print(f"{headway_s} s: {result.mean_speed_m_s:.1f} m/s, collided: {result.collided}")
-    env.close()
+    """Compare it with idm-mobil in the same traffic, as drl-av evaluate does."""
+    where = ["--vehicles", "15", "--episodes", "3", "--seed", "800000"]
+    run_command(["evaluate", "--driver", "time-gap", "idm-mobil", *where])
 
 
 if __name__ == "__main__":
