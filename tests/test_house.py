@@ -123,7 +123,7 @@ def test_only_traffic_names_sumo_modules_even_in_a_string() -> None:
             assert not words & {"libsumo", "traci", "sumolib"}, module
 
 
-PURE = ("driving",)
+PURE = ("driving", "safety")
 """Folders of pure functions."""
 EFFECTS = {
     *("libsumo", "traci", "sumolib", "sumo", "torch", "safetensors", "matplotlib", "gymnasium"),

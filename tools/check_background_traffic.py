@@ -86,7 +86,7 @@ def check(config: Config, episodes: int, vehicles: Sequence[int]) -> Tally:
     scenario = load_scenario(find_scenario(config.simulation.scenario))
     simulation, road = Background(scenario, config), scenario.road
     level_1 = load_level_1(road) if config.traffic.level_1_share else None
-    drivers = TrafficDrivers(config, road, level_1)
+    drivers = TrafficDrivers(config, road, scenario.vehicle_types, level_1)
     steps = config.simulation.steps_per_decision
     decisions, changes, speeds = 0, 0, []
     for episode in range(episodes):

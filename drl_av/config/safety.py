@@ -31,7 +31,7 @@ class SafetyConfig(Section):
 class StrictConfig(Section):
     """Bounds on the other vehicles under which ``strict`` lets the ego hit nothing.
 
-    The vehicle types of a scenario keep to them (``traffic/scenario_files.py``).
+    A scenario whose vehicle types do not keep to them is refused under ``strict``.
     """
 
     braking_m_s2: float = setting(

@@ -112,17 +112,18 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         if safety_check is not None and not callable(safety_check):
             config = config.updated("safety", check=safety_check)
         self.config = config
-        self.safety_check = safety_check if callable(safety_check) else named_check(config)
         self.check_name = (
             getattr(safety_check, "__name__", "custom")
             if callable(safety_check)
             else config.safety.check
         )
         loaded = load_scenario(find_scenario(config.simulation.scenario))
+        types = loaded.vehicle_types
+        self.safety_check = safety_check if callable(safety_check) else named_check(config, types)
         self.simulation = Simulation(loaded, config, gui=render_mode == "human")
         self.road = loaded.road
         level_1 = load_level_1(self.road) if config.traffic.level_1_share else None
-        self.traffic_drivers = TrafficDrivers(config, self.road, level_1)
+        self.traffic_drivers = TrafficDrivers(config, self.road, types, level_1)
         self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
         bounds = self.scale.bounds
         self.observation_space = gymnasium.spaces.Box(-bounds, bounds, dtype=np.float32)

@@ -13,42 +13,45 @@ from drl_av.errors import ConfigError
 from drl_av.safety.check import SafetyCheck, permit_all
 from drl_av.safety.paper import paper
 from drl_av.safety.strict import Strict
-from drl_av.traffic.scenario_files import EGO, TRAFFIC, VEHICLE
+from drl_av.traffic.vehicle_types import AS_WRITTEN, VehicleType, VehicleTypes
 
 AT_MOST = {
     "traffic.acceleration_max_m_s2": "strict.acceleration_m_s2",
-    "the traffic's hardest braking": "strict.braking_m_s2",
-    "the traffic's speed sideways": "strict.lateral_speed_m_s",
-    "strict.follower_braking_m_s2": "the traffic's hardest braking",
+    "the decel of the vehicle type traffic": "strict.braking_m_s2",
+    "the emergencyDecel of the vehicle type traffic": "strict.braking_m_s2",
+    "the maxSpeedLat of the vehicle type traffic": "strict.lateral_speed_m_s",
+    "strict.follower_braking_m_s2": "the decel of the vehicle type traffic",
     "simulation.step_length_s": "strict.follower_response_s",
-    "ego.accelerate_m_s2": "what SUMO takes the ego to accelerate at",
-    "what SUMO takes the ego to brake at": "ego.hard_brake_m_s2",
+    "ego.accelerate_m_s2": "the accel of the vehicle type ego",
+    "the decel of the vehicle type ego": "ego.hard_brake_m_s2",
 }
-"""What must not be above what, for the traffic as we write it to keep to the bounds of strict."""
+"""What must not be above what, for the traffic to keep to the bounds of strict."""
 
 
-def named_check(config: Config) -> SafetyCheck:
-    """The check that a config names.
+def named_check(config: Config, vehicle_types: VehicleTypes = AS_WRITTEN) -> SafetyCheck:
+    """The check that a config names, for a scenario with those vehicle types.
 
     Raises:
-        ConfigError: ``strict``, and the traffic or the ego do not keep to what it rests on.
+        ConfigError: ``strict``, and the traffic or the ego do not keep to its assumptions.
     """
     if config.safety.check == "strict":
         check = Strict(config.strict, config.ego, config.simulation)
-        require_bounds(config)
+        require_bounds(config, vehicle_types)
         return check
     if config.safety.check == "paper":
         return partial(paper, config=config.safety)
     return permit_all
 
 
-def require_bounds(config: Config) -> None:
-    """Raises ConfigError where a bound of ``strict`` is tighter than what the vehicles do."""
+def require_bounds(config: Config, vehicle_types: VehicleTypes) -> None:
+    """Raise ConfigError where a bound of ``strict`` is tighter than what the vehicles do."""
+    traffic, ego = vehicle_types.traffic, vehicle_types.ego
     facts = {
-        "the traffic's hardest braking": float(TRAFFIC["decel"]),
-        "the traffic's speed sideways": float(VEHICLE["maxSpeedLat"]),
-        "what SUMO takes the ego to accelerate at": float(EGO["accel"]),
-        "what SUMO takes the ego to brake at": float(EGO["decel"]),
+        "the decel of the vehicle type traffic": traffic.braking_m_s2,
+        "the emergencyDecel of the vehicle type traffic": traffic.emergency_braking_m_s2,
+        "the maxSpeedLat of the vehicle type traffic": traffic.lateral_speed_m_s,
+        "the accel of the vehicle type ego": ego.acceleration_m_s2,
+        "the decel of the vehicle type ego": ego.braking_m_s2,
     }
     for section in ("traffic", "strict", "ego", "simulation"):
         settings = asdict(getattr(config, section))
@@ -59,6 +62,19 @@ def require_bounds(config: Config) -> None:
                 f"Under the check strict {name} must be at most {limit}, {facts[limit]:g}, and "
                 f"not {facts[name]:g}: change one of them, or take the check paper."
             )
+    for name in ("traffic", "ego"):
+        _require_model(name, getattr(vehicle_types, name), getattr(AS_WRITTEN, name))
+
+
+def _require_model(name: str, found: VehicleType, written: VehicleType) -> None:
+    changed = sorted(set(found.model) ^ set(written.model))
+    if changed:
+        key = changed[0][0]
+        values = [dict(kind.model).get(key, "the default of SUMO") for kind in (written, found)]
+        raise ConfigError(
+            f"Under the check strict the {key} of the vehicle type {name} must be {values[0]}, "
+            f"and not {values[1]}: undo the change, or take the check paper."
+        )
 
 
 ActionMask = npt.NDArray[np.int8]

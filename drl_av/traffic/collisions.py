@@ -96,6 +96,8 @@ class Bodies:
     length_m: Sequence[float]
     width_m: Sequence[float]
     road: Road
+    lateral_speed_m_s: float = LATERAL_SPEED_M_S
+    """More than any of them moves sideways at."""
 
     @cached_property
     def _largest_m(self) -> tuple[float, float]:
@@ -112,10 +114,10 @@ class Bodies:
         """The rows of all that may touch the ego while it carries out some commands, in order.
 
         They may brake to a standstill at once, accelerate by ``ACCELERATION_M_S2`` and move
-        sideways at ``LATERAL_SPEED_M_S``.
+        sideways at ``lateral_speed_m_s``.
         """
         time_s, (length_m, aside_m) = step_s * len(commands), self._largest_m
-        aside_m += LATERAL_SPEED_M_S * time_s
+        aside_m += self.lateral_speed_m_s * time_s
         lowest_m = highest_m = y_m[EGO]
         rolled_m = 0.0
         for speed, to_m, _ in commands:

@@ -10,39 +10,42 @@ STATE = ("getLaneID", "getLanePosition", "getLateralLanePosition", "getSpeed", "
 
 
 class Readings:
-    """Reads the state of vehicles by their names."""
+    """Reads the state of the vehicles of an episode; each has a row, the ego the first."""
 
-    def __init__(self, sumo: ModuleType, scenario: Scenario) -> None:
-        self._sumo = sumo
+    def __init__(self, sumo: ModuleType, scenario: Scenario, ids: Sequence[str]) -> None:
+        self._sumo, self._ids = sumo, ids
         self._lane_positions = scenario.lane_positions
         self._lap_m, self._lane_m = scenario.road.circumference_m, scenario.road.lane_width_m
-        self._half_m = scenario.description.vehicle_length_m / 2
+        types = scenario.vehicle_types
+        self._half_m = [types.ego.length_m / 2, *[types.traffic.length_m / 2] * (len(ids) - 1)]
         self._lane, self._at, self._aside, *self._speeds = getters(sumo, STATE)
 
-    def place(self, name: str) -> tuple[float, float]:
+    def place(self, row: int) -> tuple[float, float]:
         """The centre of a vehicle along the road, from 0 to its length, and across it."""
+        name = self._ids[row]
         lane, start_m = self._lane_positions[self._lane(name)]
-        along_m = (start_m + self._at(name) - self._half_m) % self._lap_m
+        along_m = (start_m + self._at(name) - self._half_m[row]) % self._lap_m
         return along_m, lane * self._lane_m + self._aside(name)
 
-    def state(self, ids: Sequence[str]) -> tuple[list[float], ...]:
-        """Their centres along the road and across it, and their speeds along and across."""
-        half_m, lap_m, lane_m = self._half_m, self._lap_m, self._lane_m
+    def state(self) -> tuple[list[float], ...]:
+        """The centres of all along the road and across it, and their speeds along and across."""
+        ids, lap_m, lane_m = self._ids, self._lap_m, self._lane_m
         at_m, aside_m, speed, lateral = (
             [*map(read, ids)] for read in (self._at, self._aside, *self._speeds)
         )
         along_m, across_m = [], []
         found = map(self._lane_positions.__getitem__, map(self._lane, ids))
-        for (lane, start_m), at, aside in zip(found, at_m, aside_m, strict=True):
+        rows = zip(found, at_m, aside_m, self._half_m, strict=True)
+        for (lane, start_m), at, aside, half_m in rows:
             along_m.append((start_m + at - half_m) % lap_m)
             across_m.append(lane * lane_m + aside)
         return along_m, across_m, speed, lateral
 
-    def lane_change(self, name: str) -> int:
+    def lane_change(self, row: int) -> int:
         """What SUMO's lane-change model would do with a vehicle: +1 left, -1 right, 0 stay."""
         bits = self._sumo.constants
         for sign, wish in ((1, bits.LCA_LEFT), (-1, bits.LCA_RIGHT)):
-            state = self._sumo.vehicle.getLaneChangeState(name, sign)[0]
+            state = self._sumo.vehicle.getLaneChangeState(self._ids[row], sign)[0]
             if state & wish and not state & bits.LCA_BLOCKED:
                 return sign
         return 0

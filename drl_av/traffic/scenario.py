@@ -1,6 +1,6 @@
 """Scenario folders: write one with netconvert, read one back and verify it, find a shipped one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drl_av.config.schema import did_you_mean
@@ -17,6 +17,7 @@ from drl_av.traffic.scenario_xml import (
     read_regular_file,
     read_xml,
 )
+from drl_av.traffic.vehicle_types import VehicleTypes, read_types
 
 __all__ = [
     "PlacedVehicle",
@@ -45,6 +46,8 @@ class Scenario:
     """Each lane id's lane index, and the arc length of its start from the start of the loop."""
     additional_files: tuple[Path, ...]
     """What SUMO loads before any vehicle: the vehicle types, and the barricades if any."""
+    vehicle_types: VehicleTypes
+    """Read from the scenario's file; the sizes of ``description`` are the larger of the two."""
     as_written: bool
     """True where the checksums in the folder match; False where the folder has none."""
 
@@ -108,7 +111,11 @@ def load_scenario(folder: str | Path) -> Scenario:
     name = scenario_files.DESCRIPTION_FILE
     description = from_toml(_text(folder / name), str(folder / name))
     additional = [folder / name for name in scenario_files.additional_files(description)]
-    for path in additional:
+    types_file, *others = additional
+    types = read_xml(types_file, ADDITIONAL, WRITE_ANEW).iter("vType")
+    vehicle_types = read_types([element.attrib for element in types], str(types_file))
+    description = _with_sizes(description, vehicle_types, str(types_file))
+    for path in others:
         read_xml(path, ADDITIONAL, WRITE_ANEW)
     read_xml(folder / scenario_files.VIEW_FILE, VIEW, WRITE_ANEW)
     network_file = folder / scenario_files.NETWORK_FILE
@@ -116,8 +123,28 @@ def load_scenario(folder: str | Path) -> Scenario:
     loop = read_loop(network, description, str(network_file))
     as_written = _require_unchanged(folder)
     road = Road(loop.circumference_m, description.lane_width_m, description.open_lanes)
-    positions, files = loop.lane_positions, tuple(additional)
-    return Scenario(folder, description, road, loop.edges, positions, files, as_written)
+    return Scenario(
+        folder=folder,
+        description=description,
+        road=road,
+        edges=loop.edges,
+        lane_positions=loop.lane_positions,
+        additional_files=tuple(additional),
+        vehicle_types=vehicle_types,
+        as_written=as_written,
+    )
+
+
+def _with_sizes(
+    description: ScenarioDescription, types: VehicleTypes, name: str
+) -> ScenarioDescription:
+    """The description with the sizes of the vehicle types, which may have been changed by hand."""
+    try:
+        return replace(
+            description, vehicle_length_m=types.longest_m, vehicle_width_m=types.widest_m
+        )
+    except ScenarioError as error:
+        raise ScenarioError(f"{name}: {error}") from error
 
 
 def _require_unchanged(folder: Path) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
 from drl_av.traffic.network import EDGES, edge_lengths_m, network_text, point, xml_text
+from drl_av.traffic.vehicle_types import type_attributes
 
 DESCRIPTION_FILE = "scenario.toml"
 NETWORK_FILE = "highway.net.xml"
@@ -36,28 +37,6 @@ DEMO_START_SPEED_M_S = 15.0
 BLOCK_M, BLOCK_PITCH_M, BLOCK_WIDTH_M = 3.0, 6.0, 0.8
 PAVEMENT_COLOR = "70,70,70"
 BLOCK_COLORS = ("190,190,190", "220,90,30")
-VEHICLE = {
-    "minGap": "2.5",
-    "maxSpeed": "40",
-    "speedFactor": "1",
-    "speedDev": "0",
-    "laneChangeModel": "SL2015",
-    "maxSpeedLat": "0.76",
-    "lcAccelLat": "1000",
-    "lcKeepRight": "0",
-    "guiShape": "passenger",
-}
-TRAFFIC = {"carFollowModel": "IDM", "accel": "1.5", "decel": "4", "emergencyDecel": "4"}
-EGO = {
-    "carFollowModel": "Krauss",
-    "accel": "2",
-    "decel": "4",
-    "emergencyDecel": "4",
-    "sigma": "0",
-    "tau": "1.5",
-}
-"""Never drives the ego. SUMO keeps others from cutting in closer than this model could brake
-for: its brakes, and 1.5 s for a decision in which it still accelerates."""
 
 
 def scenario_texts(description: ScenarioDescription) -> dict[str, str]:
@@ -95,12 +74,9 @@ def additional_files(description: ScenarioDescription) -> tuple[str, ...]:
 
 def _vehicle_types(description: ScenarioDescription) -> ET.Element:
     root = ET.Element("additional")
-    size = {
-        "length": repr(description.vehicle_length_m),
-        "width": repr(description.vehicle_width_m),
-    }
-    for name, color, model in (("traffic", "240,190,40", TRAFFIC), ("ego", "60,160,255", EGO)):
-        ET.SubElement(root, "vType", {"id": name, "color": color} | size | model | VEHICLE)
+    size = description.vehicle_length_m, description.vehicle_width_m
+    for attributes in type_attributes(*size):
+        ET.SubElement(root, "vType", attributes)
     return root
 
 

@@ -3,12 +3,13 @@
 import weakref
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
 from drl_av.config import Config
 from drl_av.errors import SimulationError
-from drl_av.traffic.collisions import Motion, bodies, motion
+from drl_av.traffic.collisions import LATERAL_SPEED_M_S, Motion, bodies, motion
 from drl_av.traffic.connection import (
     connection,
     require_display,
@@ -87,9 +88,10 @@ class Simulation:
         self._ids = population.ids
         self.kinds = draw_kinds(seed, len(self._ids), self._config.traffic)
         self.desired_speed_m_s = population.desired_speed_m_s
-        description = self.scenario.description
-        self._length_m = np.full(len(self._ids), description.vehicle_length_m)
-        self._width_m = np.full(len(self._ids), description.vehicle_width_m)
+        types = self.scenario.vehicle_types
+        sizes = (types.ego, *[types.traffic] * (len(self._ids) - 1))
+        self._length_m = np.array([kind.length_m for kind in sizes])
+        self._width_m = np.array([kind.width_m for kind in sizes])
         try:
             self._put_on_the_road(population, seed)
         except BaseException as error:
@@ -103,11 +105,13 @@ class Simulation:
             ) from error
         if self._gui:
             self._follow_ego()
+        self._readings = Readings(self._sumo, self.scenario, self._ids)
         self._steps = 0
         self._ego_y_m = self.road.center_m(int(population.lane[EGO]))
         self._ego_lateral_speed_m_s = 0.0
         snapshot = self._snapshot()
-        self._bodies = bodies(snapshot, self.road)
+        lateral_m_s = max(LATERAL_SPEED_M_S, types.traffic.lateral_speed_m_s)
+        self._bodies = replace(bodies(snapshot, self.road), lateral_speed_m_s=lateral_m_s)
         return snapshot
 
     def advance(
@@ -164,7 +168,6 @@ class Simulation:
         self._release = weakref.finalize(self, instance.release)
         self._release.atexit = False
         self._sumo = instance.sumo
-        self._readings = Readings(self._sumo, self.scenario)
 
     @property
     def capacity(self) -> int:
@@ -258,7 +261,7 @@ class Simulation:
         """How vehicles have moved since they were last looked at."""
         moves = {}
         for row in rows:
-            s_m, y_m = self._readings.place(self._ids[row])
+            s_m, y_m = self._readings.place(row)
             moves[row] = motion(self._s_m[row], self._y_m[row], s_m, y_m, self.road)
             self._s_m[row], self._y_m[row] = s_m, y_m
         return moves
@@ -269,14 +272,14 @@ class Simulation:
         if command.y_m != self._ego_y_m:
             if not self.road.holds(command.y_m, float(self._width_m[EGO])):
                 return False
-            vehicle.changeSublane(EGO_ID, command.y_m - self._readings.place(EGO_ID)[1])
+            vehicle.changeSublane(EGO_ID, command.y_m - self._readings.place(EGO)[1])
             self._ego_y_m = command.y_m
         vehicle.setSpeed(EGO_ID, command.speed_m_s)
         self._ego_lateral_speed_m_s = command.lateral_speed_m_s
         return True
 
     def _snapshot(self) -> Snapshot:
-        state = self._readings.state(self._ids)
+        state = self._readings.state()
         self._s_m, self._y_m, self._speed_m_s, _ = state
         s_m, y_m, speed, lateral = np.array(state)
         lateral[EGO] = self._ego_lateral_speed_m_s
@@ -289,5 +292,5 @@ class Simulation:
             lateral_speed_m_s=lateral,
             length_m=self._length_m,
             width_m=self._width_m,
-            sumo_lane_change=self._readings.lane_change(EGO_ID),
+            sumo_lane_change=self._readings.lane_change(EGO),
         )

@@ -7,7 +7,7 @@ and SUMO lets both begin.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from drl_av.config import Config
+from drl_av.config import SimulationConfig
 from drl_av.safety.stopping import stopping_distance
 from drl_av.traffic.population import STANDSTILL_GAP_M
 from drl_av.traffic.road import Road
@@ -22,13 +22,17 @@ class Entry(NamedTuple):
 
 
 def give_way(
-    traffic_commands: Sequence[TrafficCommand], snapshot: Snapshot, road: Road, config: Config
+    traffic_commands: Sequence[TrafficCommand],
+    snapshot: Snapshot,
+    road: Road,
+    braking_m_s2: float,
+    timing: SimulationConfig,
 ) -> list[TrafficCommand]:
     """The wishes without the lane changes that come too close to one from the other side.
 
-    Too close is where the rear one, braking from the next decision on, could not stop behind the
-    one in front. Who is on the way goes first, then whose wish stands first; the others stay in
-    their lanes for this decision.
+    Too close is where the rear one, braking at ``braking_m_s2`` from the next decision on, could
+    not stop behind the one in front. Vehicles on their way go first, then commands in their order;
+    the others stay in their lanes for this decision.
     """
     if not any(wish.side for wish in traffic_commands):
         return list(traffic_commands)
@@ -38,7 +42,7 @@ def give_way(
         if wish.side:
             lane = road.lane_of(float(snapshot.y_m[wish.row])) + wish.side
             entry = Entry(wish.row, lane)
-            if any(_meet(entry, other, snapshot, road, config) for other in entries):
+            if any(_meet(entry, other, snapshot, road, braking_m_s2, timing) for other in entries):
                 wish = wish._replace(side=0)
             else:
                 entries.append(entry)
@@ -58,7 +62,14 @@ def _under_way(snapshot: Snapshot, road: Road) -> list[Entry]:
     return entries
 
 
-def _meet(one: Entry, other: Entry, snapshot: Snapshot, road: Road, config: Config) -> bool:
+def _meet(
+    one: Entry,
+    other: Entry,
+    snapshot: Snapshot,
+    road: Road,
+    braking_m_s2: float,
+    timing: SimulationConfig,
+) -> bool:
     center_m = road.center_m(one.lane)
     sides = [float(snapshot.y_m[entry.row]) < center_m for entry in (one, other)]
     if one.lane != other.lane or sides[0] == sides[1]:
@@ -68,7 +79,7 @@ def _meet(one: Entry, other: Entry, snapshot: Snapshot, road: Road, config: Conf
     lengths_m = snapshot.length_m[[one.row, other.row]]
     gap_m = abs(ahead_m) - float(lengths_m.sum()) / 2
     fast, slow = (float(snapshot.speed_m_s[row]) for row in (rear, front))
-    braking, step_s = config.strict.follower_braking_m_s2, config.simulation.step_length_s
-    fast_m, slow_m = (stopping_distance(speed, braking, step_s) for speed in (fast, slow))
-    rolled_m = config.simulation.decision_interval_s * fast + max(float(fast_m - slow_m), 0.0)
+    step_s = timing.step_length_s
+    fast_m, slow_m = (stopping_distance(speed, braking_m_s2, step_s) for speed in (fast, slow))
+    rolled_m = timing.decision_interval_s * fast + max(float(fast_m - slow_m), 0.0)
     return gap_m < STANDSTILL_GAP_M + rolled_m

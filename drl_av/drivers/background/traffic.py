@@ -14,6 +14,7 @@ from drl_av.drivers.driver import Decisions
 from drl_av.traffic.population import Kind
 from drl_av.traffic.road import FloatArray, Road
 from drl_av.traffic.snapshot import Snapshot, TrafficCommand
+from drl_av.traffic.vehicle_types import VehicleTypes
 
 IntArray = npt.NDArray[np.intp]
 
@@ -24,8 +25,11 @@ class TrafficDrivers:
     ``level_1`` may be None where the config has no such vehicles.
     """
 
-    def __init__(self, config: Config, road: Road, level_1: Level1 | None) -> None:
+    def __init__(
+        self, config: Config, road: Road, vehicle_types: VehicleTypes, level_1: Level1 | None
+    ) -> None:
         self._config, self._road, self._level_1 = config, road, level_1
+        self._braking_m_s2 = vehicle_types.traffic.braking_m_s2
         self._drivers: dict[Kind, Callable[[Snapshot, IntArray], Decisions]] = {
             Kind.FINITE_STATE: self._by_finite_state,
             Kind.LEVEL_0: self._by_level_0,
@@ -47,7 +51,8 @@ class TrafficDrivers:
             traffic_commands += map(
                 TrafficCommand, rows.tolist(), acceleration.tolist(), side.tolist()
             )
-        return give_way(traffic_commands, snapshot, self._road, self._config)
+        timing, braking_m_s2 = self._config.simulation, self._braking_m_s2
+        return give_way(traffic_commands, snapshot, self._road, braking_m_s2, timing)
 
     def _by_finite_state(self, snapshot: Snapshot, rows: IntArray) -> Decisions:
         neighbors = self._look(snapshot, rows, self._config.observation.range_m)

@@ -5,17 +5,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from worlds import CENTER, LEFT, RIGHT, ROAD, Car, ahead, behind, snapshot
 
-from drl_av.config import Config
+from drl_av.config import SimulationConfig
 from drl_av.drivers.background.right_of_way import give_way
 from drl_av.traffic.snapshot import Snapshot, TrafficCommand
 
-CONFIG = Config()  # who is behind brakes at 4 m/s^2 from the next decision on, in steps of 0.5 s
+BRAKING_M_S2, TIMING = 4.0, SimulationConfig()  # from the next decision on, in steps of 0.5 s
 
 
 def sides(shot: Snapshot, *wanted: tuple[int, int]) -> list[int]:
     """What is left of (row, side) wishes."""
     traffic_commands = [TrafficCommand(row, 1.5, side) for row, side in wanted]
-    left = give_way(traffic_commands, shot, ROAD, CONFIG)
+    left = give_way(traffic_commands, shot, ROAD, BRAKING_M_S2, TIMING)
     assert [(w.row, w.acceleration_m_s2) for w in left] == [(row, 1.5) for row, _ in wanted]
     return [wish.side for wish in left]
 
