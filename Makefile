@@ -46,10 +46,10 @@ level_1: setup
 
 text = $(BIN)/python $(2) > runs/$(1) && mv runs/$(1) docs/results/$(1)
 
-# Every number, table and figure of README.md and docs/results (hours). What drl-av reproduce has made already is
-# not made again; a tool's text stands once the tool has ended well.
+# Every number, table and figure of README.md and docs/results (hours). What drl-av reproduce has
+# made already is not made again; a tool's text stands once the tool has ended well.
 results: setup
-	$(BIN)/drl-av reproduce curves ends --seeds 10 --jobs 2
+	$(BIN)/drl-av reproduce curves final_policies --seeds 10 --jobs 2
 	$(BIN)/drl-av reproduce --jobs 2
 	$(BIN)/python tools/compare_step_lengths.py --out docs/results/step_length.csv
 	$(BIN)/drl-av figures drl_av/pretrained --out docs/results

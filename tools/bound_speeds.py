@@ -1,26 +1,25 @@
-"""What no driver can exceed: full throttle from the start, and nobody in its way.
+"""The gain over the baselines that no driver can exceed: full acceleration on an empty road.
 
     python tools/bound_speeds.py
 
-The ego's mean speed in the episodes of ``drl-av reproduce speeds`` if it accelerated at
-``ego.accelerate_m_s2`` to ``ego.max_speed_m_s`` on an empty road, and what that gains on the best
-driver by rule in ``docs/results/evaluation.csv``, paired by episode: the most that anybody could.
+The ego's mean speed in the episodes of ``docs/results/density_sweep.csv`` if it accelerated at
+``ego.accelerate_m_s2`` to ``ego.max_speed_m_s`` with no vehicle in its way, and the gain of that
+over the best baseline, paired by episode.
 """
 
 import argparse
 import time
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
-from drl_av.evaluation.paired import paired
-from drl_av.experiments.density_sweep import BASELINES, TABLE, episode_of
+from drl_av.evaluation.paired import Speed, paired
+from drl_av.experiments.density_sweep import BASELINES, TABLE
 from drl_av.experiments.provenance import made_by
-from drl_av.experiments.tables import read_rows
+from drl_av.files import read_rows
 
 BOUND = "full throttle"
 VEHICLES = (1, 5, 10)
@@ -28,23 +27,19 @@ RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 
 def main() -> None:
-    """Read, compare, print."""
+    """Print the bound at each density."""
     argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     ).parse_args()
     begun_s = time.monotonic()
     episodes = [
         episode
-        for episode in map(episode_of, read_rows(RESULTS / TABLE))
+        for episode in read_rows(RESULTS / TABLE, Speed)
         if episode.vehicles in VEHICLES and episode.driver in BASELINES
     ]
     with closing(HighwayEnv(config=Config())) as env:
         bounds = [
-            replace(
-                episode,
-                driver=BOUND,
-                mean_speed_m_s=fastest_m_s(env, episode.seed, episode.vehicles),
-            )
+            episode._replace(driver=BOUND, mean_speed_m_s=fastest_m_s(env, episode))
             for episode in episodes
             if episode.driver == BASELINES[0]
         ]
@@ -57,9 +52,9 @@ def main() -> None:
     print(made_by(time.monotonic() - begun_s))
 
 
-def fastest_m_s(env: HighwayEnv, seed: int, vehicles: int) -> float:
+def fastest_m_s(env: HighwayEnv, episode: Speed) -> float:
     """Mean over the decisions of the speed after each."""
-    env.reset(seed=seed, options={"vehicles": vehicles})
+    env.reset(seed=episode.seed, options={"vehicles": episode.vehicles})
     ego, simulation = env.config.ego, env.config.simulation
     ends_s = simulation.decision_interval_s * np.arange(1, simulation.decisions_per_episode + 1)
     speeds = env.scene.affordances.ego_speed_m_s + ego.accelerate_m_s2 * ends_s

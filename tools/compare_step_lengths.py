@@ -22,7 +22,8 @@ from drl_av.config import Config
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.experiments.provenance import provenance, write_sidecar
+from drl_av.experiments.provenance import provenance
+from drl_av.experiments.store import write_sidecar
 
 STEP_LENGTHS_S = (1.0, 0.5, 0.25, 0.2, 0.1)
 SEEDS = 2_000

@@ -21,11 +21,10 @@ from drl_av.drivers.rules import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.errors import DrlAvError
-from drl_av.experiments.provenance import (
-    made_by,
-    made_otherwise,
-    provenance,
+from drl_av.experiments.provenance import made_by, provenance
+from drl_av.experiments.store import (
     read_sidecar,
+    settings_mismatch,
     stored_config,
     write_sidecar,
 )
@@ -111,7 +110,7 @@ def main() -> int:
     try:
         facts = read_sidecar(arguments.out)
         if facts and stored_config(facts["settings"], str(arguments.out)) != base:
-            raise made_otherwise(arguments.out)
+            raise settings_mismatch(arguments.out)
     except DrlAvError as error:
         parser.error(str(error))
     spent_s = facts.get("wall_time_s", 0.0)

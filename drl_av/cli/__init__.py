@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -55,7 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a verb; the exit status is 0, 1 for a failure (one sentence) or 2 for bad usage."""
     try:
         with _printable(), _terminated_as_interrupted():
-            options = command_line().parse_args(arguments)
+            words = sys.argv[1:] if arguments is None else arguments
+            options = command_line(words).parse_args(words)
             verb: Verb = options.verb
             return verb.run(options)
     except BrokenPipeError:
@@ -111,8 +112,8 @@ def _printable() -> Iterator[None]:
             ) from error
 
 
-def command_line() -> argparse.ArgumentParser:
-    """The parser; its result holds the chosen ``Verb`` as ``verb``."""
+def command_line(verbs: Container[str] = VERBS) -> argparse.ArgumentParser:
+    """The parser, with the arguments of these verbs; its result holds the ``Verb`` as ``verb``."""
     parser = argparse.ArgumentParser(
         prog="drl-av",
         description="Learn to drive on a highway, safely, in SUMO.",
@@ -129,7 +130,8 @@ def command_line() -> argparse.ArgumentParser:
             formatter_class=_Help,
         )
         own.set_defaults(verb=verb)
-        verb.add_options(own)
+        if name in verbs:
+            verb.add_options(own)
     return parser
 
 

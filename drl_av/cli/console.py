@@ -50,7 +50,7 @@ class Bar:
     def reach(self, progress: "Reached") -> None:
         """Set the bar to the progress of an experiment."""
         self._progress.update(
-            self._task, completed=progress.done, total=progress.total, text=progress.told
+            self._task, completed=progress.done, total=progress.total, text=progress.label
         )
         if progress.line:
             self.say(progress.line)

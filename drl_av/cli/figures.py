@@ -19,21 +19,26 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def figures(options: argparse.Namespace) -> int:
-    """Draw every figure that the sources allow."""
-    from drl_av.experiments.drawing import learning_figure, reward_figure, save_figure, speed_figure
-    from drl_av.experiments.figures import published
+    """Draw every figure that the sources allow, and those of the settings."""
+    from drl_av.experiments.canvas import save_figure
+    from drl_av.experiments.density_sweep import speed_figure
+    from drl_av.experiments.experiment import draw_results
+    from drl_av.experiments.figures import EPISODE_COLUMNS, learning_figure, reward_figure
     from drl_av.experiments.lane_change_figure import lane_change_figure
+    from drl_av.experiments.registry import EXPERIMENTS
+    from drl_av.files import read_table
 
     folders = [path for path in options.sources if path.is_dir()]
     runs = [folder for folder in folders if (folder / "evaluations.csv").is_file()]
     tables = [path for path in options.sources if not path.is_dir()]
     figures = {"reward": reward_figure(Config()), "lane_change": lane_change_figure(Config())}
     if tables:
-        figures["mean_speed"] = speed_figure(tables)
+        rows = [row for table in tables for row in read_table(table, EPISODE_COLUMNS)]
+        figures["mean_speed"] = speed_figure(rows)
     if runs:
         figures["learning"] = learning_figure(runs)
     for folder in folders:
-        figures |= {} if folder in runs else dict(published(folder))
+        figures |= {} if folder in runs else dict(draw_results(EXPERIMENTS, folder))
     for name, figure in figures.items():
         save_figure(figure, options.out / f"{name}.png")
         print(options.out / f"{name}.png")

@@ -1,4 +1,4 @@
-"""The verb ``reproduce``: the paper's experiments made anew."""
+"""The verb ``reproduce``: make the experiments anew."""
 
 import argparse
 import sys
@@ -7,19 +7,21 @@ from pathlib import Path
 
 from drl_av.cli.arguments import whole
 from drl_av.config.schema import did_you_mean
-from drl_av.experiments.options import ENGINES, MEANINGS, VARIANTS, Scale
+from drl_av.experiments.options import ENGINES, VARIANTS, ReproduceOptions
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    usual = Scale()
-    told = "; ".join(f"{name}: {meaning}" for name, meaning in MEANINGS.items())
+    from drl_av.experiments.registry import EXPERIMENTS
+
+    usual = ReproduceOptions()
+    meanings = "; ".join(f"{name}: {each.meaning}" for name, each in EXPERIMENTS.items())
     parser.add_argument(
         "experiments",
         nargs="*",
         type=_experiment,
         metavar="EXPERIMENT",
-        help=f"{told} (default: all)",
+        help=f"{meanings} (default: all)",
     )
     numbers = {
         "--seeds": (usual.seeds, "trainings of each variant; the paper's are 200"),
@@ -61,25 +63,28 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _experiment(text: str) -> str:
-    if text not in MEANINGS:
-        hint = did_you_mean(text, MEANINGS)
+    from drl_av.experiments.registry import EXPERIMENTS
+
+    if text not in EXPERIMENTS:
+        hint = did_you_mean(text, EXPERIMENTS)
         raise argparse.ArgumentTypeError(
-            f"there is no experiment {text!r}{hint}; they are: {', '.join(MEANINGS)}"
+            f"there is no experiment {text!r}{hint}; they are: {', '.join(EXPERIMENTS)}"
         )
     return text
 
 
 def reproduce(options: argparse.Namespace) -> int:
-    """Run the chosen experiments, one after the other."""
+    """Make the chosen experiments, one after the other."""
     from drl_av.cli.console import progress_bar
+    from drl_av.experiments.experiment import reproduce as make
     from drl_av.experiments.registry import EXPERIMENTS
 
-    asked = {name: value for name, value in vars(options).items() if name in Scale._fields}
-    scale = Scale(**asked)._replace(runs=options.runs.absolute())  # a cluster's are elsewhere
+    asked = {key: value for key, value in vars(options).items() if key in ReproduceOptions._fields}
+    wanted = ReproduceOptions(**asked)._replace(runs=options.runs.absolute())  # for a cluster
     try:
         for name in options.experiments or EXPERIMENTS:
-            with progress_bar(name, 0) as bar, closing(EXPERIMENTS[name](scale)) as experiment:
-                for progress in experiment:
+            with progress_bar(name, 0) as bar, closing(make(EXPERIMENTS[name], wanted)) as steps:
+                for progress in steps:
                     bar.reach(progress)
     except KeyboardInterrupt:
         print("drl-av: the same command goes on from here.", file=sys.stderr)

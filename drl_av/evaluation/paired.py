@@ -3,14 +3,22 @@
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.statistics import Mean, mean_with_interval
 from drl_av.files import Row
 
 
+class Speed(NamedTuple):
+    """The mean speed of an episode."""
+
+    driver: str
+    vehicles: int
+    seed: int
+    mean_speed_m_s: float
+
+
 class Paired(NamedTuple):
-    """What a driver gains on a baseline at one density."""
+    """The gain of a driver over a baseline at one density."""
 
     vehicles: int
     driver: str
@@ -19,7 +27,7 @@ class Paired(NamedTuple):
     """The baseline is the fastest of them at this density."""
     episodes: int
     difference_m_s: Mean
-    """Of the mean speeds in the same traffic, the driver's minus the baseline's."""
+    """The driver's mean speed minus the baseline's in the same traffic."""
 
     @property
     def lower_m_s(self) -> float:
@@ -42,14 +50,14 @@ class Paired(NamedTuple):
         }
 
 
-def paired(rows: Iterable[EpisodeResult], driver: str, baselines: Sequence[str]) -> list[Paired]:
-    """The driver's gain on each baseline at each density, with Student's t interval.
+def paired(episodes: Iterable[Speed], driver: str, baselines: Sequence[str]) -> list[Paired]:
+    """The driver's gain over each baseline at each density, with Student's t interval.
 
     Raises:
         DrlAvError: two drivers did not drive the same seeds, each once.
     """
     speeds: dict[int, dict[str, dict[int, float]]] = {}
-    for row in rows:
+    for row in episodes:
         own = speeds.setdefault(row.vehicles, {}).setdefault(row.driver, {})
         if row.seed in own:
             raise DrlAvError(

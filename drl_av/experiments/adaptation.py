@@ -1,47 +1,132 @@
-"""Safety triggers of the shipped driver as it goes on learning, and as it does not (Fig. 9)."""
+"""Safety triggers of the shipped driver with continual adaptation and without (Fig. 9)."""
 
-from collections.abc import Generator
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from drl_av.config import Config
 from drl_av.config.presets import adaptation as adapted
 from drl_av.drivers.registry import default_config, find_drivers
-from drl_av.experiments.legs import Leg, blocks_of
-from drl_av.experiments.options import Progress, Scale
-from drl_av.experiments.trainings import Table, trained
+from drl_av.evaluation.statistics import mean_with_interval
+from drl_av.experiments.canvas import one_panel
+from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.markdown import markdown_table
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.store import MadeWith
+from drl_av.experiments.training_jobs import TrainingJob, blocks_of
+from drl_av.experiments.trainings import TrainingPlan
+from drl_av.files import Row
+from drl_av.traffic.road import FloatArray
 
-TABLE = "adaptation.csv"
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 CHANGES: dict[str, dict[str, Any]] = {"adaptation": {}, "no_adaptation": {"learning_rate": 0.0}}
-"""What each of them changes in the settings of ``drl-av adapt``; the traffic is the same."""
+"""What each variant changes in the settings of ``drl-av adapt``; the traffic is the same."""
 BLOCK = 100
 """Episodes that a row of the table sums up."""
+SUMMED_OVER = 10_000
+"""Episodes that a row of the summary sums up."""
+FILTERED_OVER = 10_000
+"""Episodes of the paper's moving average, Sec. IV-D."""
+LABELS = {"adaptation": "goes on learning", "no_adaptation": "does not"}
+COLORS = {"adaptation": "#d55e00", "no_adaptation": "#000000"}
 
 
-def adaptation(scale: Scale) -> Generator[Progress, None, None]:
-    """Drive the shipped driver on, with learning and without; as ``trained``.
+def adaptation_plan(options: ReproduceOptions) -> TrainingPlan:
+    """The shipped driver continued on as many seeds as the full learning curves, at least one.
 
-    As many seeds of it as of the full learning curves, at least one. It goes on with the
-    experience of its training, which is trained anew, and has the others' folders within its own.
+    It continues with the experience of its training, which is trained anew and has the folders of
+    the others within its own.
     """
     shipped = default_config(find_drivers(["pretrained"]))
-    origin = _leg("pretrained", scale.over(shipped), scale.runs)
+    origin = _job("pretrained", options.laid_over(shipped), options.runs)
     configs = {
-        variant: scale.over(adapted(shipped)).updated("learning", seed=0, **settings)
+        variant: options.laid_over(adapted(shipped)).updated("learning", seed=0, **settings)
         for variant, settings in CHANGES.items()
     }
-    legs = [
-        _leg(variant, configs[variant].updated("learning", seed=seed), origin.folder)._replace(
-            every=BLOCK, origin=origin
-        )
-        for seed, variant in product(range(max(1, scale.full_seeds)), CHANGES)
+    jobs = [
+        _job(variant, configs[variant].updated("learning", seed=seed), origin.folder, origin)
+        for seed, variant in product(range(max(1, options.full_seeds)), CHANGES)
     ]
-    table = Table(scale.out / TABLE, {**configs, origin.variant: origin.config}, blocks_of)
-    yield from trained(scale, table, [legs])
+    return TrainingPlan(MadeWith({**configs, "pretrained": origin.config}), [jobs], blocks_of)
 
 
-def _leg(variant: str, config: Config, within: Path) -> Leg:
+def _job(
+    variant: str, config: Config, within: Path, origin: TrainingJob | None = None
+) -> TrainingJob:
     learning = config.learning
     folder = within / f"{variant}-{learning.seed}"
-    return Leg(variant, learning.seed, learning.episodes, config, folder, learning.evaluate_every)
+    return TrainingJob(variant, config, learning.episodes, folder, BLOCK, origin)
+
+
+def adaptation_table(results: Results) -> str:
+    """Both variants in steps of 10,000 episodes, as far as both are driven."""
+    rows = results.rows("adaptation.csv")
+    last = {row["variant"]: int(row["episode"]) for row in rows}
+    lines = []
+    for begin in range(0, min(last.values()), SUMMED_OVER):
+        end = min(begin + SUMMED_OVER, *last.values())
+        for variant, learning in (("adaptation", "on"), ("no_adaptation", "off")):
+            own = [r for r in rows if r["variant"] == variant and begin < int(r["episode"]) <= end]
+            triggers, reward = (
+                mean_with_interval(float(row[f"training_{name}"]) for row in own)
+                for name in ("safety_triggers", "reward")
+            )
+            hits, collided = (
+                sum(round(BLOCK * float(row[f"training_{name}"])) for row in own)
+                for name in ("ego_hits", "collisions")
+            )
+            means = [f"{mean.value:.4f} ± {mean.half_width:.4f}" for mean in (triggers, reward)]
+            counts = [str(hits), str(collided - hits)]
+            lines.append([learning, f"{begin + 1:,} to {end:,}", *means, *counts])
+    names = ("learning", "episodes", "safety triggers an episode", "reward per decision")
+    return markdown_table([*names, "ego hit something", "was hit"], lines)
+
+
+def adaptation_figure(rows: list[Row]) -> "Figure":
+    """Mean over the last 10,000 episodes, or as many as there are; faint, over each block."""
+    figure, axes = one_panel(
+        "episode", f"safety triggers an episode\n(mean of the last {FILTERED_OVER:,} episodes)"
+    )
+    for variant, label in LABELS.items():
+        episodes, triggers = _over_seeds([row for row in rows if row["variant"] == variant])
+        if len(episodes):
+            axes.plot(episodes, triggers, color=COLORS[variant], alpha=0.2, linewidth=0.7)
+            filtered = moving_average(episodes, triggers, FILTERED_OVER)
+            axes.plot(episodes, filtered, color=COLORS[variant], label=label, linewidth=2)
+    axes.set_ylim(bottom=0)
+    axes.legend(frameon=False)
+    return figure
+
+
+def _over_seeds(rows: list[Row]) -> tuple[FloatArray, FloatArray]:
+    """Episodes that every seed has, and the mean over the seeds of their triggers."""
+    seeds: dict[str, dict[int, float]] = {}
+    for row in rows:
+        own = seeds.setdefault(row["seed"], {})
+        own[int(row["episode"])] = float(row["training_safety_triggers"])
+    episodes = sorted(set.intersection(*map(set, seeds.values()))) if seeds else []
+    means = [np.mean([seed[episode] for seed in seeds.values()]) for episode in episodes]
+    return np.array(episodes, float), np.array(means, float)
+
+
+def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> FloatArray:
+    """At each row the mean of the last ``over`` episodes, of rows that are wholly among them."""
+    counts = np.diff(episodes, prepend=0.0)
+    sums = np.concatenate(([0.0], np.cumsum(values * counts)))
+    ends = np.concatenate(([0.0], episodes))
+    begins = np.searchsorted(ends, episodes - over)
+    return np.asarray((sums[1:] - sums[begins]) / (episodes - ends[begins]))
+
+
+ADAPTATION = Experiment(
+    name="adaptation",
+    meaning="safety triggers of the shipped driver with and without continual adaptation",
+    row=f"means over {BLOCK} episodes",
+    plan=adaptation_plan,
+    summaries={"adaptation": adaptation_table},
+    figures={"adaptation": adaptation_figure},
+)

@@ -1,66 +1,191 @@
-"""Learning beside a closed lane, with the check and without (Sec. II-C, Fig. 1)."""
+"""Learning beside a closed lane, with the check and without (Sec. II-C, "Need for safety").
 
-from collections.abc import Generator
-from dataclasses import asdict
-from time import monotonic
+The same agent is trained on the highway whose right lane is barricaded, with its check and
+without. Then the trained drivers drive greedily.
+"""
 
-from drl_av.experiments.barricade_training import (
-    CHECKS,
-    EPISODES,
-    SCENARIO,
-    SEEDS,
-    TRAINED_EPISODES,
-    barricade_rows,
-    study_config,
-    write_barricade_rows,
-)
-from drl_av.experiments.options import Progress, Scale
-from drl_av.experiments.provenance import (
-    made_otherwise,
-    provenance,
-    read_sidecar,
-    sidecar,
-    stored_config,
-    write_sidecar,
-)
-from drl_av.experiments.tables import intact
-from drl_av.files import require_writable
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
-TABLE = "barricade.csv"
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.config.presets import preset
+from drl_av.driving.actions import ACTIONS
+from drl_av.driving.maneuver import target_lane
+from drl_av.env.highway import HighwayEnv, Observation
+from drl_av.env.rollout import drive
+from drl_av.experiments.canvas import lighten, panels
+from drl_av.experiments.drives import DrivingPlan
+from drl_av.experiments.experiment import Experiment
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.store import MadeWith
+from drl_av.files import Row
+from drl_av.traffic.snapshot import CollisionKind
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SCENARIO = "barricaded_right_lane"
+CHECKS = ("permit_all", "paper")
+SEEDS = (0, 1)
+EPISODES = 120
+TRAINED_EPISODES, TRAINED_VEHICLES = 20, 15
+PHASES = ("training", "trained")
+"""``training`` explores, ``trained`` is the greedy driver afterwards, on traffic seeds 0, 1, ..."""
+STYLES = {"permit_all": ("#c2185b", "without a check"), "paper": ("#1976d2", "with the check")}
 
 
-def barricade(scale: Scale) -> Generator[Progress, None, None]:
-    """Write ``barricade.csv``, unless it is there.
+class BarricadeEnv(HighwayEnv):
+    """The environment, with what its metrics lack: proposals to enter the closed lane, and hits."""
 
-    Its size is the study's own: minutes, whatever the scale.
+    def reset(self, **arguments: Any) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode."""
+        self.barricade_proposals, self.hit = 0, ""
+        return super().reset(**arguments)
 
-    Raises:
-        DrlAvError: the table was made with other settings; or the disk refuses.
-    """
-    scale.out.mkdir(parents=True, exist_ok=True)
-    table = scale.out / TABLE
-    require_writable(table, sidecar(table))
+    def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Carry out one decision; ``hit`` is then what a collision was with, "" without one."""
+        before = self.scene
+        self.barricade_proposals += self._barricaded(target_lane(before, ACTIONS[action].lateral))
+        done = super().step(action)
+        collision = done[4]["collision"]
+        if collision is not None:
+            executed = ACTIONS[done[4]["executed_action"]]
+            barricaded = self._barricaded(target_lane(before, executed.lateral))
+            edge = "barricade" if barricaded else "road edge"
+            vehicle = "vehicle" if collision.kind.ego_hit else "by vehicle"
+            self.hit = edge if collision.kind is CollisionKind.HIT_EDGE else vehicle
+        return done
+
+    def _barricaded(self, lane: int) -> bool:
+        return 0 <= lane < len(self.road.open_lanes) and not self.road.is_open(lane)
+
+
+def barricade_config(check: str, seed: int, episodes: int) -> Config:
+    """The preset ``fast`` there, reduced to one network that learns the reward from experience."""
+    plain = {"networks": 1, "batch_size": 64, "learning_rate": 2e-3, "counterfactuals": 0}
+    plain |= {"discount": 0.9, "speed_weight": 0.0, "unsafe_penalty": 0.0, "lane_change_margin": 0}
+    fast = preset("fast").updated("learning", seed=seed, episodes=episodes, **plain)
+    return fast.updated("simulation", scenario=SCENARIO).updated("safety", check=check)
+
+
+@dataclass(frozen=True)
+class BarricadeTraining:
+    """A training beside the closed lane, and the episodes of the driver that it trained."""
+
+    config: Config
+    trained_episodes: int
+    training: None = None
+    """It needs no other training first."""
+
+    @property
+    def key(self) -> Row:
+        """The columns that its rows have in common."""
+        return {"safety_check": self.config.safety.check, "seed": str(self.config.learning.seed)}
+
+    def missing(self, rows: Sequence[Row]) -> int:
+        """All of its rows or none; raises ValueError where there are some."""
+        size = self.config.learning.episodes + self.trained_episodes
+        if rows and len(rows) != size:
+            raise ValueError(f"{len(rows)} of {size} rows of a training")
+        return size - len(rows)
+
+    def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
+        """Train with the check of the config, a row an episode; then drive what was trained."""
+        from drl_av.learning.training import Training
+
+        with closing(BarricadeEnv(config=self.config)) as env:
+            training = Training(env)
+            for episode in range(1, self.config.learning.episodes + 1):
+                decisions = training.run_episode().decisions
+                yield self._row(env, "training", episode, decisions)
+            for seed in range(self.trained_episodes):
+                result = drive(env, training.driver, "trained", seed, TRAINED_VEHICLES)
+                yield self._row(env, "trained", seed + 1, result.decisions)
+
+    def _row(self, env: BarricadeEnv, phase: str, episode: int, decisions: int) -> Row:
+        values = {"phase": phase, "episode": episode, "decisions": decisions}
+        values |= {"barricade_proposals": env.barricade_proposals, "hit": env.hit}
+        return self.key | {name: str(value) for name, value in values.items()}
+
+
+def barricade_plan(options: ReproduceOptions) -> DrivingPlan:
+    """Both checks on every seed; the size is the experiment's own, of minutes."""
     configs = [
-        scale.over(study_config(check, seed, EPISODES))
+        options.laid_over(barricade_config(check, seed, EPISODES))
         .updated("simulation", scenario=SCENARIO)
         .updated("safety", check=check)
         .updated("learning", seed=seed)
         for seed in SEEDS
         for check in CHECKS
     ]
-    with intact(table):
-        if table.exists():
-            if stored_config(read_sidecar(table)["settings"], str(sidecar(table))) != configs[0]:
-                raise made_otherwise(table)
-            return
-    total = sum(config.learning.episodes + TRAINED_EPISODES for config in configs)
-    begun_s, rows = monotonic(), []
-    for config in configs:
-        for row in barricade_rows(config, TRAINED_EPISODES):
-            rows.append(row)
-            yield Progress(len(rows), total, f"{row.safety_check}, seed {row.seed}")
-    spent_s = round(monotonic() - begun_s, 1)
-    seeds = f"{SEEDS[0]} to {SEEDS[-1]}"
-    facts = provenance(configs[0], seeds=seeds, wall_time_s=spent_s, settings=asdict(configs[0]))
-    write_sidecar(table, facts)
-    write_barricade_rows(table, rows)
+    cells = [BarricadeTraining(config, TRAINED_EPISODES) for config in configs]
+    return DrivingPlan(MadeWith({"": configs[0]}, {"": None}), cells, _place)
+
+
+def _place(row: Row) -> tuple[int, int, int, int]:
+    check, phase = CHECKS.index(row["safety_check"]), PHASES.index(row["phase"])
+    return int(row["seed"]), check, phase, int(row["episode"])
+
+
+def barricade_figure(rows: list[Row]) -> "Figure":
+    """Collisions with the barricade while learning, and what the trained drivers propose."""
+    figure, (learning, trained) = panels((9, 3.8), 1, 2, width_ratios=(3, 2))
+    for place, check in enumerate(dict.fromkeys(row["safety_check"] for row in rows)):
+        own = [row for row in rows if row["safety_check"] == check]
+        color, label = STYLES[check]
+        _draw_learning(learning, [row for row in own if row["phase"] == "training"], color, label)
+        bar = (place, label, color)
+        _draw_trained(trained, [row for row in own if row["phase"] == "trained"], bar)
+    lighten(learning, "training episode", "collisions with the barricade so far")
+    learning.set_title("while learning")
+    learning.set_ylim(bottom=-0.5)
+    learning.legend(frameon=False)
+    lighten(trained, y="decisions for the barricaded lane, %")
+    trained.set_title("the trained drivers")
+    trained.set_xlim(-0.6, trained.get_xlim()[1] + 0.2)
+    return figure
+
+
+def _by_seed(rows: Sequence[Row]) -> Iterator[list[Row]]:
+    for seed in dict.fromkeys(row["seed"] for row in rows):
+        yield [row for row in rows if row["seed"] == seed]
+
+
+def _draw_learning(axes: "Axes", rows: Sequence[Row], color: str, label: str) -> None:
+    """A line a training, their mean in bold."""
+    runs = [np.cumsum([row["hit"] == "barricade" for row in own]) for own in _by_seed(rows)]
+    episodes = np.arange(1, len(runs[0]) + 1)
+    for run in runs:
+        axes.plot(episodes, run, color=color, alpha=0.35, linewidth=1)
+    axes.plot(episodes, np.mean(runs, axis=0), color=color, linewidth=2, label=label)
+
+
+def _draw_trained(axes: "Axes", rows: Sequence[Row], bar: tuple[int, str, str]) -> None:
+    """A dot a driver, and the episodes that ended in a collision of its own making."""
+    place, label, color = bar
+    shares = [
+        100
+        * sum(int(row["barricade_proposals"]) for row in own)
+        / sum(int(row["decisions"]) for row in own)
+        for own in _by_seed(rows)
+    ]
+    hits = sum(row["hit"] not in ("", "by vehicle") for row in rows)
+    axes.bar(place, float(np.mean(shares)), width=0.6, color=color, alpha=0.35)
+    axes.plot([place] * len(shares), shares, "o", color=color)
+    axes.set_xticks([*range(place + 1)])
+    names = [name.get_text() for name in axes.get_xticklabels()][:place]
+    axes.set_xticklabels([*names, f"{label}\nhit something in\n{hits} of {len(rows)} episodes"])
+
+
+BARRICADE = Experiment(
+    name="barricade",
+    meaning="learning beside a closed lane, with the check and without",
+    row="an episode of a training, or of the driver that it trained",
+    plan=barricade_plan,
+    figures={"barricade": barricade_figure},
+)

@@ -1,83 +1,196 @@
 """Mean speed against the number of vehicles, up to where the drivers meet (Fig. 8)."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import fields
-from itertools import count
-from typing import Any
+from itertools import cycle
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from drl_av.config import Config
 from drl_av.drivers.registry import default_config, find_drivers
-from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation import DENSITIES
-from drl_av.evaluation.paired import Paired, paired
-from drl_av.experiments.driven import DrivenTable
-from drl_av.experiments.options import Progress, Scale
-from drl_av.experiments.tables import intact, write_rows
-from drl_av.files import Row, require_writable
+from drl_av.evaluation.paired import Paired, Speed, paired
+from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.experiments.canvas import one_panel
+from drl_av.experiments.drives import Cell, Drives, DrivingPlan, driven_with
+from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.markdown import (
+    PAPER_VEHICLES,
+    by_density,
+    closer_than_safe,
+    collisions_cell,
+    densities_of,
+    markdown_table,
+    mean_of,
+    mean_speed,
+)
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.files import Row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 DRIVER, BASELINES = "pretrained", ("idm", "idm-mobil", "idm-sumo")
-TABLE, PAIRED = "evaluation.csv", "paired.csv"
+DRIVERS = (DRIVER, *BASELINES)
 STEP = 5
-"""Vehicles by which the density rises beyond those of the published tables."""
+"""Vehicles by which the density rises beyond those of the other tables."""
+STYLES = {
+    "pretrained": ("#d55e00", "o"),
+    "idm": ("#000000", "s"),
+    "idm-mobil": ("#009e73", "v"),
+    "idm-sumo": ("#0072b2", "^"),
+    "random": ("#999999", "x"),
+}
+"""Colour, told apart by the colour-blind, and mark of the drivers that have one of their own."""
+OTHER_COLORS = ("#e69f00", "#cc79a7", "#56b4e9", "#f0e442")
+BESIDE = 0.15
+"""Vehicles by which the marks of two drivers are set apart, so that their intervals are seen."""
 
 
-def speeds(scale: Scale) -> Generator[Progress, None, None]:
-    """Drive all drivers through the same traffic, and keep ``evaluation.csv`` up to date.
+def sweep_plan(options: ReproduceOptions) -> DrivingPlan:
+    """All drivers at the densities of the tables, and on while the driver's gain is significant.
 
-    Beyond the densities of the tables it goes on until the driver's gain on the best baseline is
-    no longer certain, or the road is full. A density that the table holds already is not driven
-    again.
-
-    Raises:
-        DrlAvError: as ``DrivenTable``.
+    It ends where the gain over the best baseline is no longer statistically significant, or where
+    the road is full.
     """
-    choices = find_drivers([DRIVER, *BASELINES])
-    config = scale.over(default_config(choices))
-    table = DrivenTable(scale, TABLE, config, choices)
-    require_writable(scale.out / PAIRED)
-    with intact(table.path):
-        list(map(episode_of, table.rows))
-    done = 0
-    for vehicles in _densities(config):
-        cell = {"vehicles": str(vehicles)}
-        for driven in table.drive(cell, config, vehicles):
-            total = len(choices) * scale.drives * len({*DENSITIES, vehicles})
-            yield Progress(done + driven, max(total, done), f"{vehicles} vehicles")
-        done += len(table.of(cell))
-        gains = paired(map(episode_of, table.rows), DRIVER, BASELINES)
-        write_rows(scale.out / PAIRED, [gain.row() for gain in gains])
-        here = [gain for gain in gains if gain.vehicles == vehicles]
-        yield Progress(done, max(done, len(table.of(cell)) * len(DENSITIES)), "", _told(here))
-        if vehicles >= max(DENSITIES) and min(g.lower_m_s for g in here if g.best) <= 0:
-            return
+    config = options.laid_over(default_config(find_drivers(DRIVERS)))
+
+    def cell(vehicles: int) -> Drives:
+        return Drives(config, DRIVERS, vehicles, options.drives)
+
+    def next_cell(rows: list[Row], last: Cell) -> Drives | None:
+        vehicles = int(last.key["vehicles"]) + STEP
+        significant = all(gain.lower_m_s > 0 for gain in gains_of(rows, last) if gain.best)
+        return cell(vehicles) if significant and vehicles <= _capacity(config) else None
+
+    cells = [cell(vehicles) for vehicles in DENSITIES]
+    return DrivingPlan(driven_with(config, DRIVERS), cells, _place, next_cell, _line)
 
 
-def _densities(config: Config) -> Iterator[int]:
-    """Those of the tables, and on to what the road takes."""
+def _capacity(config: Config) -> int:
     from drl_av.env.highway import HighwayEnv
 
     with closing(HighwayEnv(config=config)) as env:
-        most = env.simulation.capacity
-    yield from DENSITIES
-    for vehicles in count(max(DENSITIES) + STEP, STEP):
-        if vehicles > most:
-            return
-        yield vehicles
+        return env.simulation.capacity
 
 
-def _told(gains: list[Paired]) -> str:
-    cells = [
-        f"{gain.difference_m_s} on {gain.baseline}{' (best)' if gain.best else ''}"
-        for gain in gains
-    ]
-    return f"{gains[0].vehicles} vehicles: {gains[0].driver} gains {', '.join(cells)}, m/s"
+def _place(row: Row) -> tuple[int, int, int]:
+    return int(row["vehicles"]), int(row["seed"]), DRIVERS.index(row["driver"])
 
 
-def episode_of(row: Row) -> EpisodeResult:
-    """What a row of the table says; raises ValueError or LookupError where it is damaged."""
-    values: dict[str, Any] = {
-        item.name: row[item.name] == "True" if item.type is bool else item.type(row[item.name])  # type: ignore[operator]
-        for item in fields(EpisodeResult)
+def gains_of(rows: Iterable[Row], cell: Cell) -> list[Paired]:
+    """The driver's gain over each baseline in a cell."""
+    own = [row for row in rows if row["vehicles"] == cell.key["vehicles"]]
+    return paired(map(speed_of, own), DRIVER, BASELINES)
+
+
+def _line(rows: list[Row], cell: Cell) -> str:
+    gains = gains_of(rows, cell)
+    cells = [f"{g.difference_m_s} over {g.baseline}{' (best)' if g.best else ''}" for g in gains]
+    return f"{gains[0].vehicles} vehicles: {DRIVER} gains {', '.join(cells)}, m/s"
+
+
+def paired_rows(rows: Iterable[Row]) -> list[Row]:
+    """The table of the driver's gains; raises ValueError or LookupError where rows are damaged."""
+    return [gain.row() for gain in paired(map(speed_of, rows), DRIVER, BASELINES)]
+
+
+def speed_of(row: Row) -> Speed:
+    """The mean speed of a row's episode; raises ValueError or LookupError for a damaged row."""
+    vehicles, seed, speed_m_s = (row[name] for name in ("vehicles", "seed", "mean_speed_m_s"))
+    return Speed(row["driver"], int(vehicles), int(seed), float(speed_m_s))
+
+
+def speed_table(results: Results) -> str:
+    """Mean speed of every driver at every density."""
+    return by_density(results.rows(TABLE), "driver", mean_speed)
+
+
+def collision_table(results: Results) -> str:
+    """Episodes in which the ego hit something / was hit."""
+    return by_density(results.rows(TABLE), "driver", collisions_cell)
+
+
+def driving_table(results: Results) -> str:
+    """How the shipped driver drives, by density and over those up to the paper's 30 vehicles."""
+    driven = [row for row in results.rows(TABLE) if row["driver"] == DRIVER]
+    densities = densities_of(driven)
+    columns = [[r for r in driven if int(r["vehicles"]) == density] for density in densities]
+    columns.append([r for r in driven if int(r["vehicles"]) <= PAPER_VEHICLES])
+    values = {
+        "reward per decision": ("mean_reward", 3),
+        "r_v": ("mean_r_v", 3),
+        "r_y": ("mean_r_y", 3),
+        "r_x": ("mean_r_x", 3),
+        "closer than d_safe, %": ("", 1),
+        "lane changes": ("lane_changes", 1),
+        "aborted lane changes": ("aborted_lane_changes", 1),
     }
-    return EpisodeResult(**values)
+    lines = []
+    for name, (column, digits) in values.items():
+        means = [mean_of(rows, column) if column else closer_than_safe(rows) for rows in columns]
+        lines.append([name, *(f"{mean:.{digits}f}" for mean in means)])
+    names = ["vehicles", *map(str, densities), f"up to {PAPER_VEHICLES}"]
+    return markdown_table(names, lines)
+
+
+def gain_table(results: Results) -> str:
+    """The shipped driver's gain over each baseline in the same traffic; the best one in bold."""
+    rows = results.rows("paired.csv")
+    lines = [
+        [f"over `{baseline}`", *(_gain(row) for row in rows if row["baseline"] == baseline)]
+        for baseline in dict.fromkeys(row["baseline"] for row in rows)
+    ]
+    return markdown_table(["vehicles", *map(str, densities_of(rows))], lines)
+
+
+def _gain(row: Row) -> str:
+    gain = str(Mean(float(row["difference_m_s"]), float(row["ci95_half_width_m_s"])))
+    return f"**{gain}**" if row["best"] == "True" else gain
+
+
+def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
+    """Mean speed against the number of vehicles, a curve a driver, with 95 % intervals (Fig. 8).
+
+    The rows have at least ``driver``, ``vehicles`` and ``mean_speed_m_s``.
+    """
+    figure, axes = one_panel("vehicles on the loop", "mean speed of the ego, m/s")
+    drivers = list(dict.fromkeys(row["driver"] for row in rows))
+    other_colors = cycle(OTHER_COLORS)
+    for place, driver in enumerate(drivers):
+        speeds: dict[int, list[float]] = {}
+        for row in rows:
+            if row["driver"] == driver:
+                speeds.setdefault(int(row["vehicles"]), []).append(float(row["mean_speed_m_s"]))
+        means = {number: mean_with_interval(speeds[number]) for number in sorted(speeds)}
+        color, mark = STYLES[driver] if driver in STYLES else (next(other_colors), "D")
+        aside = BESIDE * (place - (len(drivers) - 1) / 2)
+        axes.errorbar(
+            [number + aside for number in means],
+            [mean.value for mean in means.values()],
+            yerr=[m.half_width if np.isfinite(m.half_width) else 0.0 for m in means.values()],
+            label=driver,
+            color=color,
+            marker=mark,
+            capsize=3,
+        )
+    axes.legend(frameon=False)
+    return figure
+
+
+DENSITY_SWEEP = Experiment(
+    name="density_sweep",
+    meaning="mean speed against the number of vehicles, up to where the drivers meet",
+    row="an episode of the shipped driver or of a baseline, under the check paper",
+    plan=sweep_plan,
+    derived={"paired.csv": paired_rows},
+    summaries={
+        "speed": speed_table,
+        "gain": gain_table,
+        "driving": driving_table,
+        "collisions": collision_table,
+    },
+    figures={"mean_speed": speed_figure},
+)
+TABLE = DENSITY_SWEEP.table

@@ -1,42 +1,62 @@
 """The preset ``fast`` on several seeds, beside the driver of the paper's whole schedule (ours)."""
 
-from collections.abc import Generator
-from pathlib import Path
-
 from drl_av.config import Config
 from drl_av.config.presets import preset
+from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.experiments.curves import variant_config
-from drl_av.experiments.legs import Leg
-from drl_av.experiments.options import Progress, Scale
-from drl_av.experiments.trained_drivers import drive_trained
+from drl_av.experiments.drives import DrivingPlan, trained_drives
+from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.markdown import count, markdown_table
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.training_jobs import TrainingJob
 
-TABLE = "fast.csv"
-OUTCOME = ("seed", "mean_reward", "mean_speed_m_s", "ego_hit")
-"""What is kept of an episode."""
-
-
-def fast(scale: Scale) -> Generator[Progress, None, None]:
-    """Train both, drive all through the same traffic, and keep ``fast.csv`` up to date.
-
-    The long training is that of the learning curves, seed 0, and goes on from there.
-
-    Raises:
-        DrlAvError, SimulationError: as ``drive_trained``.
-    """
-    yield from drive_trained(scale, TABLE, _legs(scale), OUTCOME)
+COLUMNS = ("seed", "mean_reward", "mean_speed_m_s", "ego_hit")
 
 
-def _legs(scale: Scale) -> list[Leg]:
-    """The long training first, then ``fast`` on every seed."""
-    long = variant_config(scale.over(Config()), "paper")
-    short = scale.over(preset("fast"))
-    configs = {"paper-0": long} | {
-        f"fast-{seed}": short.updated("learning", seed=seed) for seed in range(scale.seeds)
+def fast_plan(options: ReproduceOptions) -> DrivingPlan:
+    """The whole schedule of the learning curves on seed 0, then ``fast`` on every seed."""
+    short = options.laid_over(preset("fast"))
+    configs = {"paper-0": variant_config(options.laid_over(Config()), "paper")} | {
+        f"fast-{seed}": short.updated("learning", seed=seed) for seed in range(options.seeds)
     }
-    return [_leg(scale.runs / name, config) for name, config in configs.items()]
+    jobs = [
+        TrainingJob(
+            name.partition("-")[0],
+            config,
+            config.learning.episodes,
+            options.runs / name,
+            config.learning.evaluate_every,
+        )
+        for name, config in configs.items()
+    ]
+    return trained_drives(jobs, options, COLUMNS)
 
 
-def _leg(folder: Path, config: Config) -> Leg:
-    learning, variant = config.learning, folder.name.partition("-")[0]
-    episodes, every = learning.episodes, learning.evaluate_every
-    return Leg(variant, learning.seed, episodes, config, folder, every)
+def fast_table(results: Results) -> str:
+    """Each training, and its paired gain over the first: the whole schedule."""
+    seconds = results.made_by("fast.csv")["wall_time_s"]
+    rows = results.rows("fast.csv")
+    trainings = list(dict.fromkeys(row["training"] for row in rows))
+    driven = {name: [row for row in rows if row["training"] == name] for name in trainings}
+    lines = []
+    for name, own in driven.items():
+        cells = [f"`{name}`", f"{seconds[name]:,.0f}", f"{count(own, 'ego_hit')} of {len(own)}"]
+        for column, digits in (("mean_reward", 3), ("mean_speed_m_s", 2)):
+            here, there = (
+                [float(row[column]) for row in side] for side in (own, driven[trainings[0]])
+            )
+            gain = mean_with_interval(a - b for a, b in zip(here, there, strict=True))
+            for mean in (mean_with_interval(here), gain):
+                cells.append(f"{mean.value:.{digits}f} ± {mean.half_width:.{digits}f}")
+        lines.append(cells)
+    names = ("training", "seconds", "ego hit something", "reward per decision", "gain")
+    return markdown_table([*names, "mean speed, m/s", "gain"], lines)
+
+
+FAST = Experiment(
+    name="fast",
+    meaning="the preset fast on every seed, beside the driver of the whole schedule of 10000",
+    row="an episode of the driver of a training",
+    plan=fast_plan,
+    summaries={"fast": fast_table},
+)

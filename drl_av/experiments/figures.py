@@ -1,61 +1,52 @@
-"""The figures of a folder of results, each from its own table."""
+"""The figures of the settings alone, of runs, and of tables that ``drl-av evaluate`` wrote."""
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
+import numpy as np
 
 from drl_av.config import Config
-from drl_av.errors import DrlAvError
-from drl_av.experiments.adaptation_figure import adaptation_figure
-from drl_av.experiments.barricade_figure import barricade_figure
-from drl_av.experiments.curves_figure import check_figure, replay_figure
-from drl_av.experiments.drawing import reward_figure, save_figure, speed_figure
-from drl_av.experiments.lane_change_figure import lane_change_figure
-from drl_av.experiments.options import Progress, Scale
-from drl_av.experiments.strictness_figure import strictness_figure
-from drl_av.experiments.tables import intact
+from drl_av.env.reward import gap_reward, lateral_reward, safe_gap, speed_reward
+from drl_av.experiments.canvas import one_panel, panels
+from drl_av.files import read_table
 
-FIGURES: dict[str, tuple[str, Callable[[Path], Figure]]] = {
-    "mean_speed": ("evaluation.csv", lambda table: speed_figure([table])),
-    "learning_check": ("curves.csv", check_figure),
-    "learning_replay": ("curves.csv", replay_figure),
-    "adaptation": ("adaptation.csv", adaptation_figure),
-    "barricade": ("barricade.csv", barricade_figure),
-    "strict": ("strict.csv", strictness_figure),
-}
-"""The table of each, and how it is drawn."""
-WITHOUT_TABLE: dict[str, Callable[[Config], Figure]] = {
-    "reward": reward_figure,
-    "lane_change": lane_change_figure,
-}
-"""Those that the settings alone determine."""
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+EPISODE_COLUMNS = {"driver": str, "vehicles": int, "mean_speed_m_s": float}
+EVALUATION_COLUMNS = {"episode": int, "mean_reward": float}
 
 
-def published(folder: Path) -> Iterator[tuple[str, Figure]]:
-    """Every figure whose table is in the folder, and its name.
-
-    Raises:
-        DrlAvError: a table is damaged, or there is none.
-    """
-    drawn = {name: of for name, of in FIGURES.items() if (folder / of[0]).is_file()}
-    if not drawn:
-        raise DrlAvError(
-            f"{folder} holds neither a run nor results: make them with drl-av reproduce."
+def learning_figure(runs: Sequence[Path]) -> "Figure":
+    """Mean reward a decision of the greedy driver against training episodes (Fig. 7)."""
+    figure, axes = one_panel("training episode", "mean reward a decision")
+    for run in runs:
+        rows = read_table(run / "evaluations.csv", EVALUATION_COLUMNS)
+        axes.plot(
+            [row["episode"] for row in rows],
+            [row["mean_reward"] for row in rows],
+            marker=".",
+            label=run.name,
         )
-    for name, (table, draw) in drawn.items():
-        with intact(folder / table):
-            figure = draw(folder / table)
-        yield name, figure
+    axes.legend(frameon=False)
+    return figure
 
 
-def figures(scale: Scale) -> Generator[Progress, None, None]:
-    """Draw what the results allow, into the same folder."""
-    config = scale.over(Config())
-    drawings = [(name, draw(config)) for name, draw in WITHOUT_TABLE.items()]
-    if any((scale.out / table).is_file() for table, _ in FIGURES.values()):
-        drawings += published(scale.out)
-    for done, (name, figure) in enumerate(drawings, start=1):
-        path = scale.out / f"{name}.png"
-        save_figure(figure, path)
-        yield Progress(done, len(drawings), line=str(path))
+def reward_figure(config: Config) -> "Figure":
+    """The three reward functions at the paper's desired values (Fig. 6)."""
+    reward = config.reward
+    y_m, v_m_s = reward.desired_lateral_m, reward.desired_speed_m_s
+    safe_m = safe_gap(v_m_s, reward.safe_headway_s, config.safety.minimum_gap_m)
+    gaps, sides = np.linspace(0, 60, 241), np.linspace(-1.9, 9.5, 229)
+    speeds = np.linspace(15, 40, 251)
+    figure, axes = panels((11, 3.2), 1, 3, sharey=True)
+    axes[0].plot(gaps, [gap_reward(gap, safe_m) for gap in gaps])
+    axes[1].plot(sides, [lateral_reward(side, y_m) for side in sides])
+    axes[2].plot(speeds, [speed_reward(speed, v_m_s) for speed in speeds])
+    labels = ("gap to the vehicle ahead, m", "lateral position, m", "speed, m/s")
+    for panel, label in zip(axes, labels, strict=True):
+        panel.set_xlabel(label)
+        panel.grid(alpha=0.3)
+    axes[0].set_ylabel("reward")
+    return figure

@@ -1,29 +1,54 @@
-"""What the trainings of the learning curves end in: their drivers, in the evaluation's traffic."""
+"""The final policies of the learning curves, in the traffic of the evaluation."""
 
-from collections.abc import Generator
+from collections.abc import Callable
+from dataclasses import replace
 
 from drl_av.config import Config
-from drl_av.experiments.curves import curve_legs
-from drl_av.experiments.options import Progress, Scale
-from drl_av.experiments.trained_drivers import drive_trained
+from drl_av.evaluation.statistics import mean_with_interval
+from drl_av.experiments.curves import curve_jobs
+from drl_av.experiments.drives import DrivingPlan, trained_drives
+from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.markdown import markdown_table
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.files import Row
 
-TABLE = "ends.csv"
-OUTCOME = ("seed", "mean_reward", "mean_speed_m_s", "collided", "ego_hit")
-"""What is kept of an episode."""
+COLUMNS = ("seed", "mean_reward", "mean_speed_m_s", "collided", "ego_hit")
 
 
-def ends(scale: Scale) -> Generator[Progress, None, None]:
-    """Drive each with the check that it learnt with, and keep ``ends.csv`` up to date.
+def final_plan(options: ReproduceOptions) -> DrivingPlan:
+    """The trainings of the curves that stop at ``options.episodes``, each with its own check."""
+    jobs = curve_jobs(options, options.laid_over(Config()))
+    final = [job for job in jobs if job.stop <= options.episodes]
+    empty = f"No training stops at episode {options.episodes}: final_policies needs more --seeds."
+    return replace(trained_drives(final, options, COLUMNS), empty=empty)
 
-    The trainings are those of the learning curves that stop at ``scale.episodes``, and go on from
-    there.
 
-    Raises:
-        DrlAvError, SimulationError: as ``drive_trained``.
-    """
-    legs = curve_legs(scale, scale.over(Config()))
-    stopped = [leg for leg in legs if leg.stop <= scale.episodes]
-    if not stopped:
-        told = f"No training stops at episode {scale.episodes}: ends needs more --seeds."
-        yield Progress(1, 1, line=told)
-    yield from drive_trained(scale, TABLE, stopped, OUTCOME)
+def final_table(results: Results) -> str:
+    """Final performance: mean over the policies of a variant of the mean of each."""
+    rows = results.rows("final_policies.csv")
+    columns: dict[str, tuple[Callable[[Row], float], int]] = {
+        "reward per decision": (lambda row: float(row["mean_reward"]), 3),
+        "mean speed, m/s": (lambda row: float(row["mean_speed_m_s"]), 2),
+        "collisions per episode": (lambda row: row["collided"] == "True", 3),
+        "ego hit something": (lambda row: row["ego_hit"] == "True", 3),
+    }
+    lines = []
+    trainings = list(dict.fromkeys(row["training"] for row in rows))
+    driven = {name: [row for row in rows if row["training"] == name] for name in trainings}
+    for variant in dict.fromkeys(name.rpartition("-")[0] for name in trainings):
+        own = [driven[name] for name in trainings if name.rpartition("-")[0] == variant]
+        cells = [f"`{variant}`", str(len(own)), str(len(own[0]))]
+        for value, digits in columns.values():
+            mean = mean_with_interval(mean_with_interval(map(value, rows)).value for rows in own)
+            cells.append(f"{mean.value:.{digits}f} ± {mean.half_width:.{digits}f}")
+        lines.append(cells)
+    return markdown_table(["training", "drivers", "episodes of each", *columns], lines)
+
+
+FINAL_POLICIES = Experiment(
+    name="final_policies",
+    meaning="the final policies of the learning curves in the traffic of the evaluation",
+    row="an episode of the policy of a training, under the check with which it was trained",
+    plan=final_plan,
+    summaries={"final_policies": final_table},
+)

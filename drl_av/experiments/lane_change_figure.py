@@ -3,11 +3,9 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from drl_av.config import Config, EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
@@ -15,9 +13,14 @@ from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.maneuver import next_lane_change, plan
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.driving.steering import STRAIGHT, curvature_command
+from drl_av.experiments.canvas import panels
 from drl_av.traffic.road import FloatArray, Road
 from drl_av.traffic.scenario import ScenarioDescription
 from drl_av.traffic.snapshot import Command, Snapshot
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 FINE = SimulationConfig(step_length_s=0.05)
 """SUMO steps short enough for a smooth curve."""
@@ -76,7 +79,7 @@ def _command(at: Command, target_m: float, road: Road, ego: EgoConfig) -> float:
     return curvature_command(STRAIGHT, target_m - at.y_m, heading, at.speed_m_s, width_m, ego)
 
 
-def lane_change_figure(config: Config) -> Figure:
+def lane_change_figure(config: Config) -> "Figure":
     """Lateral position, speed and steering command, kinematic and steered at two speeds."""
     duration_s = round(config.ego.lane_change_duration_s)
     half_s = max(duration_s // 2, 1)
@@ -88,24 +91,23 @@ def lane_change_figure(config: Config) -> Figure:
         + back
         + [Lateral.KEEP] * (duration_s + SETTLING_S - half_s - 1),
     }
-    figure = Figure(figsize=(9, 6.6), layout="constrained")
-    panels = figure.subplots(3, 2, sharex=True, sharey="row")
-    for column, (title, laterals) in zip(panels.T, stories.items(), strict=True):
+    figure, axes_of = panels((9, 6.6), 3, 2, sharex=True, sharey="row")
+    for column, (title, laterals) in zip(axes_of.T, stories.items(), strict=True):
         column[0].set_title(title, fontsize=11)
         _story(column, laterals, config.ego)
     for axes, name in zip(
-        panels[:, 0],
+        axes_of[:, 0],
         ("lateral position, m", "lateral speed, m/s", "curvature command, 1/km"),
         strict=True,
     ):
         axes.set_ylabel(name)
     figure.align_ylabels()
-    handles, labels = panels[0, 0].get_legend_handles_labels()
+    handles, labels = axes_of[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
     return figure
 
 
-def _story(column: Sequence[Axes], laterals: Sequence[Lateral], ego: EgoConfig) -> None:
+def _story(column: "Sequence[Axes]", laterals: Sequence[Lateral], ego: EgoConfig) -> None:
     position, drift, curvature = column
     width_m = ScenarioDescription().lane_width_m
     for center_m in (0.0, width_m):

@@ -1,6 +1,5 @@
-"""What made a results file: command, versions, SUMO's steps, machine, and the time it took."""
+"""What made a results file: the command, versions, SUMO's steps and the machine."""
 
-import json
 import os
 import platform
 import shlex
@@ -10,13 +9,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import tomli_w
 from threadpoolctl import threadpool_info
 
-from drl_av.config import BEFORE, Config, from_toml
+from drl_av.config import Config
 from drl_av.drivers import policy_file
-from drl_av.errors import DrlAvError
-from drl_av.files import write_whole
 
 PACKAGES = ("drl-av", "eclipse-sumo", "torch", "numpy", "gymnasium")
 INTEGRATION = "semi-implicit Euler"
@@ -39,7 +35,7 @@ def provenance(config: Config, **facts: Any) -> dict[str, Any]:
 
 
 def command() -> str:
-    """The command line of this process, as somebody in the project's folder would give it."""
+    """The command line of this process, as it is given in the project's folder."""
     program = Path(sys.argv[0])
     called = {
         "tools": ["python", f"tools/{program.name}"],
@@ -49,7 +45,7 @@ def command() -> str:
 
 
 def made_by(seconds: float) -> str:
-    """Command, time, versions and machine in a line, for results that are a text."""
+    """Command, time, versions and machine in one line, for results that are a text."""
     facts = provenance(Config())
     versions = ", ".join(f"{package} {facts[package]}" for package in ("python", *PACKAGES))
     return (
@@ -59,7 +55,7 @@ def made_by(seconds: float) -> str:
 
 
 def checksum(policy: Path) -> str:
-    """SHA-256 of a policy file's tensors: the same driver, whatever settings came up since.
+    """SHA-256 of a policy file's tensors: the same driver, whatever settings were added since.
 
     Raises:
         CheckpointError: as ``policy_file.load``.
@@ -80,67 +76,13 @@ def machine() -> str:
 
 
 def blas() -> str:
-    """The linear algebra in this process, and the kernels it chose for this processor.
+    """The linear algebra libraries of this process, and the kernels each chose.
 
     Networks trained with other kernels differ in their last bits, and then in all.
     """
     libraries = [info for info in threadpool_info() if info["user_api"] == "blas"]
-    told = [
+    found = [
         f"{info['internal_api']} {info['version']} {info.get('architecture', '')}".rstrip()
         for info in libraries
     ]
-    return ", ".join(dict.fromkeys(told)) or "not told"
-
-
-def sidecar(table: Path) -> Path:
-    """The file that says what made a table: ``curves.csv`` has ``curves.json`` beside it."""
-    return table.with_suffix(".json")
-
-
-def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
-    """Write it, before the table, whole or not at all; raises DrlAvError where the disk refuses."""
-    write_whole(sidecar(table), json.dumps(facts, indent=2).encode() + b"\n")
-
-
-def read_sidecar(table: Path) -> dict[str, Any]:
-    """What made the table, nothing where there is none yet.
-
-    Raises:
-        DrlAvError: it cannot be read, or there is a table and nothing beside it.
-        TypeError: what should have names in it has none.
-    """
-    path = sidecar(table)
-    if not path.exists() and not table.exists():
-        return {}
-    if not path.exists():
-        raise DrlAvError(
-            f"{table} has no {path.name} beside it that says what made it: put that back, or move "
-            "the table away to make it anew."
-        )
-    try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise DrlAvError(f"{path} cannot be read ({error}): put back what was there.") from error
-    if not isinstance(facts, dict):
-        raise DrlAvError(f"{path} holds no provenance: put back what was there.")
-    for name in ("settings", "policies_sha256", "episodes"):
-        if not isinstance(facts.get(name, {}), dict):
-            raise TypeError(f"{name} in {path.name} has no names")
-    return facts
-
-
-def made_otherwise(table: Path) -> DrlAvError:
-    """What to raise instead of writing over somebody's results."""
-    return DrlAvError(
-        f"{table} was made with other settings or another driver: choose another folder with "
-        f"--out, or move it and {sidecar(table).name} away to make it anew."
-    )
-
-
-def stored_config(settings: dict[str, Any], name: str) -> Config:
-    """The config a table was made with; of settings younger than the table, as it was before.
-
-    Raises:
-        ConfigError: it holds settings that this version does not know.
-    """
-    return from_toml(tomli_w.dumps(settings), BEFORE, name)
+    return ", ".join(dict.fromkeys(found)) or "unknown"

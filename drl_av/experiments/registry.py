@@ -1,25 +1,35 @@
 """The experiments of ``drl-av reproduce`` by name, in the order in which they are made."""
 
-from drl_av.experiments.adaptation import adaptation
-from drl_av.experiments.barricade import barricade
-from drl_av.experiments.curves import curves
-from drl_av.experiments.density_sweep import speeds
-from drl_av.experiments.fast import fast
-from drl_av.experiments.figures import figures
-from drl_av.experiments.final_policies import ends
-from drl_av.experiments.options import Experiment
-from drl_av.experiments.strictness import strictness
-from drl_av.experiments.variations import variations
+from drl_av.experiments.adaptation import ADAPTATION
+from drl_av.experiments.barricade import BARRICADE
+from drl_av.experiments.curves import CURVES
+from drl_av.experiments.density_sweep import DENSITY_SWEEP
+from drl_av.experiments.experiment import Experiment
+from drl_av.experiments.fast import FAST
+from drl_av.experiments.final_policies import FINAL_POLICIES
+from drl_av.experiments.strictness import STRICT
+from drl_av.experiments.variations import (
+    BARRICADE_PRETRAINED,
+    CHECK_PAPER,
+    CHECK_PERMIT_ALL,
+    EXACT_SPEED,
+    REFERENCE_ACC,
+)
 
 EXPERIMENTS: dict[str, Experiment] = {
-    "curves": curves,
-    "ends": ends,
-    "fast": fast,
-    "speeds": speeds,
-    "variations": variations,
-    "strict": strictness,
-    "adaptation": adaptation,
-    "barricade": barricade,
-    "figures": figures,
+    experiment.name: experiment
+    for experiment in (
+        CURVES,
+        FINAL_POLICIES,
+        FAST,
+        DENSITY_SWEEP,
+        CHECK_PAPER,
+        CHECK_PERMIT_ALL,
+        REFERENCE_ACC,
+        EXACT_SPEED,
+        BARRICADE_PRETRAINED,
+        STRICT,
+        ADAPTATION,
+        BARRICADE,
+    )
 }
-"""Those of ``scale.MEANINGS``, which tells what they are."""

@@ -1,22 +1,37 @@
-"""What the check ``strict`` costs the shipped driver, and what each of its bounds does (ours)."""
+"""The speed that the check ``strict`` costs the shipped driver, by density and bound (ours)."""
 
-from collections.abc import Generator
-from functools import partial
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
-from drl_av.config import Config
+from drl_av.config import StrictConfig
 from drl_av.drivers.registry import default_config, find_drivers
-from drl_av.env.metrics import EpisodeResult
+from drl_av.errors import DrlAvError
 from drl_av.evaluation import DENSITIES
-from drl_av.experiments.driven import DrivenTable, columns
-from drl_av.experiments.options import Progress, Scale
+from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.experiments import density_sweep
+from drl_av.experiments.canvas import lighten, panels
+from drl_av.experiments.density_sweep import DRIVER
+from drl_av.experiments.drives import Drives, DrivingPlan, driven_with
+from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.markdown import (
+    PAPER_VEHICLES,
+    collisions_cell,
+    count,
+    densities_of,
+    markdown_table,
+    mean_of,
+    mean_speed,
+)
+from drl_av.experiments.options import ReproduceOptions
 from drl_av.files import Row
 
-TABLE = "strict.csv"
-OUTCOME = ("seed", "mean_speed_m_s", "collided", "ego_hit", "safety_triggers")
-"""What is kept of an episode."""
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLUMNS = ("seed", "mean_speed_m_s", "collided", "ego_hit", "safety_triggers")
 VEHICLES = 15
-"""Density at which the bounds are moved, one at a time."""
+"""Density at which the bounds are changed, one at a time."""
 BOUNDS: dict[str, tuple[float, ...]] = {
     "braking_m_s2": (6.0, 9.0),
     "acceleration_m_s2": (4.0,),
@@ -25,59 +40,142 @@ BOUNDS: dict[str, tuple[float, ...]] = {
     "follower_braking_m_s2": (3.0,),
     "clearance_m": (0.0, 2.0),
 }
-"""Other values of each bound than its default, which is what our traffic does."""
+"""Other values of each bound than its default, which is what our traffic keeps to."""
+LABELS = {
+    "braking_m_s2": "braking ahead",
+    "acceleration_m_s2": "acceleration behind",
+    "lateral_speed_m_s": "lateral speed",
+    "follower_response_s": "follower's response",
+    "follower_braking_m_s2": "follower's braking",
+    "clearance_m": "clearance",
+}
+MARKS = "ov^sDP"
 
 
-class Cell(NamedTuple):
-    """Episodes under one check at one density."""
-
-    check: str
-    bound: str
-    """The bound of ``strict`` that was moved; empty for none."""
-    value: str
-    vehicles: int
-
-    def row(self) -> Row:
-        """What its rows have in common."""
-        return {**self._asdict(), "vehicles": str(self.vehicles)}
-
-    def config(self, base: Config) -> Config:
-        """The settings it is driven with."""
-        base = base.updated("safety", check=self.check)
-        if not self.bound:
-            return base
-        return base.updated("strict", **{self.bound: float(self.value)})
-
-
-def cells() -> list[Cell]:
-    """All of them: both checks at every density, then each bound moved."""
-    checks = [Cell(check, "", "", n) for n in DENSITIES for check in ("paper", "strict")]
-    moved = [
-        Cell("strict", bound, f"{value:g}", VEHICLES)
+def strict_plan(options: ReproduceOptions) -> DrivingPlan:
+    """The shipped driver under both checks at every density, then with each bound changed."""
+    config = options.laid_over(default_config(find_drivers([DRIVER])))
+    keys = [(check, "", "", n) for n in DENSITIES for check in ("paper", "strict")]
+    keys += [
+        ("strict", bound, f"{value:g}", VEHICLES)
         for bound, values in BOUNDS.items()
         for value in values
     ]
-    return checks + moved
+    cells = []
+    for check, bound, value, vehicles in keys:
+        own = config.updated("safety", check=check)
+        if bound:
+            own = own.updated("strict", **{bound: float(value)})
+        named = (("check", check), ("bound", bound), ("value", value))
+        cells.append(Drives(own, (DRIVER,), vehicles, options.drives, COLUMNS, named))
+
+    def place(row: Row) -> tuple[int, int]:
+        key = (row["check"], row["bound"], row["value"], int(row["vehicles"]))
+        return keys.index(key), int(row["seed"])
+
+    return DrivingPlan(driven_with(config, [DRIVER]), cells, place)
 
 
-def strictness(scale: Scale) -> Generator[Progress, None, None]:
-    """Drive the shipped driver under both checks, and keep ``strict.csv`` up to date.
+def strict_table(results: Results) -> str:
+    """The change of the mean speed under ``strict``, percent, and the collisions."""
+    rows = [row for row in results.rows("strict.csv") if not row["bound"]]
+    densities = densities_of(rows)
+    strict = [
+        [row for row in rows if row["check"] == "strict" and int(row["vehicles"]) == density]
+        for density in densities
+    ]
+    lines = [
+        ["change, %", *(str(change(rows, rows, density)) for density in densities)],
+        ["collisions", *map(collisions_cell, strict)],
+    ]
+    return markdown_table(["vehicles", *map(str, densities)], lines)
 
-    A cell that the table holds already is not driven again.
+
+def summary_table(results: Results) -> str:
+    """Each driver over the densities up to the paper's 30 vehicles; the shipped one also strict."""
+    driven: dict[tuple[str, str], list[Row]] = {}
+    for row in results.rows(density_sweep.TABLE):
+        if int(row["vehicles"]) <= PAPER_VEHICLES:
+            driven.setdefault((row["driver"], row["safety_check"]), []).append(row)
+    strict = [row for row in results.rows("strict.csv") if not row["bound"]]
+    driven[DRIVER, "strict"] = [row for row in strict if row["check"] == "strict"]
+    lines = []
+    for (driver, check), rows in sorted(driven.items(), key=lambda of: of[0][0] != DRIVER):
+        known = "mean_reward" in rows[0]
+        reward = f"{mean_of(rows, 'mean_reward'):.3f}" if known else "not recorded"
+        hits = f"{count(rows, 'ego_hit')} of {len(rows)}"
+        lines.append([f"`{driver}`", f"`{check}`", mean_speed(rows), reward, hits])
+    names = ("driver", "safety check", "mean speed, m/s", "reward per decision", "ego hit")
+    return markdown_table(names, lines)
+
+
+def strict_figure(rows: list[Row]) -> "Figure":
+    """Change of the mean speed under ``strict`` against ``paper``, paired by seed, in percent."""
+    figure, (by_density, by_bound) = panels((11.5, 4), 1, 2)
+    plain = [row for row in rows if not row["bound"]]
+    numbers = densities_of(row for row in plain if row["check"] == "strict")
+    changes = [change(plain, plain, number) for number in numbers]
+    _curve(by_density, numbers, changes, color="#d55e00", marker="o")
+    by_density.set_title("the check as it is")
+    moved = [row for row in rows if row["bound"]]
+    for mark, bound in zip(MARKS, dict.fromkeys(row["bound"] for row in moved), strict=False):
+        _bound(by_bound, rows, bound, mark)
+    by_bound.set_title(f"one bound moved, among {moved[0]['vehicles']} vehicles" if moved else "")
+    if moved:
+        figure.legend(loc="outside right center", frameon=False)
+    labels = ("vehicles on the loop", "bound, as a multiple of its default")
+    for axes, label in zip((by_density, by_bound), labels, strict=True):
+        lighten(axes, label, "change of the mean speed, %")
+        axes.axhline(0.0, color="#999999", linewidth=1)
+    return figure
+
+
+def change(rows: Iterable[Row], plain: Iterable[Row], vehicles: int) -> Mean:
+    """The change from the ``paper`` rows to the ``strict`` ones of the same seeds, in percent.
 
     Raises:
-        DrlAvError: as ``DrivenTable``.
+        DrlAvError: they are not of the same seeds.
     """
-    choices = find_drivers(["pretrained"])
-    config = scale.over(default_config(choices))
-    table = DrivenTable(scale, TABLE, config, choices)
-    total = len(cells()) * scale.drives
-    for done, cell in enumerate(cells()):
-        own = cell.config(config)
-        for driven in table.drive(cell.row(), own, cell.vehicles, partial(_row, cell)):
-            told = f"{cell.check} {cell.bound} {cell.value}".strip()
-            yield Progress(done * scale.drives + driven, total, told)
+    ours, paper = (
+        {
+            row["seed"]: float(row["mean_speed_m_s"])
+            for row in some
+            if row["check"] == check and int(row["vehicles"]) == vehicles
+        }
+        for some, check in ((rows, "strict"), (plain, "paper"))
+    )
+    if not ours or ours.keys() != paper.keys():
+        raise DrlAvError(
+            f"The drives under strict and paper among {vehicles} vehicles are not of the same "
+            "seeds: make them anew with drl-av reproduce strict."
+        )
+    speed = sum(paper.values()) / len(paper)
+    return mean_with_interval(100 * (ours[seed] - paper[seed]) / speed for seed in ours)
 
 
-def _row(cell: Cell, result: EpisodeResult) -> Row:
-    return cell.row() | columns(result, *OUTCOME)
+def _bound(axes: "Axes", rows: Sequence[Row], bound: str, mark: str) -> None:
+    plain = [row for row in rows if not row["bound"]]
+    own = [row for row in rows if row["bound"] == bound]
+    vehicles, usual = int(own[0]["vehicles"]), float(getattr(StrictConfig(), bound))
+    found = {1.0: change(plain, plain, vehicles)}
+    for value in {row["value"] for row in own}:
+        moved = [row for row in own if row["value"] == value]
+        found[float(value) / usual] = change(moved, plain, vehicles)
+    places = sorted(found)
+    label = LABELS.get(bound, bound)
+    _curve(axes, places, [found[place] for place in places], label=label, marker=mark)
+
+
+def _curve(axes: "Axes", x: Sequence[float], means: Sequence[Mean], **looks: Any) -> None:
+    values, halves = [mean.value for mean in means], [mean.half_width for mean in means]
+    axes.errorbar(x, values, yerr=halves, capsize=3, **looks)
+
+
+STRICT = Experiment(
+    name="strict",
+    meaning="the speed that the check strict costs the shipped driver, with each of its bounds",
+    row="an episode under paper or strict, or under strict with one bound changed",
+    plan=strict_plan,
+    summaries={"strict": strict_table, "summary": summary_table},
+    figures={"strict": strict_figure},
+)

@@ -1,31 +1,27 @@
-"""The drivers of the mean speeds in other settings than theirs."""
+"""The drivers of the density sweep in other settings than theirs, an experiment each."""
 
-from collections.abc import Generator
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 from drl_av.config import Config
 from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation import DENSITIES
-from drl_av.experiments.barricade_training import SCENARIO, TRAINED_VEHICLES
-from drl_av.experiments.density_sweep import BASELINES, DRIVER
-from drl_av.experiments.driven import DrivenTable
-from drl_av.experiments.options import Progress, Scale
-
-
-class Variation(NamedTuple):
-    """Some drivers in settings of their own."""
-
-    table: str
-    drivers: tuple[str, ...]
-    section: str
-    settings: dict[str, Any]
-    """What differs in that section of the config."""
-    densities: tuple[int, ...] = DENSITIES
-
-    def over(self, config: Config) -> Config:
-        """The settings it is driven with."""
-        return config.updated(self.section, **self.settings)
-
+from drl_av.experiments import density_sweep
+from drl_av.experiments.barricade import SCENARIO, TRAINED_VEHICLES
+from drl_av.experiments.density_sweep import DRIVER, DRIVERS
+from drl_av.experiments.drives import Drives, DrivingPlan, driven_with
+from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.markdown import (
+    PAPER_VEHICLES,
+    closer_than_safe,
+    collisions,
+    count,
+    markdown_table,
+    mean_of,
+    mean_speed,
+)
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.files import Row
 
 CATCH_UP = {
     "longitudinal_reference": "acc",
@@ -33,38 +29,117 @@ CATCH_UP = {
     "reference_standstill_gap_m": 0.0,
 }
 """Adaptive cruise control at the pace of the reward's v_des, that follows at d_safe (ours)."""
-VARIATIONS = (
-    Variation("check_paper.csv", ("random",), "safety", {"check": "paper"}),
-    Variation("check_permit_all.csv", ("random", "idm-sumo"), "safety", {"check": "permit_all"}),
-    Variation("reference_acc.csv", (DRIVER, *BASELINES), "ego", CATCH_UP),
-    Variation("exact_speed.csv", (DRIVER,), "reward", {"speed_tolerance_m_s": 0.0}),
-    Variation(
-        "barricade_pretrained.csv",
-        (DRIVER,),
-        "simulation",
-        {"scenario": SCENARIO},
-        (TRAINED_VEHICLES,),
-    ),
+
+
+def varied(
+    options: ReproduceOptions,
+    drivers: tuple[str, ...],
+    section: str,
+    settings: dict[str, Any],
+    densities: tuple[int, ...] = (),
+) -> DrivingPlan:
+    """Some drivers with other settings in one section of the config; all densities by default."""
+    config = options.laid_over(default_config(find_drivers(drivers))).updated(section, **settings)
+    numbers = densities or DENSITIES
+    cells = [Drives(config, drivers, vehicles, options.drives) for vehicles in numbers]
+
+    def place(row: Row) -> tuple[int, int, int]:
+        return int(row["vehicles"]), int(row["seed"]), drivers.index(row["driver"])
+
+    return DrivingPlan(driven_with(config, drivers), cells, place)
+
+
+def check_table(results: Results) -> str:
+    """Drivers with the check and without it, over the densities of those tables."""
+    rows = results.rows(CHECK_PAPER.table) + results.rows(CHECK_PERMIT_ALL.table)
+    densities = {row["vehicles"] for row in rows}
+    rows += [
+        row
+        for row in results.rows(density_sweep.TABLE)
+        if row["driver"] == "idm-sumo" and row["vehicles"] in densities
+    ]
+    lines = []
+    for driver, check in sorted({(row["driver"], row["safety_check"]) for row in rows}):
+        own = [r for r in rows if (r["driver"], r["safety_check"]) == (driver, check)]
+        hits = map(str, (len(own), *collisions(own)))
+        lines.append([f"`{driver}`", f"`{check}`", *hits, mean_speed(own)])
+    names = ("driver", "check", "episodes", "ego hit something", "was hit", "mean speed, m/s")
+    return markdown_table(names, lines)
+
+
+def reference_table(results: Results) -> str:
+    """Each driver with the accelerations of the paper's actions, and otherwise."""
+    tables = {
+        "the paper's accelerations": results.rows(density_sweep.TABLE),
+        "the same, v_des exact": results.rows(EXACT_SPEED.table),
+        "`acc` as reference": results.rows(REFERENCE_ACC.table),
+    }
+    lines = []
+    for driver in DRIVERS:
+        for settings, rows in tables.items():
+            own = [row for row in rows if row["driver"] == driver]
+            own = [row for row in own if int(row["vehicles"]) <= PAPER_VEHICLES]
+            if own:
+                means = [f"{mean_of(own, column):.3f}" for column in ("mean_reward", "mean_r_v")]
+                hits = f"{count(own, 'ego_hit')} of {len(own)}"
+                cells = [*means, f"{closer_than_safe(own):.1f}", mean_speed(own), hits]
+                lines.append([f"`{driver}`", settings, *cells])
+    names = ("driver", "settings", "reward per decision", "r_v", "closer than d_safe, %")
+    return markdown_table([*names, "mean speed, m/s", "ego hit something"], lines)
+
+
+def barricade_table(results: Results) -> str:
+    """How the shipped driver drives beside a closed lane, and on the open road."""
+    closed, swept = results.rows(BARRICADE_PRETRAINED.table), results.rows(density_sweep.TABLE)
+    densities = {row["vehicles"] for row in closed}
+    lines = []
+    for lane, rows in (("closed", closed), ("open", swept)):
+        own = [row for row in rows if row["driver"] == DRIVER and row["vehicles"] in densities]
+        lines.append([lane, *map(str, (len(own), *collisions(own))), mean_speed(own)])
+    names = ("right lane", "episodes", "ego hit something", "was hit", "mean speed, m/s")
+    return markdown_table(names, lines)
+
+
+CHECK_PAPER = Experiment(
+    name="check_paper",
+    meaning="the random driver under the check paper",
+    row="an episode",
+    plan=partial(varied, drivers=("random",), section="safety", settings={"check": "paper"}),
 )
-
-
-def variations(scale: Scale) -> Generator[Progress, None, None]:
-    """Drive each of them, and keep its table up to date.
-
-    A density that a table holds already is not driven again.
-
-    Raises:
-        DrlAvError: as ``DrivenTable``.
-    """
-    tables = []
-    for variation in VARIATIONS:
-        choices = find_drivers(variation.drivers)
-        config = variation.over(scale.over(default_config(choices)))
-        tables.append(DrivenTable(scale, variation.table, config, choices))
-    total = sum(len(v.densities) * len(v.drivers) for v in VARIATIONS) * scale.drives
-    done = 0
-    for variation, table in zip(VARIATIONS, tables, strict=True):
-        for vehicles in variation.densities:
-            for driven in table.drive({"vehicles": str(vehicles)}, table.config, vehicles):
-                yield Progress(done + driven, total, variation.table)
-            done += len(variation.drivers) * scale.drives
+CHECK_PERMIT_ALL = Experiment(
+    name="check_permit_all",
+    meaning="the random driver and idm-sumo without a check",
+    row="an episode",
+    plan=partial(
+        varied, drivers=("random", "idm-sumo"), section="safety", settings={"check": "permit_all"}
+    ),
+    summaries={"check": check_table},
+)
+REFERENCE_ACC = Experiment(
+    name="reference_acc",
+    meaning="the drivers of the density sweep with adaptive cruise control as reference",
+    row="an episode",
+    plan=partial(varied, drivers=DRIVERS, section="ego", settings=CATCH_UP),
+)
+EXACT_SPEED = Experiment(
+    name="exact_speed",
+    meaning="the shipped driver where v_des is exactly the speed that the lane allows",
+    row="an episode",
+    plan=partial(
+        varied, drivers=(DRIVER,), section="reward", settings={"speed_tolerance_m_s": 0.0}
+    ),
+    summaries={"reference": reference_table},
+)
+BARRICADE_PRETRAINED = Experiment(
+    name="barricade_pretrained",
+    meaning="the shipped driver on the road whose right lane is closed",
+    row="an episode",
+    plan=partial(
+        varied,
+        drivers=(DRIVER,),
+        section="simulation",
+        settings={"scenario": SCENARIO},
+        densities=(TRAINED_VEHICLES,),
+    ),
+    summaries={"barricade": barricade_table},
+)

@@ -143,8 +143,11 @@ def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[
         (["scenario", "a,b"], r"a,b, which has a comma in it"),
         (["scenario", "new", "--lanes", "50"], r"lanes is 50, but must be .* to 10"),
         (["scenario", "new", "--barricade", "7"], r"barricaded_lanes are \(7,\)"),
-        (["figures", "missing.csv"], r"missing.csv cannot be read"),
-        (["reproduce", "speeds", "--config", "missing.toml"], r"missing.toml cannot be read"),
+        (["figures", "missing.csv"], r"no table missing.csv"),
+        (
+            ["reproduce", "adaptation", "--config", "missing.toml"],
+            r"missing.toml cannot be read",
+        ),
         (["reproduce", "--config", "missing.toml"], r"missing.toml cannot be read"),
     ],
 )

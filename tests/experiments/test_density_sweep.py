@@ -1,4 +1,4 @@
-"""Mean speeds: driven once, to the density where the drivers meet; driven anew for a new policy."""
+"""The density sweep: driven once, to the density where the drivers meet."""
 
 import json
 from collections.abc import Iterator
@@ -8,13 +8,12 @@ from typing import Any
 import pytest
 
 from drl_av.errors import DrlAvError
-from drl_av.experiments import density_sweep as module
-from drl_av.experiments import driven
-from drl_av.experiments.density_sweep import speeds
-from drl_av.experiments.driven import DrivenTable
-from drl_av.experiments.options import Scale
-from drl_av.experiments.provenance import write_sidecar
-from drl_av.experiments.tables import read_rows
+from drl_av.evaluation.comparison import Evaluation
+from drl_av.evaluation.paired import Paired
+from drl_av.experiments import density_sweep, drives
+from drl_av.experiments.density_sweep import DENSITY_SWEEP
+from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.options import Progress, ReproduceOptions
 
 SETTINGS = """
 [simulation]
@@ -25,100 +24,71 @@ start_gap_m = 30.0
 
 
 @pytest.fixture
-def scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scale:
+def options(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ReproduceOptions:
     """Two densities of the tables, on a road that takes 41 vehicles and the ego."""
-    monkeypatch.setattr(module, "DENSITIES", (1, 30))
+    monkeypatch.setattr(density_sweep, "DENSITIES", (1, 30))
     (tmp_path / "settings.toml").write_text(SETTINGS)
-    return Scale(drives=2, jobs=1, out=tmp_path, config=str(tmp_path / "settings.toml"))
+    config = str(tmp_path / "settings.toml")
+    return ReproduceOptions(drives=2, jobs=1, out=tmp_path, config=config)
 
 
-def densities(folder: Path) -> list[str]:
-    return list(dict.fromkeys(row["vehicles"] for row in read_rows(folder / "evaluation.csv")))
+def sweep(options: ReproduceOptions) -> list[Progress]:
+    return list(reproduce(DENSITY_SWEEP, options))
 
 
-def never_met(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module.Paired, "lower_m_s", property(lambda gain: 1.0))
+def densities(options: ReproduceOptions, table: str = "density_sweep.csv") -> list[str]:
+    return list(dict.fromkeys(row["vehicles"] for row in Results(options.out).rows(table)))
 
 
-def test_goes_on_to_a_full_road_where_the_drivers_do_not_meet(
-    scale: Scale, monkeypatch: pytest.MonkeyPatch
+def drivers_gain(monkeypatch: pytest.MonkeyPatch, lower_m_s: float) -> None:
+    """Lower end of the interval of every gain."""
+    monkeypatch.setattr(Paired, "lower_m_s", property(lambda gain: lower_m_s))
+
+
+def test_goes_on_to_a_full_road_while_the_gain_is_significant(
+    options: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    never_met(monkeypatch)
-    told = list(speeds(scale))
-    assert densities(scale.out) == ["1", "30", "35", "40"]
-    rows = read_rows(scale.out / "evaluation.csv")
+    drivers_gain(monkeypatch, 0.1)
+    steps = sweep(options)
+    assert densities(options) == densities(options, "paired.csv") == ["1", "30", "35", "40"]
+    rows = Results(options.out).rows("density_sweep.csv")
     assert len({(r["driver"], r["vehicles"], r["seed"]) for r in rows}) == len(rows) == 4 * 4 * 2
-    assert [row["vehicles"] for row in read_rows(scale.out / "paired.csv")][::3] == densities(
-        scale.out
-    )
-    assert told[-1].done == told[-1].total == 32
-    assert "40 vehicles: pretrained gains" in told[-1].line
-    facts = json.loads((scale.out / "evaluation.json").read_text())
-    assert (facts["seeds"], facts["step_length_s"]) == ("0 to 1", 0.5)
+    [*_, last] = [step for step in steps if "gains" in step.line]
+    assert (last.done, last.total) == (32, 32)
+    assert "40 vehicles: pretrained gains" in last.line
+    assert (options.out / "mean_speed.png").exists()
 
 
-def test_stops_where_they_meet_and_drives_nothing_twice(
-    scale: Scale, monkeypatch: pytest.MonkeyPatch
+def test_stops_where_the_drivers_meet_and_drives_nothing_twice(
+    options: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module.Paired, "lower_m_s", property(lambda gain: 0.0))
-    list(speeds(scale))
-    assert densities(scale.out) == ["1", "30"]
-    before = (scale.out / "evaluation.csv").read_bytes()
+    drivers_gain(monkeypatch, 0.0)
+    sweep(options)
+    assert densities(options) == ["1", "30"]
     counts: list[int] = []
-    rows = driven.Evaluation.rows
+    rows = Evaluation.rows
 
     def counted(evaluation: Any, jobs: int) -> Iterator[Any]:
         counts.append(len(evaluation))
         return rows(evaluation, jobs)
 
-    monkeypatch.setattr(driven.Evaluation, "rows", counted)
-    list(speeds(scale))
+    monkeypatch.setattr(Evaluation, "rows", counted)
+    sweep(options)
     assert not counts
-    list(speeds(scale._replace(drives=3)))
+    sweep(options._replace(drives=3))
     assert counts == [4, 4]  # four drivers on the third seed
-    whole = (scale.out / "evaluation.csv").read_bytes()
-    assert before != whole
-    # fewer are there already
-    list(speeds(scale))
+    sweep(options)  # fewer are there already
     assert counts == [4, 4]
-    assert json.loads((scale.out / "evaluation.json").read_text())["seeds"] == "0 to 2"
-    monkeypatch.setattr(driven, "checksum", lambda file: "that of another policy")
-    with pytest.raises(DrlAvError, match=r"evaluation\.csv was made with .* another driver"):
-        list(speeds(scale))
-    assert (scale.out / "evaluation.csv").read_bytes() == whole
+    assert json.loads((options.out / "density_sweep.json").read_text())["seeds"] == "0 to 2"
 
 
-def test_a_row_that_is_lost_is_told(scale: Scale, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module.Paired, "lower_m_s", property(lambda gain: 0.0))
-    list(speeds(scale))
-    table = scale.out / "evaluation.csv"
-    header, _, *rest = table.read_text().splitlines(keepends=True)
-    table.write_text("".join([header, *rest]))
-    before = table.read_bytes()
-    with pytest.raises(DrlAvError, match=r"evaluation\.csv, .* damaged or of another version"):
-        list(speeds(scale._replace(drives=3)))
-    assert table.read_bytes() == before
-
-
-def test_a_table_that_nobody_says_how_it_was_made_is_left_alone(scale: Scale) -> None:
-    text = "driver,vehicles,seed\nidm,1,0\n"
-    (scale.out / "evaluation.csv").write_text(text)
-    with pytest.raises(DrlAvError, match=r"has no evaluation\.json beside it"):
-        list(speeds(scale))
-    assert (scale.out / "evaluation.csv").read_text() == text
-
-
-@pytest.mark.parametrize("harm", ["a column", "a number", "the time"])
-def test_a_damaged_table_is_told_in_one_sentence_and_kept(scale: Scale, harm: str) -> None:
-    config = scale.over(module.default_config(module.find_drivers(["pretrained"])))
-    table = DrivenTable(scale, "evaluation.csv", config, module.find_drivers(["pretrained"]))
-    facts = table.facts()
-    if harm == "the time":
-        del facts["wall_time_s"]
-    write_sidecar(scale.out / "evaluation.csv", facts)
-    rows = {"a column": "driver,vehicles\nidm,1\n", "a number": "driver,vehicles\nidm,x\n"}
-    text = rows.get(harm, "driver\n")
-    (scale.out / "evaluation.csv").write_text(text)
-    with pytest.raises(DrlAvError, match=r"evaluation\.csv, .* damaged or of another version"):
-        list(speeds(scale))
-    assert (scale.out / "evaluation.csv").read_text() == text
+def test_episodes_of_another_policy_are_not_mixed(
+    options: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drivers_gain(monkeypatch, 0.0)
+    sweep(options)
+    whole = (options.out / "density_sweep.csv").read_bytes()
+    monkeypatch.setattr(drives, "checksum", lambda file: "that of another policy")
+    with pytest.raises(DrlAvError, match=r"density_sweep\.csv was made with .* another driver"):
+        sweep(options)
+    assert (options.out / "density_sweep.csv").read_bytes() == whole

@@ -8,7 +8,8 @@ from dataclasses import asdict
 import pytest
 
 from drl_av.config import Config
-from drl_av.experiments.provenance import command, made_by, stored_config
+from drl_av.experiments.provenance import command, made_by
+from drl_av.experiments.store import stored_config
 
 
 @pytest.mark.parametrize(

@@ -1,67 +1,45 @@
-"""What ``strict`` costs, as an experiment of ``drl-av reproduce``, and its figure."""
+"""The speed that ``strict`` costs: both checks in the same traffic, compared seed by seed."""
 
-import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from drl_av.errors import DrlAvError
-from drl_av.experiments import strictness as module
-from drl_av.experiments.options import Scale
-from drl_av.experiments.strictness_figure import change, strictness_figure
-from drl_av.experiments.tables import read_rows
+from drl_av.experiments import strictness
+from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.strictness import STRICT, change, strict_figure
 
 
-def test_both_checks_meet_the_same_traffic_and_what_is_there_is_not_driven_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "DENSITIES", (2,))
-    monkeypatch.setattr(module, "VEHICLES", 2)
-    monkeypatch.setattr(module, "BOUNDS", {"clearance_m": (2.0,)})
-    scale = Scale(out=tmp_path, drives=2, jobs=1)
-    told = list(module.strictness(scale))
+def test_both_checks_meet_the_same_traffic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(strictness, "DENSITIES", (2,))
+    monkeypatch.setattr(strictness, "VEHICLES", 2)
+    monkeypatch.setattr(strictness, "BOUNDS", {"clearance_m": (2.0,)})
+    options = ReproduceOptions(out=tmp_path, drives=2, jobs=1)
+    steps = [step for step in reproduce(STRICT, options) if step.label]
     # two episodes each of: paper, strict, and strict with 2 m of clearance
-    assert [step.done for step in told] == [1, 2, 3, 4, 5, 6]
-    assert told[-1].total == 6
-    rows = read_rows(tmp_path / "strict.csv")
-    cells = [(row["check"], row["bound"], row["value"], row["seed"]) for row in rows]
-    assert cells == [
+    assert [(step.done, step.total) for step in steps] == [(n, 6) for n in range(1, 7)]
+    rows = Results(tmp_path).rows("strict.csv")
+    assert [(row["check"], row["bound"], row["value"], row["seed"]) for row in rows] == [
         *(("paper", "", "", "0"), ("paper", "", "", "1")),
         *(("strict", "", "", "0"), ("strict", "", "", "1")),
         *(("strict", "clearance_m", "2", "0"), ("strict", "clearance_m", "2", "1")),
     ]
-    assert json.loads((tmp_path / "strict.json").read_text())["seeds"] == "0 to 1"
-    assert list(module.strictness(scale)) == []
-    more = list(module.strictness(scale._replace(drives=3)))
-    assert [step.done for step in more] == [3, 6, 9]  # the third episode of each
-    assert len(read_rows(tmp_path / "strict.csv")) == 9
-    density, bounds = strictness_figure(tmp_path / "strict.csv").axes
+    assert not [step for step in reproduce(STRICT, options) if step.label]
+    density, bounds = strict_figure(rows).axes
     assert density.get_title() == "the check as it is"
     assert bounds.get_legend_handles_labels()[1] == ["clearance"]
 
 
-def test_a_table_of_other_columns_is_left_as_it_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "cells", lambda: [module.Cell("paper", "", "", 1)])
-    scale = Scale(out=tmp_path, drives=1, jobs=1)
-    list(module.strictness(scale))
-    monkeypatch.setattr(module, "OUTCOME", ("seed", "collided"))
-    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    with pytest.raises(DrlAvError, match=r"strict\.csv was made with other settings"):
-        list(module.strictness(scale._replace(drives=2)))
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == kept
-
-
-def drives(check: str, *speeds: float) -> list[dict[str, Any]]:
+def drives(check: str, *speeds: float) -> list[dict[str, str]]:
     return [
-        {"check": check, "bound": "", "vehicles": 5, "seed": seed, "mean_speed_m_s": speed}
+        {"check": check, "bound": "", "vehicles": "5", "seed": str(seed)}
+        | {"mean_speed_m_s": str(speed)}
         for seed, speed in enumerate(speeds)
     ]
 
 
-def test_the_cost_is_paired_by_seed_and_told_in_percent_of_the_speed_without() -> None:
+def test_the_cost_is_paired_by_seed_in_percent_of_the_speed_without() -> None:
     rows = drives("paper", 20.0, 30.0) + drives("strict", 19.0, 29.0)
     # 1 m/s less in either traffic, of 25 m/s
     found = change(rows, rows, 5)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drl_av.errors import DrlAvError, RecordingError
-from drl_av.experiments.drawing import plain_figure, save_figure
+from drl_av.experiments.canvas import one_panel, save_figure
 from drl_av.files import append, replacing, require_writable, write_whole
 
 
@@ -61,7 +61,7 @@ def test_a_figure_that_does_not_fit_on_the_disk_leaves_the_one_of_before(
     path.write_text("before")
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(DrlAvError, match="No space left on device"):
-        save_figure(plain_figure("x", "y")[0], path)
+        save_figure(one_panel("x", "y")[0], path)
     assert path.read_text() == "before"
 
 

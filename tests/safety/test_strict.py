@@ -38,7 +38,8 @@ from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
-from drl_av.experiments.strictness import cells
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.strictness import strict_plan
 from drl_av.safety import named_check
 from drl_av.safety.check import Rule, Verdict
 from drl_av.safety.reachability import lateral_extent
@@ -346,8 +347,8 @@ def test_traffic_that_does_not_keep_to_the_bounds_is_refused(
 def test_bounds_and_traffic_may_be_moved_together() -> None:
     quick = CONFIG.updated("traffic", acceleration_max_m_s2=3.0)
     named_check(quick.updated("strict", acceleration_m_s2=3.0))
-    for cell in cells():
-        named_check(cell.config(CONFIG))
+    for cell in strict_plan(ReproduceOptions()).cells:
+        named_check(cell.config)
 
 
 def test_a_steered_lane_change_is_none_of_its_business() -> None:

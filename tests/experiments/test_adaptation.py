@@ -1,8 +1,7 @@
-"""Adaptation made anew: the shipped driver on the same traffic, with learning and without."""
+"""Continual adaptation: the shipped driver on the same traffic, with learning and without."""
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,12 +9,11 @@ import pytest
 from drl_av.drivers.policy_file import load, load_policy
 from drl_av.errors import DrlAvError
 from drl_av.experiments import adaptation as module
-from drl_av.experiments import trainings
-from drl_av.experiments.adaptation import adaptation
-from drl_av.experiments.legs import Leg
-from drl_av.experiments.options import Scale
+from drl_av.experiments.adaptation import ADAPTATION
+from drl_av.experiments.experiment import reproduce
+from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.provenance import checksum
-from drl_av.experiments.tables import read_rows
+from drl_av.experiments.store import read_rows
 
 SETTINGS = """
 [simulation]
@@ -28,27 +26,20 @@ collisions_to_start = 0
 """
 
 
-def here(work: Any, jobs: list[Leg], processes: int) -> Any:
-    for job in jobs:
-        work(job)
-        yield [job]
-
-
 @pytest.fixture
-def scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scale:
+def options(tmp_path: Path) -> ReproduceOptions:
     """Five short episodes, in this process."""
     (tmp_path / "settings.toml").write_text(SETTINGS)
-    monkeypatch.setitem(trainings.ENGINES, "here", here)
     config = str(tmp_path / "settings.toml")
-    return Scale(engine="here", runs=tmp_path / "runs", out=tmp_path, config=config)
+    return ReproduceOptions(engine="here", runs=tmp_path / "runs", out=tmp_path, config=config)
 
 
 def test_both_begin_as_the_shipped_driver_trained_anew_and_only_one_of_them_learns(
-    scale: Scale, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    options: ReproduceOptions, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "BLOCK", 2)
-    runs = scale.runs
-    list(adaptation(scale))
+    runs = options.runs
+    list(reproduce(ADAPTATION, options))
     rows = read_rows(tmp_path / "adaptation.csv")
     assert [(row["variant"], row["seed"], row["episode"]) for row in rows] == [
         (variant, "0", episode)
@@ -72,14 +63,16 @@ def test_both_begin_as_the_shipped_driver_trained_anew_and_only_one_of_them_lear
     assert seeds[0] == seeds[1]
 
 
-def test_a_whole_table_asks_for_no_training(scale: Scale, tmp_path: Path) -> None:
-    list(adaptation(scale))
-    list(adaptation(scale._replace(runs=tmp_path / "elsewhere")))
+def test_a_complete_table_asks_for_no_training(options: ReproduceOptions, tmp_path: Path) -> None:
+    list(reproduce(ADAPTATION, options))
+    list(reproduce(ADAPTATION, options._replace(runs=tmp_path / "elsewhere")))
     assert list((tmp_path / "elsewhere").iterdir()) == []
 
 
-def test_legs_of_another_driver_never_come_into_one_table(scale: Scale, tmp_path: Path) -> None:
-    list(adaptation(scale))
+def test_rows_of_another_driver_never_come_into_a_table(
+    options: ReproduceOptions, tmp_path: Path
+) -> None:
+    list(reproduce(ADAPTATION, options))
     table = tmp_path / "adaptation.csv"
     policy = checksum(tmp_path / "runs" / "pretrained-1" / "policy.safetensors")
     facts = json.loads((tmp_path / "adaptation.json").read_text())
@@ -88,6 +81,6 @@ def test_legs_of_another_driver_never_come_into_one_table(scale: Scale, tmp_path
     (tmp_path / "adaptation.json").write_text(json.dumps(facts))
     before = table.read_bytes()
     with pytest.raises(DrlAvError, match=r"adaptation\.csv was made with .* another driver"):
-        list(adaptation(scale._replace(full_seeds=2)))
+        list(reproduce(ADAPTATION, options._replace(full_seeds=2)))
     assert table.read_bytes() == before
     assert not (tmp_path / "runs" / "pretrained-1" / "adaptation-1").exists()

@@ -1,0 +1,48 @@
+"""Panels to draw on, and figures as PNG files; the only module that imports matplotlib."""
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drl_av.errors import DrlAvError
+from drl_av.files import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def panels(size: tuple[float, float], *shape: int, **options: Any) -> "tuple[Figure, Any]":
+    """A figure of so many inches, and its axes: one, or an array of rows and columns of them."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, figure.subplots(*shape, **options)
+
+
+def one_panel(x: str, y: str) -> "tuple[Figure, Axes]":
+    """A figure of one panel, and the labels of its axes."""
+    figure, axes = panels((7, 4.2))
+    lighten(axes, x, y)
+    return figure, axes
+
+
+def lighten(axes: "Axes", x: str = "", y: str = "") -> None:
+    """Label the axes of a panel, and keep its frame light."""
+    axes.set(**{name: label for name, label in (("xlabel", x), ("ylabel", y)) if label})
+    axes.grid(alpha=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def save_figure(figure: "Figure", path: Path) -> None:
+    """Write a figure as PNG, whole or not at all; raises DrlAvError where the disk refuses."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DrlAvError(
+            f"The folder {path.parent} cannot be made ({error.strerror}): choose another one with "
+            "--out."
+        ) from error
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=150, metadata={"Software": None})
+    write_whole(path, data.getvalue())

@@ -1,0 +1,129 @@
+"""An experiment as a value, and how it is reproduced."""
+
+from collections.abc import Callable, Generator, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from drl_av.errors import DrlAvError
+from drl_av.experiments.options import Progress, ReproduceOptions
+from drl_av.experiments.store import (
+    Derived,
+    MadeWith,
+    ResultStore,
+    read_rows,
+    read_sidecar,
+    report_corrupt_table,
+)
+from drl_av.files import Row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Plan(Protocol):
+    """What must be driven and trained for a table."""
+
+    @property
+    def made_with(self) -> MadeWith:
+        """What the rows depend on."""
+
+    @property
+    def order(self) -> Callable[[Row], Any]:
+        """The place of a row in the table; no two rows have the same."""
+
+    def make(
+        self, store: ResultStore, options: ReproduceOptions
+    ) -> Generator[Progress, None, None]:
+        """Make the rows that the store lacks."""
+
+
+class Results:
+    """A folder of results, as the tables of the documentation read it."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def rows(self, table: str) -> list[Row]:
+        """The rows of a table by its file's name; raises DrlAvError where it is damaged."""
+        with report_corrupt_table(self._folder / table):
+            return read_rows(self._folder / table)
+
+    def made_by(self, table: str) -> dict[str, Any]:
+        """What made a table; raises DrlAvError."""
+        with report_corrupt_table(self._folder / table):
+            return read_sidecar(self._folder / table)
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A table of results, what must be driven or trained for it, and what is shown of it."""
+
+    name: str
+    """The table is ``<name>.csv``, with ``<name>.json`` beside it."""
+    meaning: str
+    """One sentence for ``drl-av reproduce --help`` and the documentation."""
+    row: str
+    """What a row of the table is."""
+    plan: Callable[[ReproduceOptions], Plan]
+    derived: Derived = field(default_factory=dict)
+    """Tables that are computed from this one, by the name of their file."""
+    summaries: Mapping[str, Callable[[Results], str]] = field(default_factory=dict)
+    """Markdown tables for the documentation, by the name between their marks."""
+    figures: "Mapping[str, Callable[[list[Row]], Figure | None]]" = field(default_factory=dict)
+    """Drawings of the rows by the name of their PNG file; None where there is nothing to draw."""
+
+    @property
+    def table(self) -> str:
+        """Name of the table's file."""
+        return f"{self.name}.csv"
+
+    def draw(self, folder: Path) -> "Iterator[tuple[str, Figure]]":
+        """The figures of the table in a folder; raises DrlAvError where it is damaged."""
+        with report_corrupt_table(folder / self.table):
+            rows = read_rows(folder / self.table)
+            for name, drawing in self.figures.items():
+                if rows and (figure := drawing(rows)) is not None:
+                    yield name, figure
+
+
+def reproduce(experiment: Experiment, options: ReproduceOptions) -> Generator[Progress, None, None]:
+    """Make what the table in ``options.out`` lacks, and draw its figures.
+
+    Raises:
+        DrlAvError: the table was made with other settings or is damaged, a training's folder is of
+            another training, or the disk refuses.
+        SimulationError: a training or an evaluation cannot go on.
+    """
+    plan = experiment.plan(options)
+    path = options.out / experiment.table
+    store = ResultStore(path, plan.made_with, plan.order, experiment.derived)
+    yield from plan.make(store, options)
+    store.save_derived()
+    if store.rows:
+        yield from _draw(experiment, options.out)
+
+
+def _draw(experiment: Experiment, folder: Path) -> Iterator[Progress]:
+    from drl_av.experiments.canvas import save_figure
+
+    for name, figure in experiment.draw(folder):
+        save_figure(figure, folder / f"{name}.png")
+        yield Progress(1, 1, line=str(folder / f"{name}.png"))
+
+
+def draw_results(
+    experiments: Mapping[str, Experiment], folder: Path
+) -> "Iterator[tuple[str, Figure]]":
+    """The figures of every experiment whose table is in the folder.
+
+    Raises:
+        DrlAvError: a table is damaged, or there is none.
+    """
+    found = [each for each in experiments.values() if (folder / each.table).is_file()]
+    if not any(experiment.figures for experiment in found):
+        raise DrlAvError(
+            f"{folder} holds neither a run nor results: make them with drl-av reproduce."
+        )
+    for experiment in found:
+        yield from experiment.draw(folder)

@@ -1,0 +1,244 @@
+"""The store of results: a CSV table and, in a JSON file beside it, what made its rows."""
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tomli_w
+
+from drl_av.config import BEFORE, Config, from_toml
+from drl_av.errors import DrlAvError
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.provenance import provenance
+from drl_av.files import Row, read_table, require_writable, write_table, write_whole
+
+Derived = Mapping[str, Callable[[list[Row]], list[Row]]]
+"""Names of tables that are computed from another one, and how."""
+
+
+class MadeWith(NamedTuple):
+    """What the rows of a table depend on, by the name of a training or variant.
+
+    A table whose rows share one config and one learned driver has them under the name "".
+    """
+
+    settings: Mapping[str, Config]
+    policies: Mapping[str, str | None] = {}
+    """SHA-256 of learned drivers; None where all drivers of the table are rules."""
+    episodes: Mapping[str, int] = {}
+    """Training episodes of the drivers."""
+
+    def contradicts(self, other: "MadeWith") -> bool:
+        """Whether something has the same name in both and another value."""
+        pairs: list[tuple[Mapping[str, Any], Mapping[str, Any]]]
+        pairs = [*zip(self, other, strict=True)]
+        shared = bool(self.settings and other.settings)
+        return (shared and ("" in self.settings) != ("" in other.settings)) or any(
+            mine.get(name, value) != value for mine, its in pairs for name, value in its.items()
+        )
+
+    def extended(self, other: "MadeWith") -> "MadeWith":
+        """With what the other names besides."""
+        return MadeWith(
+            {**self.settings, **other.settings},
+            {**self.policies, **other.policies},
+            {**self.episodes, **other.episodes},
+        )
+
+
+class ResultStore:
+    """A table on disk to which only missing rows are added, sorted by ``order(row)``.
+
+    Raises:
+        DrlAvError: the table was made with other settings or another driver, or it is damaged, or
+            the disk refuses.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        made_with: MadeWith,
+        order: Callable[[Row], Any],
+        derived: Derived | None = None,
+    ) -> None:
+        self.path, self._order = path, order
+        self._derived = {path.with_name(name): derive for name, derive in (derived or {}).items()}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        require_writable(path, sidecar(path), *self._derived)
+        with report_corrupt_table(path):
+            facts = read_sidecar(path)
+            self.rows = sorted(read_rows(path), key=order)
+            places = [order(row) for row in self.rows]
+            if twice := [a for a, b in pairwise(places) if a == b]:
+                raise ValueError(f"the row {twice[0]} is there twice")
+            if self.rows:
+                self._derive()
+            self._made_with = _stored(facts, path) if facts else made_with
+            self.seconds = _seconds(facts)
+        self.require(made_with)
+
+    def of(self, key: Row) -> list[Row]:
+        """The rows that have these values."""
+        return [row for row in self.rows if key.items() <= row.items()]
+
+    def require(self, made_with: MadeWith) -> None:
+        """Raise DrlAvError where the rows were made with something else; else note it."""
+        if made_with.contradicts(self._made_with):
+            raise settings_mismatch(self.path)
+        self._made_with = self._made_with.extended(made_with)
+
+    def require_columns(self, row: Row) -> None:
+        """Raise DrlAvError where the table has other columns than the row."""
+        if self.rows and row.keys() != self.rows[0].keys():
+            raise settings_mismatch(self.path)
+
+    def put(self, key: Row, rows: Sequence[Row]) -> bool:
+        """Replace the rows of a key by these where these are more; returns whether they are."""
+        if len(rows) <= len(self.of(key)):
+            return False
+        self.require_columns(rows[0])
+        others = [row for row in self.rows if not key.items() <= row.items()]
+        self.rows = sorted([*others, *rows], key=self._order)
+        return True
+
+    def save(self, options: ReproduceOptions) -> None:
+        """Write the sidecar, then the table, then what derives from it, each file atomically."""
+        write_sidecar(self.path, self._facts(options))
+        write_table(self.path, self.rows[0], self.rows)
+        self.save_derived()
+
+    def save_derived(self) -> None:
+        """Write the tables that derive from this one; raises DrlAvError."""
+        if self.rows:
+            with report_corrupt_table(self.path):
+                derived = self._derive()
+            for path, rows in derived.items():
+                write_table(path, rows[0], rows)
+
+    def _derive(self) -> dict[Path, list[Row]]:
+        return {path: derive(self.rows) for path, derive in self._derived.items()}
+
+    def _facts(self, options: ReproduceOptions) -> dict[str, Any]:
+        settings, policies, episodes = self._made_with
+        times = {name: round(seconds, 1) for name, seconds in self.seconds.items()}
+        seeds = sorted({int(row["seed"]) for row in self.rows})
+        facts: dict[str, Any] = {
+            "engine": options.engine,
+            "processes": options.jobs,
+            "seeds": f"{seeds[0]} to {seeds[-1]}",
+            "wall_time_s": times.get("", times),
+        }
+        if "" not in policies and policies:
+            facts["policies_sha256"] = dict(policies)
+        elif policies.get(""):
+            facts["policy_sha256"] = policies[""]
+        if episodes:
+            facts["episodes"] = dict(episodes)
+        stored = {name: asdict(config) for name, config in settings.items()}
+        facts["settings"] = stored.get("", stored)
+        return provenance(next(iter(settings.values())), **facts)
+
+
+def _stored(facts: dict[str, Any], table: Path) -> MadeWith:
+    """What a sidecar says that made the rows; raises what ``report_corrupt_table`` reports."""
+    settings, name = facts["settings"], str(sidecar(table))
+    if "simulation" in settings:
+        config = stored_config(settings, name)
+        return MadeWith({"": config}, {"": facts.get("policy_sha256")})
+    configs = {training: stored_config(each, name) for training, each in settings.items()}
+    return MadeWith(configs, facts.get("policies_sha256", {}), facts.get("episodes", {}))
+
+
+def _seconds(facts: dict[str, Any]) -> dict[str, float]:
+    """Wall times by the name of a training, or under "" for all rows together."""
+    times = facts["wall_time_s"] if facts else {}
+    named: dict[str, Any] = {"": times} if facts and "simulation" in facts["settings"] else times
+    return {name: float(seconds) for name, seconds in named.items()}
+
+
+def stored_config(settings: dict[str, Any], name: str) -> Config:
+    """The config a table was made with; settings added since then have their former effect.
+
+    Raises:
+        ConfigError: it holds settings that this version does not know.
+    """
+    return from_toml(tomli_w.dumps(settings), BEFORE, name)
+
+
+@contextmanager
+def report_corrupt_table(table: Path) -> Iterator[None]:
+    """Raise DrlAvError where the block fails on rows or facts that are not as they were written."""
+    try:
+        yield
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        raise DrlAvError(
+            f"{table}, or what stands beside it, is damaged or of another version ({error!r}): "
+            "put both back as they were, or move them away to make them anew."
+        ) from error
+
+
+def settings_mismatch(table: Path) -> DrlAvError:
+    """The error that is raised instead of replacing other results."""
+    return DrlAvError(
+        f"{table} was made with other settings or another driver: choose another folder with "
+        f"--out, or move it and {sidecar(table).name} away to make it anew."
+    )
+
+
+def read_rows(table: Path) -> list[Row]:
+    """The rows of a table as text, none where there is no file; raises as ``read_table``."""
+    return read_table(table) if table.exists() else []
+
+
+def seeds_held(rows: Iterable[Row], drivers: int = 1) -> int:
+    """The number of seeds, from 0 on, that the rows have of each of so many drivers.
+
+    Raises:
+        ValueError: one is missing among them, or there twice.
+    """
+    seeds = sorted(int(row["seed"]) for row in rows)
+    count = len(seeds) // drivers
+    if seeds != sorted([*range(count)] * drivers):
+        raise ValueError("a seed is missing, or there twice")
+    return count
+
+
+def sidecar(table: Path) -> Path:
+    """The file that says what made a table: ``curves.csv`` has ``curves.json`` beside it."""
+    return table.with_suffix(".json")
+
+
+def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
+    """Write the file whole or not at all; raises DrlAvError where the disk refuses."""
+    write_whole(sidecar(table), json.dumps(facts, indent=2).encode() + b"\n")
+
+
+def read_sidecar(table: Path) -> dict[str, Any]:
+    """What made the table; empty where there is neither a table nor a sidecar.
+
+    Raises:
+        DrlAvError: the sidecar cannot be read, or it is missing beside a table.
+        TypeError: what should have names in it has none.
+    """
+    path = sidecar(table)
+    if not path.exists() and not table.exists():
+        return {}
+    if not path.exists():
+        raise DrlAvError(
+            f"{table} has no {path.name} beside it that says what made it: put that back, or move "
+            "the table away to make it anew."
+        )
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise DrlAvError(f"{path} cannot be read ({error}): put back what was there.") from error
+    if not isinstance(facts, dict):
+        raise DrlAvError(f"{path} holds no provenance: put back what was there.")
+    for name in ("settings", "policies_sha256", "episodes"):
+        if not isinstance(facts.get(name, {}), dict):
+            raise TypeError(f"{name} in {path.name} has no names")
+    return facts

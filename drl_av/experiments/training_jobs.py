@@ -1,0 +1,188 @@
+"""A training of an experiment: it goes on from its folder, and its rows are read from there."""
+
+import re
+import time
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from drl_av.config import BEFORE, Config, load_config
+from drl_av.drivers import policy_file
+from drl_av.errors import RunError
+from drl_av.files import Row, read_table
+
+
+@dataclass(frozen=True)
+class TrainingJob:
+    """A training that is driven up to an episode of its schedule."""
+
+    variant: str
+    config: Config
+    stop: int
+    """Last episode to drive; the config's schedule may go on beyond it."""
+    folder: Path
+    every: int
+    """Episodes that a row of its table sums up."""
+    origin: "TrainingJob | None" = None
+    """The training whose driver continues to learn here; None for one that begins anew."""
+
+    @property
+    def name(self) -> str:
+        """Variant and seed, as its folder is called."""
+        return self.folder.name
+
+    @property
+    def key(self) -> Row:
+        """The columns that its rows have in common."""
+        return {"variant": self.variant, "seed": str(self.config.learning.seed)}
+
+    @property
+    def policy(self) -> Path:
+        """The driver of the training, as soon as it has saved one."""
+        return self.folder / "policy.safetensors"
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is a folder to continue from."""
+        return (self.folder / "config.toml").is_file()
+
+    @property
+    def last_row(self) -> int:
+        """Episode of its last row."""
+        whole = self.stop == self.config.learning.episodes
+        return self.stop if whole else self.stop // self.every * self.every
+
+    @property
+    def clock(self) -> Path:
+        """CSV file beside the folder: the wall time of the episodes up to each checkpoint."""
+        return self.folder.with_suffix(".seconds.csv")
+
+    def until(self, stop: int) -> "TrainingJob":
+        """The same training up to another episode."""
+        return replace(self, stop=stop)
+
+    def require_same_settings(self) -> None:
+        """Raise RunError where its folder, or its origin's, was begun with other settings."""
+        if self.origin:
+            self.origin.require_same_settings()
+        if self.begun and load_config(self.folder / "config.toml", BEFORE) != self.config:
+            raise RunError(
+                f"{self.folder} was begun with other settings: choose another folder with --runs, "
+                "or move it away."
+            )
+
+    def require_not_beyond(self) -> None:
+        """Raise RunError where the training has continued beyond the episode of this job."""
+        file = self.folder / "checkpoint.safetensors"
+        done = policy_file.load(file)[1]["episodes_done"] if file.is_file() else 0
+        if done > self.stop:
+            raise RunError(
+                f"{self.folder} has gone on to episode {done}, and its driver of episode "
+                f"{self.stop} is gone: choose another folder with --runs."
+            )
+
+    def episodes_driven(self) -> int:
+        """Rows of the training's ``episodes.csv`` so far."""
+        file = self.folder / "episodes.csv"
+        return max(file.read_bytes().count(b"\n") - 1, 0) if file.is_file() else 0
+
+    def wall_time_s(self) -> float | None:
+        """Seconds that the training took, each episode counted once; None where none was measured.
+
+        A line that was cut short when the process ended does not count.
+        """
+        if not self.clock.is_file():
+            return None
+        text = self.clock.read_text(encoding="utf-8", errors="replace")
+        lines = re.findall(r"^(\d+),(\d+\.\d)$", text, re.MULTILINE)
+        return sum({episode: float(seconds) for episode, seconds in lines}.values())
+
+
+def train_job(job: TrainingJob) -> None:
+    """Train up to the job's last episode, from the last checkpoint on; nothing where it is done.
+
+    Raises:
+        RunError: the folder holds a training with other settings, or another process is in it.
+    """
+    job.require_same_settings()
+    from drl_av.env.highway import HighwayEnv
+    from drl_av.learning.adaptation import take_over
+    from drl_av.learning.run import Run, train
+    from drl_av.learning.training import Training
+
+    run = Run(job.folder)
+    with closing(HighwayEnv(config=job.config)) as env, ExitStack() as stack:
+        training = Training(env)
+        if not job.begun:
+            if job.origin:
+                take_over(training, job.origin.policy)
+            run.create(job.config, training if job.origin else None)
+        stack.enter_context(run.alone())
+        run.restore(training)
+        if training.episodes_done >= job.stop:
+            return
+        begun_s = time.monotonic()
+        for _ in train(run, training):
+            done = training.episodes_done
+            stops = done >= job.stop
+            if stops:
+                run.save(training)
+            if stops or done % job.config.learning.checkpoint_every == 0:
+                now_s = time.monotonic()
+                _note(job.clock, done, now_s - begun_s)
+                begun_s = now_s
+            if stops:
+                return
+
+
+def _note(clock: Path, episode: int, seconds: float) -> None:
+    with clock.open("a", encoding="utf-8") as file:
+        file.write(f"{episode},{seconds:.1f}\n")
+
+
+def blocks_of(job: TrainingJob) -> list[Row]:
+    """The training's rows so far: means of ``job.every`` episodes each."""
+    episodes = read_table(job.folder / "episodes.csv", growing=True)[: job.stop]
+    ends = range(job.every, len(episodes) + 1, job.every)
+    last = [job.stop] if len(episodes) == job.stop == job.config.learning.episodes else []
+    return [
+        {
+            **job.key,
+            "episode": str(end),
+            **_while_exploring(episodes[(end - 1) // job.every * job.every : end]),
+        }
+        for end in dict.fromkeys([*ends, *last])
+    ]
+
+
+def evaluations_of(job: TrainingJob) -> list[Row]:
+    """The training's rows so far, one an evaluation.
+
+    Beside the means of the greedy driver stand those of the training episodes since the
+    evaluation before, which explored.
+    """
+    evaluations = read_table(job.folder / "evaluations.csv", growing=True)
+    episodes = read_table(job.folder / "episodes.csv", growing=True)  # written before those
+    rows, before = [], 0
+    for evaluation in evaluations:
+        episode = int(evaluation["episode"])
+        since = episodes[before:episode]
+        if len(since) < episode - before:  # lost in a crash; they will be driven again
+            break
+        before = episode
+        each = {"evaluation_episodes": str(job.config.learning.evaluation_episodes)}
+        place = {**job.key, "episode": str(episode)}
+        rows.append({**place, **evaluation, **each, **_while_exploring(since)})
+    return rows
+
+
+def _while_exploring(episodes: list[Row]) -> Row:
+    count = len(episodes)
+    reward = sum(float(row["mean_reward"]) for row in episodes) / count
+    triggers = sum(int(row["safety_triggers"]) for row in episodes) / count
+    return {
+        "training_reward": f"{reward:.6g}",
+        "training_collisions": f"{sum(row['collided'] == 'True' for row in episodes) / count:.6g}",
+        "training_ego_hits": f"{sum(row['ego_hit'] == 'True' for row in episodes) / count:.6g}",
+        "training_safety_triggers": f"{triggers:.6g}",
+    }

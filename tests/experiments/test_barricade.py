@@ -1,0 +1,107 @@
+"""The barricaded lane: learning without a check costs collisions that the check prevents."""
+
+from pathlib import Path
+
+import pytest
+
+from drl_av.errors import DrlAvError
+from drl_av.experiments import barricade
+from drl_av.experiments.barricade import (
+    BARRICADE,
+    BarricadeEnv,
+    BarricadeTraining,
+    barricade_config,
+    barricade_figure,
+)
+from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.options import ReproduceOptions
+
+KEEP, RIGHT, LEFT = 0, 4, 8
+
+
+def test_the_barricade_is_told_from_the_road_edge() -> None:
+    env = BarricadeEnv(config=barricade_config("permit_all", 0, 1))
+    found = {}
+    for side in (RIGHT, LEFT):
+        env.reset(seed=0, options={"vehicles": 0})
+        decisions, terminated = 0, False
+        while not terminated:
+            terminated, decisions = env.step(side)[2], decisions + 1
+        found[side] = (env.hit, env.barricade_proposals, decisions)
+    env.close()
+    assert found[RIGHT][0] == "barricade"
+    assert found[RIGHT][1] >= 2  # the body crosses the line in the second of them
+    assert found[LEFT][:2] == ("road edge", 0)
+
+
+def test_the_check_stops_proposals_that_are_counted_all_the_same() -> None:
+    env = BarricadeEnv(config=barricade_config("paper", 0, 1))
+    env.reset(seed=0, options={"vehicles": 0})
+    for _ in range(12):
+        assert not env.step(RIGHT)[2]
+    env.close()
+    assert env.hit == ""
+    assert env.barricade_proposals >= 6
+
+
+def test_only_the_unchecked_training_runs_into_the_barricade() -> None:
+    rows = {
+        check: list(BarricadeTraining(barricade_config(check, 0, 3), 1).make([], 1))
+        for check in ("permit_all", "paper")
+    }
+    for check, own in rows.items():
+        assert {(row["safety_check"], row["seed"]) for row in own} == {(check, "0")}
+        assert [row["phase"] for row in own] == ["training"] * 3 + ["trained"]
+    assert "barricade" in {row["hit"] for row in rows["permit_all"]}
+    assert not {"barricade", "road edge"} & {row["hit"] for row in rows["paper"]}
+    assert sum(int(row["barricade_proposals"]) for row in rows["paper"]) > 0
+
+
+def test_a_training_that_is_in_the_table_is_not_repeated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(barricade, "SEEDS", (0,))
+    monkeypatch.setattr(barricade, "EPISODES", 2)
+    monkeypatch.setattr(barricade, "TRAINED_EPISODES", 1)
+    options = ReproduceOptions(out=tmp_path)
+    steps = reproduce(BARRICADE, options)
+    # one seed, two checks, two episodes of training and one of the driver trained
+    assert [next(steps).done for _ in range(4)] == [1, 2, 3, 4]
+    steps.close()  # in the midst of the second training
+    rows = Results(tmp_path).rows("barricade.csv")
+    assert [(row["phase"], row["episode"]) for row in rows] == [
+        *(("training", "1"), ("training", "2"), ("trained", "1"))
+    ]
+    assert [step.done for step in reproduce(BARRICADE, options) if step.label] == [1, 2, 3]
+    assert not [step for step in reproduce(BARRICADE, options) if step.label]
+    written = (tmp_path / "barricade.csv").read_bytes()
+    assert written.count(b"\n") == 1 + 6
+    (tmp_path / "barricade.csv").write_bytes(written.rsplit(b"\n", 2)[0] + b"\n")
+    with pytest.raises(DrlAvError, match=r"2 of 3 rows of a training"):
+        list(reproduce(BARRICADE, options))
+
+
+def test_the_figure_counts_what_the_table_says() -> None:
+    names = ("safety_check", "phase", "episode", "decisions", "barricade_proposals", "hit")
+    rows = [
+        dict(zip(names, line.split(","), strict=True)) | {"seed": "0"}
+        for line in (
+            "permit_all,training,1,5,2,barricade",
+            "permit_all,training,2,9,1,vehicle",
+            "permit_all,training,3,9,1,barricade",
+            "permit_all,trained,1,200,3,",
+            "permit_all,trained,2,100,3,vehicle",
+            "paper,training,1,200,20,",
+            "paper,training,2,200,10,by vehicle",
+            "paper,training,3,200,10,",
+            "paper,trained,1,200,0,",
+            "paper,trained,2,200,0,",
+        )
+    ]
+    learning, trained = barricade_figure(rows).axes
+    curves = {line.get_label(): list(line.get_ydata()) for line in learning.lines}
+    assert curves["without a check"] == [1, 1, 2]
+    assert curves["with the check"] == [0, 0, 0]
+    assert [bar.get_height() for bar in trained.patches] == pytest.approx([2.0, 0.0])
+    labels = [text.get_text().splitlines()[-1] for text in trained.get_xticklabels()]
+    assert labels == ["1 of 2 episodes", "0 of 2 episodes"]

@@ -1,0 +1,134 @@
+"""The figures: what is drawn is what the tables say, each with its interval."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drl_av.cli import main
+from drl_av.config import Config
+from drl_av.errors import DrlAvError
+from drl_av.experiments.adaptation import adaptation_figure, moving_average
+from drl_av.experiments.canvas import save_figure
+from drl_av.experiments.curves import check_figure, replay_figure
+from drl_av.experiments.density_sweep import speed_figure
+from drl_av.experiments.experiment import draw_results
+from drl_av.experiments.figures import learning_figure, reward_figure
+from drl_av.experiments.registry import EXPERIMENTS
+from drl_av.files import Row
+
+HEADER = "driver,vehicles,mean_speed_m_s\n"
+
+
+def rows_of(text: str) -> list[Row]:
+    names, *lines = (line.split(",") for line in text.split())
+    return [dict(zip(names, line, strict=True)) for line in lines]
+
+
+CURVES = """
+variant,seed,episode,mean_reward,training_reward,training_collisions,safety_triggers
+""" + "".join(
+    f"{variant},{seed},{episode},{base - seed / 10},-0.9,{0.4 + seed / 10},7\n"
+    for variant, base in (("paper", -0.1), ("permit_all", -0.5))
+    for seed, last in ((0, 500), (1, 300))
+    for episode in range(100, last + 1, 100)
+)
+"""Two seeds to episode 300, the first to 500; no row of the third variant."""
+
+
+def test_speed_figure_has_a_curve_for_each_driver_through_its_means() -> None:
+    rows = rows_of(HEADER + "idm,5,20\nidm,5,22\nidm,30,18\nmine,5,25\nmine,30,19\n")
+    [axes] = speed_figure(rows).axes
+    curves = {c.get_label(): c.lines[0] for c in axes.containers}
+    assert set(curves) == {"idm", "mine"}
+    assert curves["idm"].get_xdata().tolist() == pytest.approx([5, 30], abs=0.1)
+    assert curves["idm"].get_ydata().tolist() == [21.0, 18.0]
+
+
+def test_learning_figure_follows_the_evaluations_of_a_run(tmp_path: Path) -> None:
+    (tmp_path / "evaluations.csv").write_text("episode,mean_reward\n100,-0.4\n200,-0.1\n")
+    [axes] = learning_figure([tmp_path]).axes
+    assert axes.lines[0].get_ydata().tolist() == [-0.4, -0.1]
+
+
+def test_reward_figure_has_three_panels_with_their_best_at_the_desired_values(
+    tmp_path: Path,
+) -> None:
+    figure = reward_figure(Config())
+    curves = [panel.lines[0] for panel in figure.axes]
+    best = [curve.get_xdata()[np.argmax(curve.get_ydata())] for curve in curves]
+    assert best == pytest.approx([39.0, 3.8, 30.0], abs=0.06)
+    save_figure(figure, tmp_path / "deep" / "reward.png")
+    assert (tmp_path / "deep" / "reward.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("driver,vehicles\nidm,5\n", "no column 'mean_speed_m_s'"),
+        (HEADER + "idm,five,20\n", "line 2: vehicles is 'five'"),
+    ],
+)
+def test_a_wrong_table_is_refused(
+    tmp_path: Path, text: str, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "table.csv").write_text(text)
+    assert main(["figures", str(tmp_path / "table.csv"), "--out", str(tmp_path / "out")]) == 1
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_check_figure_has_means_over_seeds_and_goes_on_with_the_longer_one() -> None:
+    figure = check_figure(rows_of(CURVES))
+    assert figure is not None
+    reward, exploring, collisions = figure.axes
+    mean = reward.lines[0]
+    assert mean.get_label() == "two buffers, safety check (2 seeds)"
+    assert list(mean.get_xdata()) == [100, 200, 300]
+    assert mean.get_ydata() == pytest.approx([-0.15] * 3)
+    lone = [line for line in reward.lines if list(line.get_xdata()) == [300, 400, 500]]
+    assert [line.get_ydata()[0] for line in lone] == pytest.approx([-0.1, -0.5])
+    assert exploring.lines[0].get_ydata() == pytest.approx([-0.9] * 3)
+    assert collisions.lines[0].get_ydata() == pytest.approx([0.45] * 3)
+    band = reward.collections[0].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == pytest.approx((-0.78531, 0.48531))  # t = 12.706
+
+
+def test_replay_figure_draws_the_variants_there_are() -> None:
+    rows = rows_of(CURVES)
+    figure = replay_figure(rows)
+    assert figure is not None
+    reward, triggers = figure.axes
+    labels = [line.get_label() for line in reward.lines]
+    assert "two buffers, safety check (2 seeds)" in labels
+    assert not any("no safety check" in str(label) for label in labels)
+    assert triggers.lines[0].get_ydata() == pytest.approx([7] * 3)
+    assert replay_figure([row for row in rows if row["variant"] == "permit_all"]) is None
+
+
+def test_moving_average_weighs_rows_by_their_episodes_and_looks_back_only() -> None:
+    episodes, values = np.array([100.0, 200, 300, 350]), np.array([4.0, 8, 0, 6])
+    # 350 looks back to 150: the row of 200 is not wholly within; 300 counts twice as much as 350
+    assert moving_average(episodes, values, 200) == pytest.approx([4, 6, 4, 2])
+    assert moving_average(episodes, values, 10_000) == pytest.approx([4, 6, 4, 1500 / 350])
+
+
+def test_adaptation_figure_draws_both() -> None:
+    names = "variant,seed,episode,training_safety_triggers\n"
+    lines = [
+        f"{v},0,{e},{t}\n" for v, t in (("adaptation", 3), ("no_adaptation", 5)) for e in (100, 200)
+    ]
+    [axes] = adaptation_figure(rows_of(names + "".join(lines))).axes
+    drawn = {line.get_label(): list(line.get_ydata()) for line in axes.lines}
+    assert drawn["goes on learning"] == [3, 3]
+    assert drawn["does not"] == [5, 5]
+
+
+def test_a_folder_yields_the_figures_whose_tables_it_has(tmp_path: Path) -> None:
+    with pytest.raises(DrlAvError, match="neither a run nor results"):
+        dict(draw_results(EXPERIMENTS, tmp_path))
+    (tmp_path / "curves.csv").write_text(CURVES.lstrip())
+    assert set(dict(draw_results(EXPERIMENTS, tmp_path))) == {"learning_check", "learning_replay"}
+    (tmp_path / "strict.csv").write_text("check,bound\nstrict,\n")
+    with pytest.raises(DrlAvError, match=r"strict\.csv, or what stands beside it, is damaged"):
+        dict(draw_results(EXPERIMENTS, tmp_path))

@@ -1,0 +1,206 @@
+"""An experiment from outside the package is made, resumed, drawn and refused like the others."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from drl_av.cli import main
+from drl_av.config import Config
+from drl_av.errors import DrlAvError
+from drl_av.experiments.canvas import one_panel
+from drl_av.experiments.drives import Drives, DrivingPlan, driven_with
+from drl_av.experiments.experiment import Experiment, Results, reproduce
+from drl_av.experiments.markdown import by_density, mean_speed
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.registry import EXPERIMENTS
+from drl_av.files import Row
+
+DRIVERS = ("idm", "random")
+
+
+def plan(options: ReproduceOptions) -> DrivingPlan:
+    config = options.laid_over(Config())
+    cells = [Drives(config, DRIVERS, vehicles, options.drives) for vehicles in (1, 3)]
+
+    def place(row: Row) -> tuple[int, int, int]:
+        return int(row["vehicles"]), int(row["seed"]), DRIVERS.index(row["driver"])
+
+    return DrivingPlan(driven_with(config, DRIVERS), cells, place)
+
+
+def fastest(rows: list[Row]) -> list[Row]:
+    return [max(rows, key=lambda row: float(row["mean_speed_m_s"]))]
+
+
+def speeds(results: Results) -> str:
+    return by_density(results.rows("sober.csv"), "driver", mean_speed)
+
+
+def histogram(rows: list[Row]):  # type: ignore[no-untyped-def]
+    figure, axes = one_panel("mean speed, m/s", "episodes")
+    axes.hist([float(row["mean_speed_m_s"]) for row in rows])
+    return figure
+
+
+SOBER = Experiment(
+    name="sober",
+    meaning="a sober driver beside a random one",
+    row="an episode",
+    plan=plan,
+    derived={"fastest.csv": fastest},
+    summaries={"sober": speeds},
+    figures={"speeds": histogram},
+)
+
+
+@pytest.fixture
+def options(tmp_path: Path) -> ReproduceOptions:
+    """Two episodes of 5 decisions in each cell."""
+    (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 5\n")
+    config = str(tmp_path / "short.toml")
+    return ReproduceOptions(drives=2, jobs=1, out=tmp_path / "out", config=config)
+
+
+@pytest.fixture
+def made(options: ReproduceOptions) -> ReproduceOptions:
+    list(reproduce(SOBER, options))
+    return options
+
+
+def driven(options: ReproduceOptions) -> list[int]:
+    """Make it again; the number of episodes after each that was driven."""
+    return [step.done for step in reproduce(SOBER, options) if step.label]
+
+
+def content(options: ReproduceOptions) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in options.out.iterdir()}
+
+
+def test_it_has_a_row_for_each_driver_on_each_seed_and_says_what_made_them(
+    made: ReproduceOptions,
+) -> None:
+    rows = Results(made.out).rows("sober.csv")
+    assert [(row["vehicles"], row["seed"], row["driver"]) for row in rows] == [
+        (vehicles, seed, driver) for vehicles in "13" for seed in "01" for driver in DRIVERS
+    ]
+    facts = Results(made.out).made_by("sober.csv")
+    assert facts["settings"]["simulation"]["decisions_per_episode"] == 5
+    assert (facts["seeds"], facts["processes"], facts["step_length_s"]) == ("0 to 1", 1, 0.5)
+    assert Results(made.out).rows("fastest.csv") == fastest(rows)
+    table = speeds(Results(made.out)).splitlines()
+    assert table[0] == "| vehicles | 1 | 3 |"
+    assert [line.split(" | ")[0] for line in table[2:]] == ["| `idm`", "| `random`"]
+    assert (made.out / "speeds.png").stat().st_size > 1000
+
+
+def test_nothing_is_driven_twice(made: ReproduceOptions) -> None:
+    before = content(made)
+    assert driven(made) == []
+    assert content(made) == before
+    assert driven(made._replace(drives=1)) == []
+    more = made._replace(drives=3)
+    assert driven(more) == [1, 2, 3, 4]  # the third seed of two drivers in two cells
+    rows = Results(made.out).rows("sober.csv")
+    assert [row["seed"] for row in rows] == ["0", "0", "1", "1", "2", "2"] * 2
+    assert driven(more) == []
+
+
+def test_an_interrupted_one_continues_after_its_last_whole_cell(
+    options: ReproduceOptions,
+) -> None:
+    steps = reproduce(SOBER, options)
+    assert [next(steps).done for _ in range(5)] == [1, 2, 3, 4, 5]
+    steps.close()
+    assert len(Results(options.out).rows("sober.csv")) == 4
+    assert driven(options) == [1, 2, 3, 4]
+
+
+def test_lost_figures_and_derived_tables_are_made_again(made: ReproduceOptions) -> None:
+    before = content(made)
+    for name in ("fastest.csv", "speeds.png"):
+        (made.out / name).unlink()
+    assert driven(made) == []
+    assert content(made) == before
+
+
+def test_episodes_of_other_settings_are_not_mixed(made: ReproduceOptions, tmp_path: Path) -> None:
+    before = content(made)
+    (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 6\n")
+    with pytest.raises(DrlAvError, match=r"made with other settings .*--out.*sober\.json away"):
+        driven(made._replace(drives=3))
+    assert content(made) == before
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: "".join(line for line in text.splitlines(True) if "idm,paper,3,0" not in line),
+        lambda text: text + text.splitlines(True)[-1],
+        lambda text: text[:-3],
+        lambda text: text[: text.rindex(",")] + "\n",
+        lambda text: text.replace("idm,paper,1", "mdi,paper,1", 1),
+        lambda text: text.replace("idm,paper,1", "idm,paper,x", 1),
+        lambda text: text.replace("vehicles,seed", "vehicles,sede", 1),
+    ],
+    ids=[
+        *("a row is lost", "a row is there twice", "the last word is cut", "a column is cut"),
+        *("another driver", "no number", "another column"),
+    ],
+)
+def test_a_damaged_table_is_refused_in_one_sentence_and_kept(
+    damage: Callable[[str], str], made: ReproduceOptions
+) -> None:
+    table = made.out / "sober.csv"
+    table.write_text(damage(table.read_text()))
+    before = content(made)
+    for drives in (2, 3):
+        with pytest.raises(DrlAvError, match=r"sober\.csv, (or what .* is damaged|line 9.* put)"):
+            driven(made._replace(drives=drives))
+    assert content(made) == before
+
+
+@pytest.mark.parametrize("key", ["settings", "wall_time_s"])
+@pytest.mark.parametrize("value", [[1], "", None])
+def test_a_damaged_sidecar_is_refused_before_anything_is_driven(
+    key: str, value: object, made: ReproduceOptions
+) -> None:
+    sidecar = made.out / "sober.json"
+    sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | {key: value}))
+    with pytest.raises(DrlAvError, match="is damaged or of another version"):
+        next(reproduce(SOBER, made._replace(drives=3)))
+
+
+def test_a_table_without_its_sidecar_is_left_alone(made: ReproduceOptions) -> None:
+    (made.out / "sober.json").unlink()
+    before = content(made)
+    with pytest.raises(DrlAvError, match=r"sober\.csv has no sober\.json beside it"):
+        driven(made._replace(drives=3))
+    assert content(made) == before
+
+
+def test_a_table_of_other_columns_is_left_alone(made: ReproduceOptions) -> None:
+    table, text = made.out / "sober.csv", (made.out / "sober.csv").read_text()
+    table.write_text("".join(line.rpartition(",")[0] + "\n" for line in text.splitlines()))
+    before = content(made)
+    with pytest.raises(DrlAvError, match=r"sober\.csv was made with other settings"):
+        driven(made._replace(drives=3))
+    assert content(made) == before
+
+
+def test_one_line_in_the_registry_gives_it_to_the_command_line(
+    options: ReproduceOptions,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(EXPERIMENTS, SOBER.name, SOBER)
+    with pytest.raises(SystemExit):
+        main(["reproduce", "--help"])
+    assert "sober: a sober driver beside a random one" in " ".join(capsys.readouterr().out.split())
+    words = ["reproduce", "sober", "--drives", "1", "--jobs", "1", "--out", str(options.out)]
+    assert main([*words, "--config", str(options.config)]) == 0
+    assert capsys.readouterr().out == f"{options.out / 'speeds.png'}\n"
+    assert len(Results(options.out).rows("sober.csv")) == 4
+    assert main(["figures", str(options.out), "--out", str(options.out / "figures")]) == 0
+    assert (options.out / "figures" / "speeds.png").exists()

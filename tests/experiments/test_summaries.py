@@ -1,0 +1,128 @@
+"""The tables of the documentation, from rows worked by hand."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from drl_av.experiments.adaptation import adaptation_table
+from drl_av.experiments.curves import cost_table
+from drl_av.experiments.density_sweep import (
+    collision_table,
+    driving_table,
+    gain_table,
+    speed_table,
+)
+from drl_av.experiments.experiment import Results
+from drl_av.experiments.fast import fast_table
+from drl_av.experiments.final_policies import final_table
+
+
+def results(folder: Path, **tables: str) -> Results:
+    """A folder with these tables, whose lines are parted by spaces."""
+    for name, lines in tables.items():
+        (folder / f"{name}.csv").write_text("\n".join(lines.split()) + "\n")
+    return Results(folder)
+
+
+def body(table: str) -> list[str]:
+    """The rows of a table without its heading."""
+    return [line.strip("| ") for line in table.splitlines()[2:]]
+
+
+def test_drivers_stand_in_the_rows_and_densities_in_the_columns(tmp_path: Path) -> None:
+    found = results(
+        tmp_path,
+        density_sweep="""driver,vehicles,mean_speed_m_s,collided,ego_hit
+        idm,10,20,True,True idm,10,22,True,False idm,10,24,False,False
+        idm,5,30,False,False idm,5,30,False,False""",
+    )
+    # 20, 22, 24: standard error 2 / sqrt(3), t(0.975, 2) = 4.3027
+    assert body(speed_table(found)) == ["`idm` | 30.00 ± 0.00 | 22.00 ± 4.97"]
+    assert body(collision_table(found)) == ["`idm` | 0 / 0 of 2 | 1 / 1 of 3"]
+
+
+def test_the_driving_of_the_shipped_driver_is_summed_up_to_30_vehicles(tmp_path: Path) -> None:
+    names = "mean_reward,mean_r_v,mean_r_y,mean_r_x,lane_changes,aborted_lane_changes"
+    found = results(
+        tmp_path,
+        density_sweep=f"""driver,vehicles,decisions,d_safe_violations,{names}
+        pretrained,10,200,20,-0.1,-0.2,-0.3,-0.4,1,2 pretrained,30,100,30,-0.3,-0.4,-0.5,-0.6,3,0
+        pretrained,35,100,90,-9,-9,-9,-9,9,9 idm,10,200,200,-7,-7,-7,-7,7,7""",
+    )
+    assert body(driving_table(found)) == [
+        "reward per decision | -0.100 | -0.300 | -9.000 | -0.200",
+        "r_v | -0.200 | -0.400 | -9.000 | -0.300",
+        "r_y | -0.300 | -0.500 | -9.000 | -0.400",
+        "r_x | -0.400 | -0.600 | -9.000 | -0.500",
+        "closer than d_safe, % | 10.0 | 30.0 | 90.0 | 20.0",
+        "lane changes | 1.0 | 3.0 | 9.0 | 2.0",
+        "aborted lane changes | 2.0 | 0.0 | 9.0 | 1.0",
+    ]
+
+
+def test_the_gain_over_the_best_baseline_is_bold(tmp_path: Path) -> None:
+    found = results(
+        tmp_path,
+        paired="""vehicles,baseline,best,difference_m_s,ci95_half_width_m_s
+        5,idm,False,3,0.5 5,idm-mobil,True,1,0.25 10,idm,True,2,0.5 10,idm-mobil,False,4,0.5""",
+    )
+    assert body(gain_table(found)) == [
+        "over `idm` | 3.00 ± 0.50 | **2.00 ± 0.50**",
+        "over `idm-mobil` | **1.00 ± 0.25** | 4.00 ± 0.50",
+    ]
+
+
+def test_the_cost_is_that_of_the_longest_trainings_alone(tmp_path: Path) -> None:
+    found = results(tmp_path, curves="variant,seed,episode paper,0,100 paper,0,200 paper,1,100")
+    facts = {"wall_time_s": {"paper-0": 72.0, "paper-1": 9000.0}, "settings": {}}
+    (tmp_path / "curves.json").write_text(json.dumps(facts))
+    # 0.36 s an episode, 10,000 episodes, 200 seeds: 720,000 s, 200 h
+    assert body(cost_table(found)) == ["`paper` | 0.36 | 200 | 4.2 days | 1.0 hours"]
+
+
+def test_final_performance_is_the_mean_over_the_policies_of_the_mean_of_each(
+    tmp_path: Path,
+) -> None:
+    found = results(
+        tmp_path,
+        final_policies="""training,mean_reward,mean_speed_m_s,collided,ego_hit
+        paper-1,-1,20,True,True paper-1,-3,22,False,False
+        paper-2,-4,25,False,False paper-2,-4,25,False,False""",
+    )
+    # policies' rewards -2 and -4, speeds 21 and 25; t(0.975, 1) = 12.706
+    [line] = body(final_table(found))
+    assert line.startswith("`paper` | 2 | 2 | -3.000 ± 12.706 | 23.00 ± 25.41 | 0.250 ± 3.177")
+
+
+def test_gains_of_fast_are_paired_with_the_whole_schedule(tmp_path: Path) -> None:
+    found = results(
+        tmp_path,
+        fast="""training,mean_reward,mean_speed_m_s,ego_hit
+        paper-0,-0.1,20,False paper-0,-0.3,30,False fast-0,0.0,21,True fast-0,-0.2,31,False""",
+    )
+    facts = {"wall_time_s": {"paper-0": 1271.7, "fast-0": 102.0}, "settings": {}}
+    (tmp_path / "fast.json").write_text(json.dumps(facts))
+    whole, fast = body(fast_table(found))
+    assert whole.startswith("`paper-0` | 1,272 | 0 of 2 | -0.200 ± 1.271 | 0.000 ± 0.000 | 25.00")
+    assert fast.startswith("`fast-0` | 102 | 1 of 2 | -0.100 ± 1.271 | 0.100 ± 0.000 | 26.00")
+    assert fast.endswith("| 1.00 ± 0.00")
+
+
+def test_adaptation_is_compared_as_far_as_both_are_driven(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drl_av.experiments.adaptation.SUMMED_OVER", 200)
+    names = "training_reward,training_collisions,training_ego_hits,training_safety_triggers"
+    found = results(
+        tmp_path,
+        adaptation=f"""variant,seed,episode,{names}
+        adaptation,0,100,-0.1,0.03,0.01,4 adaptation,0,200,-0.1,0,0,2
+        adaptation,0,300,-0.1,0,0,0 adaptation,0,400,-0.1,0,0,0
+        no_adaptation,0,100,-0.2,0,0,5 no_adaptation,0,200,-0.2,0.01,0,5
+        no_adaptation,0,300,-0.2,0,0,5""",
+    )
+    first, second, *others = body(adaptation_table(found))
+    assert first.startswith("on | 1 to 200 | 3.0000 ± 12.7062 | -0.1000 ± 0.0000 | 1 | 2")
+    assert second == "off | 1 to 200 | 5.0000 ± 0.0000 | -0.2000 ± 0.0000 | 0 | 1"
+    assert [line.split(" | ")[1] for line in others] == ["201 to 300", "201 to 300"]
