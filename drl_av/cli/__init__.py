@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 from drl_av import __version__
-from drl_av.cli import config, evaluate, figures, learning, replay, reproduction, scenario
+from drl_av.cli import config, evaluate, export, figures, learning, replay, reproduction, scenario
 from drl_av.cli.status import INTERRUPTED
 from drl_av.errors import DrlAvError
 
@@ -41,6 +41,7 @@ VERBS = {
     "replay": Verb(
         "watch a driver, or a recorded episode again", replay.add_options, replay.replay
     ),
+    "export": Verb("write a trained driver as an ONNX file", export.add_options, export.export),
     "config": Verb("print all settings with their meaning", config.add_options, config.config),
     "figures": Verb("draw the paper's figures as PNG files", figures.add_options, figures.figures),
     "reproduce": Verb(

@@ -26,7 +26,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="NAME",
-        help=f"also these: {', '.join(driver_names())} (which ships), or RUNs",
+        help=f"also these: {', '.join(driver_names())} (which ships), RUNs, your own factory as "
+        "module:factory, a stable-baselines3 .zip, or an .onnx file",
     )
     parser.add_argument(
         "--vehicles",

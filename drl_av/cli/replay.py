@@ -6,6 +6,7 @@ from pathlib import Path
 from drl_av.cli.arguments import rate, whole
 from drl_av.cli.settings import driving, overridden
 from drl_av.drivers.registry import (
+    DRIVER_FILES,
     default_config,
     driver_names,
     find_drivers,
@@ -23,7 +24,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="RUN | RECORDING",
         help="a run's folder, or what --record kept (default: the driver that ships)",
     )
-    which.add_argument("--driver", metavar="NAME", help=f"one of: {', '.join(driver_names())}")
+    which.add_argument(
+        "--driver", metavar="NAME", help=f"one of: {', '.join(driver_names())}, or module:factory"
+    )
     parser.add_argument("--seed", type=whole(0), metavar="S", help="of the traffic (default: 0)")
     parser.add_argument(
         "--vehicles", type=whole(0), metavar="N", help="vehicles around the ego (default: 15)"
@@ -55,7 +58,7 @@ def replay(options: argparse.Namespace) -> int:
         require_film(options.video, options.rate)
     given = (options.source, options.driver, "pretrained")
     source = next(word for word in given if word is not None)
-    if Path(source).is_file() and Path(source).suffix != ".safetensors":
+    if Path(source).is_file() and Path(source).suffix not in DRIVER_FILES:
         _refuse_settings(options)
         session = replay_session(load_recording(Path(source)))
     else:

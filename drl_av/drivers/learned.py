@@ -14,7 +14,7 @@ from drl_av.driving.scene import Scene
 Values = Callable[[Float32Array], Float32Array]
 """Q(s, .) of one observation: (observation_size,) -> (action_size,), an array of the caller's."""
 
-_CHANGES_LANE = np.array([action.lateral is not Lateral.KEEP for action in ACTIONS])
+CHANGES_LANE = np.array([action.lateral is not Lateral.KEEP for action in ACTIONS])
 
 
 def network_values(network: QNetwork) -> Values:
@@ -86,7 +86,7 @@ class LearnedDriver:
         """argmax_a Q(s, a), the margin taken off the actions that would begin a lane change."""
         values = self.values(observation)
         if scene.lane_change is None:
-            values[_CHANGES_LANE] -= np.float32(self._margin)
+            values[CHANGES_LANE] -= np.float32(self._margin)
         return ACTIONS[values.argmax()]
 
 

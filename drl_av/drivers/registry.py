@@ -13,6 +13,7 @@ from drl_av.config import Config
 from drl_av.config.schema import did_you_mean
 from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
+from drl_av.drivers.external import LOADERS, driver_of_factory, is_factory
 from drl_av.drivers.gap_mobil import GapMobilDriver
 from drl_av.drivers.learned import LearnedDriver, learned_driver
 from drl_av.drivers.mobil import MobilDriver
@@ -33,6 +34,9 @@ Worker processes look names up in their own copy of this table, so a driver that
 it while it runs is evaluated with one process.
 """
 
+DRIVER_FILES = (".safetensors", *LOADERS)
+"""Suffixes of the files that hold a driver."""
+
 
 class DriverSpec(NamedTuple):
     """A driver that was asked for, and where it comes from."""
@@ -40,7 +44,12 @@ class DriverSpec(NamedTuple):
     name: str
     """Its name in the results, unique among the drivers asked for together."""
     run: Path | None
-    """A run's folder or a policy file; None for the driver by rule of that name."""
+    """A run's folder or a file; None for the rule-based driver or the factory of that name."""
+
+    @property
+    def is_external(self) -> bool:
+        """Whether the file is one of another library, without a config of drl-av."""
+        return self.run is not None and self.run.suffix in LOADERS
 
 
 def driver_names() -> tuple[str, ...]:
@@ -49,7 +58,10 @@ def driver_names() -> tuple[str, ...]:
 
 
 def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
-    """The drivers that the words name: a ``driver_names``, a run's folder or a policy file each.
+    """The drivers that the words name.
+
+    Each word is one of ``driver_names``, a run's folder, a policy file, a stable-baselines3 zip
+    file, an ONNX file, or a factory of the user's written as ``module:factory``.
 
     Learned drivers are named by the last part of their path, or by the whole path where two would
     have the same name.
@@ -65,10 +77,12 @@ def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
             runs[word] = policy_file.PRETRAINED
         elif Path(word).exists():
             runs[word] = Path(word)
+        elif is_factory(word):
+            runs[word] = None
         else:
             raise _unknown(word)
-    names = driver_names()
-    short = {word: word if word in names else Path(word).absolute().name for word in runs}
+    named = {*driver_names(), *filter(is_factory, runs)}
+    short = {word: word if word in named else Path(word).absolute().name for word in runs}
     count = Counter(short.values())
     return tuple(
         DriverSpec(short[word] if count[short[word]] == 1 else word, run)
@@ -91,7 +105,7 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
         RunError: there is no such run, or it has saved no policy yet.
         CheckpointError: the policy file is damaged.
     """
-    run = next((spec.run for spec in specs if spec.run), None)
+    run = next((spec.run for spec in specs if spec.run and not spec.is_external), None)
     return load_driver(run)[1] if run else Config()
 
 
@@ -106,12 +120,18 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
             other observations.
     """
     drivers: dict[str, Driver] = {}
-    learned = {name: load_driver(run) for name, run in specs if run}
+    learned = {
+        spec.name: load_driver(spec.run) for spec in specs if spec.run and not spec.is_external
+    }
     margins = [own.learning.lane_change_margin for _, own in learned.values()]
     margin = config.learning.lane_change_margin
-    for name, run in specs:
+    for spec in specs:
+        name, run = spec
         if run is None:
             drivers[name] = rule_driver(name, config)
+            continue
+        if spec.is_external:
+            drivers[name] = LOADERS[run.suffix](run)
             continue
         driver, own = learned[name]
         drivers[name] = driver if margin == margins[0] else driver.with_margin(margin)
@@ -130,7 +150,9 @@ def _observed_by(config: Config) -> tuple[object, ...]:
 
 
 def rule_driver(name: str, config: Config) -> Driver:
-    """The driver by rule of that name; raises ConfigError with the most similar name."""
+    """The rule-based driver or the factory's of that name; raises ConfigError."""
+    if name not in RULE_DRIVERS and is_factory(name):
+        return driver_of_factory(name, config)
     if name not in RULE_DRIVERS:
         raise _unknown(name)
     return RULE_DRIVERS[name](config)

@@ -22,6 +22,7 @@ VERBS = {
     "evaluate": ["default: 1 5 10 15 20 25 30", "default: 50", "default: 0", "default: 1)", "idm"],
     "adapt": ["default: 30000", "default: 1e-05", "0 learns nothing", "default: the RUN's", "TOML"],
     "replay": ["default: 15", "times real time (default: 2.0)", "one a second", "200"],
+    "export": ["pretrained (which ships)", "FILE.onnx"],
     "config": ["simulation, traffic", "default: paper", "default: all"],
     "figures": ["m/s", "default: ."],
     "reproduce": ["learning curves", "default: 3000", "default: 5", "schedule", "ray", "TOML"],

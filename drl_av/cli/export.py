@@ -1,0 +1,28 @@
+"""The verb ``export``: hand a trained driver over to programs that know ONNX."""
+
+import argparse
+from pathlib import Path
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("run", metavar="RUN", help="a run's folder, or pretrained (which ships)")
+    parser.add_argument("out", type=Path, metavar="FILE.onnx", help="file to write")
+
+
+def export(options: argparse.Namespace) -> int:
+    """Write the driver, and print what it takes and returns."""
+    from drl_av.drivers.onnx_export import export as write
+    from drl_av.drivers.policy_file import PRETRAINED, load_run
+    from drl_av.driving.affordances import ObservationScale
+    from drl_av.files import require_writable
+    from drl_av.traffic.scenario import find_scenario, load_scenario
+
+    require_writable(options.out, inputs=[options.run])
+    networks, config = load_run(PRETRAINED if options.run == "pretrained" else Path(options.run))
+    road = load_scenario(find_scenario(config.simulation.scenario)).road
+    scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
+    write(options.out, networks, config, scale)
+    print(f"{options.out}: inputs indicators (rows, 27) in SI units and lane_change (rows,); ")
+    print("outputs action (rows,) and q (rows, 12)")
+    return 0

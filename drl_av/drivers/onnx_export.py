@@ -1,0 +1,125 @@
+"""A learned driver as an ONNX file: scaling, mirror, ensemble and margin in one function (ours)."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.drivers.external import INDICATORS_INPUT, LANE_CHANGE_INPUT
+from drl_av.drivers.learned import CHANGES_LANE
+from drl_av.drivers.network import LEAK, QNetwork
+from drl_av.driving.actions import ACTIONS
+from drl_av.driving.affordances import INDICATORS, ObservationScale
+from drl_av.driving.mirror import MIRROR
+from drl_av.errors import DrlAvError
+from drl_av.files import write_whole
+
+OPSET = 17
+
+
+class _Graph:
+    """Nodes and constants of an ONNX graph, named as they are added."""
+
+    def __init__(self) -> None:
+        import onnx
+
+        self._onnx = onnx
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
+
+    def constant(self, values: object) -> str:
+        """A constant; returns its name."""
+        name = f"constant_{len(self.constants)}"
+        self.constants.append(self._onnx.numpy_helper.from_array(np.asarray(values), name))
+        return name
+
+    def add(self, kind: str, *inputs: str, name: str | None = None, **attributes: Any) -> str:
+        """A node of one output; returns the output's name."""
+        output = name or f"{kind.lower()}_{len(self.nodes)}"
+        self.nodes.append(self._onnx.helper.make_node(kind, inputs, [output], **attributes))
+        return output
+
+
+def export(
+    path: Path, networks: Sequence[QNetwork], config: Config, scale: ObservationScale
+) -> None:
+    """Write the driver of trained networks as an ONNX file.
+
+    Inputs: ``indicators``, float64 of shape (rows, 27), the affordance indicators in SI units;
+    ``lane_change``, bool of shape (rows,), whether a lane change is in progress. Outputs:
+    ``action``, int64 of shape (rows,), the action's number; ``q``, float32 of shape (rows, 12),
+    the values before the margin for lane changes. It needs the package onnx.
+
+    Raises:
+        DrlAvError: onnx is not installed, or the file cannot be written.
+    """
+    try:
+        import onnx
+    except ImportError as error:
+        raise DrlAvError(
+            "The export needs the package onnx, which is not installed: pip install 'drl-av[onnx]'."
+        ) from error
+    graph = _Graph()
+    s = _scaled(graph, scale)
+    members = [_values(graph, network, s, config.learning.mirrored) for network in networks]
+    total = members[0]
+    for member in members[1:]:
+        total = graph.add("Add", total, member)
+    q = graph.add("Div", total, graph.constant(np.float32(len(members))), name="q")
+    _chosen(graph, q, config.learning.lane_change_margin)
+    helper, kinds = onnx.helper, onnx.TensorProto
+    inputs = [
+        helper.make_tensor_value_info(INDICATORS_INPUT, kinds.DOUBLE, ["rows", len(INDICATORS)]),
+        helper.make_tensor_value_info(LANE_CHANGE_INPUT, kinds.BOOL, ["rows"]),
+    ]
+    outputs = [
+        helper.make_tensor_value_info("action", kinds.INT64, ["rows"]),
+        helper.make_tensor_value_info("q", kinds.FLOAT, ["rows", len(ACTIONS)]),
+    ]
+    made = helper.make_graph(graph.nodes, "drl_av_driver", inputs, outputs, graph.constants)
+    model = helper.make_model(made, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=8)
+    model.producer_name = "drl-av"
+    model.metadata_props.add(key="config", value=config.to_toml())
+    onnx.checker.check_model(model, full_check=True)
+    write_whole(path, model.SerializeToString())
+
+
+def _scaled(graph: _Graph, scale: ObservationScale) -> str:
+    """The observation of the indicators, as ``ObservationScale`` makes it."""
+    shifted = graph.add("Sub", INDICATORS_INPUT, graph.constant(scale.offset))
+    exact = graph.add("Div", shifted, graph.constant(scale.scale))
+    s = graph.add("Cast", exact, to=1)
+    s = graph.add("Max", s, graph.constant(-scale.bounds))
+    return graph.add("Min", s, graph.constant(scale.bounds))
+
+
+def _values(graph: _Graph, network: QNetwork, s: str, mirrored: bool) -> str:
+    """Q(s, .) of one network, or the mean of what it estimates on both sides of the mirror."""
+    layers = [tuple(map(graph.constant, layer)) for layer in network.layers]
+    q = _forward(graph, layers, s)
+    if not mirrored:
+        return q
+    reflected = graph.add("Gather", s, graph.constant(MIRROR.observation_permutation), axis=1)
+    reflected = graph.add("Mul", reflected, graph.constant(MIRROR.observation_sign))
+    other = _forward(graph, layers, reflected)
+    other = graph.add("Gather", other, graph.constant(MIRROR.action_permutation), axis=1)
+    return graph.add("Mul", graph.add("Add", q, other), graph.constant(np.float32(0.5)))
+
+
+def _forward(graph: _Graph, layers: Sequence[tuple[str, ...]], s: str) -> str:
+    for number, (weight, bias) in enumerate(layers):
+        s = graph.add("Gemm", s, weight, bias, transB=1)
+        if number < len(layers) - 1:
+            s = graph.add("LeakyRelu", s, alpha=LEAK)
+    return s
+
+
+def _chosen(graph: _Graph, q: str, margin: float) -> None:
+    """The action of the greatest value, the margin taken off those that begin a lane change."""
+    began = graph.add("Unsqueeze", LANE_CHANGE_INPUT, graph.constant(np.array([1])))
+    price = np.where(CHANGES_LANE, np.float32(margin), np.float32(0.0)).astype(np.float32)
+    free = graph.constant(np.zeros(len(ACTIONS), np.float32))
+    worth = graph.add("Sub", q, graph.add("Where", began, free, graph.constant(price)))
+    graph.add("ArgMax", worth, name="action", axis=1, keepdims=0)

@@ -1,0 +1,129 @@
+"""Drivers of the user's own, by a factory, a stable-baselines3 zip or an ONNX file."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper
+from stable_baselines3 import DQN, PPO
+from worlds import ALONE
+
+from drl_av.cli import main
+from drl_av.config import Config
+from drl_av.drivers.external import OnnxDriver, driver_of_agent, driver_of_factory, is_factory
+from drl_av.env.highway import HighwayEnv
+from drl_av.errors import CheckpointError, ConfigError
+
+OWN = """
+from drl_av.driving.actions import ACTIONS
+
+class Careful:
+    def __init__(self, brakes):
+        self.brakes = brakes
+    def start(self, seed):
+        pass
+    def act(self, scene, observation):
+        return ACTIONS[2 if self.brakes else 0]
+
+def careful(config):
+    return Careful(config.traffic.vehicles_max == 7)
+
+def nothing(config):
+    return 3
+"""
+OBSERVATION = np.zeros(27, np.float32)
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    (tmp_path / "my_own_drivers.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    return "my_own_drivers"
+
+
+def test_a_factory_makes_a_driver_for_the_config(module: str) -> None:
+    config = Config().updated("traffic", vehicles_max=7)
+    assert driver_of_factory(f"{module}:careful", config).act(ALONE, OBSERVATION).number == 2
+    assert driver_of_factory(f"{module}:careful", Config()).act(ALONE, OBSERVATION).number == 0
+
+
+def test_it_stands_in_the_table_beside_the_others_in_several_processes(module: str) -> None:
+    words = ["evaluate", "idm", "--driver", f"{module}:careful", "--vehicles", "3"]
+    words += ["--episodes", "1", "--jobs", "2", "--out", "rows.csv"]
+    assert main(words) == 0
+    rows = list(csv.DictReader(Path("rows.csv").read_text(encoding="utf-8").splitlines()))
+    assert [row["driver"] for row in rows] == ["idm", f"{module}:careful"]
+
+
+@pytest.mark.parametrize(
+    ("word", "told"),
+    [
+        ("no_such_module:f", "No module named 'no_such_module'"),
+        ("my_own_drivers:missing", "has no attribute 'missing'"),
+        ("my_own_drivers:nothing", "made a int, which is no driver: return an object with start"),
+    ],
+)
+def test_a_factory_that_makes_no_driver_is_refused(word: str, told: str, module: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        driver_of_factory(word, Config())
+
+
+def test_a_path_with_a_colon_is_no_factory() -> None:
+    assert is_factory("a.b_1:c")
+    assert not any(map(is_factory, ("C:/runs", "a:b:c", "a.b", ":c", "a:", "runs/a:b")))
+
+
+@pytest.mark.parametrize("agent", [DQN, PPO])
+def test_an_agent_of_stable_baselines3_decides_as_it_predicts(
+    agent: type[DQN] | type[PPO], tmp_path: Path
+) -> None:
+    with HighwayEnv() as env:
+        model = agent("MlpPolicy", env, device="cpu")
+        model.save(tmp_path / "agent.zip")
+    driver = driver_of_agent(tmp_path / "agent.zip")
+    for seed in range(20):
+        observation = np.random.default_rng(seed).uniform(-1, 1, 27).astype(np.float32)
+        wanted = int(model.predict(observation, deterministic=True)[0])
+        assert driver.act(ALONE, observation).number == wanted
+
+
+def test_an_agent_of_another_environment_and_a_file_that_is_none_are_refused(
+    tmp_path: Path,
+) -> None:
+    PPO("MlpPolicy", "CartPole-v1", device="cpu").save(tmp_path / "cart.zip")
+    with pytest.raises(CheckpointError, match=r"shape \(4,\) and 2 actions: give an agent"):
+        driver_of_agent(tmp_path / "cart.zip")
+    (tmp_path / "none.zip").write_bytes(b"PK no zip")
+    with pytest.raises(CheckpointError, match="no agent that stable-baselines3 saved"):
+        driver_of_agent(tmp_path / "none.zip")
+
+
+def network(path: Path, inputs: int) -> Path:
+    """An ONNX network whose values are 12 of its inputs."""
+    rows = [helper.make_tensor_value_info("s", TensorProto.FLOAT, ["rows", inputs])]
+    values = [helper.make_tensor_value_info("q", TensorProto.FLOAT, ["rows", 12])]
+    places = onnx.numpy_helper.from_array(np.arange(12), "places")
+    node = helper.make_node("Gather", ["s", "places"], ["q"], axis=1)
+    graph = helper.make_graph([node], "first_12", rows, values, [places])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    onnx.save(model, str(path))
+    return path
+
+
+def test_a_network_of_the_users_own_chooses_the_greatest_value(
+    tmp_path: Path,
+) -> None:
+    driver = OnnxDriver(network(tmp_path / "own.onnx", 27))
+    observation = OBSERVATION.copy()
+    observation[[7, 20]] = 1.0, 2.0
+    assert driver.act(ALONE, observation).number == 7
+
+
+def test_networks_of_other_inputs_and_damaged_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(CheckpointError, match=r"takes the inputs s: give a network of one input"):
+        OnnxDriver(network(tmp_path / "small.onnx", 20))
+    (tmp_path / "cut.onnx").write_bytes((tmp_path / "small.onnx").read_bytes()[:40])
+    with pytest.raises(CheckpointError, match="cannot be read as an ONNX network"):
+        OnnxDriver(tmp_path / "cut.onnx")

@@ -1,0 +1,75 @@
+"""The exported driver decides as the driver does, in a program that knows only ONNX."""
+
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+import pytest
+from worlds import ROAD, scene
+
+from drl_av.cli import main
+from drl_av.drivers.policy_file import PRETRAINED
+from drl_av.drivers.registry import find_drivers, load_driver, make_drivers
+from drl_av.driving.actions import ACTIONS
+from drl_av.driving.affordances import INDICATORS, ObservationScale
+from drl_av.driving.scene import LaneChange
+from drl_av.env.decision import Decision
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import drive, rollout
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("export") / "driver.onnx"
+    assert main(["export", "pretrained", str(file)]) == 0
+    return file
+
+
+def test_it_decides_as_the_shipped_driver_on_10_000_observations(exported: Path) -> None:
+    driver, config = load_driver(PRETRAINED)
+    scale = ObservationScale(config.observation, config.ego.max_speed_m_s, ROAD)
+    rng = np.random.default_rng(0)
+    s = rng.uniform(-1.2, 1.2, (10_000, len(INDICATORS))) * scale.bounds  # some are clipped
+    indicators = s * scale.scale + scale.offset
+    changing = rng.random(10_000) < 0.5
+    session = onnxruntime.InferenceSession(exported, providers=["CPUExecutionProvider"])
+    actions, q = session.run(None, {"indicators": indicators, "lane_change": changing})
+    alone = scene()
+    busy = alone._replace(lane_change=LaneChange(1, 2))
+    for row in range(10_000):
+        observation = scale(indicators[row])
+        assert q[row] == pytest.approx(driver.values(observation), abs=1e-4)
+        wanted = driver.act(busy if changing[row] else alone, observation)
+        assert ACTIONS[actions[row]] == wanted, row
+
+
+def test_a_lane_change_begins_only_above_the_margin_and_goes_on_without_one(exported: Path) -> None:
+    session = onnxruntime.InferenceSession(exported, providers=["CPUExecutionProvider"])
+    indicators = np.stack([decision.scene.affordances.vector() for decision in shipped_episode()])
+    changing = np.zeros(len(indicators), dtype=bool)
+    free, q = session.run(None, {"indicators": indicators, "lane_change": changing})
+    busy, _ = session.run(None, {"indicators": indicators, "lane_change": ~changing})
+    assert (busy == q.argmax(axis=1)).all()
+    held_back = free != busy
+    assert held_back.any()
+    assert (busy[held_back] >= 4).all()  # the actions 4 to 11 change lanes
+    gain = q.max(axis=1) - q[:, :4].max(axis=1)
+    assert (gain[held_back] <= 0.04).all()  # the shipped driver's margin
+
+
+def shipped_episode() -> list[Decision]:
+    driver, config = load_driver(PRETRAINED)
+    with closing(HighwayEnv(config=config)) as env:
+        return list(rollout(env, driver, 800_001, 15))
+
+
+def test_the_exported_driver_drives_the_same_episode(exported: Path) -> None:
+    specs = find_drivers(["pretrained"])
+    _, config = load_driver(PRETRAINED)
+    config = config.updated("simulation", decisions_per_episode=40)
+    [own] = make_drivers(specs, config).values()
+    [other] = make_drivers(find_drivers([str(exported)]), config).values()
+    with closing(HighwayEnv(config=config)) as env:
+        first = drive(env, own, "driver", 800_000, 15)
+        assert drive(env, other, "driver", 800_000, 15) == first
