@@ -1,37 +1,64 @@
-"""An experiment of your own: does the driver idm-mobil need the check to look 3 s ahead?
+"""An experiment of your own: does idm-mobil need the safety check to look 3 s ahead (T_min)?
 
 python examples/own_experiment.py
 """
 
-from contextlib import closing
+from pathlib import Path
 
 from drl_av.config import Config
-from drl_av.drivers.mobil import MobilDriver
-from drl_av.env.highway import HighwayEnv
-from drl_av.env.metrics import EpisodeResult
-from drl_av.env.rollout import drive
 from drl_av.evaluation.statistics import mean_with_interval
+from drl_av.experiments.drives import Drives, DrivingPlan
+from drl_av.experiments.experiment import Experiment, Results, reproduce
+from drl_av.experiments.markdown import count, markdown_table, mean_speed
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.store import MadeWith
+from drl_av.files import Row
 
-SEEDS = range(800_000, 800_005)
+T_MIN_S = ("3.0", "1.5")
 VEHICLES = 20
 
 
-def episodes(minimum_ttc_s: float) -> list[EpisodeResult]:
-    """The same traffic under a check with another T_min."""
-    config = Config().updated("safety", minimum_ttc_s=minimum_ttc_s)
-    driver = MobilDriver(config.safety, config.ego, config.mobil)
-    with closing(HighwayEnv(config=config)) as env:
-        return [drive(env, driver, "idm-mobil", seed, VEHICLES) for seed in SEEDS]
+def plan(options: ReproduceOptions) -> DrivingPlan:
+    """What must be driven: the same traffic with each T_min, and the order of the rows."""
+    configs = {t: Config().updated("safety", minimum_ttc_s=float(t)) for t in T_MIN_S}
+    cells = [
+        Drives(config, ("idm-mobil",), VEHICLES, options.drives, named=(("t_min_s", t),))
+        for t, config in configs.items()
+    ]
+
+    def place(row: Row) -> tuple[int, int]:
+        return T_MIN_S.index(row["t_min_s"]), int(row["seed"])
+
+    return DrivingPlan(MadeWith(configs, {}), cells, place)
+
+
+def summary(results: Results) -> str:
+    """A table for the documentation; the gain is paired by seed."""
+    rows = results.rows(T_MIN.table)
+    driven = {t: [row for row in rows if row["t_min_s"] == t] for t in T_MIN_S}
+    speeds = [[float(row["mean_speed_m_s"]) for row in own] for own in driven.values()]
+    gain = mean_with_interval(b - a for a, b in zip(*speeds, strict=True))
+    lines = [[t, mean_speed(own), str(count(own, "ego_hit"))] for t, own in driven.items()]
+    lines.append(["gain", str(gain), ""])
+    return markdown_table(["T_min, s", "mean speed, m/s", "ego hit something"], lines)
+
+
+T_MIN = Experiment(
+    name="t_min",
+    meaning="the driver idm-mobil under the check paper with two values of T_min",
+    row="an episode",
+    plan=plan,
+    summaries={"t_min": summary},
+)
 
 
 def main() -> None:
-    """Compare the two, paired by seed, with a 95 % confidence interval."""
-    paper, shorter = episodes(3.0), episodes(1.5)
-    pairs = zip(shorter, paper, strict=True)
-    gain = mean_with_interval(a.mean_speed_m_s - b.mean_speed_m_s for a, b in pairs)
-    print(f"T_min 1.5 s instead of 3 s: {gain} m/s faster")
-    for name, rows in (("3 s", paper), ("1.5 s", shorter)):
-        print(f"{name}: {sum(row.ego_hit for row in rows)} of {len(rows)} episodes with a hit")
+    """Make what the folder lacks, and print the summary."""
+    folder = Path("t_min_results")
+    folder.mkdir(exist_ok=True)
+    for progress in reproduce(T_MIN, ReproduceOptions(drives=5, jobs=1, out=folder)):
+        print(f"{progress.done} of {progress.total} episodes")
+    print(summary(Results(folder)))
 
 
 if __name__ == "__main__":

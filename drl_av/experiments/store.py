@@ -156,7 +156,7 @@ def _stored(facts: dict[str, Any], table: Path) -> MadeWith:
 def _seconds(facts: dict[str, Any]) -> dict[str, float]:
     """Wall times by the name of a training, or under "" for all rows together."""
     times = facts["wall_time_s"] if facts else {}
-    named: dict[str, Any] = {"": times} if facts and "simulation" in facts["settings"] else times
+    named: dict[str, Any] = times if isinstance(times, dict) else {"": times}
     return {name: float(seconds) for name, seconds in named.items()}
 
 

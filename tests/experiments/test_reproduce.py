@@ -15,6 +15,7 @@ from drl_av.experiments.experiment import Experiment, Results, reproduce
 from drl_av.experiments.markdown import by_density, mean_speed
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.registry import EXPERIMENTS
+from drl_av.experiments.store import MadeWith
 from drl_av.files import Row
 
 DRIVERS = ("idm", "random")
@@ -115,6 +116,22 @@ def test_an_interrupted_one_continues_after_its_last_whole_cell(
     steps.close()
     assert len(Results(options.out).rows("sober.csv")) == 4
     assert driven(options) == [1, 2, 3, 4]
+
+
+def test_cells_of_several_configs_continue_too(options: ReproduceOptions) -> None:
+    def two_checks(options: ReproduceOptions) -> DrivingPlan:
+        short = options.laid_over(Config())
+        configs = {check: short.updated("safety", check=check) for check in ("paper", "strict")}
+        cells = [
+            Drives(config, ("idm",), 2, options.drives, named=(("check", check),))
+            for check, config in configs.items()
+        ]
+        return DrivingPlan(MadeWith(configs), cells, lambda row: (row["check"], int(row["seed"])))
+
+    checks = Experiment(name="checks", meaning="two checks", row="an episode", plan=two_checks)
+    assert [progress.done for progress in reproduce(checks, options)] == [1, 2, 3, 4]
+    more = options._replace(drives=3)
+    assert [progress.done for progress in reproduce(checks, more)] == [1, 2]
 
 
 def test_lost_figures_and_derived_tables_are_made_again(made: ReproduceOptions) -> None:
