@@ -27,20 +27,23 @@ def width():
     (left, _), (right, _) = traci.gui.getBoundary("View #0")
     return right - left
 
-def watch(env):
+decisions = 0
+
+def watch(decision):
+    global decisions
+    decisions += 1
     gui, patience_s = traci.gui, time.monotonic() + 10
     time.sleep(0.2)
     while width() > 150 and time.monotonic() < patience_s:
         time.sleep(0.1)  # a busy machine draws later
-    if env.decisions == 5:
+    if decisions == 5:
         gui.screenshot("View #0", sys.argv[2])
-    if env.decisions:
-        told.append({
-            "tracked": gui.getTrackedVehicle("View #0"),
-            "caption": traci.vehicle.getParameter("ego", "caption"),
-            "box": gui.getBoundary("View #0"),
-            "ego": traci.vehicle.getPosition("ego"),
-        })
+    told.append({
+        "tracked": gui.getTrackedVehicle("View #0"),
+        "caption": traci.vehicle.getParameter("ego", "caption"),
+        "box": gui.getBoundary("View #0"),
+        "ego": traci.vehicle.getPosition("ego"),
+    })
 
 again, result = replay_session(recording).drive("human", watch)
 print(json.dumps({"hash": again.hash(), "decisions": told}))

@@ -16,7 +16,7 @@ import drl_av.traffic.connection
 from drl_av.config import Config
 from drl_av.drivers.rules import IdmSumoDriver
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.rollout import drive
+from drl_av.env.rollout import rollout
 from drl_av.evaluation.recording import Recorder, Recording, load_recording, states_of
 from drl_av.evaluation.replay import replay_session
 from drl_av.traffic.connection import start_arguments
@@ -48,8 +48,9 @@ def env(request: pytest.FixtureRequest) -> Iterator[HighwayEnv]:
 def driven(env: HighwayEnv) -> Recording:
     """The episode, in an environment that may have driven others."""
     recorder = Recorder()
-    drive(env, IdmSumoDriver(CONFIG.safety), "idm-sumo", SEED, VEHICLES, recorder)
-    return recorder.recording(env, "idm-sumo")
+    for decision in rollout(env, IdmSumoDriver(CONFIG.safety), SEED, VEHICLES):
+        recorder.add(decision)
+    return recorder.recording(CONFIG, "idm-sumo", SEED)
 
 
 @pytest.fixture(scope="module")

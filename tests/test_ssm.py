@@ -24,8 +24,9 @@ import drl_av.traffic.connection
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
+from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.rollout import drive
+from drl_av.env.rollout import rollout
 from drl_av.safety.paper import closing_speed, time_to_collision
 from drl_av.traffic.connection import start_arguments
 from drl_av.traffic.scenario import ScenarioDescription, write_scenario
@@ -66,8 +67,8 @@ def trip(driver: Driver, seed: int, vehicles: int, scenario: str) -> Trip:
     env = HighwayEnv(scenario=scenario, config=CONFIG)
     taken = Trip([], [])
 
-    def watch(env: HighwayEnv) -> None:
-        shot, front = env.scene.snapshot, env.scene.affordances.own_front
+    def look(scene: Scene) -> None:
+        shot, front = scene.snapshot, scene.affordances.own_front
         states = (shot.s_m, shot.y_m, shot.speed_m_s, shot.lateral_speed_m_s)
         taken.states.append(tuple(state.tolist() for state in states))
         if front is None:
@@ -78,11 +79,14 @@ def trip(driver: Driver, seed: int, vehicles: int, scenario: str) -> Trip:
             shot.ids[front.vehicle],
             time_to_collision(front.gap_m, closing_speed(front)),
             same_edge=edges[0] == edges[1],
-            centered=env.road.lane_of(float(shot.y_m[front.vehicle])) == env.scene.affordances.lane,
+            centered=env.road.lane_of(float(shot.y_m[front.vehicle])) == scene.affordances.lane,
         )
         taken.looks.append(look)
 
-    drive(env, driver, "", seed, vehicles, watch)
+    for decision in rollout(env, driver, seed, vehicles):
+        if not taken.states:
+            look(decision.scene)
+        look(decision.next_scene)
     env.close()
     return taken
 

@@ -20,8 +20,9 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.drivers.rules import IdmDriver
+from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.rollout import drive
+from drl_av.env.rollout import rollout
 from drl_av.experiments.provenance import provenance
 from drl_av.experiments.store import write_sidecar
 
@@ -37,10 +38,11 @@ class TrafficTally:
         self.lanes: list[np.ndarray] = []
         self.colliding: set[str] = set()
 
-    def __call__(self, env: HighwayEnv) -> None:
-        snapshot = env.scene.snapshot
+    def look(self, scene: Scene) -> None:
+        """One scene of the episode."""
+        snapshot, lane_width_m = scene.snapshot, scene.affordances.lane_width_m
         self.speeds.append(float(snapshot.speed_m_s[1:].mean()))
-        self.lanes.append(np.floor(snapshot.y_m[1:] / env.road.lane_width_m + 0.5))
+        self.lanes.append(np.floor(snapshot.y_m[1:] / lane_width_m + 0.5))
 
     def step(self, simulation_step: Callable[[], None]) -> None:
         """One SUMO step."""
@@ -59,8 +61,11 @@ def measure(step_length_s: float, episodes: int, vehicles: int) -> dict[str, flo
         tally = TrafficTally()
         stepping = partial(tally.step, libsumo.simulationStep)
         with patch.object(libsumo, "simulationStep", stepping):
-            result = drive(env, IdmDriver(config.safety), "idm", seed, vehicles, tally)
-        decisions += result.decisions
+            for decision in rollout(env, IdmDriver(config.safety), seed, vehicles):
+                if not tally.speeds:
+                    tally.look(decision.scene)
+                tally.look(decision.next_scene)
+                decisions += 1
         speeds += tally.speeds
         changes += int(np.count_nonzero(np.diff(np.array(tally.lanes), axis=0)))
         colliding += len(tally.colliding)

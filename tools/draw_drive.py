@@ -4,16 +4,15 @@ python tools/draw_drive.py docs/drive.gif
 """
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 from PIL import Image
 
-from drl_av.drawing import draw
+from drl_av.drawing import Caption, draw, next_caption
 from drl_av.drawing.film import interpolated
 from drl_av.drivers.registry import default_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.rollout import drive
+from drl_av.env.rollout import rollout
 
 FRAMES_PER_DECISION = 6
 FRAME_MS = 90
@@ -43,21 +42,17 @@ def overtaking(seed: int, vehicles: int, first: int, last: int) -> list[Image.Im
     """Frames of the road between two decisions of an episode of the shipped driver."""
     choices = find_drivers(["pretrained"])
     config = default_config(choices).updated("simulation", decisions_per_episode=last)
-    env = HighwayEnv(config=config, render_mode="rgb_array")
-    [(name, driver)] = make_drivers(choices, config).items()
-    moments = []
-
-    def watch(env: HighwayEnv) -> None:
-        moments.append((env.scene.snapshot, replace(env.caption, driver="the shipped driver")))
-
-    drive(env, driver, name, seed, vehicles, watch)
-    env.close()
-    frames = []
-    for (before, _), (after, caption) in zip(moments[first:], moments[first + 1 :], strict=False):
-        for step in range(1, FRAMES_PER_DECISION + 1):
+    env = HighwayEnv(config=config)
+    [driver] = make_drivers(choices, config).values()
+    caption, frames = Caption(driver="the shipped driver"), []
+    for number, decision in enumerate(rollout(env, driver, seed, vehicles)):
+        caption = next_caption(caption, decision.reward, decision.info)
+        before, after = decision.scene.snapshot, decision.next_scene.snapshot
+        for step in range(1, FRAMES_PER_DECISION + 1) if number >= first else ():
             scene = interpolated(before, after, step / FRAMES_PER_DECISION, env.road)
             picture = Image.fromarray(draw(scene, env.road, caption)).crop(ROAD_PART)
             frames.append(picture.resize((WIDTH_PX, WIDTH_PX * picture.height // picture.width)))
+    env.close()
     return frames
 
 

@@ -18,8 +18,11 @@ from typing import Any
 
 from drl_av.config import SAFETY_CHECKS, Config, load_config
 from drl_av.drivers.rules import RandomDriver
-from drl_av.env.highway import HighwayEnv
-from drl_av.env.rollout import drive
+from drl_av.driving.actions import Action
+from drl_av.driving.scene import Scene
+from drl_av.env.highway import HighwayEnv, Observation
+from drl_av.env.metrics import EpisodeMetrics
+from drl_av.env.rollout import rollout
 from drl_av.errors import DrlAvError
 from drl_av.experiments.provenance import made_by, provenance
 from drl_av.experiments.store import (
@@ -56,18 +59,26 @@ class Watched:
         self.env = HighwayEnv(config=config)
         self.auditor = Auditor(config, self.env.road)
         self.env.simulation.after_step = self.auditor.watch
+        self._driver = RandomDriver()
 
-    def episode(self, driver: RandomDriver, mix: str, seed: int) -> dict[str, Any]:
+    def start(self, seed: int) -> None:
+        """Begin an episode, as a driver does, and audit it anew."""
+        self._driver.start(seed)
+        self.auditor.start()
+        self.auditor.watch(self.env.scene.snapshot)
+
+    def act(self, scene: Scene, observation: Observation) -> Action:
+        """The random driver's action."""
+        return self._driver.act(scene, observation)
+
+    def episode(self, mix: str, seed: int) -> dict[str, Any]:
         """Drive one episode; its row."""
-
-        def watch(env: HighwayEnv) -> None:
-            if env.decisions == 0:
-                self.auditor.start()
-                self.auditor.watch(env.scene.snapshot)
-
-        result = drive(self.env, driver, "random", seed, 1 + seed % 30, watch)
+        metrics, vehicles = EpisodeMetrics(), 1 + seed % 30
+        for decision in rollout(self.env, self, seed, vehicles):
+            metrics.add(decision)
+        result = metrics.result("random", self.env.check_name, vehicles, seed)
         margins, shot = self.auditor.cut_ins_m, self.env.scene.snapshot
-        met = self.env.collision
+        met = metrics.collision
         other = "" if met is None or met.other is None else met.other
         return {
             "seed": seed,
@@ -104,7 +115,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("long_run.csv"), help="the CSV file")
     arguments = parser.parse_args()
     base = load_config(arguments.config).updated("safety", check=arguments.check)
-    worlds, driver = environments(base), RandomDriver()
+    worlds = environments(base)
     names = list(worlds)
     begun_s, done = time.monotonic(), read(arguments.out)
     try:
@@ -125,7 +136,7 @@ def main() -> int:
             for number in range(arguments.first, arguments.first + arguments.episodes):
                 seed, mix = FIRST_SEED + number, names[number // 30 % len(names)]
                 if seed not in known:
-                    writer.writerow(worlds[mix].episode(driver, mix, seed))
+                    writer.writerow(worlds[mix].episode(mix, seed))
                     file.flush()
         finally:
             spent_s += round(time.monotonic() - begun_s, 1)

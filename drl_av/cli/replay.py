@@ -68,9 +68,9 @@ def replay(options: argparse.Namespace) -> int:
             config = config.updated("simulation", decisions_per_episode=options.decisions)
         [(name, driver)] = make_drivers(specs, config).items()
         session = ReplaySession(config, driver, name, options.seed or 0, options.vehicles)
-    film = Film(session.name)
     if options.video:
-        recording, result = session.drive("rgb_array", film)
+        film = Film(session.name, session.road)
+        recording, result = session.drive(None, film)
         print(f"{options.video}: {film.write(options.video, rate=options.rate)} frames")
     else:
         recording, result = session.drive("human", Pacer(options.rate))

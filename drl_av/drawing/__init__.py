@@ -1,62 +1,8 @@
-"""A highway scene as a picture, without a screen: the road near the ego, the loop, a caption."""
+"""A highway scene as a picture, a film or a page, without a screen."""
 
-from functools import lru_cache
+from drl_av.drawing.panels import Caption
+from drl_av.drawing.picture import Picture, draw
+from drl_av.drawing.renderer import next_caption
+from drl_av.drawing.sheet import SHEET_SIZE
 
-import numpy as np
-import numpy.typing as npt
-from PIL import Image, ImageOps
-
-from drl_av.drawing.loop_view import draw_ring, lay_ring
-from drl_av.drawing.panels import (
-    Caption,
-    draw_decision,
-    draw_header,
-    draw_history,
-    draw_reward,
-    lay_cards,
-    lay_legend,
-)
-from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, draw_band, lay_asphalt, lay_marks
-from drl_av.drawing.sheet import GROUND, OVERSAMPLING, SHEET_SIZE, Sheet
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import Snapshot
-
-__all__ = ["SHEET_SIZE", "Caption", "Picture", "draw"]
-
-Picture = npt.NDArray[np.uint8]
-
-
-def draw(
-    snapshot: Snapshot, road: Road, caption: Caption, size: tuple[int, int] = SHEET_SIZE
-) -> Picture:
-    """Picture of one moment, uint8 of shape (height, width, 3).
-
-    ``size`` is (width, height) in px; the layout is scaled to fit, with bars where it is longer.
-    """
-    sheet = Sheet(_background(road).copy())
-    for band in (CLOSE_UP, OVERVIEW):
-        draw_band(sheet, band, snapshot, road)
-    draw_ring(sheet, snapshot, road)
-    draw_header(sheet, snapshot, caption)
-    draw_decision(sheet, snapshot, caption)
-    draw_reward(sheet, caption)
-    draw_history(sheet, caption)
-    image = sheet.image.reduce(OVERSAMPLING)
-    if size != SHEET_SIZE:
-        image = ImageOps.pad(image, size, Image.Resampling.LANCZOS, color=GROUND)
-    return np.array(image, dtype=np.uint8)
-
-
-@lru_cache(maxsize=8)
-def _background(road: Road) -> Image.Image:
-    """All that stays the same from frame to frame; never drawn on, only copied."""
-    width, height = SHEET_SIZE
-    size = (OVERSAMPLING * width, OVERSAMPLING * height)
-    sheet = Sheet(Image.new("RGB", size, GROUND))
-    for band in (CLOSE_UP, OVERVIEW):
-        lay_asphalt(sheet, band, road)
-    lay_marks(sheet)
-    lay_cards(sheet)
-    lay_ring(sheet, road)
-    lay_legend(sheet)
-    return sheet.image
+__all__ = ["SHEET_SIZE", "Caption", "Picture", "draw", "next_caption"]

@@ -1,7 +1,6 @@
 """``drl_av/Highway-v0``: the ego vehicle on SUMO's circular highway, as a gymnasium environment."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy.typing as npt
 
 from drl_av.config import Config
 from drl_av.config.presets import as_config
-from drl_av.drawing import Caption, draw
+from drl_av.drawing.renderer import GuiRenderer, PictureRenderer, Renderer
 from drl_av.drivers.background.level_1 import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.actions import ACTIONS, Action
@@ -22,7 +21,7 @@ from drl_av.env.episode import number_of_vehicles, traffic_seed
 from drl_av.env.reward import Rewards, desired, rewards
 from drl_av.errors import ConfigError
 from drl_av.safety import ActionMask, action_mask, named_check
-from drl_av.safety.check import SafetyCheck, Verdict
+from drl_av.safety.check import SafetyCheck
 from drl_av.traffic.scenario import find_scenario, load_scenario
 from drl_av.traffic.simulation import Simulation
 from drl_av.traffic.snapshot import Collision, Snapshot
@@ -129,9 +128,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.observation_space = gymnasium.spaces.Box(-bounds, bounds, dtype=np.float32)
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
         self._masked = action_mask
-        self.caption = Caption()
-        self.proposed: Action | None = None
-        self.collision: Collision | None = None
+        self._renderer = self._renderer_of(render_mode)
         self._over = True
 
     def require_room(self) -> None:
@@ -157,14 +154,14 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.seed = traffic_seed(seed, options, self.np_random)
         placed = self.simulation.placed_vehicles
         vehicles = number_of_vehicles(options, self.seed, self.config.traffic, placed)
-        self.caption = Caption(vehicles=vehicles, seed=self.seed)
         self.decisions = 0
-        self.proposed = self.collision = None
         self._over = True
-        self._look(self.simulation.reset(self.seed, vehicles), None)
+        snapshot = self.simulation.reset(self.seed, vehicles)
         self.traffic_drivers.start(self.simulation.kinds, self.simulation.desired_speed_m_s)
+        observation, info = self._observe(snapshot, None), self._info()
+        self._renderer.reset(snapshot, info)
         self._over = False
-        return self._observe(), self._info()
+        return observation, info
 
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Carry out one decision, as far as the safety check permits it.
@@ -174,48 +171,32 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             gymnasium.error.ResetNeeded: there is no episode, or it is over.
             SimulationError: SUMO ended on its own.
         """
-        if self._over:
-            raise gymnasium.error.ResetNeeded("There is no episode to drive on in: call reset.")
-        quick = type(action) is int and 0 <= action < len(ACTIONS)  # contains costs a step 2 %
-        if not quick and not self.action_space.contains(action):
-            raise ConfigError(f"The action is {action}, but must be from 0 to {len(ACTIONS) - 1}.")
-        proposed = ACTIONS[action]
-        self.proposed = proposed
-        verdict = self.safety_check(self.scene, proposed)
-        commands, lane_change = plan(
-            self.scene, verdict.action, self.config.ego, self.config.simulation
-        )
-        traffic_commands = self.traffic_drivers(self.scene.snapshot)
-        self._over = True  # should SUMO end in the middle
-        snapshot, self.collision = self.simulation.advance(commands, traffic_commands)
-        self._look(snapshot, lane_change)
+        proposed = self._proposed(action)
+        scene, config = self.scene, self.config
+        verdict = self.safety_check(scene, proposed)
+        commands, lane_change = plan(scene, verdict.action, config.ego, config.simulation)
+        traffic_commands = self.traffic_drivers(scene.snapshot)
+        self._over = True  # where SUMO ends in the middle
+        snapshot, collision = self.simulation.advance(commands, traffic_commands)
         self.decisions += 1
-        target = desired(self.scene.affordances, self.config.reward, self.config.safety)
-        terms = rewards(
-            self.scene.affordances, target, self.config.reward, self.config.safety.minimum_gap_m
-        )
-        reward = terms.total if self.collision is None else self.config.reward.collision_reward
-        truncated = self.decisions >= self.config.simulation.decisions_per_episode
-        collided = self.collision is not None
-        self._over = truncated or collided
+        observation = self._observe(snapshot, lane_change)
+        reward, terms = self._reward(collision)
+        terminated = collision is not None
+        truncated = self.decisions >= config.simulation.decisions_per_episode
+        self._over = terminated or truncated
         info = self._info() | {
             "proposed_action": proposed.number,
             "executed_action": verdict.action.number,
             "rule": str(verdict.rule),
             "rewards": terms._asdict(),
-            "collision": self.collision,
+            "collision": collision,
         }
-        if self.render_mode is not None:
-            self._narrate(proposed, verdict, reward, terms)
-        return self._observe(), reward, collided, truncated, info
+        self._renderer.step(snapshot, reward, info)
+        return observation, reward, terminated, truncated, info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """The scene as a picture (720, 1280, 3); None in sumo-gui, which draws by itself."""
-        if self.render_mode != "rgb_array":
-            return None
-        if self.caption == Caption():
-            raise gymnasium.error.ResetNeeded("There is nothing to draw yet: call reset.")
-        return draw(self.scene.snapshot, self.road, self.caption)
+        return self._renderer.render()
 
     def action_masks(self) -> ActionMask:
         """The mask of the scene now, whether ``info`` holds it or not; sb3-contrib calls this."""
@@ -226,13 +207,30 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self._over = True
         self.simulation.close()
 
-    def _look(self, snapshot: Snapshot, lane_change: LaneChange | None) -> None:
+    def _proposed(self, action: int | np.int64) -> Action:
+        if self._over:
+            raise gymnasium.error.ResetNeeded("There is no episode to drive on in: call reset.")
+        quick = type(action) is int and 0 <= action < len(ACTIONS)  # contains costs a step 2 %
+        if not quick and not self.action_space.contains(action):
+            raise ConfigError(f"The action is {action}, but must be from 0 to {len(ACTIONS) - 1}.")
+        return ACTIONS[action]
+
+    def _observe(self, snapshot: Snapshot, lane_change: LaneChange | None) -> Observation:
         affordances = compute_affordances(snapshot, self.road, self.config.observation.range_m)
         self.scene = Scene(snapshot, affordances, lane_change)
         self.indicators = affordances.vector()
-
-    def _observe(self) -> Observation:
         return self.scale(self.indicators)
+
+    def _reward(self, collision: Collision | None) -> tuple[float, Rewards]:
+        config, affordances = self.config, self.scene.affordances
+        target = desired(affordances, config.reward, config.safety)
+        terms = rewards(affordances, target, config.reward, config.safety.minimum_gap_m)
+        return terms.total if collision is None else config.reward.collision_reward, terms
+
+    def _renderer_of(self, render_mode: str | None) -> Renderer:
+        if render_mode == "rgb_array":
+            return PictureRenderer(self.road)
+        return Renderer() if render_mode is None else GuiRenderer(self.simulation.show)
 
     def _info(self) -> dict[str, Any]:
         info = {
@@ -244,31 +242,6 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         if self._masked:
             info["action_mask"] = self.action_masks()
         return info
-
-    def _narrate(
-        self,
-        proposed: Action,
-        verdict: Verdict,
-        reward: float,
-        terms: Rewards,
-    ) -> None:
-        speed = self.scene.affordances.ego_speed_m_s
-        self.caption = replace(
-            self.caption,
-            decision=self.decisions,
-            proposed=str(proposed),
-            executed=str(verdict.action),
-            rule=str(verdict.rule) if verdict.rule else None,
-            reward=reward,
-            **terms._asdict(),
-            speed_history=(*self.caption.speed_history, speed),
-            trigger_history=(*self.caption.trigger_history, bool(verdict.rule)),
-            collision="" if self.collision is None else self.collision.kind.value,
-        )
-        if self.render_mode == "human":
-            self.simulation.show(
-                f"{verdict.action} | rule: {verdict.rule} | {speed:.1f} m/s | reward {reward:.2f}"
-            )
 
 
 HighwayEnv.__doc__ = str(HighwayEnv.__doc__).format(

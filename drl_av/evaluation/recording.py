@@ -2,7 +2,7 @@
 
 import hashlib
 import io
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,19 +13,16 @@ import numpy.typing as npt
 from drl_av.config import BEFORE, Config, from_toml
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
-from drl_av.env.highway import HighwayEnv
+from drl_av.env.decision import Decision
 from drl_av.errors import RecordingError
 from drl_av.files import write_whole
 from drl_av.traffic.road import FloatArray
 from drl_av.traffic.snapshot import Snapshot
 
-Watcher = Callable[[HighwayEnv], None]
-"""Called after the reset and after each decision."""
-
 
 @dataclass(frozen=True)
 class Recording:
-    """An episode: what made it, and where every vehicle was at every decision."""
+    """An episode: the settings that determine it, and each vehicle's state at each decision."""
 
     config: Config
     driver: str
@@ -113,24 +110,25 @@ class RecordedDriver:
 
 
 class Recorder:
-    """A watcher that remembers an episode."""
+    """Keeps an episode, decision by decision."""
 
     def __init__(self) -> None:
         self._states: list[FloatArray] = []
         self._proposed: list[int] = []
 
-    def __call__(self, env: HighwayEnv) -> None:
-        """Remember one decision."""
-        self._states.append(states_of(env.scene.snapshot))
-        if env.proposed is not None:
-            self._proposed.append(env.proposed.number)
+    def add(self, decision: Decision) -> None:
+        """Keep one more decision."""
+        if not self._states:
+            self._states.append(states_of(decision.scene.snapshot))
+        self._states.append(states_of(decision.next_scene.snapshot))
+        self._proposed.append(decision.proposed.number)
 
-    def recording(self, env: HighwayEnv, driver: str) -> Recording:
-        """The episode so far."""
+    def recording(self, config: Config, driver: str, seed: int) -> Recording:
+        """The episode so far, with what made it."""
         return Recording(
-            env.config,
+            config,
             driver,
-            env.seed,
+            seed,
             len(self._states[0]) - 1,
             np.array(self._proposed, dtype=np.int64),
             np.array(self._states),
@@ -138,25 +136,32 @@ class Recorder:
 
 
 class Follower:
-    """A watcher that compares each decision with a recording; any difference is an error."""
+    """Compares an episode with a recording, decision by decision."""
 
     def __init__(self, recording: Recording) -> None:
-        self._expected = iter(recording.states)
+        self._expected = recording.states
+        self._compared = 0
 
-    def __call__(self, env: HighwayEnv) -> None:
+    def add(self, decision: Decision) -> None:
         """Raises RecordingError at the first position or speed that differs."""
-        expected = next(self._expected, None)
-        if expected is None or not np.array_equal(states_of(env.scene.snapshot), expected):
-            raise self._parted(env)
+        if self._compared == 0:
+            self._compare(decision.scene)
+        self._compare(decision.next_scene)
 
-    def end(self, env: HighwayEnv) -> None:
+    def end(self) -> None:
         """Raises RecordingError where the recording goes on after the episode's end."""
-        if next(self._expected, None) is not None:
-            raise self._parted(env)
+        if self._compared < len(self._expected):
+            raise self._left(self._compared - 1)
 
-    def _parted(self, env: HighwayEnv) -> RecordingError:
+    def _compare(self, scene: Scene) -> None:
+        expected = self._expected[self._compared : self._compared + 1]
+        if not np.array_equal(states_of(scene.snapshot)[None], expected):
+            raise self._left(self._compared)
+        self._compared += 1
+
+    def _left(self, decision: int) -> RecordingError:
         return RecordingError(
-            f"The replay left the recording at decision {env.decisions}: it was made with another "
+            f"The replay left the recording at decision {decision}: it was made with another "
             "scenario, another version of SUMO or of drl-av, or on another platform."
         )
 

@@ -1,60 +1,63 @@
 """Watching an episode again: recorded, and followed to the last bit."""
 
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
 from drl_av.config import Config
-from drl_av.drawing import Caption, Picture, draw
+from drl_av.drawing import Caption, Picture, draw, next_caption
 from drl_av.drawing.film import interpolated, write_video
 from drl_av.drivers.driver import Driver
+from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.metrics import EpisodeResult
-from drl_av.env.rollout import drive
-from drl_av.evaluation.recording import Follower, RecordedDriver, Recorder, Recording, Watcher
+from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+from drl_av.env.rollout import rollout
+from drl_av.evaluation.recording import Follower, RecordedDriver, Recorder, Recording
 from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.traffic.scenario import find_scenario, load_scenario
 
 USUAL_VEHICLES = 15
+Watcher = Callable[[Decision], None]
+"""Called with each decision of an episode."""
 
 
 class Pacer:
-    """A watcher that lets an episode run at ``rate`` times real time in sumo-gui."""
+    """Lets an episode run at ``rate`` times real time, for sumo-gui."""
 
     def __init__(self, rate: float) -> None:
         self._pause_s = 1.0 / rate
-        self._next_s: float | None = None
+        self._due_s: float | None = None
 
-    def __call__(self, env: HighwayEnv) -> None:
-        """Sleep until the next decision is due."""
+    def __call__(self, decision: Decision) -> None:
+        """Show the scene after the decision for as long as it lasts."""
         now = time.monotonic()
-        if self._next_s is not None and self._next_s > now:
-            time.sleep(self._next_s - now)
-        self._next_s = max(now, self._next_s or now) + self._pause_s
+        last_s = now if self._due_s is None else self._due_s
+        self._due_s = max(now, last_s + self._pause_s)
+        time.sleep(self._due_s - now)
 
 
 class Film:
-    """A watcher that keeps what a video needs."""
+    """Keeps an episode's scenes and captions, and writes a video of them."""
 
-    def __init__(self, driver: str) -> None:
-        self._driver = driver
-        self._moments: list[tuple[Snapshot, Caption]] = []
-        self._road: Road | None = None
+    def __init__(self, driver: str, road: Road) -> None:
+        self._driver, self._road = driver, road
+        self._decisions: list[Decision] = []
 
-    def __call__(self, env: HighwayEnv) -> None:
-        """Remember one decision."""
-        self._road = env.road
-        self._moments.append((env.scene.snapshot, env.caption))
+    def __call__(self, decision: Decision) -> None:
+        """Keep one more decision."""
+        self._decisions.append(decision)
 
     def write(self, path: Path, fps: int = 20, rate: float = 2.0) -> int:
         """Write the video at ``rate`` times real time; returns the number of frames."""
         return write_video(path, self._frames(max(1, round(fps / rate))), fps)
 
     def _frames(self, per_decision: int) -> Iterator[Picture]:
-        assert self._road is not None
-        for (before, _), (after, caption) in zip(self._moments, self._moments[1:], strict=False):
-            caption = replace(caption, driver=self._driver)
+        caption = Caption(driver=self._driver)
+        for decision in self._decisions:
+            caption = next_caption(caption, decision.reward, decision.info)
+            before, after = decision.scene.snapshot, decision.next_scene.snapshot
             for step in range(1, per_decision + 1):
                 scene = interpolated(before, after, step / per_decision, self._road)
                 yield draw(scene, self._road, caption)
@@ -62,7 +65,7 @@ class Film:
 
 @dataclass(frozen=True)
 class ReplaySession:
-    """An episode that is about to be watched; ``recording`` is what it must follow, if anything."""
+    """An episode that can be watched; it follows ``recording`` to the last bit where it has one."""
 
     config: Config
     driver: Driver
@@ -72,33 +75,31 @@ class ReplaySession:
     """None: as many as the scenario places, or 15."""
     recording: Recording | None = None
 
+    @property
+    def road(self) -> Road:
+        """The road of its scenario."""
+        return load_scenario(find_scenario(self.config.simulation.scenario)).road
+
     def drive(self, render_mode: str | None, *watchers: Watcher) -> tuple[Recording, EpisodeResult]:
-        """Drive it, shown to the watchers at every decision, and record it.
+        """Drive and record it; each watcher is called with each decision.
 
         Raises:
             RecordingError: it left the recording that it must follow.
         """
-        recorder = Recorder()
-        follower = Follower(self.recording) if self.recording else None
-        env = HighwayEnv(config=self.config, render_mode=render_mode)
-        try:
+        recorder, metrics = Recorder(), EpisodeMetrics()
+        follower = None if self.recording is None else Follower(self.recording)
+        following = [] if follower is None else [follower.add]
+        with closing(HighwayEnv(config=self.config, render_mode=render_mode)) as env:
             placed = env.simulation.placed_vehicles
             usual = USUAL_VEHICLES if placed is None else placed
             vehicles = usual if self.vehicles is None else self.vehicles
-            every: list[Watcher] = [recorder, *watchers]
-            if follower:
-                every.insert(0, follower)
-
-            def watch(env: HighwayEnv) -> None:
-                for watcher in every:
-                    watcher(env)
-
-            result = drive(env, self.driver, self.name, self.seed, vehicles, watch)
-            if follower:
-                follower.end(env)
-            return recorder.recording(env, self.name), result
-        finally:
-            env.close()
+            for decision in rollout(env, self.driver, self.seed, vehicles):
+                for watch in (*following, recorder.add, metrics.add, *watchers):
+                    watch(decision)
+            if follower is not None:
+                follower.end()
+            result = metrics.result(self.name, env.check_name, vehicles, self.seed)
+            return recorder.recording(env.config, self.name, self.seed), result
 
 
 def replay_session(recording: Recording) -> ReplaySession:

@@ -12,7 +12,7 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.rollout import drive
+from drl_av.env.rollout import rollout
 from drl_av.evaluation.replay import ReplaySession, replay_session
 from drl_av.learning.training import Training
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
@@ -45,16 +45,13 @@ def test_a_random_driver_under_the_check_stays_on_the_road(scenario: str) -> Non
     env = HighwayEnv(scenario, config=STEERED.updated("simulation", decisions_per_episode=100))
     drifts: list[LaneChange] = []
 
-    def watch(env: HighwayEnv) -> None:
-        if env.scene.lane_change is not None:
-            drifts.append(env.scene.lane_change)
-        assert env.road.holds(env.scene.affordances.ego_y_m, 1.8)
-
-    results = [
-        drive(env, RandomDriver(), "random", seed, 10, watch) for seed in range(800_000, 800_003)
-    ]
+    for seed in range(800_000, 800_003):
+        for decision in rollout(env, RandomDriver(), seed, 10):
+            if decision.next_scene.lane_change is not None:
+                drifts.append(decision.next_scene.lane_change)
+            assert env.road.holds(decision.next_scene.affordances.ego_y_m, 1.8)
+            assert decision.collision is None or not decision.collision.kind.ego_hit
     env.close()
-    assert not any(result.ego_hit for result in results)
     assert len(drifts) > 20
 
 

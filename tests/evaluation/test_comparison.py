@@ -22,8 +22,8 @@ from drl_av.drivers.network import QNetwork
 from drl_av.drivers.registry import find_drivers
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.metrics import EpisodeResult
-from drl_av.env.rollout import drive
+from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError, DrlAvError, RunError
 from drl_av.evaluation import comparison as module
 from drl_av.evaluation.comparison import Evaluation, drive_all
@@ -124,13 +124,14 @@ def test_every_driver_finds_the_same_traffic(env: HighwayEnv) -> None:
 def test_decisions_nearer_than_d_safe_are_counted(env: HighwayEnv) -> None:
     gaps: list[tuple[float, float]] = []
 
-    def watch(env: HighwayEnv) -> None:
-        front, speed_m_s = env.scene.affordances.own_front, env.scene.affordances.ego_speed_m_s
+    metrics = EpisodeMetrics()
+    for decision in rollout(env, IdmDriver(SHORT.safety), 1, 30):
+        metrics.add(decision)
+        affordances = decision.next_scene.affordances
+        front, speed_m_s = affordances.own_front, affordances.ego_speed_m_s
         gaps.append((math.inf if front is None else front.gap_m, max(1.3 * speed_m_s, 15.0)))
-
-    row = drive(env, IdmDriver(SHORT.safety), "idm", 1, 30, watch)
-    near = [gap_m < safe_m for gap_m, safe_m in gaps[1:]]  # not what the reset showed
-    assert 0 < row.d_safe_violations == sum(near) < len(near) == 10
+    near = [gap_m < safe_m for gap_m, safe_m in gaps]
+    assert 0 < metrics.d_safe_violations == sum(near) < len(near) == 10
 
 
 def test_rows_come_by_vehicles_then_seed_then_driver(env: HighwayEnv) -> None:

@@ -155,10 +155,11 @@ def test_number_of_vehicles_is_the_scenarios_where_it_places_them(tmp_path: Path
 
 
 def test_pacer_waits_until_the_next_decision_is_due(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock, slept = iter([10.0, 10.1, 11.0]), []
+    clock, slept = iter([10.0, 10.6, 11.7, 11.8]), []
     monkeypatch.setattr("drl_av.evaluation.replay.time.monotonic", lambda: next(clock))
     monkeypatch.setattr("drl_av.evaluation.replay.time.sleep", slept.append)
     pacer = Pacer(rate=2.0)
-    for _ in range(3):
+    for _ in range(4):
         pacer(None)  # type: ignore[arg-type]
-    assert slept == pytest.approx([0.4])
+    # due at 10.5 and 11.0; the third came late, at 11.7, so the fourth is due at 12.2
+    assert slept == pytest.approx([0.5, 0.4, 0.0, 0.4])

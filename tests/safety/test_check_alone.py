@@ -12,7 +12,7 @@ from drl_av.drivers.checked import CheckedDriver, PolicyDriver
 from drl_av.drivers.rules import RandomDriver
 from drl_av.driving.actions import ACTIONS
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.rollout import drive
+from drl_av.env.rollout import drive, rollout
 from drl_av.evaluation.recording import Recorder, Recording
 from drl_av.safety import action_mask, named_check
 
@@ -76,17 +76,18 @@ def test_workers_tell_their_masks_together() -> None:
     assert info["action_mask"].tolist() == masks
 
 
-def recorded(check: str, driver: object) -> tuple[Recording, Recorder]:
+def recorded(check: str, driver: object) -> Recording:
     recorder = Recorder()
     with closing(HighwayEnv(config=SHORT, safety_check=check)) as env:
-        drive(env, driver, "driver", 7, 30, recorder)  # type: ignore[arg-type]
-        return recorder.recording(env, "driver"), recorder
+        for decision in rollout(env, driver, 7, 30):  # type: ignore[arg-type]
+            recorder.add(decision)
+        return recorder.recording(env.config, "driver", 7)
 
 
 def test_a_checked_driver_where_nobody_checks_drives_as_the_bare_one_under_the_check() -> None:
     checked = CheckedDriver(RandomDriver(), named_check(SHORT))
-    inside, outside = recorded("paper", RandomDriver())[0], recorded("permit_all", checked)[0]
-    bare = recorded("permit_all", RandomDriver())[0]
+    inside, outside = recorded("paper", RandomDriver()), recorded("permit_all", checked)
+    bare = recorded("permit_all", RandomDriver())
     assert outside.hash() == inside.hash() != bare.hash()
     assert checked.triggers > 5
     assert (outside.proposed != inside.proposed).sum() == checked.triggers

@@ -1,0 +1,105 @@
+"""What is shown of an episode: its captions, its pictures, and nothing where nobody asked."""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from worlds import ROAD, ahead, snapshot
+
+from drl_av.drawing import Caption, draw, next_caption, renderer
+from drl_av.drawing.renderer import GuiRenderer, PictureRenderer, Renderer
+from drl_av.env.highway import HighwayEnv
+from drl_av.traffic.snapshot import Collision, CollisionKind
+
+START = {"seed": 42, "vehicles": 7, "speed_m_s": 20.0}
+KEPT = {
+    **START,
+    "proposed_action": 1,
+    "executed_action": 1,
+    "rule": "none",
+    "rewards": {"r_v": -0.5, "r_y": 0.0, "r_x": -0.1},
+    "collision": None,
+    "speed_m_s": 22.0,
+}
+REFUSED = KEPT | {
+    "proposed_action": 8,
+    "executed_action": 3,
+    "rule": "in_lane+lane_change",
+    "collision": Collision(CollisionKind.HIT_AHEAD, "vehicle3"),
+    "speed_m_s": 18.0,
+}
+
+
+def test_the_caption_follows_the_decisions() -> None:
+    first = next_caption(Caption(driver="mine"), -0.2, KEPT)
+    assert first == Caption(
+        driver="mine",
+        vehicles=7,
+        seed=42,
+        decision=1,
+        proposed="accelerate, keep lane",
+        executed="accelerate, keep lane",
+        rule=None,
+        reward=-0.2,
+        r_v=-0.5,
+        r_y=0.0,
+        r_x=-0.1,
+        speed_history=(22.0,),
+        trigger_history=(False,),
+    )
+    second = next_caption(first, -3.0, REFUSED)
+    assert (second.decision, second.reward, second.driver) == (2, -3.0, "mine")
+    assert (second.proposed, second.executed) == ("maintain, change left", "hard brake, keep lane")
+    assert (second.rule, second.collision) == ("in_lane+lane_change", "ego hit the vehicle ahead")
+    assert second.speed_history == (22.0, 18.0)
+    assert second.trigger_history == (False, True)
+
+
+def test_a_picture_shows_the_last_moment_with_the_caption_since_the_reset() -> None:
+    shown, before, after = PictureRenderer(ROAD), snapshot(ahead(30)), snapshot(ahead(25))
+    with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):
+        shown.render()
+    shown.reset(before, START)
+    assert np.array_equal(shown.render(), draw(before, ROAD, Caption(vehicles=7, seed=42)))
+    shown.step(after, -0.2, KEPT)
+    told = next_caption(Caption(), -0.2, KEPT)
+    assert np.array_equal(shown.render(), draw(after, ROAD, told))
+    shown.reset(before, START)
+    assert np.array_equal(shown.render(), draw(before, ROAD, Caption(vehicles=7, seed=42)))
+
+
+def test_sumo_gui_is_given_a_line_for_each_decision() -> None:
+    lines: list[str] = []
+    shown = GuiRenderer(lines.append)
+    shown.reset(snapshot(), START)
+    shown.step(snapshot(), -3.0, REFUSED)
+    assert lines == ["hard brake, keep lane | rule: in_lane+lane_change | 18.0 m/s | reward -3.00"]
+    assert shown.render() is None
+
+
+def test_no_caption_and_no_picture_is_made_where_nothing_is_rendered(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made: list[str] = []
+
+    def noted(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any) -> Any:
+            made.append(name)
+            return function(*arguments)
+
+        return call
+
+    monkeypatch.setattr(renderer, "next_caption", noted("caption", next_caption))
+    monkeypatch.setattr(renderer, "draw", noted("picture", draw))
+    for render_mode, expected in ((None, []), ("rgb_array", ["caption", "caption", "picture"])):
+        made.clear()
+        env = HighwayEnv(render_mode=render_mode)
+        env.reset(seed=1, options={"vehicles": 2})
+        env.step(0)
+        env.step(0)
+        env.render()
+        env.close()
+        assert made == expected
+    assert Renderer().render() is None
