@@ -40,6 +40,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     how = parser.add_mutually_exclusive_group()
     how.add_argument("--gui", action="store_true", help="in sumo-gui (default)")
     how.add_argument("--video", type=Path, metavar="FILE.mp4", help="as .mp4 or .gif, no screen")
+    how.add_argument(
+        "--html", type=Path, metavar="FILE.html", help="as one file that plays in a browser"
+    )
     parser.add_argument("--rate", type=rate, default=2.0, metavar="X", help="times real time")
     parser.add_argument("--record", type=Path, metavar="FILE.npz", help="keep the episode")
     driving(parser, "the RUN's")
@@ -49,11 +52,11 @@ def replay(options: argparse.Namespace) -> int:
     """Drive one episode, and show or film it."""
     from drl_av.drawing.film import require_film
     from drl_av.evaluation.recording import load_recording
-    from drl_av.evaluation.replay import Film, Pacer, ReplaySession, replay_session
+    from drl_av.evaluation.replay import Film, Pacer, Page, ReplaySession, replay_session
     from drl_av.files import require_writable
 
     inputs = [options.source, options.driver, options.config]
-    require_writable(options.record, options.video, inputs=inputs)
+    require_writable(options.record, options.video, options.html, inputs=inputs)
     if options.video:
         require_film(options.video, options.rate)
     given = (options.source, options.driver, "pretrained")
@@ -72,6 +75,11 @@ def replay(options: argparse.Namespace) -> int:
         film = Film(session.name, session.road)
         recording, result = session.drive(None, film)
         print(f"{options.video}: {film.write(options.video, rate=options.rate)} frames")
+    elif options.html:
+        page = Page(f"{session.name}, seed {session.seed}", session.road, session.driver)
+        recording, result = session.drive(None, page)
+        page.write(options.html)
+        print(f"{options.html}: open it in a browser")
     else:
         recording, result = session.drive("human", Pacer(options.rate))
     if options.record:

@@ -9,7 +9,9 @@ from pathlib import Path
 from drl_av.config import Config
 from drl_av.drawing import Caption, Picture, draw, next_caption
 from drl_av.drawing.film import interpolated, write_video
+from drl_av.drawing.page import PageDecision, write_page
 from drl_av.drivers.driver import Driver
+from drl_av.drivers.learned import LearnedDriver
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
@@ -17,6 +19,7 @@ from drl_av.env.rollout import rollout
 from drl_av.evaluation.recording import Follower, RecordedDriver, Recorder, Recording
 from drl_av.traffic.road import Road
 from drl_av.traffic.scenario import find_scenario, load_scenario
+from drl_av.traffic.snapshot import Snapshot
 
 USUAL_VEHICLES = 15
 Watcher = Callable[[Decision], None]
@@ -61,6 +64,37 @@ class Film:
             for step in range(1, per_decision + 1):
                 scene = interpolated(before, after, step / per_decision, self._road)
                 yield draw(scene, self._road, caption)
+
+
+class Page:
+    """Keeps an episode, and writes it as one HTML file that plays in a browser."""
+
+    def __init__(self, title: str, road: Road, driver: Driver) -> None:
+        self._title, self._road = title, road
+        self._values = driver.values if isinstance(driver, LearnedDriver) else None
+        self._snapshots: list[Snapshot] = []
+        self._decisions: list[PageDecision] = []
+
+    def __call__(self, decision: Decision) -> None:
+        """Keep one more decision, with the driver's Q-values where it has any."""
+        if not self._snapshots:
+            self._snapshots.append(decision.scene.snapshot)
+        self._snapshots.append(decision.next_scene.snapshot)
+        q = None if self._values is None else self._values(decision.observation).tolist()
+        made = PageDecision(
+            proposed=decision.proposed.number,
+            executed=decision.executed.number,
+            rule=decision.info["rule"],
+            reward=decision.reward,
+            **decision.info["rewards"],
+            q=q,
+            collision=None if decision.collision is None else decision.collision.kind.value,
+        )
+        self._decisions.append(made)
+
+    def write(self, path: Path) -> None:
+        """Write the page; raises DrlAvError where the file cannot be written."""
+        write_page(path, self._title, self._road, self._snapshots, self._decisions)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,10 @@
 """A recorded episode comes back to the last bit, or says why it does not."""
 
+import json
+import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -163,3 +166,33 @@ def test_pacer_waits_until_the_next_decision_is_due(monkeypatch: pytest.MonkeyPa
         pacer(None)  # type: ignore[arg-type]
     # due at 10.5 and 11.0; the third came late, at 11.7, so the fourth is due at 12.2
     assert slept == pytest.approx([0.5, 0.4, 0.0, 0.4])
+
+
+def page_data(file: Path) -> dict[str, Any]:
+    [data] = re.findall(r'type="application/json">(.*?)</script>', file.read_text(), flags=re.S)
+    found: dict[str, Any] = json.loads(data)
+    return found
+
+
+def test_the_page_of_a_recording_holds_its_places_and_decisions(
+    recording: Recording, file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "page.html"
+    assert main(["replay", str(file), "--html", str(page)]) == 0
+    assert f"{page}: open it in a browser\n" in capsys.readouterr().out
+    data = page_data(page)
+    assert data["title"] == "random, seed 11"
+    assert len(data["frames"]) == 13
+    places = np.array([frame["s"] for frame in data["frames"]])
+    np.testing.assert_allclose(places, recording.states[:, :, 0], atol=0.0051)
+    proposed = [decision["proposed"] for decision in data["decisions"]]
+    assert proposed == recording.proposed.tolist()
+    assert all(decision["q"] is None for decision in data["decisions"])
+
+
+def test_the_page_of_a_learned_driver_shows_the_values_that_it_chose_by(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    assert main(["replay", "--decisions", "8", "--seed", "4", "--html", str(page)]) == 0
+    for decision in page_data(page)["decisions"]:
+        assert len(decision["q"]) == 12
+        assert max(decision["q"]) - decision["q"][decision["proposed"]] <= 0.04  # its margin
