@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.cli import main as run_command
-from drl_av.drivers.registry import RULE_DRIVERS
+from drl_av.config import Config
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.affordances import Affordances
 from drl_av.driving.scene import Scene
@@ -42,13 +42,15 @@ class TimeGapDriver:
         return Lateral.LEFT if behind_slow and affordances.left_lane and room else Lateral.KEEP
 
 
-RULE_DRIVERS["time-gap"] = lambda config: TimeGapDriver()
+def time_gap(config: Config) -> TimeGapDriver:
+    """The driver for a config; --driver own_driver:time_gap names this function."""
+    return TimeGapDriver()
 
 
 def main() -> None:
     """Compare it with idm-mobil in the same traffic, as drl-av evaluate does."""
     where = ["--vehicles", "15", "--episodes", "3", "--seed", "800000"]
-    run_command(["evaluate", "--driver", "time-gap", "idm-mobil", *where])
+    run_command(["evaluate", "--driver", "own_driver:time_gap", "idm-mobil", *where])
 
 
 if __name__ == "__main__":
