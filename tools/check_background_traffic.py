@@ -1,9 +1,11 @@
 """Whether the background traffic collides with itself, and how it drives, mix by mix.
 
     python tools/check_background_traffic.py --episodes 500
+    python tools/check_background_traffic.py --episodes 200 --vehicles 30 --mix calm paper
 
 SUMO drives the ego too, like the vehicles around it, so that nobody is there but traffic. A line
-a mix: shares of finite-state machine, level 0 and level 1 (the rest is SUMO's IDM), episodes,
+a mix: shares of finite-state machine, level 0 and level 1 (the rest is SUMO's IDM) or a kind of
+traffic, episodes,
 decisions of vehicles, collisions by SUMO, overlaps of bodies swept through each SUMO step, mean
 speed, lane changes a vehicle and minute. Exits with 1 where anything collided.
 """
@@ -16,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.config import Config
+from drl_av.config import TRAFFIC_KINDS, Config
 from drl_av.drivers.background.level_1 import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.experiments.provenance import made_by
@@ -91,7 +93,7 @@ def check(config: Config, episodes: int, vehicles: Sequence[int]) -> Tally:
     decisions, changes, speeds = 0, 0, []
     for episode in range(episodes):
         shot = simulation.reset(SEEDS + episode, vehicles[episode % len(vehicles)])
-        drivers.start(simulation.kinds, simulation.desired_speed_m_s)
+        drivers.start(simulation.kinds, simulation.desired_speed_m_s, SEEDS + episode)
         lanes = []
         for _ in range(config.simulation.decisions_per_episode):
             shot, _ = simulation.advance([NOTHING] * steps, drivers(shot))
@@ -107,8 +109,10 @@ def check(config: Config, episodes: int, vehicles: Sequence[int]) -> Tally:
     return Tally(decisions, *found, mean_speed, per_minute)
 
 
-def with_shares(mix: str) -> Config:
-    """The default config with the shares of a mix, written ``FSM,L0,L1``."""
+def with_mix(mix: str) -> Config:
+    """The default config with a kind of traffic, or with shares, written ``FSM,L0,L1``."""
+    if mix in TRAFFIC_KINDS:
+        return Config().with_traffic(mix)
     finite_state, level_0, level_1 = map(float, mix.split(","))
     return Config().updated(
         "traffic",
@@ -130,11 +134,14 @@ def main() -> int:
         metavar="N",
         help="beside the ego, in turn (default: 1 to 30)",
     )
-    parser.add_argument("--mix", nargs="+", default=MIXES, metavar="FSM,L0,L1", help="shares")
+    kinds = ", ".join(TRAFFIC_KINDS)
+    parser.add_argument(
+        "--mix", nargs="+", default=MIXES, metavar="MIX", help=f"shares FSM,L0,L1, or: {kinds}"
+    )
     options = parser.parse_args()
     collided, begun_s = 0, time.monotonic()
     for mix in options.mix:
-        tally = check(with_shares(mix), options.episodes, options.vehicles)
+        tally = check(with_mix(mix), options.episodes, options.vehicles)
         collided += tally.seen_by_sumo + tally.swept
         print(
             f"{mix}: {options.episodes} episodes, {tally.decisions} vehicle-decisions, "

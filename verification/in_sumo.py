@@ -8,17 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from drl_av.config import Config
+from drl_av.traffic.ego_model import take_control
 from drl_av.traffic.scenario import (
     PlacedVehicle,
     ScenarioDescription,
     load_scenario,
     write_scenario,
 )
-from drl_av.traffic.simulation import (
-    ALL_SPEED_CHECKS_OFF,
-    NO_AUTONOMOUS_LANE_CHANGES,
-    Simulation,
-)
+from drl_av.traffic.simulation import Simulation
 from drl_av.traffic.snapshot import Collision, CollisionKind, Command
 from verification.kinematic_simulator import BatchCheck, Mover, Orders, World
 
@@ -76,9 +73,7 @@ class SumoWorld:
         simulation.reset(0, len(names) - 1)
         self._vehicle = simulation._sumo.vehicle
         for name in names[1:]:
-            self._vehicle.setSpeedMode(name, ALL_SPEED_CHECKS_OFF)
-            self._vehicle.setLaneChangeMode(name, NO_AUTONOMOUS_LANE_CHANGES)
-            self._vehicle.setMaxSpeedLat(name, 10.0)
+            take_control(self._vehicle, name)
         self._names, self._y_m = names, world.y_m[0].copy()
         return simulation
 

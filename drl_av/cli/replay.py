@@ -95,7 +95,7 @@ def replay(options: argparse.Namespace) -> int:
 
 
 def _refuse_settings(options: argparse.Namespace) -> None:
-    names = ("seed", "vehicles", "decisions", "scenario", "safety_check", "config")
+    names = ("seed", "vehicles", "decisions", "scenario", "safety_check", "traffic", "config")
     given = [name for name in names if getattr(options, name) is not None]
     if given:
         raise RecordingError(

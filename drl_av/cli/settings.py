@@ -2,11 +2,11 @@
 
 import argparse
 
-from drl_av.config import SAFETY_CHECKS, Config, load_config, located
+from drl_av.config import SAFETY_CHECKS, TRAFFIC_KINDS, Config, load_config, located
 
 
 def driving(parser: argparse.ArgumentParser, whose: str) -> None:
-    """Add --scenario, --safety-check and --config; ``whose`` names the defaults in the help."""
+    """Add --scenario, --safety-check, --traffic and --config; ``whose`` are the defaults."""
     parser.add_argument(
         "--scenario",
         metavar="DIR",
@@ -18,12 +18,19 @@ def driving(parser: argparse.ArgumentParser, whose: str) -> None:
         help=f"one of: {', '.join(SAFETY_CHECKS)} (default: {whose})",
     )
     parser.add_argument(
+        "--traffic",
+        metavar="KIND",
+        help=f"one of: {', '.join(TRAFFIC_KINDS)} (default: {whose} [traffic])",
+    )
+    parser.add_argument(
         "--config", metavar="FILE.toml", help=f"settings as TOML, laid over {whose}"
     )
 
 
 def overridden(config: Config, options: argparse.Namespace) -> Config:
     """The config with the options of the command line applied."""
+    if options.traffic is not None:
+        config = config.with_traffic(options.traffic)
     config = load_config(options.config, config)
     if options.scenario is not None:
         config = config.updated("simulation", scenario=options.scenario)

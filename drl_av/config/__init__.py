@@ -20,6 +20,7 @@ from drl_av.config.road import SimulationConfig
 from drl_av.config.safety import SAFETY_CHECKS, SafetyConfig, StrictConfig
 from drl_av.config.schema import Section, did_you_mean
 from drl_av.config.traffic import TrafficConfig
+from drl_av.config.traffic_kinds import TRAFFIC_KINDS, traffic_of_kind
 from drl_av.errors import ConfigError
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "DESIRED_VALUES",
     "REPLAYS",
     "SAFETY_CHECKS",
+    "TRAFFIC_KINDS",
     "Config",
     "EgoConfig",
     "FiniteStateConfig",
@@ -80,6 +82,10 @@ class Config:
         """This config with some settings of one section replaced; raises ConfigError."""
         return replace(self, **{section: replace(getattr(self, section), **settings)})
 
+    def with_traffic(self, kind: object) -> "Config":
+        """This config with another kind of traffic, as many vehicles; raises ConfigError."""
+        return replace(self, traffic=traffic_of_kind(kind, self.traffic))
+
     def to_toml(self) -> str:
         """All settings as TOML text; ``from_toml`` reads it back to an equal config."""
         return tomli_w.dumps(asdict(self))
@@ -107,6 +113,8 @@ def from_sections(
 ) -> Config:
     """Lay ``{section: {key: value}}`` over ``base`` (default: the paper's).
 
+    The key ``kind`` of [traffic] names a kind of traffic, over which its other keys are laid.
+
     Raises:
         ConfigError: a section or key is unknown, mistyped or out of bounds.
     """
@@ -120,6 +128,9 @@ def from_sections(
             )
         if not isinstance(settings, Mapping):
             raise ConfigError(f"{name}: {section} must be a section, written [{section}].")
+        if section == "traffic" and "kind" in settings:
+            config = config.with_traffic(settings["kind"])
+            settings = {key: value for key, value in settings.items() if key != "kind"}
         known = [item.name for item in fields(_SECTIONS[section])]  # type: ignore[arg-type]
         for key in settings:
             if key not in known:

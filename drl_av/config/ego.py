@@ -58,6 +58,9 @@ class EgoConfig(Section):
     acc_speed_gain_per_s: float = setting(
         0.4, "ours", "acc: gain on the error of the speed", low=0.01, high=10
     )
+    overtake_right: bool = setting(
+        True, "ours", "whether rule-based drivers of the ego may pass on the right above 60 km/h"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -52,6 +52,30 @@ class TrafficConfig(Section):
     level_1_share: float = setting(
         0.0, "Sec. IV-B", "chance that a vehicle is a level-1 driver", low=0, high=1
     )
+    overtake_right: bool = setting(
+        False, "SUMO", "whether SUMO's drivers pass on the right above 60 km/h, as the ego may"
+    )
+    standing_share: float = setting(
+        0.0, "ours", "chance that a vehicle stands, which is to drive 0.1 m/s", low=0, high=1
+    )
+    crawling_share: float = setting(0.0, "ours", "chance that a vehicle crawls", low=0, high=1)
+    crawling_speed_max_m_s: float = setting(
+        8.0, "ours", "fastest desired speed of one that crawls", low=0.1, high=60
+    )
+    fast_share: float = setting(
+        0.0, "ours", "chance that a vehicle is a fast overtaker", low=0, high=1
+    )
+    fast_speed_m_s: float = setting(38.0, "ours", "its desired speed", low=0.1, high=60)
+    fast_speed_gain: float = setting(5.0, "ours", "its lane-change eagerness", low=0, high=100)
+    hard_braking_share: float = setting(
+        0.0,
+        "ours",
+        "chance that a vehicle is driven by the finite-state machine and brakes hard at times",
+        low=0,
+        high=1,
+    )
+    hard_brakes_per_s: float = setting(0.02, "ours", "how often it does", low=0, high=1)
+    hard_brake_s: int = setting(3, "ours", "decisions for which it does", low=1, high=60)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -62,11 +86,22 @@ class TrafficConfig(Section):
         self.ordered("speed_gain_min", "speed_gain_max")
         if sum(self.shares) > 1 + 1e-9:
             raise ConfigError(
-                "traffic: finite_state_share + level_0_share + level_1_share is "
-                f"{sum(self.shares):g}, but must be at most 1; the rest is SUMO's IDM."
+                "traffic: finite_state_share + level_0_share + level_1_share + hard_braking_share "
+                f"is {sum(self.shares):g}, but must be at most 1; the rest is SUMO's IDM."
+            )
+        if sum(self.unusual_shares) > 1 + 1e-9:
+            raise ConfigError(
+                "traffic: standing_share + crawling_share + fast_share is "
+                f"{sum(self.unusual_shares):g}, but must be at most 1."
             )
 
     @property
-    def shares(self) -> tuple[float, float, float]:
-        """Of the finite-state machine, of level 0 and of level 1; the rest is SUMO's IDM."""
-        return self.finite_state_share, self.level_0_share, self.level_1_share
+    def shares(self) -> tuple[float, ...]:
+        """Of each kind of driver but SUMO's IDM, in the order of ``traffic.population.Kind``."""
+        levels = self.level_0_share, self.level_1_share
+        return self.finite_state_share, *levels, self.hard_braking_share
+
+    @property
+    def unusual_shares(self) -> tuple[float, float, float]:
+        """Of the vehicles that stand, that crawl and that overtake fast, whoever drives them."""
+        return self.standing_share, self.crawling_share, self.fast_share

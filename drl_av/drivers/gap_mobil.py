@@ -2,7 +2,7 @@
 
 from drl_av.config import EgoConfig, MobilConfig, SafetyConfig
 from drl_av.drivers.mobil import MobilDriver
-from drl_av.driving.actions import Longitudinal
+from drl_av.driving.actions import Longitudinal, nearest_action
 from drl_av.driving.affordances import Affordances
 from drl_av.driving.car_following import time_gap_acceleration
 
@@ -21,7 +21,7 @@ class GapMobilDriver(MobilDriver):
         self._headway_s = headway_s
 
     def longitudinal(self, affordances: Affordances) -> Longitudinal:
-        """The action whose acceleration is nearest the law's; of two as near the gentler one."""
+        """The action nearest the law."""
         front = affordances.own_front
         if front is None:
             return Longitudinal.ACCELERATE
@@ -32,6 +32,4 @@ class GapMobilDriver(MobilDriver):
             self._headway_s,
             self._ego,
         )
-        return min(
-            Longitudinal, key=lambda action: abs(action.acceleration_m_s2(self._ego) - wanted)
-        )
+        return nearest_action(wanted, self._ego)

@@ -17,8 +17,11 @@ from drl_av.drivers.external import LOADERS, driver_of_factory, is_factory
 from drl_av.drivers.gap_mobil import GapMobilDriver
 from drl_av.drivers.learned import LearnedDriver, learned_driver
 from drl_av.drivers.mobil import MobilDriver
+from drl_av.drivers.passing import NoPassingOnTheRight
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
+from drl_av.drivers.sumo import TUNED, SumoDriver
 from drl_av.errors import ConfigError, RunError
+from drl_av.traffic.ego_model import EgoModel
 
 RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "idm": lambda config: IdmDriver(config.safety),
@@ -26,6 +29,10 @@ RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "gap-mobil": lambda config: GapMobilDriver(config.safety, config.ego, config.mobil, 1.1),
     "gap-mobil-1.3": lambda config: GapMobilDriver(config.safety, config.ego, config.mobil, 1.3),
     "idm-sumo": lambda config: IdmSumoDriver(config.safety),
+    "sumo": lambda config: SumoDriver(EgoModel()),
+    "sumo-tuned": lambda config: SumoDriver(
+        TUNED._replace(overtake_right=config.ego.overtake_right)
+    ),
     "random": lambda config: RandomDriver(),
 }
 """How a driver by rule is made from the config it drives with, by the driver's name.
@@ -150,12 +157,18 @@ def _observed_by(config: Config) -> tuple[object, ...]:
 
 
 def rule_driver(name: str, config: Config) -> Driver:
-    """The rule-based driver or the factory's of that name; raises ConfigError."""
+    """The rule-based driver or the factory's of that name; raises ConfigError.
+
+    A rule-based one passes on the right only where ``ego.overtake_right`` says that it may.
+    """
     if name not in RULE_DRIVERS and is_factory(name):
         return driver_of_factory(name, config)
     if name not in RULE_DRIVERS:
         raise _unknown(name)
-    return RULE_DRIVERS[name](config)
+    driver = RULE_DRIVERS[name](config)
+    if config.ego.overtake_right or isinstance(driver, SumoDriver):
+        return driver
+    return NoPassingOnTheRight(driver, config.ego)
 
 
 def load_driver(path: Path) -> tuple[LearnedDriver, Config]:

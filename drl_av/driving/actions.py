@@ -32,6 +32,11 @@ class Longitudinal(IntEnum):
         return (0.0, ego.accelerate_m_s2, -ego.brake_m_s2, -ego.hard_brake_m_s2)[self]
 
 
+def nearest_action(acceleration_m_s2: float, ego: EgoConfig) -> Longitudinal:
+    """The action whose acceleration is nearest to a given one; of two as near the gentler one."""
+    return min(Longitudinal, key=lambda one: abs(one.acceleration_m_s2(ego) - acceleration_m_s2))
+
+
 _LONGITUDINAL_WORDS = ("maintain", "accelerate", "brake", "hard brake")
 _LATERAL_WORDS = ("keep lane", "change right", "change left")
 

@@ -16,12 +16,14 @@ from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import INDICATORS, ObservationScale, compute_affordances
 from drl_av.driving.maneuver import plan
+from drl_av.driving.observed import observed
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.episode import number_of_vehicles, traffic_seed
 from drl_av.env.reward import Rewards, desired, rewards
 from drl_av.errors import ConfigError
 from drl_av.safety import ActionMask, action_mask, named_check
-from drl_av.safety.check import SafetyCheck
+from drl_av.safety.check import Rule, SafetyCheck, Verdict
+from drl_av.traffic.ego_model import EgoModel
 from drl_av.traffic.scenario import find_scenario, load_scenario
 from drl_av.traffic.simulation import Simulation
 from drl_av.traffic.snapshot import Collision, Snapshot
@@ -111,7 +113,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         if safety_check is not None and not callable(safety_check):
             config = config.updated("safety", check=safety_check)
         self.config = config
-        self.check_name = (
+        self._check_name = (
             getattr(safety_check, "__name__", "custom")
             if callable(safety_check)
             else config.safety.check
@@ -129,7 +131,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
         self._masked = action_mask
         self._renderer = self._renderer_of(render_mode)
+        self.ego_model: EgoModel | None = None
         self._over = True
+
+    @property
+    def check_name(self) -> str:
+        """Name of the safety check; ``none`` while SUMO drives the ego, which nothing checks."""
+        return self._check_name if self.ego_model is None else "none"
 
     def require_room(self) -> None:
         """Raise ConfigError where ``traffic.vehicles_max`` vehicles do not fit on the road."""
@@ -155,13 +163,27 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         placed = self.simulation.placed_vehicles
         vehicles = number_of_vehicles(options, self.seed, self.config.traffic, placed)
         self.decisions = 0
+        self.ego_model = None
         self._over = True
         snapshot = self.simulation.reset(self.seed, vehicles)
-        self.traffic_drivers.start(self.simulation.kinds, self.simulation.desired_speed_m_s)
+        self.traffic_drivers.start(
+            self.simulation.kinds, self.simulation.desired_speed_m_s, self.seed
+        )
         observation, info = self._observe(snapshot, None), self._info()
         self._renderer.reset(snapshot, info)
         self._over = False
         return observation, info
+
+    def hand_over(self, model: EgoModel) -> None:
+        """Let SUMO drive the ego by its own models until the next reset.
+
+        Actions and the safety check are ignored then, and ``info`` holds the actions nearest to
+        what SUMO did. Raises gymnasium.error.ResetNeeded where there is no episode.
+        """
+        if self._over:
+            raise gymnasium.error.ResetNeeded("There is no episode to hand over: call reset.")
+        self.simulation.hand_over(model)
+        self.ego_model = model
 
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Carry out one decision, as far as the safety check permits it.
@@ -178,6 +200,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         traffic_commands = self.traffic_drivers(scene.snapshot)
         self._over = True  # where SUMO ends in the middle
         snapshot, collision = self.simulation.advance(commands, traffic_commands)
+        if self.ego_model is not None:
+            proposed, lane_change = observed(scene, snapshot, self.road, config)
+            verdict = Verdict(proposed, Rule.NONE)
         self.decisions += 1
         observation = self._observe(snapshot, lane_change)
         reward, terms = self._reward(collision)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from drl_av.drivers.driver import Driver
+from drl_av.drivers.sumo import SumoDriver
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
@@ -22,6 +23,8 @@ def rollout(
     options = None if vehicles is None else {"vehicles": vehicles}
     observation, _ = env.reset(seed=seed, options=options)
     driver.start(seed)
+    if isinstance(driver, SumoDriver):
+        env.hand_over(driver.model)
     over = False
     while not over:
         scene, before = env.scene, observation

@@ -16,6 +16,7 @@ from drl_av.driving.scene import Scene
 from drl_av.env.decision import Decision
 from drl_av.errors import RecordingError
 from drl_av.files import write_whole
+from drl_av.traffic.ego_model import EgoModel
 from drl_av.traffic.road import FloatArray
 from drl_av.traffic.snapshot import Snapshot
 
@@ -32,6 +33,8 @@ class Recording:
     """Proposed action of each decision, shape (T,)."""
     states: FloatArray
     """Shape (T + 1, 1 + N, 4): s, y, speed and lateral speed, the ego in row 0."""
+    ego_model: EgoModel | None = None
+    """By which SUMO drove the ego; None where the proposals did."""
 
     def hash(self) -> str:
         """SHA-256 over all positions and speeds."""
@@ -47,6 +50,8 @@ class Recording:
             "proposed": self.proposed,
             "states": self.states,
         }
+        if self.ego_model is not None:
+            parts["ego_model"] = np.array(self.ego_model, dtype=np.float64)
         data = io.BytesIO()
         np.savez_compressed(data, **parts, sha256=np.array(_checksum(parts)))
         write_whole(path, data.getvalue())
@@ -58,6 +63,11 @@ def _checksum(parts: Mapping[str, npt.NDArray[Any]]) -> str:
         digest.update(repr((name, parts[name].dtype.str, parts[name].shape)).encode())
         digest.update(np.ascontiguousarray(parts[name]).tobytes())
     return digest.hexdigest()
+
+
+def _ego_model(numbers: FloatArray) -> EgoModel:
+    headway_s, assertiveness, speed_gain, overtake_right = numbers.tolist()
+    return EgoModel(headway_s, assertiveness, speed_gain, bool(overtake_right))
 
 
 def load_recording(path: Path) -> Recording:
@@ -75,6 +85,7 @@ def load_recording(path: Path) -> Recording:
             int(parts["vehicles"]),
             parts["proposed"],
             parts["states"],
+            _ego_model(parts["ego_model"]) if "ego_model" in parts else None,
         )
     except Exception as error:  # whatever the readers of zip, zlib and npy stumble over
         raise RecordingError(
@@ -123,7 +134,9 @@ class Recorder:
         self._states.append(states_of(decision.next_scene.snapshot))
         self._proposed.append(decision.proposed.number)
 
-    def recording(self, config: Config, driver: str, seed: int) -> Recording:
+    def recording(
+        self, config: Config, driver: str, seed: int, ego_model: EgoModel | None = None
+    ) -> Recording:
         """The episode so far, with what made it."""
         return Recording(
             config,
@@ -132,6 +145,7 @@ class Recorder:
             len(self._states[0]) - 1,
             np.array(self._proposed, dtype=np.int64),
             np.array(self._states),
+            ego_model,
         )
 
 

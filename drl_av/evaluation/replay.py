@@ -12,6 +12,7 @@ from drl_av.drawing.film import interpolated, write_video
 from drl_av.drawing.page import PageDecision, write_page
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import LearnedDriver
+from drl_av.drivers.sumo import SumoDriver
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
@@ -133,12 +134,14 @@ class ReplaySession:
             if follower is not None:
                 follower.end()
             result = metrics.result(self.name, env.check_name, vehicles, self.seed)
-            return recorder.recording(env.config, self.name, self.seed), result
+            recording = recorder.recording(env.config, self.name, self.seed, env.ego_model)
+            return recording, result
 
 
 def replay_session(recording: Recording) -> ReplaySession:
     """The recorded episode, to the last bit."""
-    driver = RecordedDriver(recording)
+    model = recording.ego_model
+    driver = RecordedDriver(recording) if model is None else SumoDriver(model)
     return ReplaySession(
         recording.config, driver, recording.driver, recording.seed, recording.vehicles, recording
     )

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from drl_av.config import SimulationConfig
+from drl_av.config import Config
 from drl_av.errors import DisplayError, SimulationError
 
 GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "1280,720")
@@ -76,14 +76,15 @@ def short_names(files: Sequence[Path]) -> Iterator[list[str]]:
         yield [f"/dev/fd/{file.fileno()}" for file in opened]
 
 
-def start_arguments(files: Sequence[str], seed: int, config: SimulationConfig) -> list[str]:
+def start_arguments(files: Sequence[str], seed: int, config: Config) -> list[str]:
     """What SUMO is started with; the first of the files is the network."""
     return [
         *("--net-file", files[0]),
         *("--additional-files", ",".join(files[1:])),
         *("--seed", str(seed % 2**31)),
-        *("--step-length", repr(config.step_length_s)),
-        *("--lateral-resolution", repr(config.lateral_resolution_m)),
+        *("--step-length", repr(config.simulation.step_length_s)),
+        *("--lateral-resolution", repr(config.simulation.lateral_resolution_m)),
+        *("--lanechange.overtake-right", str(config.traffic.overtake_right).lower()),
         *("--time-to-teleport", "-1"),
         *("--collision.action", "warn"),
         *("--collision.mingap-factor", "0"),
@@ -99,7 +100,7 @@ def start(
     sumo: ModuleType,
     files: Sequence[Path],
     seed: int,
-    config: SimulationConfig,
+    config: Config,
     view: Path | None = None,
 ) -> None:
     """Start libsumo, or through traci sumo-gui, which shows a view; it must not run already."""

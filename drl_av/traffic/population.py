@@ -18,6 +18,8 @@ SPREAD_M = 250.0
 STANDSTILL_GAP_M = 2.5
 DECISIONS_AT_ONCE = 256
 COMFORTABLE_BRAKING_M_S2 = 2.0
+STANDING_M_S = 0.1
+"""SUMO's models see a vehicle of this speed as they see any other, but not one that is stopped."""
 
 
 class Kind(IntEnum):
@@ -28,6 +30,8 @@ class Kind(IntEnum):
     FINITE_STATE = 1
     LEVEL_0 = 2
     LEVEL_1 = 3
+    HARD_BRAKING = 4
+    """The finite-state machine, and at times the hardest braking."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,8 @@ def require_speed_limit(config: Config, description: ScenarioDescription) -> Non
     fastest = {"ego.max_speed_m_s": config.ego.max_speed_m_s}
     if not description.vehicles:
         fastest["traffic.desired_speed_max_m_s"] = config.traffic.desired_speed_max_m_s
+        if config.traffic.fast_share:
+            fastest["traffic.fast_speed_m_s"] = config.traffic.fast_speed_m_s
     for name, speed in fastest.items():
         if speed > description.speed_limit_m_s:
             raise ConfigError(
@@ -91,6 +97,9 @@ def draw_population(
     desired = rng.uniform(traffic.desired_speed_min_m_s, traffic.desired_speed_max_m_s, n)
     desired[0] = ego.max_speed_m_s
     headway = rng.uniform(traffic.headway_min_s, traffic.headway_max_s, n)
+    acceleration = rng.uniform(traffic.acceleration_min_m_s2, traffic.acceleration_max_m_s2, n)
+    speed_gain = rng.uniform(traffic.speed_gain_min, traffic.speed_gain_max, n)
+    _make_some_unusual(rng.spawn(1)[0], desired, speed_gain, traffic)
     return Population(
         ids=(EGO_ID, *(f"vehicle{i}" for i in range(1, n))),
         lane=lane,
@@ -98,11 +107,30 @@ def draw_population(
         speed_m_s=_safe_speeds(desired, headway, gap_m, leader),
         desired_speed_m_s=desired,
         headway_s=headway,
-        acceleration_m_s2=rng.uniform(
-            traffic.acceleration_min_m_s2, traffic.acceleration_max_m_s2, n
-        ),
-        speed_gain=rng.uniform(traffic.speed_gain_min, traffic.speed_gain_max, n),
+        acceleration_m_s2=acceleration,
+        speed_gain=speed_gain,
     )
+
+
+def _make_some_unusual(
+    rng: np.random.Generator,
+    desired_m_s: FloatArray,
+    speed_gain: FloatArray,
+    traffic: TrafficConfig,
+) -> None:
+    """Let some vehicles but the ego stand, crawl or overtake fast, by the shares of the config.
+
+    Drawn from a stream of its own, so that the others stay as they are.
+    """
+    draws, places = rng.random((2, len(desired_m_s)))
+    which = np.searchsorted(np.cumsum(traffic.unusual_shares), draws, side="right")
+    which[0] = len(traffic.unusual_shares)
+    standing, crawling, fast = (which == row for row in range(len(traffic.unusual_shares)))
+    desired_m_s[standing] = STANDING_M_S
+    crawling_m_s = STANDING_M_S + places * (traffic.crawling_speed_max_m_s - STANDING_M_S)
+    desired_m_s[crawling] = crawling_m_s[crawling]
+    desired_m_s[fast] = traffic.fast_speed_m_s
+    speed_gain[fast] = traffic.fast_speed_gain
 
 
 def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig) -> Population:

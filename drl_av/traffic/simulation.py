@@ -10,11 +10,8 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.errors import SimulationError
 from drl_av.traffic.collisions import LATERAL_SPEED_M_S, Motion, bodies, motion
-from drl_av.traffic.connection import (
-    connection,
-    require_display,
-    start,
-)
+from drl_av.traffic.connection import connection, require_display, start
+from drl_av.traffic.ego_model import EgoModel, hand_over, take_control
 from drl_av.traffic.instances import acquire
 from drl_av.traffic.population import (
     EGO_ID,
@@ -37,8 +34,6 @@ from drl_av.traffic.requests import (
 from drl_av.traffic.scenario import Scenario
 from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot, TrafficCommand
 
-ALL_SPEED_CHECKS_OFF = 32
-NO_AUTONOMOUS_LANE_CHANGES = 0
 RANDOM_LANE_CHANGE_S = 5.0
 VIEW = "View #0"
 GUI_ZOOM = 350.0
@@ -108,11 +103,16 @@ class Simulation:
         self._readings = Readings(self._sumo, self.scenario, self._ids)
         self._steps = 0
         self._ego_y_m = self.road.center_m(int(population.lane[EGO]))
-        self._ego_lateral_speed_m_s = 0.0
+        self._ego_lateral_speed_m_s: float | None = 0.0
         snapshot = self._snapshot()
         lateral_m_s = max(LATERAL_SPEED_M_S, types.traffic.lateral_speed_m_s)
         self._bodies = replace(bodies(snapshot, self.road), lateral_speed_m_s=lateral_m_s)
         return snapshot
+
+    def hand_over(self, model: EgoModel) -> None:
+        """Let SUMO drive the ego until the next reset; commands of the ego are ignored then."""
+        hand_over(self._sumo.vehicle, model, self._config.ego, self.road.lane_width_m)
+        self._ego_lateral_speed_m_s = None
 
     def advance(
         self, commands: Sequence[Command], traffic_commands: Sequence[TrafficCommand] = ()
@@ -135,9 +135,11 @@ class Simulation:
                 if self.kinds[row] == Kind.SUMO or is_centered(self._sumo.vehicle, vehicle):
                     self._sumo.vehicle.changeLaneRelative(vehicle, side, RANDOM_LANE_CHANGE_S)
             ask_for_lane_changes(self._sumo.vehicle, self._ids, traffic_commands, timing)
-            near = self._bodies.within_reach(
-                self._s_m, self._y_m, self._speed_m_s, commands, timing.step_length_s
-            )
+            near: Sequence[int] = range(EGO + 1, len(self._ids))
+            if self._ego_lateral_speed_m_s is not None:
+                near = self._bodies.within_reach(
+                    self._s_m, self._y_m, self._speed_m_s, commands, timing.step_length_s
+                )
             for command in commands:
                 ask_for_speeds(self._sumo.vehicle, self._ids, traffic_commands, timing)
                 collision = self._step(command, near)
@@ -206,7 +208,7 @@ class Simulation:
         self._take_sumo()
         files = (self.scenario.network_file, *self.scenario.additional_files)
         view = self.scenario.view_file if self._gui else None
-        start(self._sumo, files, seed, self._config.simulation, view)
+        start(self._sumo, files, seed, self._config, view)
         laps = 2 + round(1e5 / self.road.circumference_m)
         self._sumo.route.add("loop", list(self.scenario.edges) * laps)
         self._populate(population)
@@ -226,9 +228,7 @@ class Simulation:
             vehicle.moveTo(name, lane_id, position_m)
             vehicle.setPreviousSpeed(name, speed)
             if row == EGO:
-                vehicle.setSpeedMode(name, ALL_SPEED_CHECKS_OFF)
-                vehicle.setLaneChangeMode(name, NO_AUTONOMOUS_LANE_CHANGES)
-                vehicle.setMaxSpeedLat(name, 10.0)
+                take_control(vehicle, name)
             else:
                 vehicle.setTau(name, float(population.headway_s[row]))
                 vehicle.setAccel(name, float(population.acceleration_m_s2[row]))
@@ -268,6 +268,8 @@ class Simulation:
 
     def _command(self, command: Command) -> bool:
         """Tell SUMO where the ego is to be after the next step; False where that is no road."""
+        if self._ego_lateral_speed_m_s is None:
+            return True
         vehicle = self._sumo.vehicle
         if command.y_m != self._ego_y_m:
             if not self.road.holds(command.y_m, float(self._width_m[EGO])):
@@ -282,7 +284,8 @@ class Simulation:
         state = self._readings.state()
         self._s_m, self._y_m, self._speed_m_s, _ = state
         s_m, y_m, speed, lateral = np.array(state)
-        lateral[EGO] = self._ego_lateral_speed_m_s
+        if self._ego_lateral_speed_m_s is not None:
+            lateral[EGO] = self._ego_lateral_speed_m_s
         return Snapshot(
             time_s=self._steps * self._step_ms / 1000,
             ids=self._ids,

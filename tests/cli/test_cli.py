@@ -124,6 +124,10 @@ def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[
         (["train", "--out", "run", "--replay", "two-bufer"], r"did you mean 'two-buffer'"),
         (["train", "--out", "run", "--safety-check", "papr"], r"did you mean 'paper'"),
         (["evaluate", "idm", "--scenario", "circular_three_lanes"], r"did you mean 'circular_t"),
+        (
+            ["evaluate", "idm", "--traffic", "clam"],
+            r"no kind of traffic 'clam' \(did you mean 'calm'",
+        ),
         (["evaluate", "idm", "--safety-check", ""], r"safety.check is ''"),
         (["evaluate", "idm", "--scenario", ""], r"scenario.toml is missing"),
         (["train", "--out", "run", "--preset", ""], r"no preset ''"),

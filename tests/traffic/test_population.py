@@ -171,9 +171,14 @@ def test_placed_vehicles_without_an_ego_are_refused() -> None:
         placed_population((PlacedVehicle("slow", 2, 40.0, 10.0, 12.0),), TRAFFIC)
 
 
-def shares(finite_state: float, level_0: float, level_1: float) -> TrafficConfig:
+def shares(
+    finite_state: float, level_0: float, level_1: float, hard_braking: float = 0.0
+) -> TrafficConfig:
     return TrafficConfig(
-        finite_state_share=finite_state, level_0_share=level_0, level_1_share=level_1
+        finite_state_share=finite_state,
+        level_0_share=level_0,
+        level_1_share=level_1,
+        hard_braking_share=hard_braking,
     )
 
 
@@ -187,6 +192,7 @@ def test_sumo_drives_everybody_unless_the_config_says_otherwise() -> None:
         (shares(1, 0, 0), Kind.FINITE_STATE),
         (shares(0, 1, 0), Kind.LEVEL_0),
         (shares(0, 0, 1), Kind.LEVEL_1),
+        (shares(0, 0, 0, 1), Kind.HARD_BRAKING),
     ],
 )
 @given(seed=st.integers(0, 2**40))
@@ -195,11 +201,11 @@ def test_a_whole_share_is_everybody_but_the_ego(mix: TrafficConfig, kind: Kind, 
 
 
 def test_kinds_come_in_their_shares_with_sumo_for_the_rest() -> None:
-    mix = shares(0.2, 0.1, 0.4)
+    mix = shares(0.2, 0.1, 0.3, 0.1)
     kinds = np.concatenate([draw_kinds(seed, 31, mix)[1:] for seed in range(300)])
     found = np.bincount(kinds, minlength=len(Kind)) / len(kinds)
     # 9,000 draws: a standard deviation of at most 0.0053
-    np.testing.assert_allclose(found, [0.3, 0.2, 0.1, 0.4], atol=0.025)
+    np.testing.assert_allclose(found, [0.3, 0.2, 0.1, 0.3, 0.1], atol=0.025)
 
 
 @given(st.integers(0, 2**40))
@@ -214,10 +220,57 @@ def test_shares_change_neither_places_nor_characters() -> None:
         assert np.array_equal(getattr(first, name), getattr(mixed, name))
 
 
+UNUSUAL = TrafficConfig(
+    standing_share=0.1,
+    crawling_share=0.2,
+    crawling_speed_max_m_s=5.0,
+    fast_share=0.3,
+    fast_speed_m_s=39.0,
+    fast_speed_gain=7.0,
+)
+
+
+def test_some_vehicles_stand_crawl_or_overtake_fast_and_the_others_stay_as_they_are() -> None:
+    pairs = [(draw(30, seed), draw(30, seed, traffic=UNUSUAL)) for seed in range(200)]
+    usual, found = (
+        np.array([p.desired_speed_m_s[1:] for p in side]) for side in zip(*pairs, strict=True)
+    )
+    standing, crawling, fast = found == 0.1, (found > 0.1) & (found <= 5.0), found == 39.0
+    np.testing.assert_allclose(
+        [standing.mean(), crawling.mean(), fast.mean()], [0.1, 0.2, 0.3], atol=0.02
+    )
+    # half of those that crawl do so above the middle between 0.1 and 5 m/s
+    assert (found[crawling] > 2.55).mean() == pytest.approx(0.5, abs=0.06)
+    rest = ~(standing | crawling | fast)
+    assert np.array_equal(found[rest], usual[rest])
+    gains = np.array([unusual.speed_gain[1:] for _, unusual in pairs])
+    assert (gains[fast] == 7.0).all()
+    assert (gains[~fast] == 0.0).all()
+    for plain, unusual in pairs:
+        assert unusual.desired_speed_m_s[0] == EGO.max_speed_m_s
+        for name in ("lane", "front_m", "headway_s", "acceleration_m_s2"):
+            assert np.array_equal(getattr(plain, name), getattr(unusual, name))
+
+
+def test_all_can_be_unusual_but_no_more_than_all() -> None:
+    everybody = draw(30, traffic=TrafficConfig(standing_share=0.5, crawling_share=0.5))
+    assert everybody.desired_speed_m_s[1:].max() <= 8.0
+    with pytest.raises(ConfigError, match=r"^traffic: standing_share .* is 1.2, but must be"):
+        TrafficConfig(standing_share=0.5, fast_share=0.7)
+
+
 def test_shares_of_more_than_all_are_refused_and_of_all_are_not() -> None:
     assert sum(shares(0.7, 0.2, 0.1).shares) == pytest.approx(1.0)
     with pytest.raises(ConfigError, match=r"^traffic: finite_state_share .* is 1.1, but must be"):
         shares(0.5, 0.3, 0.3)
+
+
+def test_fast_overtakers_keep_to_the_speed_limit_where_there_are_any() -> None:
+    config = Config().updated("traffic", fast_speed_m_s=36.1)
+    road = ScenarioDescription(speed_limit_m_s=36.0)
+    require_speed_limit(config, road)
+    with pytest.raises(ConfigError, match=r"^traffic.fast_speed_m_s is 36.1, but"):
+        require_speed_limit(config.updated("traffic", fast_share=0.1), road)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from drl_av.config import Config
 from drl_av.drivers.background.finite_state import State, finite_state
+from drl_av.drivers.background.hard_braking import HardBraking
 from drl_av.drivers.background.level_k import Level1, level_0
 from drl_av.drivers.background.right_of_way import give_way
 from drl_av.drivers.background.surroundings import Surroundings, surroundings
@@ -34,10 +35,12 @@ class TrafficDrivers:
             Kind.FINITE_STATE: self._by_finite_state,
             Kind.LEVEL_0: self._by_level_0,
             Kind.LEVEL_1: self._by_level_1,
+            Kind.HARD_BRAKING: self._by_hard_braking,
         }
 
-    def start(self, kinds: IntArray, desired_m_s: FloatArray) -> None:
-        """Get ready for an episode; both have a row a vehicle, the ego's first."""
+    def start(self, kinds: IntArray, desired_m_s: FloatArray, seed: int) -> None:
+        """Get ready for an episode; both arrays have a row a vehicle, the ego's first."""
+        self._hard_braking = HardBraking(seed, len(kinds), self._config)
         rows = {kind: np.flatnonzero(kinds == kind) for kind in self._drivers}
         self._rows = {kind: found for kind, found in rows.items() if len(found)}
         self._desired_m_s = desired_m_s
@@ -68,6 +71,9 @@ class TrafficDrivers:
     def _by_level_1(self, snapshot: Snapshot, rows: IntArray) -> Decisions:
         assert self._level_1 is not None
         return self._level_1(self._look(snapshot, rows, self._level_1.range_m))
+
+    def _by_hard_braking(self, snapshot: Snapshot, rows: IntArray) -> Decisions:
+        return self._hard_braking(self._by_finite_state(snapshot, rows), rows)
 
     def _look(self, snapshot: Snapshot, rows: IntArray, range_m: float) -> Surroundings:
         return surroundings(snapshot, self._road, range_m, rows)

@@ -33,17 +33,24 @@ STEPS_S = 0.5
 OTHER = 1
 
 
-def mixed(finite_state: float, level_0: float, level_1: float, decisions: int = 60) -> Config:
+def mixed(
+    finite_state: float,
+    level_0: float,
+    level_1: float,
+    hard_braking: float = 0.0,
+    decisions: int = 60,
+) -> Config:
     config = Config().updated("simulation", decisions_per_episode=decisions)
     return config.updated(
         "traffic",
         finite_state_share=finite_state,
         level_0_share=level_0,
         level_1_share=level_1,
+        hard_braking_share=hard_braking,
     )
 
 
-MIX = mixed(0.3, 0.3, 0.2)
+MIX = mixed(0.25, 0.25, 0.2, 0.1)
 
 # Wishes, carried out by SUMO
 

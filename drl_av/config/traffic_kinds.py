@@ -1,0 +1,72 @@
+"""Kinds of traffic by name: presets of the section [traffic], each number with its source."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from drl_av.config.schema import did_you_mean
+from drl_av.config.traffic import TrafficConfig
+from drl_av.errors import ConfigError
+
+
+class TrafficKind(NamedTuple):
+    """What a kind of traffic changes in the section's defaults."""
+
+    meaning: str
+    settings: Mapping[str, tuple[Any, str]]
+    """Key, value, and the value's source."""
+
+
+_EQUAL_PARTS = 0.25, "Sec. IV-B names these drivers; equal parts are ours"
+_BY_SUMO = 1.0, "SUMO's default lcSpeedGain"
+
+TRAFFIC_KINDS: dict[str, TrafficKind] = {
+    "calm": TrafficKind("lane changes are random only; no driver overtakes", {}),
+    "paper": TrafficKind(
+        "level-k, finite-state and IDM drivers together",
+        {
+            "finite_state_share": _EQUAL_PARTS,
+            "level_0_share": _EQUAL_PARTS,
+            "level_1_share": _EQUAL_PARTS,
+        },
+    ),
+    "overtaking": TrafficKind(
+        "SUMO's drivers change lanes to get ahead",
+        {"speed_gain_min": _BY_SUMO, "speed_gain_max": _BY_SUMO},
+    ),
+    "hazards": TrafficKind(
+        "standing and crawling vehicles, hard brakers, fast overtakers, two into one lane",
+        {
+            "speed_gain_min": _BY_SUMO,
+            "speed_gain_max": _BY_SUMO,
+            "standing_share": (0.01, "ours: 0.4 of 40 vehicles"),
+            "crawling_share": (0.02, "ours"),
+            "crawling_speed_max_m_s": (8.0, "ours: below 30 km/h"),
+            "fast_share": (0.1, "ours"),
+            "fast_speed_m_s": (38.0, "ours: 8 m/s above the ego's highest speed"),
+            "fast_speed_gain": (5.0, "ours"),
+            "hard_braking_share": (0.15, "ours"),
+            "hard_brakes_per_s": (0.02, "ours: once in 50 s"),
+            "hard_brake_s": (3, "ours: at strict's bound, from 30 m/s down to 18"),
+            "random_lane_changes_per_s": (0.01, "ours: five times calm's, from both sides"),
+        },
+    ),
+}
+
+
+def traffic_of_kind(name: object, traffic: TrafficConfig) -> TrafficConfig:
+    """The kind of traffic of that name, with as many vehicles as ``traffic`` has.
+
+    Raises:
+        ConfigError: there is no such kind; the message has the nearest name.
+    """
+    if name not in TRAFFIC_KINDS:
+        raise ConfigError(
+            f"There is no kind of traffic {name!r}{did_you_mean(name, TRAFFIC_KINDS)}; "
+            f"the kinds are: {', '.join(TRAFFIC_KINDS)}."
+        )
+    found = TRAFFIC_KINDS[str(name)].settings
+    return TrafficConfig(
+        vehicles_min=traffic.vehicles_min,
+        vehicles_max=traffic.vehicles_max,
+        **{key: value for key, (value, _) in found.items()},
+    )

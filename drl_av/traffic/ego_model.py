@@ -1,0 +1,55 @@
+"""Who drives the ego in SUMO: our commands alone, or SUMO's own models."""
+
+from typing import Any, NamedTuple
+
+from drl_av.config import EgoConfig
+from drl_av.traffic.population import EGO_ID
+
+ALL_SPEED_CHECKS_OFF = 32
+NO_AUTONOMOUS_LANE_CHANGES = 0
+SPEED_CHECKS = 31
+AUTONOMOUS_LANE_CHANGES = 1621
+"""The last two are SUMO's defaults."""
+
+
+class EgoModel(NamedTuple):
+    """How SUMO's IDM and SL2015 drive the ego; the defaults are SUMO's."""
+
+    headway_s: float = 1.0
+    """SUMO's tau."""
+    assertiveness: float = 1.0
+    """lcAssertive, by which the gaps that a lane change needs are divided."""
+    speed_gain: float = 1.0
+    """lcSpeedGain, eagerness to change lanes to get ahead."""
+    overtake_right: bool = False
+    """Whether it may pass on the right above 60 km/h."""
+
+
+def take_control(vehicle: Any, name: str) -> None:
+    """Let a vehicle do what it is commanded to and nothing else."""
+    vehicle.setSpeedMode(name, ALL_SPEED_CHECKS_OFF)
+    vehicle.setLaneChangeMode(name, NO_AUTONOMOUS_LANE_CHANGES)
+    vehicle.setMaxSpeedLat(name, 10.0)
+
+
+def hand_over(vehicle: Any, model: EgoModel, ego: EgoConfig, lane_width_m: float) -> None:
+    """Let SUMO drive the ego from now on, within the limits of the ego's own actions.
+
+    SL2015 exempts nobody from its ban of passing on the right but emergency vehicles, so that one
+    who may pass there becomes one; it has no siren, and no vehicle makes way for it.
+    """
+    color = vehicle.getColor(EGO_ID)
+    vehicle.setType(EGO_ID, "traffic")
+    vehicle.setColor(EGO_ID, color)
+    vehicle.setSpeedMode(EGO_ID, SPEED_CHECKS)
+    vehicle.setLaneChangeMode(EGO_ID, AUTONOMOUS_LANE_CHANGES)
+    vehicle.setMaxSpeed(EGO_ID, ego.max_speed_m_s)
+    vehicle.setAccel(EGO_ID, ego.accelerate_m_s2)
+    vehicle.setDecel(EGO_ID, ego.hard_brake_m_s2)
+    vehicle.setEmergencyDecel(EGO_ID, ego.hard_brake_m_s2)
+    vehicle.setMaxSpeedLat(EGO_ID, lane_width_m / ego.lane_change_duration_s)
+    vehicle.setTau(EGO_ID, model.headway_s)
+    for name, value in (("lcAssertive", model.assertiveness), ("lcSpeedGain", model.speed_gain)):
+        vehicle.setParameter(EGO_ID, f"laneChangeModel.{name}", repr(value))
+    if model.overtake_right:
+        vehicle.setVehicleClass(EGO_ID, "emergency")
