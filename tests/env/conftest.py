@@ -1,0 +1,50 @@
+"""Environments that the tests of this room share."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from drives import Place
+
+from drl_av.env.highway import HighwayEnv
+from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
+
+
+@pytest.fixture(scope="module")
+def env() -> Iterator[HighwayEnv]:
+    """The environment as it comes; every test resets it."""
+    made = HighwayEnv()
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def unchecked() -> Iterator[HighwayEnv]:
+    """Without a safety check."""
+    made = HighwayEnv(safety_check="permit_all")
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def barricaded() -> Iterator[HighwayEnv]:
+    made = HighwayEnv("barricaded_right_lane")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Iterator[Place]:
+    """Makes an environment in which vehicles stand exactly where a test wants them."""
+    made = []
+
+    def placed(*vehicles: PlacedVehicle, **arguments: Any) -> HighwayEnv:
+        folder = tmp_path / f"scenario{len(made)}"
+        write_scenario(folder, ScenarioDescription(vehicles=vehicles))
+        made.append(HighwayEnv(folder, **({"safety_check": "permit_all"} | arguments)))
+        return made[-1]
+
+    yield placed
+    for one in made:
+        one.close()

@@ -1,0 +1,117 @@
+"""The environment as gymnasium and stable-baselines3 see it."""
+
+import re
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from drives import HARD_BRAKE, ID, KEEP, RIGHT, start, y_m
+from gymnasium.utils.env_checker import check_env
+from worlds import CENTER
+
+from drl_av.driving.actions import ACTIONS
+from drl_av.driving.affordances import INDICATORS
+from drl_av.env.highway import HighwayEnv
+
+
+def test_gymnasium_has_nothing_to_say() -> None:
+    made = gymnasium.make(ID)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(made.unwrapped, skip_render_check=True)
+    made.close()
+    told = [str(warning.message) for warning in caught]
+    assert not told
+
+
+def test_stable_baselines3_has_nothing_to_say(env: HighwayEnv) -> None:
+    # imported here: torch comes along, and workers that import this file do without it
+    from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env_of_sb3(env, warn=True, skip_render_check=True)
+
+
+def test_made_by_its_id_it_takes_the_arguments_of_its_docstring() -> None:
+    made = gymnasium.make(ID, scenario="barricaded_right_lane", safety_check="permit_all")
+    assert isinstance(made.unwrapped, HighwayEnv)
+    assert made.unwrapped.config.safety.check == "permit_all"
+    assert made.unwrapped.road.open_lanes == (False, True, True)
+    made.close()
+
+
+def table(heading: str) -> list[tuple[str, str]]:
+    """Rows of the table under a heading of the docstring."""
+    section = str(HighwayEnv.__doc__).split(f"## {heading}")[1].split("\n    ## ")[0]
+    return re.findall(r"^    \| (\d+) \| (.+) \|$", section, re.MULTILINE)
+
+
+def test_docstring_lists_the_12_actions_and_the_27_indicators() -> None:
+    actions, indicators = table("Action Space"), table("Observation Space")
+    assert actions == [(str(action.number), str(action)) for action in ACTIONS]
+    assert indicators == [(str(place), name) for place, name in enumerate(INDICATORS)]
+    assert (len(actions), len(indicators)) == (12, 27)
+
+
+def test_observation_is_the_indicators_scaled(env: HighwayEnv) -> None:
+    observation, info = env.reset(seed=1, options={"vehicles": 30})
+    assert observation.dtype == np.float32
+    assert observation.shape == info["indicators"].shape == (27,)
+    assert np.array_equal(info["indicators"], env.scene.affordances.vector())
+    assert info["indicators"][24] == info["speed_m_s"] == env.scene.snapshot.speed_m_s[0]
+    assert observation[24] == pytest.approx((info["speed_m_s"] - 15) / 15, abs=1e-6)
+    assert env.observation_space.contains(observation)
+
+
+def test_info_of_a_step_tells_what_happened(env: HighwayEnv) -> None:
+    start(env, 5, seed=3)
+    _, reward, terminated, truncated, info = env.step(np.int64(1))
+    assert (terminated, truncated) == (False, False)
+    assert set(info) == {
+        *("proposed_action", "executed_action", "rule", "rewards", "collision"),
+        *("speed_m_s", "indicators", "seed", "vehicles"),
+    }
+    assert (info["proposed_action"], info["seed"], info["vehicles"]) == (1, 3, 5)
+    assert set(info["rewards"]) == {"r_v", "r_y", "r_x"}
+    assert reward == pytest.approx(sum(info["rewards"].values()) / 3)
+    assert isinstance(reward, float)
+
+
+def test_a_rule_that_fires_is_told_with_both_actions(barricaded: HighwayEnv) -> None:
+    start(barricaded, 0)
+    while y_m(barricaded) != pytest.approx(CENTER):
+        barricaded.step(RIGHT)
+    _, _, terminated, _, info = barricaded.step(RIGHT)
+    assert (info["proposed_action"], info["executed_action"]) == (RIGHT, KEEP)
+    assert info["rule"] == "off_road"
+    assert not terminated
+
+
+def test_info_and_observation_of_a_step_are_not_overwritten_by_the_next(env: HighwayEnv) -> None:
+    start(env, 20)
+    observation, _, _, _, info = env.step(1)
+    kept = observation.copy(), info["indicators"].copy()
+    env.step(HARD_BRAKE)
+    assert np.array_equal(observation, kept[0])
+    assert np.array_equal(info["indicators"], kept[1])
+
+
+def test_rgb_array_is_a_picture_of_720_rows() -> None:
+    made = HighwayEnv(render_mode="rgb_array")
+    start(made, 10)
+    before = made.render()
+    made.step(1)
+    after = made.render()
+    assert before is not None
+    assert after is not None
+    assert before.shape == after.shape == (720, 1280, 3)
+    assert before.dtype == np.uint8
+    assert not np.array_equal(before, after)
+    made.close()
+
+
+def test_without_a_render_mode_there_is_no_picture(env: HighwayEnv) -> None:
+    start(env, 1)
+    assert env.render() is None

@@ -1,0 +1,51 @@
+"""Arguments, options and actions that the environment refuses."""
+
+from typing import Any
+
+import pytest
+from drives import KEEP, start
+
+from drl_av.env.highway import HighwayEnv
+from drl_av.errors import ConfigError, ScenarioError
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"vehicle": 3}, r"no option 'vehicle'; its option is: vehicles"),
+        ({"vehicles": -1}, r"vehicles is -1, but must be a whole number from 0"),
+        ({"vehicles": 2.5}, r"vehicles is 2.5, but must be a whole number"),
+        ({"vehicles": "many"}, r"vehicles is 'many', but must be a whole number"),
+    ],
+)
+def test_reset_refuses_what_it_does_not_know(
+    env: HighwayEnv, options: dict[str, Any], told: str
+) -> None:
+    with pytest.raises(ConfigError, match=told):
+        env.reset(seed=0, options=options)
+
+
+def test_reset_refuses_more_vehicles_than_fit_and_goes_on_after_it(env: HighwayEnv) -> None:
+    with pytest.raises(ScenarioError, match=r"^500 vehicles do not fit .* take 113 beside"):
+        start(env, 500)
+    start(env, 113)
+    env.step(KEEP)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"safety_check": "papper"}, r"'papper' \(did you mean 'paper'\?\)"),
+        ({"safety_check": "permitall"}, r"\(did you mean 'permit_all'\?\)"),
+        ({"render_mode": "ansi"}, r"render_mode is 'ansi', but must be None, 'human' or 'rgb_arr"),
+        ({"config": "/nowhere/settings.toml"}, r"/nowhere/settings.toml', but must be a preset"),
+    ],
+)
+def test_an_environment_refuses_bad_arguments(arguments: dict[str, Any], told: str) -> None:
+    with pytest.raises(ConfigError, match=told):
+        HighwayEnv(**arguments)
+
+
+def test_an_unknown_scenario_is_told_with_the_nearest_name() -> None:
+    with pytest.raises(ScenarioError, match=r"did you mean 'circular_three_lane'\?"):
+        HighwayEnv("circular_3_lane")
