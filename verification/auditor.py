@@ -1,5 +1,6 @@
 """Who broke which of the bounds that ``driving/strict.py`` puts on the other vehicles, and when."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ ACCELERATED = "accelerated too hard"
 SIDEWAYS = "moved sideways too fast"
 CUT_IN = "cut in too close ahead of the ego"
 BESIDE = "moved into the ego's lane beside it"
+TOO_FAST = "moved in behind the ego too fast to stay there"
 BEHIND = "did not stay behind the ego"
 
 
@@ -66,50 +68,78 @@ class Auditor:
         found = {b.bound for b in self.breaches if b.vehicle == vehicle and b.time_s >= since_s}
         return "; ".join(sorted(found))
 
+    def _tell_one(self, after: Snapshot, row: int, bound: str) -> None:
+        self.breaches.append(Breach(after.time_s, after.ids[row], bound))
+
     def _tell(self, after: Snapshot, broken: BoolArray, bound: str) -> None:
         for row in np.flatnonzero(broken):
-            self.breaches.append(Breach(after.time_s, after.ids[row + 1], bound))
+            self._tell_one(after, int(row) + 1, bound)
 
     def _ahead_m(self, shot: Snapshot) -> FloatArray:
-        return self._road.ahead_m(float(shot.s_m[EGO]), shot.s_m)
+        """How far ahead of the ego everybody is, round the loop; from 0 to its length."""
+        ahead_m: FloatArray = (shot.s_m - shot.s_m[EGO]) % self._road.circumference_m
+        return ahead_m
 
     def _watch_sides(self, before: Snapshot, after: Snapshot) -> None:
-        """Bound 3, for those that began to move sideways in this SUMO step."""
-        width_m = self._road.lane_width_m
-        moved_m, ahead_m = after.y_m - before.y_m, self._ahead_m(after)
-        lowest, highest = lanes_under(before.y_m, before.width_m, width_m)
-        for row in np.flatnonzero(np.abs(moved_m) > STILL_M_S):
-            side = 1 if moved_m[row] > 0 else -1
-            place = before.y_m[row] / width_m
-            centered = abs(place - round(place)) * width_m <= CENTERED_M
-            goes_on = before.lateral_speed_m_s[row] * side > STILL_M_S and not centered
-            lane = round(place) + side if centered else int(np.floor(place) + (side > 0))
-            is_in = lowest[row] <= lane <= highest[row]
-            arrived = (
-                centered and abs(after.y_m[row] / width_m - round(place)) * width_m <= CENTERED_M
-            )
-            if row == EGO or arrived or goes_on or is_in or not lowest[EGO] <= lane <= highest[EGO]:
-                continue
-            there = (lowest <= lane) & (lane <= highest) & (np.arange(len(moved_m)) != row)
-            self._judge_cut_in(after, int(row), there, ahead_m)
+        """Bound 3, for those that began to move into a lane of the ego's in this SUMO step.
 
-    def _judge_cut_in(
-        self, after: Snapshot, row: int, there: BoolArray, ahead_m: FloatArray
-    ) -> None:
-        gap_m = abs(ahead_m[row]) - (after.length_m[row] + after.length_m[EGO]) / 2
-        if gap_m <= 0:
-            self.breaches.append(Breach(after.time_s, after.ids[row], BESIDE))
+        One that the ego leaves in this step is none: SUMO moves a vehicle after those before it.
+        """
+        step_s, width_m = self._config.simulation.step_length_s, self._road.lane_width_m
+        lowest, highest = lanes_under(before.y_m, before.width_m, width_m)
+        stays = lanes_under(after.y_m[EGO], after.width_m[EGO], width_m)
+        ego_lowest, ego_highest = max(lowest[EGO], stays[0]), min(highest[EGO], stays[1])
+        earlier_m = before.y_m - before.lateral_speed_m_s * step_s
+        moved_m = after.y_m - before.y_m
+        for row in np.flatnonzero(np.abs(moved_m) > STILL_M_S * step_s).tolist():
+            side, lane = self._heading(before.y_m[row], after.y_m[row])
+            goes_on = (side, lane) == self._heading(earlier_m[row], before.y_m[row])
+            arrived = abs(before.y_m[row] - lane * width_m) <= CENTERED_M
+            is_in = lowest[row] <= lane <= highest[row]
+            if row == EGO or goes_on or arrived or is_in:
+                continue
+            if ego_lowest <= lane <= ego_highest:
+                there = (lowest <= lane) & (lane <= highest) & (np.arange(len(moved_m)) != row)
+                self._judge_entry(after, row, there)
+
+    def _heading(self, from_m: float, to_m: float) -> tuple[int, int]:
+        """Side and lane that a vehicle moves to; past a centre it is bound for the next lane."""
+        width_m, side = self._road.lane_width_m, int(np.sign(to_m - from_m))
+        lane = math.ceil if side > 0 else math.floor
+        return side, lane((to_m - side * CENTERED_M) / width_m)
+
+    def _judge_entry(self, after: Snapshot, row: int, there: BoolArray) -> None:
+        """One that begins to move into the ego's lane, in which others are there."""
+        lengths_m = (after.length_m[row] + after.length_m[EGO]) / 2
+        ahead_m, lap_m = self._ahead_m(after), self._road.circumference_m
+        gap_m, behind_m = ahead_m[row] - lengths_m, lap_m - ahead_m[row] - lengths_m
+        if min(gap_m, behind_m) <= 0:
+            self._tell_one(after, row, BESIDE)
             return
-        between = there & (ahead_m > 0) & (ahead_m < ahead_m[row])
-        if ahead_m[row] < 0 or between.any():
-            return
+        there[EGO] = False
+        if not (there & (ahead_m < ahead_m[row])).any():
+            self._judge_cut_in(after, row, float(gap_m), gap_m < behind_m)
+        if not (there & (ahead_m > ahead_m[row])).any() and self._must_hit(after, behind_m)[row]:
+            self._tell_one(after, row, TOO_FAST)
+
+    def _judge_cut_in(self, after: Snapshot, row: int, gap_m: float, is_nearer: bool) -> None:
         config = self._config
         ego_m_s, other_m_s = after.speed_m_s[EGO], after.speed_m_s[row]
         rate = self._ego_m_s2
         needs_m = cut_in_gap(ego_m_s, rate, other_m_s, config.strict, config.ego, config.simulation)
-        self.cut_ins_m.append(float(gap_m - needs_m))
+        if is_nearer:
+            self.cut_ins_m.append(float(gap_m - needs_m))
         if gap_m <= needs_m:
-            self.breaches.append(Breach(after.time_s, after.ids[row], CUT_IN))
+            self._tell_one(after, row, CUT_IN)
+
+    def _must_hit(self, shot: Snapshot, behind_m: FloatArray | float) -> BoolArray:
+        """Who could not stop so far behind the ego if both braked as hard as they can from now."""
+        strict, step_s = self._config.strict, self._config.simulation.step_length_s
+        rolled_m = stopping_distance(shot.speed_m_s, strict.braking_m_s2, step_s)
+        hard_m_s2 = self._config.ego.hard_brake_m_s2
+        rest_m = behind_m + stopping_distance(shot.speed_m_s[EGO], hard_m_s2, step_s)
+        result: BoolArray = rolled_m > rest_m
+        return result
 
     def _watch_followers(self, before: Snapshot, after: Snapshot, acceleration: FloatArray) -> None:
         """Bound 4: braked less than it must, and has to hit the ego now if that brakes hard."""
@@ -120,11 +150,10 @@ class Auditor:
         theirs = (lowest[1:, None] <= lanes) & (lanes <= highest[1:, None])
         shared_s = np.where(theirs & over, self._lane_s, -1.0).max(axis=1)
         self._lane_s = np.where(over, self._lane_s + step_s, 0.0)
-        gap_m = -self._ahead_m(after)[1:] - (after.length_m[1:] + after.length_m[EGO]) / 2
-        rolled_m = stopping_distance(after.speed_m_s[1:], strict.braking_m_s2, step_s)
-        hard_m_s2 = self._config.ego.hard_brake_m_s2
-        rest_m = gap_m + stopping_distance(after.speed_m_s[EGO], hard_m_s2, step_s)
-        late = (gap_m > -after.length_m[1:]) & (gap_m < 100.0) & (rolled_m > rest_m)
+        behind_m = -self._ahead_m(after) % self._road.circumference_m
+        gap_m = behind_m - (after.length_m + after.length_m[EGO]) / 2
+        near = (gap_m > -after.length_m) & (gap_m < 100.0)
+        late = (self._must_hit(after, gap_m) & near)[1:]
         idle = (acceleration > -strict.follower_braking_m_s2 + TOLERANCE) & (
             after.speed_m_s[1:] > 0
         )

@@ -16,6 +16,7 @@ from drl_av.config import Config
 from drl_av.drivers.rules import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
+from drl_av.traffic.road import Road
 from drl_av.traffic.scenario import find_scenario
 from drl_av.traffic.scenario_files import VEHICLE_TYPES_FILE
 from drl_av.traffic.snapshot import Snapshot
@@ -26,6 +27,7 @@ from verification.auditor import (
     BRAKED,
     CUT_IN,
     SIDEWAYS,
+    TOO_FAST,
     Auditor,
     Breach,
 )
@@ -182,6 +184,46 @@ def test_a_cut_in_before_somebody_else_is_not_the_ego_s_business() -> None:
     starts = (ahead(20.0, LEFT, 10.0), ahead(20.0, LEFT - 0.38, 10.0, -0.76))
     assert names(moved(starts)) == [CUT_IN]
     assert moved(between, starts) == []
+
+
+def test_a_cut_in_is_seen_the_long_way_round_a_small_loop() -> None:
+    # 45 m behind is, on a loop of 100 m, 55 m ahead: 50 m of gap where 55.5 m are needed
+    small = Road(100.0, 3.8, (True, True, True))
+    auditor = Auditor(CONFIG, small)
+    for time_s, y_m in ((0.0, LEFT), (STEP_S, LEFT - 0.38)):
+        shot = snapshot(Car(-45.0, y_m, 10.0, -0.76), s_m=70.0, road=small)
+        auditor.watch(replace(shot, time_s=time_s))
+    assert names(auditor.breaches) == [CUT_IN]
+
+
+def test_a_vehicle_that_passes_a_lane_s_centre_without_stopping_begins_anew() -> None:
+    # through the middle lane, 30 m ahead of the ego in the left one
+    auditor, told = Auditor(CONFIG, ROAD), []
+    for step, y_m in enumerate((3.22, 3.6, 3.98, 4.36)):
+        shot = snapshot(ahead(30.0, y_m, 10.0, 0.76), y_m=LEFT)
+        auditor.watch(replace(shot, time_s=step * STEP_S))
+        told.append(names(auditor.breaches))
+    assert told == [[], [], [CUT_IN], [CUT_IN]]
+
+
+def test_who_moves_in_behind_the_ego_has_to_be_able_to_stop_there() -> None:
+    # at 30 m/s it rolls 105 m, the ego at 20 m/s 45 m
+    for gap, bound in ((60.01, []), (59.99, [TOO_FAST])):
+        starts = (behind(gap, LEFT, 30.0), behind(gap, LEFT - 0.38, 30.0, -0.76))
+        assert names(moved(starts)) == bound
+    between = (behind(10.0), behind(10.0))
+    starts = (behind(50.0, LEFT, 30.0), behind(50.0, LEFT - 0.38, 30.0, -0.76))
+    assert moved(between, starts) == []
+
+
+def test_a_lane_that_the_ego_leaves_in_that_very_step_is_open_to_others() -> None:
+    # the ego's left side, 0.9 m from its middle, is over the line at 5.7 m, and then is not
+    auditor = Auditor(CONFIG, ROAD)
+    for ends, bound in (((5.32, 4.94), [BESIDE]), ((4.94, 4.56), [])):
+        auditor.start()
+        for time_s, y_m, other_m in zip((0.0, STEP_S), ends, (11.4, 11.02), strict=True):
+            auditor.watch(replace(snapshot(Car(0.0, other_m), y_m=y_m), time_s=time_s))
+        assert names(auditor.breaches) == bound
 
 
 def test_a_follower_that_has_to_hit_the_ego_and_does_not_brake_is_told() -> None:
