@@ -7,10 +7,11 @@ from pathlib import Path
 
 from drl_av.config import Config
 from drl_av.evaluation.statistics import mean_with_interval
-from drl_av.experiments.drives import Drives, DrivingPlan
+from drl_av.experiments.cells import Drives
 from drl_av.experiments.experiment import Experiment, Results, reproduce
 from drl_av.experiments.markdown import count, markdown_table, mean_speed
 from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.plan import Plan
 from drl_av.experiments.store import MadeWith
 from drl_av.files import Row
 
@@ -18,7 +19,7 @@ T_MIN_S = ("3.0", "1.5")
 VEHICLES = 20
 
 
-def plan(options: ReproduceOptions) -> DrivingPlan:
+def plan(options: ReproduceOptions) -> Plan:
     """What must be driven: the same traffic with each T_min, and the order of the rows."""
     configs = {t: Config().updated("safety", minimum_ttc_s=float(t)) for t in T_MIN_S}
     cells = [
@@ -29,7 +30,7 @@ def plan(options: ReproduceOptions) -> DrivingPlan:
     def place(row: Row) -> tuple[int, int]:
         return T_MIN_S.index(row["t_min_s"]), int(row["seed"])
 
-    return DrivingPlan(MadeWith(configs, {}), cells, place)
+    return Plan(MadeWith(configs), [cells], place)
 
 
 def summary(results: Results) -> str:

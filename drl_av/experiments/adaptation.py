@@ -11,12 +11,12 @@ from drl_av.config.presets import adaptation as adapted
 from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.experiments.canvas import one_panel
+from drl_av.experiments.cells import training_plan
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.store import MadeWith
+from drl_av.experiments.plan import Plan
 from drl_av.experiments.training_jobs import TrainingJob, blocks_of
-from drl_av.experiments.trainings import TrainingPlan
 from drl_av.files import Row
 from drl_av.traffic.road import FloatArray
 
@@ -35,7 +35,7 @@ LABELS = {"adaptation": "goes on learning", "no_adaptation": "does not"}
 COLORS = {"adaptation": "#d55e00", "no_adaptation": "#000000"}
 
 
-def adaptation_plan(options: ReproduceOptions) -> TrainingPlan:
+def adaptation_plan(options: ReproduceOptions) -> Plan:
     """The shipped driver continued on as many seeds as the full learning curves, at least one.
 
     It continues with the experience of its training, which is trained anew and has the folders of
@@ -51,7 +51,7 @@ def adaptation_plan(options: ReproduceOptions) -> TrainingPlan:
         _job(variant, configs[variant].updated("learning", seed=seed), origin.folder, origin)
         for seed, variant in product(range(max(1, options.full_seeds)), CHANGES)
     ]
-    return TrainingPlan(MadeWith({**configs, "pretrained": origin.config}), [jobs], blocks_of)
+    return training_plan({**configs, "pretrained": origin.config}, [jobs], blocks_of)
 
 
 def _job(

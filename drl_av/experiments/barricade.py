@@ -18,9 +18,9 @@ from drl_av.driving.maneuver import target_lane
 from drl_av.env.highway import HighwayEnv, Observation
 from drl_av.env.rollout import drive
 from drl_av.experiments.canvas import lighten, panels
-from drl_av.experiments.drives import DrivingPlan
 from drl_av.experiments.experiment import Experiment
 from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.plan import Plan
 from drl_av.experiments.store import MadeWith
 from drl_av.files import Row
 from drl_av.traffic.snapshot import CollisionKind
@@ -87,6 +87,13 @@ class BarricadeTraining:
         """The columns that its rows have in common."""
         return {"safety_check": self.config.safety.check, "seed": str(self.config.learning.seed)}
 
+    def check(self) -> None:
+        """Nothing can be known before."""
+
+    def reported(self) -> list[Row]:
+        """None: the training is repeated from its beginning."""
+        return []
+
     def missing(self, rows: Sequence[Row]) -> int:
         """All of its rows or none; raises ValueError where there are some."""
         size = self.config.learning.episodes + self.trained_episodes
@@ -113,7 +120,7 @@ class BarricadeTraining:
         return self.key | {name: str(value) for name, value in values.items()}
 
 
-def barricade_plan(options: ReproduceOptions) -> DrivingPlan:
+def barricade_plan(options: ReproduceOptions) -> Plan:
     """Both checks on every seed; the size is the experiment's own, of minutes."""
     configs = [
         options.laid_over(barricade_config(check, seed, EPISODES))
@@ -124,7 +131,7 @@ def barricade_plan(options: ReproduceOptions) -> DrivingPlan:
         for check in CHECKS
     ]
     cells = [BarricadeTraining(config, TRAINED_EPISODES) for config in configs]
-    return DrivingPlan(MadeWith({"": configs[0]}, {"": None}), cells, _place)
+    return Plan(MadeWith({"": configs[0]}, {"": None}), [cells], _place)
 
 
 def _place(row: Row) -> tuple[int, int, int, int]:

@@ -9,13 +9,13 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.experiments.canvas import lighten, panels
+from drl_av.experiments.cells import training_plan
 from drl_av.experiments.convergence import converged_at, convergence, curve
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.options import VARIANTS, ReproduceOptions
-from drl_av.experiments.store import MadeWith
+from drl_av.experiments.plan import Plan
 from drl_av.experiments.training_jobs import TrainingJob, evaluations_of
-from drl_av.experiments.trainings import TrainingPlan
 from drl_av.files import Row
 
 if TYPE_CHECKING:
@@ -45,14 +45,14 @@ PANELS = {
 }
 
 
-def curve_plan(options: ReproduceOptions) -> TrainingPlan:
+def curve_plan(options: ReproduceOptions) -> Plan:
     """Every variant on every seed: first up to the shorter schedule, then some go on."""
     config = options.laid_over(Config())
     configs = {variant: variant_config(config, variant) for variant in VARIANTS}
     goals = curve_jobs(options, config)
     short = [job.until(min(job.stop, options.episodes)) for job in goals]
     rounds = [short, [job for job in goals if job.stop > options.episodes]]
-    return TrainingPlan(MadeWith(configs), rounds, evaluations_of)
+    return training_plan(configs, rounds, evaluations_of)
 
 
 def variant_config(base: Config, variant: str, seed: int = 0) -> Config:

@@ -13,7 +13,7 @@ from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.paired import Paired, Speed, paired
 from drl_av.evaluation.statistics import Mean, mean_with_interval
 from drl_av.experiments.canvas import one_panel
-from drl_av.experiments.drives import Cell, Drives, DrivingPlan, driven_with
+from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import (
     PAPER_VEHICLES,
@@ -26,6 +26,7 @@ from drl_av.experiments.markdown import (
     mean_speed,
 )
 from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.plan import Cell, Plan
 from drl_av.files import Row
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ BESIDE = 0.15
 """Vehicles by which the marks of two drivers are set apart, so that their intervals are seen."""
 
 
-def sweep_plan(options: ReproduceOptions) -> DrivingPlan:
+def sweep_plan(options: ReproduceOptions) -> Plan:
     """All drivers at the densities of the tables, and on while the driver's gain is significant.
 
     It ends where the gain over the best baseline is no longer statistically significant, or where
@@ -65,7 +66,7 @@ def sweep_plan(options: ReproduceOptions) -> DrivingPlan:
         return cell(vehicles) if significant and vehicles <= _capacity(config) else None
 
     cells = [cell(vehicles) for vehicles in DENSITIES]
-    return DrivingPlan(driven_with(config, DRIVERS), cells, _place, next_cell, _line)
+    return Plan(driven_with(config, DRIVERS), [cells], _place, next_cell, _line)
 
 
 def _capacity(config: Config) -> int:

@@ -3,13 +3,13 @@
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from drl_av.errors import DrlAvError
 from drl_av.experiments.options import Progress, ReproduceOptions
+from drl_av.experiments.plan import Plan
 from drl_av.experiments.store import (
     Derived,
-    MadeWith,
     ResultStore,
     read_rows,
     read_sidecar,
@@ -19,23 +19,6 @@ from drl_av.files import Row
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-class Plan(Protocol):
-    """What must be driven and trained for a table."""
-
-    @property
-    def made_with(self) -> MadeWith:
-        """What the rows depend on."""
-
-    @property
-    def order(self) -> Callable[[Row], Any]:
-        """The place of a row in the table; no two rows have the same."""
-
-    def make(
-        self, store: ResultStore, options: ReproduceOptions
-    ) -> Generator[Progress, None, None]:
-        """Make the rows that the store lacks."""
 
 
 class Results:

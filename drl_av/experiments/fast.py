@@ -3,17 +3,18 @@
 from drl_av.config import Config
 from drl_av.config.presets import preset
 from drl_av.evaluation.statistics import mean_with_interval
+from drl_av.experiments.cells import trained_drives
 from drl_av.experiments.curves import variant_config
-from drl_av.experiments.drives import DrivingPlan, trained_drives
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import count, markdown_table
 from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.plan import Plan
 from drl_av.experiments.training_jobs import TrainingJob
 
 COLUMNS = ("seed", "mean_reward", "mean_speed_m_s", "ego_hit")
 
 
-def fast_plan(options: ReproduceOptions) -> DrivingPlan:
+def fast_plan(options: ReproduceOptions) -> Plan:
     """The whole schedule of the learning curves on seed 0, then ``fast`` on every seed."""
     short = options.laid_over(preset("fast"))
     configs = {"paper-0": variant_config(options.laid_over(Config()), "paper")} | {

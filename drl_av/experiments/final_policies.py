@@ -5,17 +5,18 @@ from dataclasses import replace
 
 from drl_av.config import Config
 from drl_av.evaluation.statistics import mean_with_interval
+from drl_av.experiments.cells import trained_drives
 from drl_av.experiments.curves import curve_jobs
-from drl_av.experiments.drives import DrivingPlan, trained_drives
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.plan import Plan
 from drl_av.files import Row
 
 COLUMNS = ("seed", "mean_reward", "mean_speed_m_s", "collided", "ego_hit")
 
 
-def final_plan(options: ReproduceOptions) -> DrivingPlan:
+def final_plan(options: ReproduceOptions) -> Plan:
     """The trainings of the curves that stop at ``options.episodes``, each with its own check."""
     jobs = curve_jobs(options, options.laid_over(Config()))
     final = [job for job in jobs if job.stop <= options.episodes]

@@ -10,8 +10,8 @@ from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.statistics import Mean, mean_with_interval
 from drl_av.experiments import density_sweep
 from drl_av.experiments.canvas import lighten, panels
+from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.density_sweep import DRIVER
-from drl_av.experiments.drives import Drives, DrivingPlan, driven_with
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import (
     PAPER_VEHICLES,
@@ -23,6 +23,7 @@ from drl_av.experiments.markdown import (
     mean_speed,
 )
 from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.plan import Plan
 from drl_av.files import Row
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ LABELS = {
 MARKS = "ov^sDP"
 
 
-def strict_plan(options: ReproduceOptions) -> DrivingPlan:
+def strict_plan(options: ReproduceOptions) -> Plan:
     """The shipped driver under both checks at every density, then with each bound changed."""
     config = options.laid_over(default_config(find_drivers([DRIVER])))
     keys = [(check, "", "", n) for n in DENSITIES for check in ("paper", "strict")]
@@ -73,7 +74,7 @@ def strict_plan(options: ReproduceOptions) -> DrivingPlan:
         key = (row["check"], row["bound"], row["value"], int(row["vehicles"]))
         return keys.index(key), int(row["seed"])
 
-    return DrivingPlan(driven_with(config, [DRIVER]), cells, place)
+    return Plan(driven_with(config, [DRIVER]), [cells], place)
 
 
 def strict_table(results: Results) -> str:

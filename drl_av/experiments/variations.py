@@ -8,8 +8,8 @@ from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation import DENSITIES
 from drl_av.experiments import density_sweep
 from drl_av.experiments.barricade import SCENARIO, TRAINED_VEHICLES
+from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.density_sweep import DRIVER, DRIVERS
-from drl_av.experiments.drives import Drives, DrivingPlan, driven_with
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import (
     PAPER_VEHICLES,
@@ -21,6 +21,7 @@ from drl_av.experiments.markdown import (
     mean_speed,
 )
 from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.plan import Plan
 from drl_av.files import Row
 
 CATCH_UP = {
@@ -37,7 +38,7 @@ def varied(
     section: str,
     settings: dict[str, Any],
     densities: tuple[int, ...] = (),
-) -> DrivingPlan:
+) -> Plan:
     """Some drivers with other settings in one section of the config; all densities by default."""
     config = options.laid_over(default_config(find_drivers(drivers))).updated(section, **settings)
     numbers = densities or DENSITIES
@@ -46,7 +47,7 @@ def varied(
     def place(row: Row) -> tuple[int, int, int]:
         return int(row["vehicles"]), int(row["seed"]), drivers.index(row["driver"])
 
-    return DrivingPlan(driven_with(config, drivers), cells, place)
+    return Plan(driven_with(config, drivers), [cells], place)
 
 
 def check_table(results: Results) -> str:

@@ -66,7 +66,7 @@ def test_both_begin_as_the_shipped_driver_trained_anew_and_only_one_of_them_lear
 def test_a_complete_table_asks_for_no_training(options: ReproduceOptions, tmp_path: Path) -> None:
     list(reproduce(ADAPTATION, options))
     list(reproduce(ADAPTATION, options._replace(runs=tmp_path / "elsewhere")))
-    assert list((tmp_path / "elsewhere").iterdir()) == []
+    assert not (tmp_path / "elsewhere").exists()
 
 
 def test_rows_of_another_driver_never_come_into_a_table(

@@ -12,13 +12,14 @@ import pytest
 
 from drl_av.config import Config
 from drl_av.errors import DrlAvError, RunError
-from drl_av.experiments import engines, trainings
+from drl_av.experiments import engines
+from drl_av.experiments import plan as module
+from drl_av.experiments.cells import training_plan
 from drl_av.experiments.curves import CURVES
 from drl_av.experiments.experiment import Results, reproduce
 from drl_av.experiments.options import Progress, ReproduceOptions
-from drl_av.experiments.store import MadeWith, ResultStore
+from drl_av.experiments.store import ResultStore
 from drl_av.experiments.training_jobs import TrainingJob, train_job
-from drl_av.experiments.trainings import TrainingPlan
 
 TINY = (
     Config()
@@ -53,8 +54,9 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Made in this process; not to be changed."""
     folder = tmp_path_factory.mktemp("undisturbed")
     wanted = options(folder)
-    for job in [job for jobs in CURVES.plan(wanted).rounds for job in jobs]:  # type: ignore[attr-defined]
-        train_job(job)
+    for cell in [cell for stage in CURVES.plan(wanted).stages for cell in stage]:
+        assert cell.training
+        train_job(cell.training)
     make(wanted)
     return folder
 
@@ -97,7 +99,7 @@ def doomed(last: int) -> Callable[[TrainingJob], None]:
 def test_killed_worker_is_begun_again_at_its_checkpoint_and_nothing_counts_twice(
     engine: str, seeds: int, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(trainings, "train_job", doomed(LAST))
+    monkeypatch.setattr(module, "train_job", doomed(LAST))
     steps = make(options(tmp_path, engine=engine, seeds=seeds))
     assert (tmp_path / "runs" / "paper-0.killed").exists()
     driven = [int(line) for line in (tmp_path / "runs" / "paper-0.log").read_text().split()]
@@ -107,8 +109,8 @@ def test_killed_worker_is_begun_again_at_its_checkpoint_and_nothing_counts_twice
     assert found == [row for row in expected if int(row["seed"]) < seeds]
     for name in [f"paper-{seed}" for seed in range(seeds)]:
         assert files_of(tmp_path / "runs" / name) == files_of(undisturbed / "runs" / name)
-    [*_, last] = [step for step in steps if not step.line]
-    assert last.done == last.total == (12 if seeds == 1 else 12 + 6)
+    [*_, last] = [step for step in steps if step.label == "training"]
+    assert (last.done, last.total) == (12, 12)  # of the longer one
 
 
 def test_the_table_has_every_evaluation_once_and_says_what_made_it(undisturbed: Path) -> None:
@@ -133,9 +135,8 @@ def test_what_the_table_holds_is_not_trained_again_though_the_folders_are_lost(
         yield jobs
 
     monkeypatch.setitem(engines.ENGINES, "here", refusing)
-    first, *_ = make(options(made))
+    assert not [step for step in make(options(made)) if step.label]
     assert not asked
-    assert (first.done, first.total) == (18, 18)
     assert (made / "curves.csv").read_bytes() == before
     with pytest.raises(DrlAvError, match=r"paper-1 lacks rows .* up to episode 9"):
         make(options(made, seeds=3, episodes=9))
@@ -159,7 +160,7 @@ def test_rows_of_a_folder_of_other_settings_never_reach_a_table(
 
 
 def test_fewer_episodes_than_a_row_sums_up_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(DrlAvError, match=r"2 episodes make no row of curves\.csv.* sums up 3"):
+    with pytest.raises(DrlAvError, match=r"2 episodes make no row of the table, which sums up 3"):
         make(options(tmp_path, episodes=2, full_seeds=0))
 
 
@@ -171,9 +172,8 @@ def table(*rows: tuple[str, int, int, str]) -> list[dict[str, str]]:
 
 
 def test_each_training_is_taken_from_the_side_that_got_further(tmp_path: Path) -> None:
-    made_with = MadeWith({"paper": TINY, "permit_all": TINY})
-    plan = TrainingPlan(made_with, [], lambda job: [])
-    store = ResultStore(tmp_path / "curves.csv", made_with, plan.order)
+    plan = training_plan({"paper": TINY, "permit_all": TINY}, [], lambda job: [])
+    store = ResultStore(tmp_path / "curves.csv", plan.made_with, plan.order)
     store.put({"variant": "paper", "seed": "10"}, table(("paper", 10, 100, "stored")))
     two = table(("paper", 2, 100, "stored"), ("paper", 2, 200, "stored"))
     store.put({"variant": "paper", "seed": "2"}, two)

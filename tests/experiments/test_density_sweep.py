@@ -10,7 +10,7 @@ import pytest
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.paired import Paired
-from drl_av.experiments import density_sweep, drives
+from drl_av.experiments import cells, density_sweep
 from drl_av.experiments.density_sweep import DENSITY_SWEEP
 from drl_av.experiments.experiment import Results, reproduce
 from drl_av.experiments.options import Progress, ReproduceOptions
@@ -88,7 +88,7 @@ def test_episodes_of_another_policy_are_not_mixed(
     drivers_gain(monkeypatch, 0.0)
     sweep(options)
     whole = (options.out / "density_sweep.csv").read_bytes()
-    monkeypatch.setattr(drives, "checksum", lambda file: "that of another policy")
+    monkeypatch.setattr(cells, "checksum", lambda file: "that of another policy")
     with pytest.raises(DrlAvError, match=r"density_sweep\.csv was made with .* another driver"):
         sweep(options)
     assert (options.out / "density_sweep.csv").read_bytes() == whole

@@ -10,10 +10,11 @@ from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.errors import DrlAvError
 from drl_av.experiments.canvas import one_panel
-from drl_av.experiments.drives import Drives, DrivingPlan, driven_with
+from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.experiment import Experiment, Results, reproduce
 from drl_av.experiments.markdown import by_density, mean_speed
 from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.plan import Plan
 from drl_av.experiments.registry import EXPERIMENTS
 from drl_av.experiments.store import MadeWith
 from drl_av.files import Row
@@ -21,14 +22,14 @@ from drl_av.files import Row
 DRIVERS = ("idm", "random")
 
 
-def plan(options: ReproduceOptions) -> DrivingPlan:
+def plan(options: ReproduceOptions) -> Plan:
     config = options.laid_over(Config())
     cells = [Drives(config, DRIVERS, vehicles, options.drives) for vehicles in (1, 3)]
 
     def place(row: Row) -> tuple[int, int, int]:
         return int(row["vehicles"]), int(row["seed"]), DRIVERS.index(row["driver"])
 
-    return DrivingPlan(driven_with(config, DRIVERS), cells, place)
+    return Plan(driven_with(config, DRIVERS), [cells], place)
 
 
 def fastest(rows: list[Row]) -> list[Row]:
@@ -119,14 +120,14 @@ def test_an_interrupted_one_continues_after_its_last_whole_cell(
 
 
 def test_cells_of_several_configs_continue_too(options: ReproduceOptions) -> None:
-    def two_checks(options: ReproduceOptions) -> DrivingPlan:
+    def two_checks(options: ReproduceOptions) -> Plan:
         short = options.laid_over(Config())
         configs = {check: short.updated("safety", check=check) for check in ("paper", "strict")}
         cells = [
             Drives(config, ("idm",), 2, options.drives, named=(("check", check),))
             for check, config in configs.items()
         ]
-        return DrivingPlan(MadeWith(configs), cells, lambda row: (row["check"], int(row["seed"])))
+        return Plan(MadeWith(configs), [cells], lambda row: (row["check"], int(row["seed"])))
 
     checks = Experiment(name="checks", meaning="two checks", row="an episode", plan=two_checks)
     assert [progress.done for progress in reproduce(checks, options)] == [1, 2, 3, 4]

@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from drl_av.errors import DrlAvError
-from drl_av.experiments import drives
+from drl_av.experiments import cells as module
 from drl_av.experiments.curves import CURVES
-from drl_av.experiments.drives import DrivingPlan
 from drl_av.experiments.experiment import Experiment, Results, reproduce
 from drl_av.experiments.fast import FAST
 from drl_av.experiments.final_policies import FINAL_POLICIES
@@ -30,7 +29,7 @@ evaluation_episodes = 1
 @pytest.fixture
 def options(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ReproduceOptions:
     """Two seeds stop after 2 of 3 episodes, and seed 0 goes on."""
-    monkeypatch.setattr(drives, "DENSITIES", (1, 2))
+    monkeypatch.setattr(module, "DENSITIES", (1, 2))
     (tmp_path / "short.toml").write_text(SHORT)
     runs, out, config = tmp_path / "runs", tmp_path / "out", str(tmp_path / "short.toml")
     usual = ReproduceOptions(seeds=3, episodes=2, drives=2, jobs=1, engine="here")
@@ -113,8 +112,7 @@ def test_final_policies_are_driven_each_with_the_check_of_its_training(
     options: ReproduceOptions,
 ) -> None:
     plan = FINAL_POLICIES.plan(options)
-    assert isinstance(plan, DrivingPlan)
-    checks = {cell.training.name: cell.config.safety.check for cell in plan.cells}  # type: ignore[attr-defined]
+    checks = {cell.training.name: cell.config.safety.check for cell in plan.stages[0]}  # type: ignore[attr-defined]
     own = {"paper": "paper", "permit_all": "permit_all", "prioritized": "paper"}
     trainings = [f"{variant}-{seed}" for variant in own for seed in (1, 2)]
     assert checks == {name: own[name.partition("-")[0]] for name in trainings}

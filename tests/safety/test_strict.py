@@ -347,7 +347,7 @@ def test_traffic_that_does_not_keep_to_the_bounds_is_refused(
 def test_bounds_and_traffic_may_be_moved_together() -> None:
     quick = CONFIG.updated("traffic", acceleration_max_m_s2=3.0)
     named_check(quick.updated("strict", acceleration_m_s2=3.0))
-    for cell in strict_plan(ReproduceOptions()).cells:
+    for cell in strict_plan(ReproduceOptions()).stages[0]:
         named_check(cell.config)
 
 
