@@ -4,7 +4,7 @@ BIN := .venv/bin
 DEMO := demo
 DENSITIES := 1 5 10 15 20 25 30
 
-.PHONY: setup demo test lint docs pretrained level_1 results clean
+.PHONY: setup demo test lint prove docs pretrained level_1 results clean
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
@@ -32,6 +32,10 @@ docs: setup
 
 test: lint
 	$(BIN)/python -m pytest -n 2
+
+# The argument of the check strict, lemma by lemma (seconds).
+prove: setup
+	$(BIN)/python -m verification.prove
 
 # The shipped driver, trained again (minutes).
 pretrained: setup

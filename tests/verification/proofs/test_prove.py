@@ -1,0 +1,111 @@
+"""The lemmas hold at the default settings, have cases, and refuse what they do not cover."""
+
+import re
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import pytest
+import z3
+
+from drl_av.config import Config
+from verification import prove as program
+from verification.proofs import lemma as machine
+from verification.proofs.argument import argument
+from verification.proofs.following import decision_claims
+from verification.proofs.lane_changes import is_over, places
+from verification.proofs.lemma import Lemma, Problem, UndecidedError, counterexample
+from verification.prove import LEMMAS
+
+DEFAULTS = argument(Config())
+
+
+def lines_of(settings: str, folder: Path, capsys: Any, monkeypatch: Any) -> tuple[int, Any]:
+    """Status and output of the program for a TOML text."""
+    file = folder / "settings.toml"
+    file.write_text(settings)
+    monkeypatch.setattr("sys.argv", ["prove", "--config", str(file)])
+    return program.main(), capsys.readouterr()
+
+
+def test_the_default_settings_are_proved_a_line_a_lemma_in_less_than_a_minute(
+    tmp_path: Path, capsys: Any, monkeypatch: Any
+) -> None:
+    status, out = lines_of("", tmp_path, capsys, monkeypatch)
+    lines = out.out.splitlines()
+    assert (status, out.err) == (0, "")
+    assert [line.split()[0] for line in lines] == [*(lemma.name for lemma in LEMMAS), "rounding"]
+    for line in lines:
+        assert re.fullmatch(r"[a-z-]+ +proved +\d+\.\d\d s  [A-Za-z].*\.", line)
+    assert sum(float(line.split()[2]) for line in lines) < 60
+
+
+@pytest.mark.parametrize("lemma", LEMMAS, ids=lambda lemma: lemma.name)
+def test_no_lemma_holds_for_want_of_cases(lemma: Lemma) -> None:
+    for claim in lemma.claims(DEFAULTS):
+        assert counterexample(claim._replace(goal=z3.BoolVal(False))) is not None
+
+
+@pytest.mark.parametrize(
+    ("settings", "lemma"),
+    [
+        ("[strict]\nbraking_m_s2 = 3.9", "following"),
+        ("[strict]\nclearance_m = 0.0", "rounding"),
+        # it accelerates less than the ego, which leaves it behind where its speed is the higher
+        ("[strict]\nacceleration_m_s2 = 1.5", "response"),
+        ("[strict]\nfollower_braking_m_s2 = 5.0", "hand-over"),
+        # two seconds on the ego is at 1.9 m, on the line
+        ("[ego]\nlane_change_duration_s = 4.0", "abort"),
+        # two seconds on its side is at 1.9 m: at the line, but not over it by LINE_M
+        ("[ego]\nlane_change_duration_s = 7.6", "response"),
+        ('[ego]\nlongitudinal_reference = "acc"', "cut-in"),
+    ],
+)
+def test_settings_that_the_argument_does_not_cover_are_refused_with_the_lemma_that_fails(
+    settings: str, lemma: str, tmp_path: Path, capsys: Any, monkeypatch: Any
+) -> None:
+    only = [each for each in LEMMAS if each.name == lemma]
+    monkeypatch.setattr(program, "LEMMAS", only)
+    status, out = lines_of(settings, tmp_path, capsys, monkeypatch)
+    assert status == 1
+    assert f"\n{lemma} " in f"\n{out.out}"
+    assert "REFUTED" in out.out
+    told = f"These settings are not covered: the lemma {lemma} fails, for example at "
+    assert [line.startswith(told) for line in out.err.splitlines()] == [True]
+
+
+def test_the_steering_plant_is_refused_before_any_proof(
+    tmp_path: Path, capsys: Any, monkeypatch: Any
+) -> None:
+    steering = '[ego]\nlateral_plant = "steering"'
+    status, out = lines_of(steering, tmp_path, capsys, monkeypatch)
+    assert (status, out.out) == (1, "")
+    assert "the lemma corridor describes 'kinematic' alone" in out.err
+
+
+def test_bounds_of_real_traffic_are_proved() -> None:
+    wide = argument(Config().updated("strict", braking_m_s2=9.0, lateral_speed_m_s=2.1))
+    for lemma in LEMMAS:
+        if lemma.name in ("following", "lane-end", "abort"):
+            assert not any(counterexample(claim) for claim in lemma.claims(wide))
+
+
+def test_a_decision_finds_the_ego_in_its_lane_at_0_and_at_1_s() -> None:
+    # 0.76 m a second: its side is over the line at 1.9 m by more than a centimetre at 1.01 m
+    assert places(DEFAULTS) == [0, Fraction(76, 100)]
+    assert not is_over(Fraction(101, 100), DEFAULTS)
+    assert is_over(Fraction(102, 100), DEFAULTS)
+
+
+def test_what_z3_does_not_decide_is_no_proof(monkeypatch: pytest.MonkeyPatch) -> None:
+    p = Problem()
+    n, m, k = (z3.FreshInt() for _ in range(3))
+    p.assume(n > 2, m > 2, k > 2)
+    claim = p.follows(n * n * n + m * m * m != k * k * k)
+    monkeypatch.setattr(machine, "TIMEOUT_S", 1)
+    with pytest.raises(UndecidedError, match="neither proves nor refutes a claim in 1 s"):
+        counterexample(claim)
+
+
+def test_the_claims_on_a_decision_are_as_many_as_actions_times_steps() -> None:
+    assert len(list(decision_claims(DEFAULTS))) == 4 * 2

@@ -1,0 +1,174 @@
+"""Lemmas on the vehicle ahead: following it, being cut in on, and the end of a lane.
+
+All rest on ``following``. Of a step it needs only that the ego could roll it and brake hard within
+some distance, and of a decision ``decision`` shows that what is left of its ``reach`` is such a
+distance at each of its steps; so the proof holds for any number of them.
+"""
+
+from collections.abc import Iterator
+
+import z3
+
+from drl_av.driving.actions import Longitudinal
+from verification.proofs.argument import Argument
+from verification.proofs.lemma import Claim, Lemma, Problem, Term
+from verification.proofs.motion import (
+    cut_in_gap,
+    ego_stops,
+    lead_stops,
+    lines,
+    reach,
+    speeds,
+    stopping,
+)
+
+
+def stopping_claims(a: Argument) -> Iterator[Claim]:
+    """The piece that the floor picks is the largest, and the roll of a step and what follows."""
+    brakes = [(a.hard_m_s2, a.most_m_s), (a.braking_m_s2, a.others_most_m_s)]
+    for braking, most in [*brakes, (a.follower_m_s2, a.others_most_m_s)]:
+        p, pace = Problem(), braking * a.step_s
+        speed, picked_m = p.unknown("speed", 0, most), p.unknown("picked")
+        pieces = [
+            z3.And(k * pace <= speed, speed < (k + 1) * pace, picked_m == line(speed))
+            for k, line in enumerate(lines(braking, most, a.step_s))
+        ]
+        p.assume(z3.Or(pieces))
+        after = p.largest([speed - pace, 0])
+        rolled_m = a.step_s * after + stopping(p.largest, after, braking, most, a.step_s)
+        whole_m = stopping(p.largest, speed, braking, most, a.step_s)
+        yield p.follows(picked_m == whole_m, picked_m == rolled_m)
+
+
+def following(p: Problem, a: Argument, stands: bool = False) -> tuple[Term, ...]:
+    """A gap to a vehicle ahead and its speeds before and after a step; and those of the ego."""
+    ego, gap_m = p.unknown("ego_speed", 0, a.most_m_s), p.unknown("gap", 0)
+    most = 0 if stands else a.others_most_m_s
+    other, after = p.unknown("other_speed", 0, most), p.unknown("other_speed_after", 0, most)
+    p.assume(gap_m > 0, after >= other - a.lead_braking_m_s2 * a.step_s)
+    return ego, gap_m, other, after
+
+
+def step_claims(a: Argument, stands: bool = False) -> Iterator[Claim]:
+    """A step within a distance in which the ego could stop behind the vehicle ahead."""
+    p = Problem()
+    ego, gap_m, other, after = following(p, a, stands)
+    distance_m, clearance_m = p.unknown("distance"), p.unknown("clearance")
+    p.assume(clearance_m >= min(a.clearance_m, 0), clearance_m <= a.clearance_m)
+    p.assume(a.step_s * ego + ego_stops(p.largest, ego, a) <= distance_m)
+    p.assume(distance_m < gap_m + lead_stops(p.largest, other, a) - clearance_m)
+    gap_after_m = gap_m + a.step_s * (after - ego)
+    left_m = distance_m - a.step_s * ego
+    rest_m = gap_after_m + lead_stops(p.largest, after, a)
+    yield p.follows(gap_after_m > 0, left_m < rest_m - clearance_m)
+    yield between()
+
+
+def between() -> Claim:
+    """A gap that is there before and after a step is there in it: it changes at one rate."""
+    p = Problem()
+    before_m, after_m = p.unknown("before"), p.unknown("after")
+    part = p.unknown("part", 0, 1)
+    p.assume(before_m > 0, after_m > 0)
+    return p.follows(before_m + part * (after_m - before_m) > 0)
+
+
+def decision_claims(a: Argument) -> Iterator[Claim]:
+    """What is left of a reach covers each step of the decision and braking hard after it."""
+    for rate in a.rates_m_s2:
+        for step in range(a.steps):
+            p = Problem()
+            planned = speeds(p.largest, p.unknown("speed", 0, a.most_m_s), rate, a.steps, a)
+            ends_m = ego_stops(p.largest, planned[-1], a)
+            left_m = sum(a.step_s * each for each in planned[step + 1 :]) + ends_m
+            rolled = p.unknown("speed_after", 0, a.most_m_s)
+            p.assume(rolled <= planned[step + 1])
+            yield p.follows(a.step_s * rolled + ego_stops(p.largest, rolled, a) <= left_m)
+
+
+def fallback_claims(a: Argument) -> Iterator[Claim]:
+    """Braking hard for a decision reaches as far as braking hard."""
+    p = Problem()
+    speed = p.unknown("ego_speed", 0, a.most_m_s)
+    hard = a.rates_m_s2[Longitudinal.HARD_BRAKE]
+    yield p.follows(reach(p.largest, speed, hard, a.steps, a) == ego_stops(p.largest, speed, a))
+
+
+def cut_in_claims(a: Argument) -> Iterator[Claim]:
+    """At any step of a decision one that begins to move in leaves the rest of a reach.
+
+    Under a car-following model the rate may be any on the way there, and another one afterwards.
+    """
+    for planned in a.rates_m_s2:
+        for steps in range(a.steps + 1 if a.by_number else a.steps):
+            p = Problem()
+            ego, gap_m = p.unknown("ego_speed", 0, a.most_m_s), p.unknown("gap")
+            other_m = p.unknown("other_rolls", 0)
+            rate = p.unknown("rate", planned if a.by_number else -a.hard_m_s2, planned)
+            p.assume(gap_m > cut_in_gap(p.largest, ego, rate, other_m, a))
+            rolled_m = reach(p.largest, ego, planned, steps, a)
+            yield p.follows(gap_m > 0, rolled_m < gap_m + other_m - a.clearance_m)
+
+
+def between_two_claims(a: Argument) -> Iterator[Claim]:
+    """One that moves in ahead of another that is ahead of the ego, so that this may stop."""
+    p = Problem()
+    gap_m, beyond_m, length_m = p.unknown("gap", 0), p.unknown("beyond"), p.unknown("length", 0)
+    other_m, entering_m = p.unknown("other_rolls", 0), p.unknown("entering_rolls", 0)
+    distance_m = p.unknown("distance")
+    p.assume(gap_m > 0, distance_m < gap_m + other_m - a.clearance_m)
+    p.assume(beyond_m > p.largest([other_m - entering_m, 0 * other_m]) + a.clearance_m)
+    whole_m = gap_m + length_m + beyond_m
+    yield p.follows(whole_m > 0, distance_m < whole_m + entering_m - a.clearance_m)
+
+
+def lane_end_claims(a: Argument) -> Iterator[Claim]:
+    """The same steps towards what stands for ever, and at rest."""
+    yield from step_claims(a, stands=True)
+    p = Problem()
+    _, gap_m, _, _ = following(p, a, stands=True)
+    p.assume(ego_stops(p.largest, p.unknown("standing", 0, 0), a) < gap_m - a.clearance_m)
+    yield p.follows(gap_m > a.clearance_m)
+
+
+LEMMAS = (
+    Lemma(
+        "stopping",
+        "stopping_distance is the largest of its linear pieces, and what braking rolls step by "
+        "step.",
+        stopping_claims,
+    ),
+    Lemma(
+        "following",
+        "An ego that could stop behind the vehicle ahead before a step does not touch it in that "
+        "step and could stop behind it afterwards, whatever that vehicle does.",
+        step_claims,
+    ),
+    Lemma(
+        "decision",
+        "At each step of a decision the rest of its reach covers that step and braking hard.",
+        decision_claims,
+    ),
+    Lemma(
+        "fallback",
+        "Where the fallback maneuver is free, braking hard is permitted.",
+        fallback_claims,
+    ),
+    Lemma(
+        "cut-in",
+        "Behind a vehicle that leaves cut_in_gap, at whichever step it begins to move in, the rest "
+        "of the decision is within what the ego may reach.",
+        cut_in_claims,
+    ),
+    Lemma(
+        "cut-in-beyond",
+        "A vehicle that moves in ahead of one ahead, so that this one may stop behind it, comes to "
+        "rest beyond it.",
+        between_two_claims,
+    ),
+    Lemma(
+        "lane-end",
+        "Before the end of a lane, a vehicle that stands for ever, the ego comes to rest.",
+        lane_end_claims,
+    ),
+)

@@ -1,0 +1,171 @@
+"""Lemmas on the ego's way across the road: its corridor, and its abort at each second."""
+
+from collections.abc import Iterator
+from fractions import Fraction
+from math import ceil
+from typing import NamedTuple
+
+import z3
+
+from verification.proofs.argument import Argument
+from verification.proofs.lateral import (
+    LINE,
+    ON_LINE,
+    corridor,
+    extent,
+    lanes_under,
+    lies_in,
+    next_position,
+)
+from verification.proofs.lemma import Claim, Lemma, Problem, Term
+
+SIDES = (-1, 1)
+
+
+class Way(NamedTuple):
+    """An ego anywhere between lane 0 and the next lane on a side, in a lane change to either."""
+
+    p: Problem
+    y_m: Term
+    side: int
+    end: int
+    """The lane in which the lane change ends."""
+    sign: int
+    back: int
+    """The lane in which the fallback at the next decision ends."""
+    after_m: Term
+    """Where that decision finds the ego."""
+
+
+def ways(a: Argument) -> Iterator[Way]:
+    """All cases."""
+    for side in SIDES:
+        for end in (0, side):
+            for back in (0, side):
+                p, sign = Problem(), side if end else -side
+                y_m = p.unknown("y", min(0, side) * a.lane_m, max(0, side) * a.lane_m)
+                after_m = next_position(p, y_m, end, sign, a)
+                p.assume(lies_in(after_m, back, a))
+                yield Way(p, y_m, side, end, sign, back, after_m)
+
+
+def between(start_m: Term, y_m: Term, end_m: Term) -> Term:
+    """Whether a position is between two others."""
+    return z3.Or(z3.And(start_m <= y_m, y_m <= end_m), z3.And(end_m <= y_m, y_m <= start_m))
+
+
+def corridor_claims(a: Argument) -> Iterator[Claim]:
+    """In the decision, and on the fallback after it; a vehicle that is not met stays outside."""
+    for toward in (-1, 0, 1):
+        for p, y_m, _, end, sign, back, after_m in ways(a):
+            later_m, other_m, at_m = (p.unknown(n) for n in ("y_later", "other_y", "other_y_later"))
+            on_fallback = between(after_m, later_m, back * a.lane_m)
+            p.assume(z3.Or(between(y_m, later_m, after_m), on_fallback))
+            way, theirs = corridor(p, y_m, end, sign, a), extent(p, other_m, toward, a)
+            p.assume(z3.Not(z3.And(theirs.left_m > way.right_m, theirs.right_m < way.left_m)))
+            p.assume(at_m - a.width_m / 2 >= theirs.right_m)
+            p.assume(at_m + a.width_m / 2 <= theirs.left_m)
+            yield p.follows(
+                later_m - a.width_m / 2 >= way.right_m,
+                later_m + a.width_m / 2 <= way.left_m,
+                z3.Or(at_m - later_m >= a.width_m, later_m - at_m >= a.width_m),
+            )
+
+
+def fallback_corridor_claims(a: Argument) -> Iterator[Claim]:
+    """Where that decision finds the lane change in progress, and where it finds it arrived."""
+    for p, y_m, side, end, sign, back, after_m in ways(a):
+        way = corridor(p, y_m, end, sign, a)
+        then = corridor(p, after_m, back, side if back else -side, a)
+        yield p.follows(then.right_m >= way.right_m, then.left_m <= way.left_m)
+        if back == end:
+            p.assume(after_m == end * a.lane_m)
+            then = extent(p, after_m, 0, a)
+            yield p.follows(then.right_m >= way.right_m, then.left_m <= way.left_m)
+
+
+def own_lane_claims(a: Argument) -> Iterator[Claim]:
+    """For a centre anywhere between two lanes, and for both lanes where it is on their line."""
+    for lane in (-1, 0, 1):
+        p = Problem()
+        y_m = p.unknown("y", -a.lane_m, a.lane_m)
+        p.assume(lies_in(y_m, lane, a))
+        lowest, highest = lanes_under(p, y_m, a)
+        yield p.follows(lowest <= lane, lane <= highest)
+
+
+def places(a: Argument) -> list[Fraction]:
+    """Where a decision finds the ego on its way from lane 0 to lane 1, its body in lane 0 still.
+
+    Whole decisions from the lane that it left, or, if it was on its way back there, from lane 1.
+    """
+    seconds = range(ceil(a.lane_m / a.stride_m))
+    found = {k * a.stride_m for k in seconds} | {a.lane_m - k * a.stride_m for k in seconds}
+    return sorted(y_m for y_m in found if y_m >= 0 and not is_over(y_m, a))
+
+
+def is_over(y_m: Fraction, a: Argument) -> bool:
+    """Whether the ego's body is over the line to lane 1."""
+    return y_m + a.width_m / 2 - LINE > a.lane_m / 2
+
+
+def going(y_m: Fraction, lane: int, steps: int | None, a: Argument) -> list[Fraction]:
+    """Positions after each of some SUMO steps, or all, on the way to a lane's centre."""
+    found, end_m, stride_m = [y_m], lane * a.lane_m, a.stride_m / a.steps
+    while found[-1] != end_m and (steps is None or len(found) <= steps):
+        left_m = end_m - found[-1]
+        found.append(found[-1] + max(min(left_m, stride_m), -stride_m))
+    return found[1:]
+
+
+def entering_claims(a: Argument) -> Iterator[Claim]:
+    """From each place where bound 3 does not keep the other one out of lane 1 yet.
+
+    It comes from beyond that lane, and no farther than to its centre.
+    """
+    for start_m in places(a):
+        seen = going(start_m, 1, a.abort_decisions * a.steps, a)
+        for back in (0, 1):
+            if abs(seen[-1] - back * a.lane_m) <= a.lane_m / 2 + ON_LINE:
+                yield entered(a, start_m, [*seen, *going(seen[-1], back, None, a)])
+
+
+def entered(a: Argument, start_m: Fraction, path: list[Fraction]) -> Claim:
+    """The other one moves in from the start of a decision on, the ego along a path to its end."""
+    p = Problem()
+    y_m, other_m = p.unknown("y", start_m, start_m), p.unknown("other_y", a.lane_m)
+    theirs, way = extent(p, other_m, 0, a), corridor(p, y_m, 1, 1, a)
+    p.assume(theirs.right_m >= way.left_m + a.lateral_m_s * a.decision_s)
+    apart = []
+    for step, ego_m in enumerate(path, 1):
+        before_m, other_m = other_m, p.unknown(f"other_y_{step}", a.lane_m)
+        p.assume(other_m >= before_m - a.lateral_m_s * a.step_s)
+        apart.append(other_m - ego_m >= a.width_m)
+    last_m = p.unknown("other_y_at_last", a.lane_m if a.lateral_m_s else other_m)
+    return p.follows(*apart, last_m - path[-1] >= a.width_m)
+
+
+LEMMAS = (
+    Lemma(
+        "corridor",
+        "The ego's body stays in its corridor, in the decision and on the fallback after it, and "
+        "does not touch a vehicle that stays outside.",
+        corridor_claims,
+    ),
+    Lemma(
+        "next-corridor",
+        "The corridor of the fallback at the next decision is within the corridor at this one.",
+        fallback_corridor_claims,
+    ),
+    Lemma(
+        "own-lane",
+        "The ego's body is over the lane in which the fallback ends.",
+        own_lane_claims,
+    ),
+    Lemma(
+        "abort",
+        "Where another vehicle enters the ego's target lane from beyond, at whichever second, the "
+        "fallback from the next decision does not touch it.",
+        entering_claims,
+    ),
+)

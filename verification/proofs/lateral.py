@@ -1,0 +1,68 @@
+"""Where vehicles are across the road: the model of the lanes that ``strict`` argues with.
+
+``p`` is the problem that a floor adds its definition to; lateral positions are measured from the
+centre of the lane that a lane change began in, lane 0.
+"""
+
+from typing import NamedTuple
+
+import z3
+
+from drl_av.safety.reachability import CENTERED_M, LINE_M, ON_LINE_M
+from verification.proofs.argument import Argument, exact
+from verification.proofs.lemma import Problem, Term
+
+LINE, ON_LINE, CENTERED = exact(LINE_M), exact(ON_LINE_M), exact(CENTERED_M)
+
+
+class Span(NamedTuple):
+    """Right and left end, metres."""
+
+    right_m: Term
+    left_m: Term
+
+
+def lanes_under(p: Problem, y_m: Term, a: Argument) -> tuple[Term, Term]:
+    """Rightmost and leftmost lane that a body is over."""
+    right_m, left_m = y_m - a.width_m / 2 + LINE, y_m + a.width_m / 2 - LINE
+    half = z3.Q(1, 2)
+    return p.floor(right_m / a.lane_m + half), p.ceil(left_m / a.lane_m - half)
+
+
+def lanes_about(p: Problem, y_m: Term, a: Argument) -> tuple[Term, Term]:
+    """The lane that a position lies in, or both lanes where it is on their line."""
+    half = z3.Q(1, 2)
+    right, left = (y_m - ON_LINE) / a.lane_m, (y_m + ON_LINE) / a.lane_m
+    return p.floor(right + half), p.floor(left + half)
+
+
+def lies_in(y_m: Term, lane: int, a: Argument) -> Term:
+    """Whether a position may be taken to lie in a lane: it does, or is on its line."""
+    aside_m = y_m - lane * a.lane_m
+    return z3.And(aside_m <= a.lane_m / 2 + ON_LINE, aside_m >= -a.lane_m / 2 - ON_LINE)
+
+
+def next_position(p: Problem, y_m: Term, end: int, sign: int, a: Argument) -> Term:
+    """Where the ego is a decision later in a lane change to the right (-1) or left (1)."""
+    return y_m + sign * p.smallest([sign * (end * a.lane_m - y_m), a.stride_m + 0 * y_m])
+
+
+def corridor(p: Problem, y_m: Term, end: int, sign: int, a: Argument) -> Span:
+    """What ``strict.corridor`` takes for the ego's way in a lane change."""
+    after_m = next_position(p, y_m, end, sign, a)
+    lanes = [*lanes_under(p, y_m, a), *lanes_about(p, after_m, a)]
+    places = [y_m, end * a.lane_m + 0 * y_m, *(a.lane_m * lane for lane in lanes)]
+    return Span(p.smallest(places) - a.width_m / 2, p.largest(places) + a.width_m / 2)
+
+
+def extent(p: Problem, y_m: Term, toward: int, a: Argument) -> Span:
+    """Where a vehicle's body may be that stands still sideways (0) or moves to one side."""
+    lowest, highest = lanes_under(p, y_m, a)
+    below, above = p.floor(y_m / a.lane_m), p.ceil(y_m / a.lane_m)
+    off_m = p.smallest([y_m - below * a.lane_m, above * a.lane_m - y_m])
+    if toward < 0:
+        lowest = z3.If(off_m > CENTERED, p.smallest([lowest, below]), lowest)
+    if toward > 0:
+        highest = z3.If(off_m > CENTERED, p.largest([highest, above]), highest)
+    right_m, left_m = p.smallest([lowest * a.lane_m, y_m]), p.largest([highest * a.lane_m, y_m])
+    return Span(right_m - a.width_m / 2, left_m + a.width_m / 2)

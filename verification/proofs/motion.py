@@ -1,0 +1,109 @@
+"""How far vehicles roll, as pieces that are linear: the model of ``drl_av/safety/stopping.py``.
+
+Every function works on Z3's terms, on fractions and on arrays alike; ``largest`` is how the largest
+of some of them is taken.
+"""
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from math import floor
+from typing import Any, NamedTuple
+
+from verification.proofs.argument import Argument
+
+Number = Any
+"""A term of Z3, a fraction, or an array."""
+Largest = Callable[[Sequence[Number]], Number]
+
+
+class Line(NamedTuple):
+    """One piece of a stopping distance: ``slope_s * speed - offset_m``."""
+
+    slope_s: Fraction
+    offset_m: Fraction
+
+    def __call__(self, speed: Number) -> Number:
+        return self.slope_s * speed - self.offset_m
+
+
+def lines(braking: Fraction, most: Fraction, step_s: Fraction) -> list[Line]:
+    """The pieces up to a speed: one for each number of steps after which a vehicle still rolls.
+
+    ``stopping_distance`` takes the piece of ``floor(speed / (braking * step))`` steps.
+    """
+    return [
+        Line(step_s * k, step_s * k * braking * step_s * (k + 1) / 2)
+        for k in range(floor(most / (braking * step_s)) + 1)
+    ]
+
+
+def stopping(
+    largest: Largest, speed: Number, braking: Fraction, most: Fraction, step_s: Fraction
+) -> Number:
+    """How far a vehicle rolls that brakes from now on; no faster than ``most`` before."""
+    return largest([line(speed) for line in lines(braking, most, step_s)])
+
+
+def bounded(largest: Largest, speed: Number, most: Fraction) -> Number:
+    """A speed within [0, most]."""
+    return -largest([-largest([speed, 0 * speed]), -most + 0 * speed])
+
+
+def speeds(
+    largest: Largest, speed: Number, rate: Number, steps: int, argument: Argument
+) -> list[Number]:
+    """The ego's speeds before and after each of some steps at an acceleration."""
+    return [speed] + [
+        bounded(largest, speed + rate * (step * argument.step_s), argument.most_m_s)
+        for step in range(1, steps + 1)
+    ]
+
+
+def reach(largest: Largest, speed: Number, rate: Number, steps: int, argument: Argument) -> Number:
+    """How far the ego rolls in some steps at an acceleration and in braking hard afterwards."""
+    after = speeds(largest, speed, rate, steps, argument)
+    return sum(argument.step_s * each for each in after[1:]) + ego_stops(
+        largest, after[-1], argument
+    )
+
+
+def ego_stops(largest: Largest, speed: Number, argument: Argument) -> Number:
+    """How far the ego rolls that brakes hard."""
+    return stopping(largest, speed, argument.hard_m_s2, argument.most_m_s, argument.step_s)
+
+
+def lead_stops(largest: Largest, speed: Number, argument: Argument) -> Number:
+    """How far the check takes a vehicle ahead to roll at least."""
+    return stopping(
+        largest, speed, argument.braking_m_s2, argument.others_most_m_s, argument.step_s
+    )
+
+
+def follower_stops(largest: Largest, speed: Number, argument: Argument) -> Number:
+    """How far a vehicle behind rolls that brakes as it is counted on to."""
+    most = argument.others_most_m_s + 20 * argument.acceleration_m_s2
+    return stopping(largest, speed, argument.follower_m_s2, most, argument.step_s)
+
+
+def may_reach(largest: Largest, gap_m: Number, speed: Number, argument: Argument) -> Number:
+    """How far the ego may roll behind a vehicle ahead."""
+    return gap_m + lead_stops(largest, speed, argument) - argument.clearance_m
+
+
+def must_reach(
+    largest: Largest, gap_m: Number, speed: Number, delay_s: Fraction, argument: Argument
+) -> Number:
+    """How far the ego must roll ahead of a vehicle that brakes for it after a delay."""
+    gained = argument.acceleration_m_s2 * delay_s
+    rolled_m = speed * delay_s + gained * (delay_s + argument.step_s) / 2
+    stops_m = follower_stops(largest, speed + gained, argument)
+    return rolled_m + stops_m - gap_m + argument.clearance_m
+
+
+def cut_in_gap(
+    largest: Largest, speed: Number, rate: Number, other_m: Number, argument: Argument
+) -> Number:
+    """The gap beyond which one that rolls so far may begin to move in ahead of the ego."""
+    rolled_m = reach(largest, speed, rate, argument.cut_in_steps, argument)
+    spare_m = rolled_m - other_m
+    return largest([spare_m, 0 * spare_m]) + argument.clearance_m

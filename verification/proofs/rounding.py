@@ -1,0 +1,181 @@
+"""How far rounding takes the check's distances from the exact ones, by interval arithmetic.
+
+The functions of ``drl_av/safety`` run on ``Rounded`` numbers instead of floats. Each is a range of
+exact numbers and how far the float in its place may be off: an operation of IEEE 754 is off by at
+most ``UNIT`` of its result. Fractions bound all of it, so that the bounds are not rounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from itertools import pairwise
+from math import floor
+from typing import Any
+
+from drl_av.config import Config
+from drl_av.driving.actions import Longitudinal
+from drl_av.safety.reachability import Others, may_reach, must_reach
+from drl_av.safety.stopping import reach
+from verification.proofs.argument import Argument
+
+UNIT = Fraction(1, 2**53)
+SETTING = 4 * UNIT
+"""How far a setting, or a product of a few of them, is from the number as it is written."""
+POSITION_M = Fraction(1, 10**9)
+"""How far a gap between positions of up to 50 km may be off before the check sees it."""
+FLOOR = Fraction(1, 10**9)
+"""Most by which a number may be off of which a floor is taken."""
+PICKS = 3
+"""A floor may give the whole number of a range, or one of its two neighbours."""
+
+
+@dataclass(frozen=True)
+class Rounded:
+    """A float: the exact number that it stands for is within a range; of two ranges, add them."""
+
+    low: Fraction
+    high: Fraction
+    error: Fraction = Fraction(0)
+    pick: int = 0
+    """Which of the whole numbers possible a floor takes."""
+
+    @property
+    def ends(self) -> tuple[Fraction, Fraction]:
+        return self.low, self.high
+
+    @property
+    def most(self) -> Fraction:
+        """The largest magnitude of the exact number."""
+        return max(abs(self.low), abs(self.high))
+
+    def __add__(self, other: Any) -> Rounded:
+        b = rounded(other)
+        return _computed([self.low + b.low, self.high + b.high], self.error + b.error, self, b)
+
+    def __mul__(self, other: Any) -> Rounded:
+        b = rounded(other)
+        ends = [x * y for x in self.ends for y in b.ends]
+        error = self.most * b.error + b.most * self.error + self.error * b.error
+        return _computed(ends, error, self, b)
+
+    def __truediv__(self, other: Any) -> Rounded:
+        b = rounded(other)
+        ends = [x / y for x in self.ends for y in b.ends]
+        error = (self.error + max(map(abs, ends)) * b.error) / (min(map(abs, b.ends)) - b.error)
+        return _computed(ends, error, self, b)
+
+    def __sub__(self, other: Any) -> Rounded:
+        b = rounded(other)
+        return self + replace(b, low=-b.high, high=-b.low)
+
+    def __rsub__(self, other: Any) -> Rounded:
+        return rounded(other) - self
+
+    def __gt__(self, other: Any) -> bool:
+        return bool(self.low - self.error > other)
+
+    def __le__(self, other: Any) -> bool:
+        return not self > other
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **_: Any) -> Rounded:
+        return UFUNCS[ufunc.__name__](*(rounded(each) for each in inputs))
+
+    def __array_function__(self, function: Any, types: Any, inputs: Any, settings: Any) -> Any:
+        if function.__name__ != "where":
+            raise NotImplementedError(f"Rounded numbers know no numpy.{function.__name__}.")
+        condition, yes, no = inputs
+        return yes if condition else no
+
+
+def rounded(number: Any) -> Rounded:
+    """A setting or a whole number among rounded ones."""
+    if isinstance(number, Rounded):
+        return number
+    exact = Fraction(number)
+    off = Fraction(0) if isinstance(number, int) or exact.denominator == 1 else SETTING
+    return Rounded(exact, exact, abs(exact) * off)
+
+
+def _computed(ends: list[Fraction], error: Fraction, a: Rounded, b: Rounded) -> Rounded:
+    """The result of an operation on numbers that may be off already."""
+    low, high = min(ends), max(ends)
+    error += UNIT * (max(abs(low), abs(high)) + error)
+    return Rounded(low, high, error, max(a.pick, b.pick))
+
+
+def _floor(a: Rounded) -> Rounded:
+    assert a.error <= FLOOR
+    possible = range(floor(a.low - a.error), floor(a.high + a.error) + 1)
+    assert len(possible) <= PICKS
+    whole = Fraction(possible[min(a.pick, len(possible) - 1)])
+    return Rounded(whole, whole, Fraction(0), a.pick)
+
+
+def _extreme(extreme: Callable[..., Fraction]) -> Callable[[Rounded, Rounded], Rounded]:
+    def of_two(a: Rounded, b: Rounded) -> Rounded:
+        pick, error = max(a.pick, b.pick), max(a.error, b.error)
+        return Rounded(extreme(a.low, b.low), extreme(a.high, b.high), error, pick)
+
+    return of_two
+
+
+UFUNCS: dict[str, Callable[..., Rounded]] = {
+    "floor": _floor,
+    "maximum": _extreme(max),
+    "minimum": _extreme(min),
+    "add": Rounded.__add__,
+    "multiply": Rounded.__mul__,
+    "subtract": Rounded.__sub__,
+}
+
+
+def slices(most: Fraction, pace: Fraction, gained: Fraction) -> Iterator[Any]:
+    """Speeds up to the highest in ranges after which, and a gain, the floor is one number."""
+    steps = range(floor((most + abs(gained)) / pace) + 2)
+    ends = {k * pace - gained for k in steps} | {Fraction(0), most, most - gained, -gained}
+    inside = sorted(end for end in ends if 0 <= end <= most)
+    for low, high in pairwise(inside):
+        for pick in range(PICKS):
+            yield Rounded(low, high, Fraction(0), pick)
+
+
+def rounding_m(config: Config, a: Argument) -> Fraction:
+    """Most by which rounding may make a decision of the check wrong, metres.
+
+    The sum for the two sides of a comparison: the reach of the ego, and how far it may or must.
+    A wrong floor takes the piece of one step more or less, which is as long as it is off there.
+    """
+    strict, ego, step_s = config.strict, config.ego, config.simulation.step_length_s
+    gap_m: Any = Rounded(Fraction(1, 1000), Fraction(50_000), POSITION_M)
+    reaches = [
+        reach(speed, how.acceleration_m_s2(ego), ego, config.simulation)
+        for how, rate in zip(Longitudinal, a.rates_m_s2, strict=True)
+        for speed in slices(a.most_m_s, a.hard_m_s2 * a.step_s, rate * a.decision_s)
+    ]
+    is_ahead: Any = True
+    ahead = [
+        may_reach(gap_m, is_ahead, speed, strict, step_s)
+        for speed in slices(a.others_most_m_s, a.braking_m_s2 * a.step_s, Fraction(0))
+    ]
+    behind = []
+    for step in range(a.steps + 1):
+        delay_s = a.response_s + step * a.step_s
+        gained = a.acceleration_m_s2 * delay_s
+        for speed in slices(a.others_most_m_s, a.follower_m_s2 * a.step_s, gained):
+            facts: Any = (None, None, gap_m, not is_ahead, speed, None, None)
+            behind.append(must_reach(Others(*facts), float(delay_s), strict, step_s))
+    hardest = max(a.hard_m_s2, a.braking_m_s2, a.follower_m_s2)
+    return (
+        largest_error(reaches)
+        + largest_error([*ahead, *behind])
+        + (2 * FLOOR * hardest * a.step_s**2)
+    )
+
+
+def largest_error(numbers: list[Any]) -> Fraction:
+    """Most by which any of them may be off."""
+    return max((number.error for number in numbers), default=Fraction(0))

@@ -1,0 +1,93 @@
+"""Prove the argument of the check ``strict``, lemma by lemma, for the settings of a config.
+
+    python -m verification.prove                      # the default settings
+    python -m verification.prove --config FILE.toml   # other settings
+
+Z3 proves each lemma over exact reals, for every speed and gap; rounding is bounded beside it.
+Ends with status 1 where a lemma fails: the argument does not cover these settings.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator
+from fractions import Fraction
+from typing import NamedTuple
+
+from drl_av.config import Config, load_config
+from drl_av.errors import DrlAvError
+from verification.proofs import followers, following, lane_changes
+from verification.proofs.argument import Argument, argument
+from verification.proofs.lemma import Model, counterexample
+from verification.proofs.rounding import rounding_m
+
+LEMMAS = (*following.LEMMAS, *followers.LEMMAS, *lane_changes.LEMMAS)
+WIDTH = max(len(lemma.name) for lemma in LEMMAS)
+
+
+class Result(NamedTuple):
+    """What became of a lemma."""
+
+    name: str
+    says: str
+    seconds: float
+    model: Model | None
+    """A counterexample; None where the lemma is proved."""
+
+    def __str__(self) -> str:
+        verdict = "proved " if self.model is None else "REFUTED"
+        return f"{self.name:{WIDTH}}  {verdict}  {self.seconds:6.2f} s  {self.says}"
+
+
+def prove(config: Config) -> Iterator[Result]:
+    """The lemmas in order; raises ConfigError where they do not describe the settings."""
+    numbers = argument(config)
+    for lemma in LEMMAS:
+        begun_s = time.monotonic()
+        models = (counterexample(claim) for claim in lemma.claims(numbers))
+        model = next((model for model in models if model is not None), None)
+        yield Result(lemma.name, lemma.says, time.monotonic() - begun_s, model)
+    yield rounding(config, numbers)
+
+
+def rounding(config: Config, numbers: Argument) -> Result:
+    """Whether the clearance covers rounding."""
+    begun_s = time.monotonic()
+    off_m = rounding_m(config, numbers)
+    says = (
+        f"Rounding moves a comparison of the check by less than {float(off_m):.1e} m, which "
+        f"strict.clearance_m, {float(numbers.clearance_m):g}, covers."
+    )
+    covered = off_m < numbers.clearance_m
+    model = {"rounding_m": off_m, "clearance_m": numbers.clearance_m}
+    return Result("rounding", says, time.monotonic() - begun_s, None if covered else model)
+
+
+def told(model: dict[str, Fraction]) -> str:
+    """The numbers of a counterexample."""
+    return ", ".join(f"{name} {float(value):.6g}" for name, value in model.items())
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--config", help="a TOML file of settings")
+    arguments = parser.parse_args()
+    failed = []
+    try:
+        for result in prove(load_config(arguments.config)):
+            print(result, flush=True)
+            failed += [result] if result.model is not None else []
+    except DrlAvError as error:
+        print(error, file=sys.stderr)
+        return 1
+    for result in failed:
+        print(
+            f"These settings are not covered: the lemma {result.name} fails, for example at "
+            f"{told(result.model or {})}.",
+            file=sys.stderr,
+        )
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
