@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from worlds import CENTER, LEFT, RIGHT, ahead, behind, scene
+from worlds import BARRICADED_ROAD, LEFT, RIGHT, ahead, behind, scene
 
 from drl_av.config import Config, MobilConfig
 from drl_av.drivers.mobil import MobilDriver, idm_acceleration
@@ -77,9 +77,11 @@ def test_gain_below_the_threshold_is_not_worth_a_lane_change() -> None:
     assert act(world, threshold_m_s2=0.0) is Lateral.LEFT
 
 
-def test_barricaded_and_missing_lanes_are_never_entered() -> None:
-    world = scene(ahead(40, LEFT, speed_m_s=15), y_m=LEFT)
-    gains = [world.affordances.has_lane(sign) for sign in (1, -1)]
-    assert gains == [False, True]
-    assert act(world) is Lateral.RIGHT
-    assert CENTER == 3.8
+def test_the_leftmost_lane_is_left_for_the_only_one_beside_it() -> None:
+    assert act(scene(ahead(40, LEFT, speed_m_s=15), y_m=LEFT)) is Lateral.RIGHT
+
+
+def test_a_barricaded_lane_is_never_entered_however_much_it_would_gain() -> None:
+    slow = (ahead(40, speed_m_s=15), ahead(40, LEFT, speed_m_s=15))
+    assert act(scene(*slow)) is Lateral.RIGHT
+    assert act(scene(*slow, road=BARRICADED_ROAD)) is Lateral.KEEP
