@@ -23,9 +23,9 @@ from drl_av.config import Config, from_toml, load_config
 from drl_av.drivers.policy_file import load, load_policy
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, ScenarioError, SimulationError
+from drl_av.learning.assembly import make_training
 from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
-from drl_av.learning.training import Training
 from drl_av.traffic import description
 from drl_av.traffic.scenario import (
     PlacedVehicle,
@@ -313,7 +313,7 @@ def runs(env: HighwayEnv, tmp_path_factory: pytest.TempPathFactory) -> list[Path
     folders = []
     for seed in (1, 2):
         env.config = SMALL.updated("learning", seed=seed)
-        run, training = Run(tmp_path_factory.mktemp("runs") / "run"), Training(env)
+        run, training = Run(tmp_path_factory.mktemp("runs") / "run"), make_training(env)
         run.create(env.config)
         run.append(run.episodes_file, training.run_episode())
         run.save(training)
@@ -332,7 +332,7 @@ def test_a_checkpoint_continues_the_same_training_or_one_sentence(
     rest = [other.checkpoint_file.read_bytes(), run.policy_file.read_bytes(), PICKLE]
     try:
         run.checkpoint_file.write_bytes(data.draw(spoilt(whole, *rest)))
-        training = Training(env)
+        training = make_training(env)
         run.restore(training)
     except CheckpointError as error:
         sentence(error)
@@ -372,7 +372,7 @@ def test_a_file_with_a_true_checksum_and_false_contents_is_one_sentence(
     try:
         save(run.checkpoint_file, tensors, numbers)
         for read in (
-            lambda: run.restore(Training(env)),
+            lambda: run.restore(make_training(env)),
             lambda: load_policy(run.checkpoint_file),
         ):
             with pytest.raises(CheckpointError) as error:
@@ -393,7 +393,7 @@ def test_a_checkpoint_truncates_no_file_but_the_run_s_own(
     whole = run.checkpoint_file.read_bytes()
     numbers["sizes"]["../diary.txt"] = 0
     save(run.checkpoint_file, tensors, numbers)
-    run.restore(Training(env))
+    run.restore(make_training(env))
     assert victim.read_text() == "dear diary"
     run.checkpoint_file.write_bytes(whole)
 

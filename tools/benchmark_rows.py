@@ -25,9 +25,8 @@ from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import load_driver
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv, Observation
-from drl_av.learning.experience import make_buffer
+from drl_av.learning.assembly import make_buffer, make_training
 from drl_av.learning.learner import Learner
-from drl_av.learning.training import Training
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
 
 VEHICLES = 30
@@ -138,7 +137,7 @@ def train_row(
 ) -> Row:
     """Both learn in the traffic of the same few seeds, round after round."""
     ours, theirs = (stack.enter_context(closing(Rounds(config, seeds))) for _ in range(2))
-    training, rival = Training(ours), stable_baselines3(theirs)
+    training, rival = make_training(ours), stable_baselines3(theirs)
 
     def train() -> float:
         begun = time.perf_counter()

@@ -83,16 +83,16 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
 def train(options: argparse.Namespace) -> int:
     """Run Algorithm 1, and keep its results in a run folder."""
     from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.board import require_tensorboard
+    from drl_av.learning.assembly import make_training
     from drl_av.learning.run import Run
-    from drl_av.learning.training import Training
+    from drl_av.learning.tensorboard import require_tensorboard
 
     if options.tensorboard:
         require_tensorboard()
     run = Run(options.out)
     config = _training_config(options, run)
     with closing(HighwayEnv(config=config)) as env:
-        training = Training(env)
+        training = make_training(env)
         if not options.resume:
             run.create(config)
         return _carry_on("train", run, training, options.tensorboard, "idm")
@@ -103,10 +103,9 @@ def adapt(options: argparse.Namespace) -> int:
     from drl_av.drivers.policy_file import find_policy
     from drl_av.drivers.registry import find_drivers
     from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.adaptation import take_over
-    from drl_av.learning.board import require_tensorboard
+    from drl_av.learning.assembly import make_training, warm_start
     from drl_av.learning.run import Run
-    from drl_av.learning.training import Training
+    from drl_av.learning.tensorboard import require_tensorboard
 
     if options.tensorboard:
         require_tensorboard()
@@ -119,9 +118,9 @@ def adapt(options: argparse.Namespace) -> int:
         )
     config = _adaptation_config(options, run, spec)
     with closing(HighwayEnv(config=config)) as env:
-        training = Training(env)
+        training = make_training(env)
         if not options.resume:
-            experienced = take_over(training, find_policy(spec.run))
+            experienced = warm_start(training, find_policy(spec.run))
             run.create(config, training)
             if not experienced and config.learning.learning_rate > 0:
                 print(
@@ -196,17 +195,17 @@ def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, ri
 def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bool:
     """Train until the last episode (True) or until the user asks to stop (False)."""
     from drl_av.cli.console import episode_line, evaluation_line, progress_bar, stop_request
-    from drl_av.learning.board import board
     from drl_av.learning.run import train
+    from drl_av.learning.tensorboard import tensorboard_writer
 
     total, done = training.config.learning.episodes, training.episodes_done
     with (
         stop_request() as stop,
-        board(run.folder / "tensorboard" if tensorboard else None, done) as events,
+        tensorboard_writer(run.folder / "tensorboard" if tensorboard else None, done) as write,
         progress_bar(f"{verb}ing", total, done) as bar,
     ):
         for progress in train(run, training):
-            events.add(progress)
+            write(progress)
             bar.advance(episode_line(progress.episode), progress.episode.decisions)
             if progress.evaluation:
                 bar.say(evaluation_line(progress.evaluation))

@@ -95,6 +95,10 @@ BEFORE = Config().updated("reward", speed_tolerance_m_s=0.0)
 """What older versions did where a setting was none yet: the base of the settings they stored."""
 
 
+RENAMED = {("learning", "networks_take_turns"): "round_robin"}
+"""New names of settings, by section and the name under which older files store them."""
+
+
 def from_toml(text: str, base: Config | None = None, name: str = "config") -> Config:
     """Lay the settings of a TOML text over ``base`` (default: the paper's).
 
@@ -131,6 +135,7 @@ def from_sections(
         if section == "traffic" and "kind" in settings:
             config = config.with_traffic(settings["kind"])
             settings = {key: value for key, value in settings.items() if key != "kind"}
+        settings = {RENAMED.get((section, key), key): value for key, value in settings.items()}
         known = [item.name for item in fields(_SECTIONS[section])]  # type: ignore[arg-type]
         for key in settings:
             if key not in known:

@@ -38,7 +38,7 @@ class LearningConfig(Section):
         low=1,
         high=100,
     )
-    networks_take_turns: bool = setting(
+    round_robin: bool = setting(
         False, "ours", "a gradient step trains one network, in turn, instead of each of them"
     )
     replay: str = setting("two-buffer", "Alg. 1", "kind of experience replay", choices=REPLAYS)

@@ -86,7 +86,7 @@ def adaptation(config: Config) -> Config:
         learning_rate_end_fraction=1.0,
         gradient_steps=1,
         batch_size=PRESETS["paper"].learning.batch_size,
-        networks_take_turns=True,
+        round_robin=True,
         importance_exponent_start=1.0,
         counterfactuals=0,
         collisions_to_start=64 if counted else 0,

@@ -103,10 +103,10 @@ class BarricadeTraining:
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
         """Train with the check of the config, a row an episode; then drive what was trained."""
-        from drl_av.learning.training import Training
+        from drl_av.learning.assembly import make_training
 
         with closing(BarricadeEnv(config=self.config)) as env:
-            training = Training(env)
+            training = make_training(env)
             for episode in range(1, self.config.learning.episodes + 1):
                 decisions = training.run_episode().decisions
                 yield self._row(env, "training", episode, decisions)

@@ -106,16 +106,15 @@ def train_job(job: TrainingJob) -> None:
     """
     job.require_same_settings()
     from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.adaptation import take_over
+    from drl_av.learning.assembly import make_training, warm_start
     from drl_av.learning.run import Run, train
-    from drl_av.learning.training import Training
 
     run = Run(job.folder)
     with closing(HighwayEnv(config=job.config)) as env, ExitStack() as stack:
-        training = Training(env)
+        training = make_training(env)
         if not job.begun:
             if job.origin:
-                take_over(training, job.origin.policy)
+                warm_start(training, job.origin.policy)
             run.create(job.config, training if job.origin else None)
         stack.enter_context(run.alone())
         run.restore(training)

@@ -132,8 +132,8 @@ class Buffer(Protocol):
         """Nothing changes over the training, ``progress`` from 0 to 1, unless a buffer says so."""
         return None
 
-    def learned_from(self, batch: Batch, td_errors: Float32Array) -> None:
-        """Errors change nothing, unless a buffer says so; of a batch ``sample`` gave, (rows,)."""
+    def update_priorities(self, batch: Batch, td_errors: Float32Array) -> None:
+        """The errors of a sampled batch, (rows,), change nothing, unless a buffer says so."""
         return None
 
 

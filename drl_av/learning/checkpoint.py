@@ -74,13 +74,12 @@ def rng_to_json(rng: np.random.Generator) -> dict[str, Any]:
     return state
 
 
-def rng_from_json(state: dict[str, Any]) -> np.random.Generator:
-    """The generator that goes on where ``rng_to_json`` looked.
+def restore_rng(rng: np.random.Generator, state: dict[str, Any]) -> None:
+    """Let a generator go on from the state that ``rng_to_json`` returned.
 
     Raises:
-        CheckpointError: it is the state of another kind of generator than numpy's default.
+        CheckpointError: it is the state of another kind of generator.
     """
-    rng = np.random.default_rng()
     try:
         rng.bit_generator.state = state
     except (ValueError, TypeError, KeyError) as error:
@@ -88,4 +87,3 @@ def rng_from_json(state: dict[str, Any]) -> np.random.Generator:
             f"The stored state of a random generator is not one of {rng.bit_generator}: go on "
             "with the version of numpy the run was started with."
         ) from error
-    return rng

@@ -1,28 +1,59 @@
-"""The experience buffer that the settings name."""
+"""How each decision becomes experience: Algorithm 1, lines 6 and 8 to 12."""
 
-from drl_av.config import LearningConfig
-from drl_av.learning.buffers import Buffer, TwoBuffers, UniformBuffer
-from drl_av.learning.prioritized import PrioritizedBuffer
+from collections.abc import Callable
+
+from drl_av.config import Config
+from drl_av.env.decision import Decision
+from drl_av.env.reward import speed_bonus
+from drl_av.learning.buffers import Buffer
+
+Store = Callable[[Decision], None]
+"""Puts a decision into the buffers."""
 
 
-def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
-    """The empty buffer that ``config.replay`` names; with one ring it has room for both kinds."""
-    capacity = config.safe_capacity + config.collision_capacity
-    if config.replay == "uniform":
-        return UniformBuffer(observation_size, capacity, config.discount)
-    if config.replay == "prioritized":
-        return PrioritizedBuffer(
-            observation_size,
-            capacity,
-            config.discount,
-            config.priority_exponent,
-            config.importance_exponent_start,
-            config.priority_floor,
-        )
-    return TwoBuffers(
-        observation_size,
-        config.safe_capacity,
-        config.collision_capacity,
-        config.discount,
-        config.collision_fraction,
-    )
+class StoreDecision:
+    """Stores an unsafe proposal and a collision in Buf_C, every executed action in Buf_S.
+
+    An unsafe proposal ends in r_col, as in Algorithm 1. Ours: with ``learning.speed_weight`` the
+    stored reward is the environment's and a bonus for speed.
+    """
+
+    def __init__(self, buffer: Buffer, config: Config) -> None:
+        self._buffer, self._ego = buffer, config.ego
+        self._r_col = config.reward.collision_reward
+        self._speed_weight = config.learning.speed_weight
+
+    def __call__(self, decision: Decision) -> None:
+        """Lines 6 and 8 to 12."""
+        speed_m_s = decision.next_scene.affordances.ego_speed_m_s
+        r_tp1 = decision.reward + speed_bonus(speed_m_s, self._ego, self._speed_weight)
+        s_t, executed = decision.observation, decision.executed.number
+        if decision.triggered:
+            self.store_unsafe(decision, r_tp1)
+        if decision.terminated:
+            self._buffer.add_collision(s_t, executed, self._r_col)
+        else:
+            self._buffer.add_safe(s_t, executed, r_tp1, decision.next_observation)
+
+    def store_unsafe(self, decision: Decision, r_tp1: float) -> None:
+        """Line 6: the unsafe proposal ends in r_col."""
+        self._buffer.add_collision(decision.observation, decision.proposed.number, self._r_col)
+
+
+class StoreWithPenalty(StoreDecision):
+    """An unsafe proposal leads where the action executed instead led, less a penalty (ours).
+
+    It ends in r_col only where the executed action collides too.
+    """
+
+    def __init__(self, buffer: Buffer, config: Config) -> None:
+        super().__init__(buffer, config)
+        self._penalty = config.learning.unsafe_penalty
+
+    def store_unsafe(self, decision: Decision, r_tp1: float) -> None:
+        """The proposal with the reward and the next state of what was executed."""
+        if decision.terminated:
+            super().store_unsafe(decision, r_tp1)
+            return
+        s_t, a_t, s_tp1 = decision.observation, decision.proposed.number, decision.next_observation
+        self._buffer.add_unsafe(s_t, a_t, r_tp1 - self._penalty, s_tp1)

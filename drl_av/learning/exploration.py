@@ -1,8 +1,15 @@
-"""How much to explore, and how: Algorithm 1, line 5."""
+"""Algorithm 1, line 5: how much the driver explores, and how."""
 
 from collections.abc import Callable
+from functools import partial
+from typing import Protocol
 
 import numpy as np
+
+from drl_av.drivers.driver import Driver
+from drl_av.drivers.network import Float32Array
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.scene import Scene
 
 
 def linear_epsilon(
@@ -22,8 +29,31 @@ def epsilon_greedy(
 ) -> int:
     """A random action with probability ``epsilon``, else the greedy one.
 
-    Algorithm 1, line 5. ``greedy`` is only called when its answer is taken.
+    Algorithm 1, line 5. ``greedy`` is called only if its action is taken.
     """
     if rng.random() < epsilon:
         return int(rng.integers(action_size))
     return greedy()
+
+
+class GreedyDriver(Driver, Protocol):
+    """A driver whose greedy action Algorithm 1 asks for."""
+
+    def greedy(self, s_t: Float32Array) -> int:
+        """argmax_a Q(s_t, a) of a scaled observation, shape (27,)."""
+
+
+class ExploringDriver:
+    """Epsilon-greedy around another driver; ``epsilon`` may be set before each episode."""
+
+    def __init__(self, driver: GreedyDriver, rng: np.random.Generator) -> None:
+        self._driver, self._rng = driver, rng
+        self.epsilon = 1.0
+
+    def start(self, seed: int) -> None:
+        """Draws go on from the generator of the training, whatever the seed of the traffic."""
+
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
+        """A random action with probability ``epsilon``, else the greedy one."""
+        greedy = partial(self._driver.greedy, observation)
+        return ACTIONS[epsilon_greedy(self.epsilon, len(ACTIONS), greedy, self._rng)]

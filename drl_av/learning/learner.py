@@ -4,6 +4,8 @@ Both passes are written out in numpy because at 64 rows autograd, and torch's ca
 than the arithmetic.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -67,6 +69,15 @@ def backward(
             dz *= np.maximum(entered[i] > 0, LEAK, dtype=dz.dtype)
 
 
+class Update(NamedTuple):
+    """What a gradient step found, before it changed the network."""
+
+    loss: float
+    """The mean of the weighted squared errors."""
+    td_errors: Float32Array
+    """y - Q(s, a) of each row, (rows,)."""
+
+
 class Learner:
     """The online and the target network and Adam's moments; learns a batch at a time.
 
@@ -79,7 +90,6 @@ class Learner:
         torch.set_num_threads(1)
         self.network = network
         self.learning_rate = learning_rate
-        self.td_errors: Float32Array = np.zeros(0, np.float32)
         self._online = torch.from_numpy(network.flat)
         self._target = self._online.clone()
         self._gradient = torch.zeros_like(self._online)
@@ -95,11 +105,10 @@ class Learner:
         """Gradient steps made so far."""
         return int(self._step)
 
-    def update(self, batch: Batch) -> float:
-        """One step of Adam on the squared error; returns the mean over the batch before it.
+    def update(self, batch: Batch) -> Update:
+        """One step of Adam on the squared error of a batch.
 
-        Algorithm 1, lines 14 and 15. Only rows with a discount look at their next state.
-        ``td_errors`` keeps y - Q(s, a) of each row.
+        Algorithm 1, lines 14 and 15. The next state of a row without a discount is never read.
         """
         rows = len(batch.a_t)
         goes_on = batch.discount.nonzero()[0]
@@ -117,8 +126,7 @@ class Learner:
         dq = q_gradient(weighted_td, batch.a_t, q_t.shape[1])
         backward(self._online_layers, [x[:rows] for x in entered], dq, self._gradient_layers)
         self._adam()
-        self.td_errors = td
-        return float(weighted_td.dot(td)) / rows
+        return Update(float(weighted_td.dot(td)) / rows, td)
 
     def _adam(self) -> None:
         """The step of torch.optim.Adam(fused=True), without half of its time around it."""

@@ -135,7 +135,7 @@ class PrioritizedBuffer(Buffer):
         start = self.importance_exponent_start
         self.importance_exponent = start + (1.0 - start) * progress
 
-    def learned_from(self, batch: Batch, td_errors: Float32Array) -> None:
+    def update_priorities(self, batch: Batch, td_errors: Float32Array) -> None:
         """Give the rows of a batch the priority that their errors before learning earn."""
         assert batch.slots is not None
         p = np.abs(td_errors, dtype=np.float64) + self.priority_floor

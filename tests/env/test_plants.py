@@ -14,7 +14,7 @@ from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.evaluation.replay import ReplaySession, replay_session
-from drl_av.learning.training import Training
+from drl_av.learning.assembly import make_training
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
 
 KEEP, ACCELERATE, RIGHT, LEFT = 0, 1, 4, 8
@@ -64,7 +64,7 @@ def test_an_episode_on_the_steering_plant_is_replayed_to_the_last_bit() -> None:
 
 def test_a_training_runs_on_the_steering_plant() -> None:
     env = HighwayEnv(config=SHORT)
-    training = Training(env)
+    training = make_training(env)
     rows = [training.run_episode() for _ in range(2)]
     env.close()
     assert [row.episode for row in rows] == [1, 2]

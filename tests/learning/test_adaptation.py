@@ -138,7 +138,7 @@ def test_a_fast_driver_is_adapted_slowly_too() -> None:
     assert learning.learning_rate == 1e-5 < Config().learning.learning_rate
     assert (learning.learning_rate_end_fraction, learning.gradient_steps) == (1.0, 1)
     assert (learning.episodes, learning.counterfactuals, learning.batch_size) == (30_000, 0, 64)
-    assert (learning.networks_take_turns, learning.collisions_to_start) == (True, 64)
+    assert (learning.round_robin, learning.collisions_to_start) == (True, 64)
 
 
 @pytest.mark.parametrize("replay", ["prioritized", "uniform"])
@@ -336,12 +336,11 @@ def test_experience_of_another_replay_is_not_dropped_in_silence(
 
 
 def test_a_checkpoint_that_is_none_is_refused(trained: Path, tmp_path: Path) -> None:
-    from drl_av.learning.adaptation import take_over
-    from drl_av.learning.training import Training
+    from drl_av.learning.assembly import make_training, warm_start
 
     folder = Path(shutil.copytree(trained, tmp_path / "copy"))
     shutil.copy(folder / "policy.safetensors", folder / "checkpoint.safetensors")
     env = HighwayEnv(config=load_config(folder / "config.toml"))
     with pytest.raises(CheckpointError, match="is not a training's"):
-        take_over(Training(env), folder / "policy.safetensors")
+        warm_start(make_training(env), folder / "policy.safetensors")
     env.close()

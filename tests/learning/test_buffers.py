@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 
 from drl_av.config import LearningConfig
 from drl_av.errors import CheckpointError
+from drl_av.learning.assembly import make_buffer
 from drl_av.learning.buffers import Ring, TwoBuffers, UniformBuffer, batch_of
-from drl_av.learning.experience import make_buffer
 
 
 def observation(value: float) -> np.ndarray:

@@ -89,7 +89,7 @@ def test_written_out_update_equals_autograd_and_torchs_adam_over_300_steps(ended
         if step % 2:
             batch = batch._replace(weights=rng.random(64))
         batch = Batch(*(x if x is None or x.dtype.kind == "i" else x.astype(float) for x in batch))
-        assert ours.update(batch) == pytest.approx(update(batch), rel=1e-9)
+        assert ours.update(batch).loss == pytest.approx(update(batch), rel=1e-9)
         if step % 50 == 49:
             ours.sync_target()
             target.load_state_dict(online.state_dict())
@@ -104,7 +104,7 @@ def test_single_precision_stays_with_autograd_for_50_steps():
     rng = np.random.default_rng(1)
     for _ in range(50):
         batch = random_batch(rng)
-        assert ours.update(batch) == pytest.approx(update(batch), rel=1e-5)
+        assert ours.update(batch).loss == pytest.approx(update(batch), rel=1e-5)
     for mine, theirs in zip(ours.network.tensors().values(), online.parameters(), strict=True):
         assert mine.dtype == np.float32
         assert np.allclose(mine, theirs.detach().numpy(), atol=1e-5)
@@ -116,17 +116,17 @@ def test_a_collision_row_ignores_its_next_state_whatever_stands_there():
     nonsense = batch.s_tp1.copy()
     nonsense[batch.discount == 0.0] = np.nan
     first, second = learner(), learner()
-    assert first.update(batch) == second.update(batch._replace(s_tp1=nonsense))
+    assert first.update(batch).loss == second.update(batch._replace(s_tp1=nonsense)).loss
     assert np.array_equal(first.network.flat, second.network.flat)
 
 
-def test_td_errors_of_the_last_batch_are_kept_row_by_row():
+def test_an_update_returns_the_loss_and_the_errors_row_by_row():
     ours = learner()
     batch = random_batch(np.random.default_rng(2), ended=1.0)
     q_t = forward(ours.network.layers, batch.s_t)[1]
-    loss = ours.update(batch)
-    assert np.allclose(ours.td_errors, batch.r_tp1 - q_t[np.arange(64), batch.a_t], atol=1e-6)
-    assert loss == pytest.approx(np.mean(ours.td_errors**2), rel=1e-5)
+    loss, td_errors = ours.update(batch)
+    assert np.allclose(td_errors, batch.r_tp1 - q_t[np.arange(64), batch.a_t], atol=1e-6)
+    assert loss == pytest.approx(np.mean(td_errors**2), rel=1e-5)
 
 
 def test_the_target_network_moves_only_when_it_is_told_to():

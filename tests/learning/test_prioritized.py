@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from drl_av.config import LearningConfig
 from drl_av.driving.mirror import MIRROR
 from drl_av.errors import CheckpointError
-from drl_av.learning.experience import make_buffer
-from drl_av.learning.mirroring import mirror_half
+from drl_av.learning.assembly import make_buffer
+from drl_av.learning.augmentation import mirror_half
 from drl_av.learning.prioritized import PrioritizedBuffer, SumTree, importance_weights
 
 
@@ -30,7 +30,7 @@ def learn(buffer: PrioritizedBuffer, errors: dict[int, float]) -> None:
     """Tell the buffer the TD errors of some of its slots."""
     batch = buffer.sample(len(errors), np.random.default_rng(0))
     batch = batch._replace(slots=np.array(list(errors)))
-    buffer.learned_from(batch, np.array(list(errors.values()), np.float32))
+    buffer.update_priorities(batch, np.array(list(errors.values()), np.float32))
 
 
 def test_fractions_fall_into_slots_laid_end_to_end():
@@ -204,7 +204,7 @@ def test_a_restored_buffer_goes_on_bit_for_bit(rows, learnt, more):
 
     def go_on(buffer: PrioritizedBuffer, rng: np.random.Generator) -> list[np.ndarray]:
         batch = buffer.sample(16, rng)
-        buffer.learned_from(batch, rng.standard_normal(16).astype(np.float32))
+        buffer.update_priorities(batch, rng.standard_normal(16).astype(np.float32))
         return [part.copy() for part in batch]
 
     for _ in range(learnt if rows else 0):

@@ -1,60 +1,64 @@
-"""Algorithm 1, line by line on a world without SUMO, and from its seed on with SUMO."""
+"""Algorithm 1, line by line on a road without SUMO, and from its seed on with SUMO."""
 
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from worlds import ALONE
+from worlds import ALONE, ROAD
 
 from drl_av.config import REPLAYS, Config
+from drl_av.drivers.learned import LearnedDriver
+from drl_av.drivers.network import QNetwork
 from drl_av.driving.affordances import INDICATORS
 from drl_av.env.episode import TRAINING_SEEDS
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
-from drl_av.errors import ConfigError
 from drl_av.learning import training as module
-from drl_av.learning.buffers import Batch, TwoBuffers, UniformBuffer
+from drl_av.learning.assembly import make_buffer, make_training
+from drl_av.learning.augmentation import mirror_half, unchanged
+from drl_av.learning.buffers import Batch, Buffer
+from drl_av.learning.experience import StoreDecision
+from drl_av.learning.learner import Learner, Update
 from drl_av.learning.run import Run, train
-from drl_av.learning.training import EVALUATION_SEEDS, Training
-from drl_av.traffic.road import Road
+from drl_av.learning.training import EVALUATION_SEEDS, Training, Variant, draw_seed
 from drl_av.traffic.snapshot import Collision, CollisionKind
 
 KEEP, HARD_BRAKE, LEFT = 0, 3, 8
-R_COL = Config().reward.collision_reward
-GAMMA = Config().learning.discount
 HIT = Collision(CollisionKind.HIT_AHEAD, "vehicle1")
+N = len(INDICATORS)
+Step = tuple[int | None, str, float, bool]
+"""The action executed (None: as proposed), the rule that fired, the reward, a collision."""
 
 
-def affordances(t: int) -> np.ndarray:
-    return np.full(len(INDICATORS), t / 8, np.float32)
+def observed(t: int) -> np.ndarray:
+    return np.full(N, t / 8, np.float32)
 
 
 class ScriptedEnv:
-    """Each decision goes as the script has it: (executed action, rule, reward, terminated)."""
+    """An environment in which each decision goes as the script has it."""
 
-    def __init__(
-        self, script: list[tuple[int | None, str, float, bool]], config: Config, tape: list[str]
-    ) -> None:
+    road = ROAD
+    scene = ALONE
+    simulation = SimpleNamespace(placed_vehicles=None)
+
+    def __init__(self, script: list[Step], config: Config, tape: list[str]) -> None:
         self.script, self.config, self.tape = script, config, tape
         self.seeds: list[int] = []
-
-    simulation = SimpleNamespace(placed_vehicles=None)
-    road = Road(500.0, 3.8, (True, True, True))
-    scene = None
 
     def require_room(self) -> None:
         """There is room for any number of vehicles on the script."""
 
-    def reset(self, *, seed: int) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int, options: object) -> tuple[np.ndarray, dict[str, Any]]:
         self.tape.append("reset")
         self.seeds.append(seed)
         self.t = 0
-        return affordances(0), {}
+        return observed(0), {}
 
     def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         self.tape.append("act")
@@ -64,51 +68,90 @@ class ScriptedEnv:
             "rule": rule,
             "proposed_action": action,
             "executed_action": action if executed is None else executed,
-            "speed_m_s": 20.0,
+            "rewards": {"r_v": reward, "r_y": 0.0, "r_x": 0.0},
             "collision": HIT if terminated else None,
             "vehicles": 3,
         }
-        return affordances(self.t), reward, terminated, self.t == len(self.script), info
+        return observed(self.t), reward, terminated, self.t == len(self.script), info
 
 
-QUIET = (None, "none", -0.5, False)
+QUIET: Step = (None, "none", -0.5, False)
+OVERRULED: Step = (HARD_BRAKE, "gap", -0.5, False)
 
 
-def scripted(
-    script: list[tuple[int | None, str, float, bool]], **learning: Any
-) -> tuple[Training, list[str], ScriptedEnv]:
-    """A training on the script, with a tape of what it does to its buffers and its learner."""
+class TapedLearner(Learner):
+    """Keeps what it found in each update."""
+
+    def __init__(self, tape: list[str]) -> None:
+        super().__init__(QNetwork(np.random.default_rng(0)))
+        self.tape = tape
+        self.updates: list[Update] = []
+
+    def update(self, batch: Batch) -> Update:
+        self.tape.append("update")
+        self.updates.append(super().update(batch))
+        return self.updates[-1]
+
+    def sync_target(self) -> None:
+        self.tape.append("sync_target")
+        super().sync_target()
+
+
+class Story(NamedTuple):
+    """A training of Algorithm 1 on a script, and the parts it was handed."""
+
+    training: Training
+    env: ScriptedEnv
+    buffer: Any
+    learner: TapedLearner
+    tape: list[str]
+
+
+def always(action: int) -> LearnedDriver:
+    """A driver to which one action is worth 1 more than any other, with a margin of 2."""
+    values = np.zeros(12, np.float32)
+    values[action] = 1.0
+    return LearnedDriver(lambda s: values.copy(), lane_change_margin=2.0)
+
+
+def story(script: list[Step], mirrored: bool = False, **learning: Any) -> Story:
     tape: list[str] = []
     config = Config().updated("learning", **{"episodes": 10, "batch_size": 8} | learning)
-    env = ScriptedEnv(script, config, tape)
-    training = Training(env)  # type: ignore[arg-type]
-    for owner, name in (
-        (training._buffer, "add_collision"),
-        (training._buffer, "add_safe"),
-        (training._buffer, "sample"),
-        (training._learners["learner"], "update"),
-        (training._learners["learner"], "sync_target"),
-    ):
-        record(owner, name, tape)
-    return training, tape, env
+    env, learner, rng = ScriptedEnv(script, config, tape), TapedLearner(tape), np.random
+    generator = rng.default_rng(config.learning.seed)
+    buffer = make_buffer(config.learning, N)
+    for name in ("add_collision", "add_safe", "sample"):
+        record(buffer, name, tape)
+    variant = Variant(
+        store=StoreDecision(buffer, config),
+        augment=mirror_half if mirrored else unchanged,
+        turns=[[learner]],
+        traffic_seed=partial(draw_seed, generator),
+    )
+    scripted_env: Any = env
+    training = Training(scripted_env, always(LEFT), [learner], buffer, generator, variant)
+    return Story(training, env, buffer, learner, tape)
 
 
-def record(owner: Any, name: str, tape: list[str]) -> None:
-    method = getattr(owner, name)
+def record(buffer: Buffer, name: str, tape: list[str]) -> None:
+    method = getattr(buffer, name)
 
     def taped(*arguments: Any) -> Any:
         tape.append(name)
         return method(*arguments)
 
-    setattr(owner, name, taped)
+    setattr(buffer, name, taped)
 
 
-def always(action: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "epsilon_greedy", lambda *_: action)
+def made(script: list[Step], **learning: Any) -> tuple[Training, ScriptedEnv]:
+    """A training as the settings have it."""
+    config = Config().updated("learning", **{"episodes": 10, "batch_size": 8} | learning)
+    env: Any = ScriptedEnv(script, config, [])
+    return make_training(env), env
 
 
-def test_episode_resets_then_acts_remembers_and_learns_at_each_decision() -> None:
-    training, tape, _ = scripted([QUIET, (HARD_BRAKE, "gap", -0.5, False), QUIET])
+def test_episode_resets_then_acts_stores_and_learns_at_each_decision() -> None:
+    training, _, _, _, tape = story([QUIET, OVERRULED, QUIET])
     training.run_episode()
     learn = ["sample", "update"]
     assert tape == [
@@ -119,21 +162,29 @@ def test_episode_resets_then_acts_remembers_and_learns_at_each_decision() -> Non
     ]
 
 
+def test_the_row_of_an_episode_counts_what_happened_in_it() -> None:
+    script = [QUIET, OVERRULED, (None, "none", -3.5, True)]
+    training, env, _, learner, _ = story(script)
+    row = training.run_episode()
+    assert (row.episode, row.seed, row.vehicles, row.decisions) == (1, env.seeds[0], 3, 3)
+    assert row.mean_reward == pytest.approx((-0.5 - 0.5 - 3.5) / 3)
+    assert row.mean_speed_m_s == 20.0
+    assert (row.safety_triggers, row.collided, row.ego_hit) == (1, True, True)
+    assert (row.epsilon, row.mean_loss) == (1.0, np.mean([u.loss for u in learner.updates]))
+
+
 def test_it_learns_from_lane_changes_that_its_driver_does_not_begin(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    training, _, _ = scripted([QUIET] * 3, lane_change_margin=2.0, epsilon_start=0, epsilon_end=0)
-    training.networks[0].flat[:] = 0
-    training.networks[0].flat[-12 + LEFT] = 1.0  # worth 1 more than any other in every state
+    training, _, buffer, _, _ = story([QUIET] * 3, epsilon_start=0, epsilon_end=0)
     training.run_episode()
-    rows = training._buffer.safe.rows  # type: ignore[attr-defined]
-    assert rows[:3, -3].tolist() == [LEFT] * 3
+    assert buffer.safe.rows[:3, -3].tolist() == [LEFT] * 3
 
     driven: list[int] = []
     result = EpisodeResult(*[0] * len(fields(EpisodeResult)))  # type: ignore[arg-type]
 
     def drive(env: Any, driver: Any, *_: Any) -> EpisodeResult:
-        driven.append(driver.act(ALONE, affordances(0)).number)
+        driven.append(driver.act(ALONE, observed(0)).number)
         return result
 
     monkeypatch.setattr(module, "drive", drive)
@@ -141,165 +192,75 @@ def test_it_learns_from_lane_changes_that_its_driver_does_not_begin(
     assert driven == [KEEP] * 10
 
 
-def test_unsafe_proposal_is_a_collision_and_the_executed_action_is_safe(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    always(LEFT, monkeypatch)
-    training, _, _ = scripted([QUIET, (HARD_BRAKE, "gap", -0.25, False)])
+def test_epsilon_1_takes_every_action_and_epsilon_0_the_greedy_one() -> None:
+    training, _, buffer, _, _ = story([QUIET] * 200, epsilon_start=1, epsilon_end=0)
     training.run_episode()
-    safe, collision = training._buffer.safe, training._buffer.collision  # type: ignore[attr-defined]
-    assert len(safe) == 2
-    assert len(collision) == 1
-    n = len(INDICATORS)
-    np.testing.assert_array_equal(collision.rows[0, :n], affordances(1))
-    assert collision.rows[0, -3:].tolist() == [LEFT, R_COL, 0.0]
-    np.testing.assert_array_equal(safe.rows[1, :n], affordances(1))
-    np.testing.assert_array_equal(safe.rows[1, n:-3], affordances(2))
-    assert safe.rows[1, -3:].tolist() == [HARD_BRAKE, -0.25, np.float32(GAMMA)]
-
-
-def test_collision_goes_to_the_collision_buffer_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    always(LEFT, monkeypatch)
-    training, _, _ = scripted([QUIET, (None, "none", -7.0, True)])
-    row = training.run_episode()
-    safe, collision = training._buffer.safe, training._buffer.collision  # type: ignore[attr-defined]
-    assert (len(safe), len(collision)) == (1, 1)
-    assert collision.rows[0, -3:].tolist() == [LEFT, R_COL, 0.0]
-    assert (row.collided, row.ego_hit, row.decisions) == (True, True, 2)
-
-
-def test_collision_of_an_overruled_proposal_blames_the_executed_action_too(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    always(LEFT, monkeypatch)
-    training, _, _ = scripted([(HARD_BRAKE, "gap", R_COL, True)])
-    training.run_episode()
-    collision = training._buffer.collision  # type: ignore[attr-defined]
-    assert collision.rows[:2, -3].tolist() == [LEFT, HARD_BRAKE]
-
-
-def test_under_a_penalty_an_unsafe_proposal_goes_on_as_what_was_executed_in_its_place(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    always(LEFT, monkeypatch)
-    training, _, _ = scripted([QUIET, (HARD_BRAKE, "gap", -0.25, False)], unsafe_penalty=1.5)
-    training.run_episode()
-    collision = training._buffer.collision  # type: ignore[attr-defined]
-    assert len(collision) == 1
-    n = len(INDICATORS)
-    np.testing.assert_array_equal(collision.rows[0, :n], affordances(1))
-    np.testing.assert_array_equal(collision.rows[0, n:-3], affordances(2))
-    assert collision.rows[0, -3:].tolist() == [LEFT, -1.75, np.float32(GAMMA)]
-
-
-def test_under_a_penalty_a_collision_is_an_ending_all_the_same(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    always(LEFT, monkeypatch)
-    training, _, _ = scripted([(HARD_BRAKE, "gap", R_COL, True)], unsafe_penalty=1.5)
-    training.run_episode()
-    collision = training._buffer.collision  # type: ignore[attr-defined]
-    assert collision.rows[:2, -3:].tolist() == [[LEFT, R_COL, 0.0], [HARD_BRAKE, R_COL, 0.0]]
-
-
-def test_the_weight_of_speed_is_learnt_and_not_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    # at 20 of at most 30 m/s: 0.6 * 2 / 3
-    always(LEFT, monkeypatch)
-    script = [QUIET, (HARD_BRAKE, "gap", -0.25, False), (None, "none", R_COL, True)]
-    training, _, _ = scripted(script, speed_weight=0.6, unsafe_penalty=1.0)
-    row = training.run_episode()
-    safe, collision = training._buffer.safe, training._buffer.collision  # type: ignore[attr-defined]
-    assert safe.rows[:2, -2] == pytest.approx([-0.1, 0.15])
-    assert collision.rows[:2, -2] == pytest.approx([-0.85, R_COL])
-    assert row.mean_reward == pytest.approx((-0.5 - 0.25 + R_COL) / 3)
-
-
-@pytest.mark.parametrize("replay", ["prioritized", "uniform"])
-def test_in_one_ring_it_is_a_row_among_others(replay: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    always(LEFT, monkeypatch)
-    script = [(HARD_BRAKE, "gap", -0.25, False)]
-    training, _, _ = scripted(script, replay=replay, unsafe_penalty=1.5)
-    training.run_episode()
-    rows = training._buffer.ring.rows[:2, -3:]  # type: ignore[attr-defined]
-    gamma = np.float32(GAMMA)
-    assert rows.tolist() == [[LEFT, -1.75, gamma], [HARD_BRAKE, -0.25, gamma]]
-    assert training._buffer.collisions == 0
-
-
-@pytest.mark.parametrize("replay", ["prioritized", "uniform"])
-def test_what_cannot_be_counted_is_not_waited_for(replay: str) -> None:
-    waiting = Config().updated("learning", collisions_to_start=64, unsafe_penalty=1.0)
-    with pytest.raises(ConfigError, match=f"cannot be counted in {replay} replay"):
-        waiting.updated("learning", replay=replay)
+    assert set(buffer.safe.rows[:200, -3]) == set(range(12))
+    for _ in range(9):
+        training.run_episode()
+    assert set(buffer.safe.rows[-200 + len(buffer.safe) : len(buffer.safe), -3]) == {LEFT}
 
 
 def test_truncation_keeps_gamma() -> None:
-    training, _, _ = scripted([QUIET] * 3)
+    training, _, buffer, _, _ = story([QUIET] * 3)
     training.run_episode()
-    safe = training._buffer.safe  # type: ignore[attr-defined]
-    assert safe.rows[:3, -1].tolist() == [np.float32(GAMMA)] * 3
+    assert buffer.safe.rows[:3, -1].tolist() == [np.float32(0.9)] * 3
 
 
 def test_without_unsafe_proposals_and_collisions_it_is_plain_double_dqn() -> None:
     twins = []
     for replay in ("two-buffer", "uniform"):
-        training, _, _ = scripted([QUIET, (None, "none", -0.1, False)] * 5, replay=replay)
+        training, _, _, learner, _ = story([QUIET, (None, "none", -0.1, False)] * 5, replay=replay)
         for _ in range(4):
             training.run_episode()
-        twins.append(training)
-    assert isinstance(twins[0]._buffer, TwoBuffers)
-    assert isinstance(twins[1]._buffer, UniformBuffer)
-    ours, plain = (twin._learners["learner"].state() for twin in twins)
-    for name in ours:
-        np.testing.assert_array_equal(ours[name], plain[name])
+        twins.append(learner.state())
+    for name in twins[0]:
+        np.testing.assert_array_equal(twins[0][name], twins[1][name])
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_prioritized_rows_have_the_priority_of_their_last_error(mirrored: bool) -> None:
-    script = [QUIET, (HARD_BRAKE, "gap", -0.25, False), QUIET]
-    options = {"replay": "prioritized", "mirrored": mirrored, "priority_exponent": 1.0}
-    training, _, _ = scripted(script, **options)
-    sample, expected = training._buffer.sample, np.ones(4)
+    # four rows are stored: quiet, the proposal, what was executed, quiet
+    options: dict[str, Any] = {"replay": "prioritized", "priority_exponent": 1.0}
+    training, _, buffer, learner, _ = story([QUIET, OVERRULED, QUIET], mirrored, **options)
+    batches: list[Batch] = []
+    sample = buffer.sample
 
     def watched(*arguments: Any) -> Batch:
-        errors = training._learners["learner"].td_errors.astype(float)
-        for slot, error in zip(batches[-1].slots if batches else (), errors, strict=True):  # type: ignore[arg-type]
-            expected[slot] = abs(error) + 1e-6
         batches.append(sample(*arguments))
         return batches[-1]
 
-    batches: list[Batch] = []
-    training._buffer.sample = watched  # type: ignore[method-assign]
+    buffer.sample = watched
     training.run_episode()
-    watched(8, np.random.default_rng(0))
-    assert len(batches) == 4
+    expected = np.ones(4)
+    for batch, update in zip(batches, learner.updates, strict=True):
+        for slot, error in zip(batch.slots, update.td_errors.astype(float), strict=True):  # type: ignore[arg-type]
+            expected[slot] = abs(error) + 1e-6
+    assert len(batches) == 3
     assert expected.max() > 2.0 > expected.min()
-    weights = training._buffer.tree.weights  # type: ignore[attr-defined]
-    np.testing.assert_array_equal(weights[:4], expected)
+    np.testing.assert_array_equal(buffer.tree.weights[:4], expected)
 
 
 def test_importance_exponent_rises_with_the_episodes() -> None:
-    training, _, _ = scripted([QUIET], replay="prioritized", importance_exponent_start=0.5)
+    training, _, buffer, _, _ = story([QUIET], replay="prioritized", importance_exponent_start=0.5)
     found = []
     for _ in range(10):
         training.run_episode()
-        found.append(training._buffer.importance_exponent)  # type: ignore[attr-defined]
+        found.append(buffer.importance_exponent)
     assert found == pytest.approx([0.5 + 0.05 * k for k in range(10)])
 
 
 @pytest.mark.parametrize("penalty", [0.0, 1.5])
 @pytest.mark.parametrize("replay", REPLAYS)
 def test_state_of_every_replay_makes_the_round_trip(replay: str, penalty: float) -> None:
-    script = [QUIET, (HARD_BRAKE, "gap", -0.25, False), (None, "none", -7.0, True)]
-    options = {"replay": replay, "safe_capacity": 20, "collision_capacity": 5}
+    script = [QUIET, OVERRULED, (None, "none", -7.0, True)]
+    options: dict[str, Any] = {"replay": replay, "safe_capacity": 20, "collision_capacity": 5}
     options["unsafe_penalty"] = penalty
-    alone, _, _ = scripted(script, **options)
-    begun, _, _ = scripted(script, **options)
+    alone, begun, resumed = (made(script, **options)[0] for _ in range(3))
     for _ in range(10):
         alone.run_episode()
     for _ in range(6):
         begun.run_episode()
-    resumed, _, _ = scripted(script, **options)
     resumed.restore(*begun.state())
     for _ in range(4):
         resumed.run_episode()
@@ -309,15 +270,14 @@ def test_state_of_every_replay_makes_the_round_trip(replay: str, penalty: float)
 
 
 def test_gradient_steps_follow_each_decision() -> None:
-    training, tape, _ = scripted([QUIET], gradient_steps=3)
+    training, _, _, _, tape = story([QUIET], gradient_steps=3)
     training.run_episode()
     assert tape == ["reset", "act", "add_safe", *["sample", "update"] * 3]
 
 
 @pytest.mark.parametrize("replay", REPLAYS)
 def test_nothing_is_learnt_in_an_episode_that_begins_with_too_few_collisions(replay: str) -> None:
-    script = [(HARD_BRAKE, "gap", -0.5, False), QUIET]
-    training, tape, _ = scripted(script, replay=replay, collisions_to_start=2)
+    training, _, _, _, tape = story([OVERRULED, QUIET], replay=replay, collisions_to_start=2)
     for _ in range(3):
         training.run_episode()
     episodes = "".join({"reset": "r", "update": "u"}.get(entry, "") for entry in tape)
@@ -325,32 +285,31 @@ def test_nothing_is_learnt_in_an_episode_that_begins_with_too_few_collisions(rep
 
 
 def test_at_no_learning_rate_nothing_is_learnt() -> None:
-    training, tape, _ = scripted([QUIET], learning_rate=0)
+    training, _, _, _, tape = story([QUIET], learning_rate=0)
     assert training.run_episode().mean_loss == 0.0
     assert tape == ["reset", "act", "add_safe"]
 
 
-def test_traffic_by_episode_does_not_depend_on_what_is_learnt_or_drawn() -> None:
-    learning, _, env = scripted([QUIET] * 3, traffic_by_episode=True)
-    frozen, _, other = scripted([QUIET], traffic_by_episode=True, learning_rate=0)
-    another, _, third = scripted([QUIET], traffic_by_episode=True, seed=1)
-    for training in (learning, frozen, another):
-        for _ in range(9):
-            training.run_episode()
-    assert env.seeds == other.seeds
-    assert len(set(env.seeds) | set(third.seeds)) == 18
-    assert min(env.seeds) >= TRAINING_SEEDS[0]
+def test_the_learning_rate_falls_linearly_to_a_share_that_it_does_not_reach() -> None:
+    options = {"learning_rate": 1e-2, "learning_rate_end_fraction": 0.2}
+    training, _, _, learner, _ = story([QUIET], **options)
+    found = []
+    for _ in range(10):
+        training.run_episode()
+        found.append(learner.learning_rate)
+    assert found == pytest.approx([1e-2 * (1 - 0.08 * k) for k in range(10)])
 
 
 def test_epsilon_falls_from_1_to_two_tenths_over_70_percent_of_the_episodes() -> None:
-    training, _, _ = scripted([QUIET])
+    """Sec. IV-C."""
+    training, *_ = story([QUIET])
     rows = [training.run_episode() for _ in range(10)]
     falling = [1 - 0.8 * k / 7 for k in range(8)]
     assert [row.epsilon for row in rows] == pytest.approx([*falling, 0.2, 0.2])
 
 
 def test_target_network_follows_every_n_c_episodes() -> None:
-    training, tape, _ = scripted([QUIET], target_update_episodes=3)
+    training, _, _, _, tape = story([QUIET], target_update_episodes=3)
     for _ in range(7):
         training.run_episode()
     episodes = "".join({"reset": "r", "sync_target": "s"}.get(entry, "") for entry in tape)
@@ -358,7 +317,7 @@ def test_target_network_follows_every_n_c_episodes() -> None:
 
 
 def test_training_never_meets_the_traffic_of_an_evaluation(monkeypatch: pytest.MonkeyPatch) -> None:
-    training, _, env = scripted([QUIET], episodes=50)
+    training, env, *_ = story([QUIET], episodes=50)
     for _ in range(50):
         training.run_episode()
     assert min(env.seeds) >= TRAINING_SEEDS[0] == 1_000_000
@@ -402,7 +361,7 @@ def trained(folder: Path, env: HighwayEnv, seed: int) -> dict[str, bytes]:
     env.config = small(seed)
     run = Run(folder)
     run.create(env.config)
-    list(train(run, Training(env)))
+    list(train(run, make_training(env)))
     return files_of(folder)
 
 

@@ -1,0 +1,120 @@
+"""A training put together from its settings, and begun anew or from a trained driver."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from drl_av.config import BEFORE, Config, LearningConfig, from_toml
+from drl_av.drivers.learned import learned_driver
+from drl_av.drivers.network import QNetwork
+from drl_av.drivers.policy_file import load, load_policy
+from drl_av.driving.affordances import INDICATORS
+from drl_av.env.highway import HighwayEnv
+from drl_av.errors import CheckpointError
+from drl_av.learning.augmentation import (
+    StoreCounterfactuals,
+    mirror_half,
+    require_symmetry,
+    unchanged,
+)
+from drl_av.learning.buffers import Buffer, TwoBuffers, UniformBuffer
+from drl_av.learning.experience import Store, StoreDecision, StoreWithPenalty
+from drl_av.learning.learner import Learner
+from drl_av.learning.prioritized import PrioritizedBuffer
+from drl_av.learning.training import Training, Variant, draw_seed, learner_names, seed_of_episode
+
+
+def make_training(env: HighwayEnv) -> Training:
+    """Algorithm 1 with the settings of the environment's config, before its first episode.
+
+    Everything random in it is drawn from one generator, seeded with ``learning.seed``.
+
+    Raises:
+        ConfigError: ``traffic.vehicles_max`` vehicles do not fit on the road; or the training is
+            to learn from mirrored scenes where the reward differs in the mirror.
+    """
+    env.require_room()
+    require_symmetry(env.config, env.road)
+    config = env.config.learning
+    rng = np.random.default_rng(config.seed)
+    hidden = (config.hidden_units,) * 2
+    networks = [QNetwork(rng, hidden=hidden) for _ in range(config.networks)]
+    learners = [Learner(network, config.learning_rate) for network in networks]
+    buffer = make_buffer(config, len(INDICATORS))
+    variant = Variant(
+        store=make_store(buffer, env, rng),
+        augment=mirror_half if config.mirrored else unchanged,
+        turns=[[learner] for learner in learners] if config.round_robin else [learners],
+        traffic_seed=partial(seed_of_episode, config.seed)
+        if config.traffic_by_episode
+        else partial(draw_seed, rng),
+    )
+    return Training(env, learned_driver(networks, config), learners, buffer, rng, variant)
+
+
+def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
+    """The empty buffer that ``config.replay`` names; a single one takes rows of both kinds."""
+    capacity = config.safe_capacity + config.collision_capacity
+    if config.replay == "uniform":
+        return UniformBuffer(observation_size, capacity, config.discount)
+    if config.replay == "prioritized":
+        return PrioritizedBuffer(
+            observation_size,
+            capacity,
+            config.discount,
+            config.priority_exponent,
+            config.importance_exponent_start,
+            config.priority_floor,
+        )
+    return TwoBuffers(
+        observation_size,
+        config.safe_capacity,
+        config.collision_capacity,
+        config.discount,
+        config.collision_fraction,
+    )
+
+
+def make_store(buffer: Buffer, env: HighwayEnv, rng: np.random.Generator) -> Store:
+    """How decisions go into the buffer under the environment's settings."""
+    config: Config = env.config
+    store = (StoreWithPenalty if config.learning.unsafe_penalty else StoreDecision)(buffer, config)
+    if config.learning.counterfactuals:
+        return StoreCounterfactuals(store, buffer, env, rng)
+    return store
+
+
+def warm_start(training: Training, policy_file: Path) -> bool:
+    """Begin a training from a trained driver, and return whether its experience came along.
+
+    From a run's own ``policy.safetensors`` Algorithm 1 goes on where the run's checkpoint left
+    it: each network and its target, Adam's moments and the experience. Without a checkpoint, or
+    for a policy file of another name, each network and its target are the policy's, and the
+    buffers are empty.
+
+    Raises:
+        CheckpointError: a file is damaged, or does not fit the settings of this training.
+        ConfigError: the run has settings that this version does not know.
+    """
+    tensors, numbers = training.state()
+    checkpoint_file = policy_file.with_name("checkpoint.safetensors")
+    experienced = policy_file.name == "policy.safetensors" and checkpoint_file.is_file()
+    if experienced:
+        tensors, found = load(checkpoint_file)
+        if found.get("kind") != "training":
+            raise CheckpointError(f"{checkpoint_file} is not a training's: put back the run's own.")
+        source = f"the config in {checkpoint_file}"
+        trained_with = from_toml(str(found.get("config")), BEFORE, source)
+    else:
+        networks, trained_with = load_policy(policy_file)
+        for name, network in zip(learner_names(len(networks)), networks, strict=True):
+            tensors |= {f"{name}.online": network.flat, f"{name}.target": network.flat}
+    count, wanted = trained_with.learning.networks, training.config.learning.networks
+    if count != wanted:
+        raise CheckpointError(
+            f"{policy_file} was trained with learning.networks = {count}: go on with as many, "
+            f"not {wanted}."
+        )
+    training.restore(tensors, numbers)
+    return experienced

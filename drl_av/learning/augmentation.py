@@ -1,0 +1,106 @@
+"""More experience from a decision: the mirrored scene, and actions that were not taken (ours)."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.counterfactual import affordances_after, motion
+from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
+from drl_av.env.decision import Decision
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.reward import desired, rewards, speed_bonus
+from drl_av.errors import ConfigError
+from drl_av.learning.buffers import Batch, Buffer
+from drl_av.learning.experience import Store
+from drl_av.traffic.road import Road
+
+
+def require_symmetry(config: Config, road: Road) -> None:
+    """Raise ConfigError where the reward differs in the mirror: y_des fixed, off the middle."""
+    middle_m = road.center_m(len(road.open_lanes) - 1) / 2
+    fixed = config.learning.mirrored and config.reward.desired == "fixed"
+    if fixed and config.reward.desired_lateral_m != middle_m:
+        raise ConfigError(
+            f"reward.desired_lateral_m = {config.reward.desired_lateral_m:g} is not the middle of "
+            f"the road, {middle_m:g} m: learn there with learning.mirrored = false."
+        )
+
+
+def unchanged(batch: Batch) -> Batch:
+    """The batch itself: Algorithm 1 learns from the road as it is."""
+    return batch
+
+
+def mirror_half(batch: Batch, mirror: Mirror = MIRROR) -> Batch:
+    """Mirror every second row of a batch in place, left and right swapped, and return it.
+
+    Rows of the safe and of the collision buffer lie together in a batch, so half of each is
+    mirrored. Rewards stay: the road is as good in the mirror.
+    """
+    for s in (batch.s_t, batch.s_tp1):
+        s[::2] = mirrored_observations(s[::2], mirror)
+    batch.a_t[::2] = mirror.action_permutation[batch.a_t[::2]]
+    return batch
+
+
+class StoreCounterfactuals:
+    """Stores each decision, and beside it some of the actions that were not taken.
+
+    ``learning.counterfactuals`` actions are drawn a decision; of these, the proposed and the
+    executed one are left out. After a collision no other outcome is known.
+    """
+
+    def __init__(
+        self, store: Store, buffer: Buffer, env: HighwayEnv, rng: np.random.Generator
+    ) -> None:
+        self._store, self._buffer, self._env, self._rng = store, buffer, env, rng
+
+    def __call__(self, decision: Decision) -> None:
+        """Store the decision, then the others."""
+        self._store(decision)
+        if decision.terminated:
+            return
+        count = self._env.config.learning.counterfactuals
+        drawn = [ACTIONS[n] for n in self._rng.choice(len(ACTIONS), count, replace=False)]
+        taken = (decision.proposed, decision.executed)
+        others = [action for action in drawn if action not in taken]
+        store_counterfactuals(self._buffer, self._env, decision, others)
+
+
+def store_counterfactuals(
+    buffer: Buffer, env: HighwayEnv, decision: Decision, others: Iterable[Action]
+) -> None:
+    """Store the outcomes of actions that were not taken, where they are known.
+
+    An action that the check replaces goes into Buf_C, as in Algorithm 1, line 6, and so does one
+    that leaves the open lanes; the others lead where ``affordances_after`` puts the ego, among
+    the vehicles as they moved around the executed action. Under ``learning.unsafe_penalty`` an
+    action that the check replaces leads where its replacement would have led. Where the ego would
+    have collided with a vehicle the outcome is not known, and nothing is stored.
+    """
+    config, before, s_t = env.config, decision.scene, decision.observation
+    after, penalty = decision.next_scene.affordances, config.learning.unsafe_penalty
+    made = motion(before, decision.executed, config)
+    width_m = float(before.snapshot.width_m[0])
+    for other in others:
+        permitted = env.safety_check(before, other).action
+        unsafe = permitted != other
+        imagined = motion(before, permitted if penalty else other, config)
+        on_road = imagined.y_m == before.affordances.ego_y_m or env.road.holds(
+            imagined.y_m, width_m
+        )
+        if not on_road or (unsafe and not penalty):
+            buffer.add_collision(s_t, other.number, config.reward.collision_reward)
+            continue
+        affordances = affordances_after(imagined, made, after, env.road)
+        if affordances is None:
+            continue
+        target = desired(affordances, config.reward, config.safety)
+        r_tp1 = rewards(affordances, target, config.reward, config.safety.minimum_gap_m).total
+        r_tp1 += speed_bonus(affordances.ego_speed_m_s, config.ego, config.learning.speed_weight)
+        if unsafe:
+            buffer.add_unsafe(s_t, other.number, r_tp1 - penalty, env.scale(affordances.vector()))
+        else:
+            buffer.add_safe(s_t, other.number, r_tp1, env.scale(affordances.vector()))

@@ -1,0 +1,178 @@
+"""A training as its settings have it: begun anew, or from a trained driver."""
+
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from worlds import ALONE
+
+from drl_av.config import Config
+from drl_av.drivers.learned import network_values
+from drl_av.drivers.policy_file import load
+from drl_av.drivers.registry import load_driver
+from drl_av.driving.mirror import MIRROR, mirrored_observations
+from drl_av.env.episode import TRAINING_SEEDS
+from drl_av.env.highway import HighwayEnv
+from drl_av.errors import CheckpointError
+from drl_av.learning.assembly import make_training, warm_start
+from drl_av.learning.checkpoint import save_policy
+from drl_av.learning.run import Run
+from drl_av.learning.training import Training, draw_seed, seed_of_episode
+
+TOGETHER = (
+    Config()
+    .updated("simulation", decisions_per_episode=20)
+    .updated("traffic", vehicles_min=3, vehicles_max=3)
+    .updated("learning", episodes=4, networks=3, mirrored=True, evaluation_episodes=1)
+)
+
+
+@pytest.fixture(scope="module")
+def road() -> Iterator[HighwayEnv]:
+    with closing(HighwayEnv(config=TOGETHER)) as env:
+        yield env
+
+
+@pytest.fixture
+def env(road: HighwayEnv) -> HighwayEnv:
+    road.config = TOGETHER
+    return road
+
+
+def steps(training: Training) -> list[int]:
+    """Gradient steps that each network has made."""
+    tensors, _ = training.state()
+    return [int(tensors[name]) for name in tensors if name.endswith(".step")]
+
+
+def test_each_learns_at_every_decision_from_a_batch_of_its_own(env: HighwayEnv) -> None:
+    training = make_training(env)
+    first, *others = training.networks
+    tensors, numbers = training.state()
+    for name in ("learner1", "learner2"):  # alike at first: only the batches tell them apart
+        tensors |= {f"{name}.{net}": tensors["learner.online"] for net in ("online", "target")}
+    training.restore(tensors | {"learner.target": tensors["learner.online"]}, numbers)
+    row = training.run_episode()
+    assert steps(training) == [row.decisions] * 3
+    for network in others:
+        assert not np.array_equal(network.flat, first.flat)
+    assert not np.array_equal(others[0].flat, others[1].flat)
+
+
+def test_in_round_robin_three_networks_make_one_gradient_step_a_decision(env: HighwayEnv) -> None:
+    # the first learns at decisions 1, 4, ..., 19, and in the next episode from its first one on
+    env.config = TOGETHER.updated("learning", round_robin=True)
+    training, found = make_training(env), []
+    for _ in range(2):
+        assert training.run_episode().decisions == 20
+        found.append(steps(training))
+    assert found == [[7, 7, 6], [14, 14, 12]]
+
+
+def test_traffic_by_episode_depends_on_the_seed_and_the_episode_alone(env: HighwayEnv) -> None:
+    rng = np.random.default_rng(0)
+    drawn = [draw_seed(rng, 1) for _ in range(9)]
+    assert len(set(drawn)) == 9
+    given = [seed_of_episode(seed, episode) for seed in (0, 1) for episode in range(1, 10)]
+    assert len(set(given)) == 18
+    assert min(given) >= TRAINING_SEEDS[0]
+    seeds = []
+    for learning_rate in (1e-4, 0.0):
+        own = {"traffic_by_episode": True, "learning_rate": learning_rate}
+        env.config = TOGETHER.updated("learning", **own)
+        training = make_training(env)
+        seeds.append([training.run_episode().seed for _ in range(2)])
+    assert seeds == [given[:2]] * 2
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_training_on_mirrored_scenes_decides_alike_on_both_sides_then_and_ever_after(
+    mirrored: bool, env: HighwayEnv, tmp_path: Path
+) -> None:
+    env.config = Config().updated("learning", mirrored=mirrored, batch_size=8)
+    training = make_training(env)
+    save_policy(tmp_path / "policy.safetensors", training.networks, env.config)
+    driver, _ = load_driver(tmp_path / "policy.safetensors")
+    states = np.random.default_rng(1).standard_normal((50, 27)).astype(np.float32)
+    alike = [
+        each.act(ALONE, mirrored_observations(s)).number
+        == MIRROR.action_permutation[each.act(ALONE, s).number]
+        for each in (training.driver, driver)
+        for s in states
+    ]
+    assert all(alike) is mirrored
+
+
+def test_mirroring_reflects_every_second_row_that_is_learned_from(env: HighwayEnv) -> None:
+    weights = []
+    for mirrored in (False, True):
+        env.config = TOGETHER.updated("learning", mirrored=mirrored, epsilon_end=1.0)
+        training = make_training(env)
+        training.run_episode()
+        weights.append(training.networks[0].flat)
+    assert not np.array_equal(*weights)
+
+
+def test_the_settings_say_what_is_stored_of_each_decision(env: HighwayEnv) -> None:
+    def rows(**learning: Any) -> tuple[int, Any]:
+        """Rows of both buffers after one episode, and the discounts in Buf_C."""
+        env.config = TOGETHER.updated("learning", networks=1, batch_size=8, **learning)
+        env.config = env.config.updated("traffic", vehicles_min=30, vehicles_max=30)
+        training = make_training(env)
+        assert training.run_episode().decisions == 20
+        tensors, _ = training.state()
+        safe, collision = (tensors[f"buffer.{name}.rows"] for name in ("safe", "collision"))
+        return len(safe) + len(collision), set(collision[:, -1].tolist())
+
+    plain, ends = rows()
+    more, _ = rows(counterfactuals=12)
+    assert 20 < plain <= 2 * 20 < more <= 12 * 20 + 20
+    assert ends == {0.0}
+    assert rows(unsafe_penalty=0.5)[1] == {np.float32(0.9)}
+
+
+def test_what_is_saved_drives_as_the_training_did_and_goes_on_as_it_was(
+    env: HighwayEnv, tmp_path: Path
+) -> None:
+    training, run = make_training(env), Run(tmp_path / "run")
+    training.run_episode()
+    run.create(TOGETHER, training)
+    driver, config = load_driver(run.folder)
+    assert config == TOGETHER
+    states: Any = np.random.default_rng(1).standard_normal((200, 27)).astype(np.float32)
+    decided = [training.driver.act(ALONE, s_t).number for s_t in states]
+    assert [driver.act(ALONE, s_t).number for s_t in states] == decided
+    assert len(set(decided)) > 1
+    alone = [network_values(network) for network in training.networks]
+    assert any([values(s_t).argmax() for s_t in states] != decided for values in alone)
+
+    bare = tmp_path / "driver.safetensors"
+    bare.write_bytes(run.policy_file.read_bytes())
+    for file, experienced in ((run.policy_file, True), (bare, False)):
+        adapted = make_training(env)
+        assert warm_start(adapted, file) is experienced
+        for mine, its in zip(adapted.networks, training.networks, strict=True):
+            assert np.array_equal(mine.flat, its.flat)
+        tensors, numbers = adapted.state()
+        assert steps(adapted) == [20 if experienced else 0] * 3
+        assert len(tensors["buffer.safe.rows"]) == (20 if experienced else 0)
+        assert numbers["episodes_done"] == 0
+        if experienced:
+            its_own, _ = load(run.checkpoint_file)
+            assert {k: v.tobytes() for k, v in tensors.items()} == {
+                k: v.tobytes() for k, v in its_own.items()
+            }
+
+
+@pytest.mark.parametrize("name", ["policy.safetensors", "driver.safetensors"])
+def test_it_goes_on_with_as_many_as_it_has(name: str, env: HighwayEnv, tmp_path: Path) -> None:
+    run = Run(tmp_path / "run")
+    run.create(TOGETHER, make_training(env))
+    (run.folder / "driver.safetensors").write_bytes(run.policy_file.read_bytes())
+    env.config = TOGETHER.updated("learning", networks=1)
+    message = "was trained with learning.networks = 3: go on with as many, not 1"
+    with pytest.raises(CheckpointError, match=message):
+        warm_start(make_training(env), run.folder / name)

@@ -1,0 +1,106 @@
+"""How a decision becomes rows of the safe and of the collision buffer."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from worlds import ALONE
+
+from drl_av.config import Config
+from drl_av.driving.actions import ACTIONS
+from drl_av.driving.affordances import INDICATORS
+from drl_av.env.decision import Decision
+from drl_av.learning.buffers import Buffer, TwoBuffers, UniformBuffer
+from drl_av.learning.experience import StoreDecision, StoreWithPenalty
+from drl_av.learning.prioritized import PrioritizedBuffer
+
+HARD_BRAKE, LEFT = 3, 8
+N, R_COL, GAMMA = len(INDICATORS), -3.0, np.float32(0.9)
+BEFORE, AFTER = np.full(N, 0.125, np.float32), np.full(N, 0.25, np.float32)
+
+
+def decision(
+    executed: int = LEFT, rule: str = "none", reward: float = -0.25, collided: bool = False
+) -> Decision:
+    """A proposal to change to the left, at 20 m/s."""
+    info = {"executed_action": executed, "rule": rule}
+    return Decision(ALONE, BEFORE, ACTIONS[LEFT], reward, ALONE, AFTER, collided, False, info)
+
+
+UNSAFE = decision(HARD_BRAKE, "gap")
+UNSAFE_COLLISION = decision(HARD_BRAKE, "gap", R_COL, collided=True)
+
+
+def two_buffers() -> TwoBuffers:
+    return TwoBuffers(N, 10, 10, discount=0.9, collision_fraction=0.25)
+
+
+def stored(*decisions: Decision, **learning: float) -> tuple[np.ndarray, np.ndarray]:
+    """The rows of Buf_S and of Buf_C."""
+    buffer, config = two_buffers(), Config().updated("learning", **learning)
+    store = (StoreWithPenalty if learning.get("unsafe_penalty") else StoreDecision)(buffer, config)
+    for each in decisions:
+        store(each)
+    return (
+        buffer.safe.rows[: len(buffer.safe)],
+        buffer.collision.rows[: len(buffer.collision)],
+    )
+
+
+def test_unsafe_proposal_is_a_collision_and_the_executed_action_is_safe() -> None:
+    safe, collision = stored(decision(reward=-0.5), UNSAFE)
+    assert (len(safe), len(collision)) == (2, 1)
+    np.testing.assert_array_equal(collision[0, :N], BEFORE)
+    assert collision[0, -3:].tolist() == [LEFT, R_COL, 0.0]
+    np.testing.assert_array_equal(safe[1, :N], BEFORE)
+    np.testing.assert_array_equal(safe[1, N:-3], AFTER)
+    assert safe[:, -3:].tolist() == [[LEFT, -0.5, GAMMA], [HARD_BRAKE, -0.25, GAMMA]]
+
+
+def test_collision_goes_to_the_collision_buffer_alone_whatever_its_reward() -> None:
+    safe, collision = stored(decision(reward=-7.0, collided=True))
+    assert len(safe) == 0
+    assert collision[:, -3:].tolist() == [[LEFT, R_COL, 0.0]]
+
+
+def test_collision_of_an_overruled_proposal_blames_the_executed_action_too() -> None:
+    safe, collision = stored(UNSAFE_COLLISION)
+    assert len(safe) == 0
+    assert collision[:, -3].tolist() == [LEFT, HARD_BRAKE]
+
+
+def test_under_a_penalty_an_unsafe_proposal_leads_where_the_executed_action_led() -> None:
+    _, collision = stored(UNSAFE, unsafe_penalty=1.5)
+    assert len(collision) == 1
+    np.testing.assert_array_equal(collision[0, :N], BEFORE)
+    np.testing.assert_array_equal(collision[0, N:-3], AFTER)
+    assert collision[0, -3:].tolist() == [LEFT, -1.75, GAMMA]
+
+
+def test_under_a_penalty_a_collision_is_terminal_all_the_same() -> None:
+    safe, collision = stored(UNSAFE_COLLISION, unsafe_penalty=1.5)
+    assert len(safe) == 0
+    assert collision[:, -3:].tolist() == [[LEFT, R_COL, 0.0], [HARD_BRAKE, R_COL, 0.0]]
+
+
+def test_speed_is_weighed_in_where_the_reward_is_kept_and_not_in_r_col() -> None:
+    # at 20 of at most 30 m/s: 0.6 * 2 / 3
+    crash = decision(reward=R_COL, collided=True)
+    safe, collision = stored(decision(), UNSAFE, crash, speed_weight=0.6, unsafe_penalty=1.0)
+    assert safe[:, -2] == pytest.approx([0.15, 0.15])
+    assert collision[:, -2] == pytest.approx([-0.85, R_COL])
+
+
+@pytest.mark.parametrize(
+    "buffer",
+    [UniformBuffer(N, 10, 0.9), PrioritizedBuffer(N, 10, 0.9, 0.6, 0.4, 1e-6)],
+    ids=["uniform", "prioritized"],
+)
+def test_in_a_single_buffer_an_unsafe_proposal_under_a_penalty_is_no_collision(
+    buffer: Buffer,
+) -> None:
+    StoreWithPenalty(buffer, Config().updated("learning", unsafe_penalty=1.5))(UNSAFE)
+    ring: Any = buffer
+    rows = ring.ring.rows[:2, -3:]
+    assert rows.tolist() == [[LEFT, -1.75, GAMMA], [HARD_BRAKE, -0.25, GAMMA]]
+    assert buffer.collisions == 0
