@@ -1,4 +1,4 @@
-"""The safety checks: by the name that a config gives them, and as a mask over the actions."""
+"""The safety checks: the check that a config names, and a mask of the permitted actions."""
 
 from dataclasses import asdict
 from functools import partial
@@ -25,14 +25,14 @@ AT_MOST = {
     "ego.accelerate_m_s2": "the accel of the vehicle type ego",
     "the decel of the vehicle type ego": "ego.hard_brake_m_s2",
 }
-"""What must not be above what, for the traffic to keep to the bounds of strict."""
+"""Each name must not exceed the other, so that the vehicles keep to the bounds of ``strict``."""
 
 
 def named_check(config: Config, vehicle_types: VehicleTypes = AS_WRITTEN) -> SafetyCheck:
-    """The check that a config names, for a scenario with those vehicle types.
+    """The safety check that a config names, for a scenario with these vehicle types.
 
     Raises:
-        ConfigError: ``strict``, and the traffic or the ego do not keep to its assumptions.
+        ConfigError: the check is ``strict``, and the traffic or the ego breaks its assumptions.
     """
     if config.safety.check == "strict":
         check = Strict(config.strict, config.ego, config.simulation)
@@ -44,7 +44,7 @@ def named_check(config: Config, vehicle_types: VehicleTypes = AS_WRITTEN) -> Saf
 
 
 def require_bounds(config: Config, vehicle_types: VehicleTypes) -> None:
-    """Raise ConfigError where a bound of ``strict`` is tighter than what the vehicles do."""
+    """Raise ConfigError if the vehicles can exceed a bound of ``strict``."""
     traffic, ego = vehicle_types.traffic, vehicle_types.ego
     facts = {
         "the decel of the vehicle type traffic": traffic.braking_m_s2,
@@ -81,9 +81,9 @@ ActionMask = npt.NDArray[np.int8]
 
 
 def action_mask(check: SafetyCheck, scene: Scene) -> ActionMask:
-    """1 for each action that the check would execute as proposed, else 0; shape (12,), int8.
+    """1 for each action that the check permits as proposed, else 0; shape (12,), int8.
 
-    What ``gymnasium.spaces.Discrete.sample(mask)`` takes. All 0 where the check replaces every
-    action.
+    ``gymnasium.spaces.Discrete.sample(mask)`` accepts it. All entries are 0 if the check replaces
+    every action.
     """
     return np.array([check(scene, action).action == action for action in ACTIONS], np.int8)

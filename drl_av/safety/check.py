@@ -1,4 +1,4 @@
-"""What a safety check is: a function that judges a proposed action in a scene."""
+"""The interface of a safety check: a function from a scene and a proposed action to a verdict."""
 
 from collections.abc import Callable
 from enum import Flag, auto
@@ -10,13 +10,13 @@ from drl_av.driving.scene import Scene
 
 
 class Rule(Flag):
-    """The rules of Sec. III that changed a decision."""
+    """The rules of Sec. III that changed an action."""
 
     NONE = 0
     IN_LANE = auto()
-    """Rule 1: too close to the vehicle ahead, and faster."""
+    """Rule 1: the ego is faster than the vehicle ahead and too close to it."""
     OFF_ROAD = auto()
-    """Rule 2: no such lane."""
+    """Rule 2: the target lane does not exist or is closed."""
     LANE_CHANGE = auto()
     """Rule 3: a gap that the lane change needs is too small."""
 
@@ -27,16 +27,16 @@ class Rule(Flag):
 
 
 class Verdict(NamedTuple):
-    """The action that will be executed, and the rules that changed it, if any."""
+    """The action that the ego executes, and the rules that changed it, if any."""
 
     action: Action
     rule: Rule
 
 
 SafetyCheck = Callable[[Scene, Action], Verdict]
-"""Judges a proposed action in a scene."""
+"""Returns the verdict on a proposed action in a scene."""
 
 
 def permit_all(scene: Scene, proposed: Action) -> Verdict:
-    """No check: every decision is executed as proposed (the paper's ablation)."""
+    """Permit every action as proposed, without a check (the paper's ablation)."""
     return Verdict(proposed, Rule.NONE)

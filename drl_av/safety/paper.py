@@ -11,22 +11,22 @@ from drl_av.safety.check import Rule, Verdict
 
 
 def closing_speed(front: Neighbor) -> float:
-    """Speed at which the gap to a vehicle ahead shrinks, m/s."""
+    """Speed at which the gap to the vehicle ahead shrinks, m/s."""
     return -front.relative_speed_m_s
 
 
 def time_to_collision(gap_m: float, closing_m_s: float) -> float:
-    """T_C: seconds until a gap is closed; infinite when it does not shrink."""
+    """T_C: seconds until the gap is closed; infinite if the gap does not shrink."""
     return gap_m / closing_m_s if closing_m_s > 0 else math.inf
 
 
 def gap_condition(gap_m: float, closing_m_s: float, config: SafetyConfig) -> bool:
-    """Eq. 2: d - T_min v > d_min."""
+    """Whether eq. 2 holds: d - T_min v > d_min."""
     return gap_m - config.minimum_ttc_s * closing_m_s > config.minimum_gap_m
 
 
 def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
-    """Eq. 3: hard brake, brake or maintain, by the time to collision."""
+    """Eq. 3: hard brake, brake or maintain, depending on the time to collision."""
     if ttc_s <= config.hard_brake_ttc_s:
         return Longitudinal.HARD_BRAKE
     if ttc_s <= config.brake_ttc_s:
@@ -37,8 +37,9 @@ def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
 def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
     """The three rules of Sec. III. Not collision-free: see docs/safety.md.
 
-    Ours where the paper is silent: a proposal that already brakes at least as hard as eq. 3 asks
-    is safe; and a lane change that may go neither on nor back ends in the lane its centre is in.
+    Two rules are ours because the paper is silent: a proposal that brakes at least as hard as eq. 3
+    demands is safe; and if rule 3 permits neither to continue nor to abort a lane change, the ego
+    moves to the lane that contains its centre.
     """
     longitudinal, in_lane = _checked_longitudinal(scene, proposed.longitudinal, config)
     lateral, across = _checked_lateral(scene, proposed.lateral, config)
@@ -78,7 +79,7 @@ def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> t
 
 
 def lane_is_clear(affordances: Affordances, lane: int, config: SafetyConfig) -> bool:
-    """Rule 3: eq. 2 holds for the vehicle ahead and for front and rear of the target lane."""
+    """Rule 3: whether eq. 2 holds for the vehicle ahead, and for both vehicles in ``lane``."""
     sign = lane - affordances.lane
     rear = affordances.rear(sign)
     fronts_clear = all(

@@ -1,6 +1,7 @@
-"""Whom the ego may meet, and how far it may or must roll for each of them (ours).
+"""Reachability bounds of the surrounding vehicles, which the check ``strict`` uses (ours).
 
-What the check ``strict`` argues with; distances and speeds broadcast over many scenes at once.
+Which vehicles can come into the ego's way, and how far the ego may or must travel because of each
+of them. Distances and speeds broadcast over many scenes at once.
 """
 
 from typing import Any, NamedTuple
@@ -13,17 +14,17 @@ from drl_av.safety.stopping import stopping_distance
 from drl_av.traffic.road import FloatArray
 
 LINE_M = 0.01
-"""How far a body must be over a lane's line to be in that lane."""
+"""A body is in a lane if it is at least this far over the line of that lane."""
 STILL_M_S = 0.01
-"""Up to this a vehicle does not move sideways."""
+"""A vehicle that is not faster than this sideways counts as keeping its lateral position."""
 CENTERED_M = 0.05
-"""Within this distance of a lane's centre a vehicle has arrived there."""
+"""A vehicle within this distance of a lane's centre counts as being at the centre."""
 ON_LINE_M = 0.05
-"""Within this distance of the line between two lanes a centre is in both."""
+"""A centre within this distance of the line between two lanes counts as being in both."""
 
 
 def lanes_under(y_m: Any, width_m: Any, lane_width_m: float) -> tuple[FloatArray, FloatArray]:
-    """Rightmost and leftmost lane that a body is over."""
+    """Rightmost and leftmost lane that a body overlaps."""
     lowest = np.floor((y_m - width_m / 2 + LINE_M) / lane_width_m + 0.5)
     return lowest, np.ceil((y_m + width_m / 2 - LINE_M) / lane_width_m - 0.5)
 
@@ -31,10 +32,10 @@ def lanes_under(y_m: Any, width_m: Any, lane_width_m: float) -> tuple[FloatArray
 def lateral_extent(
     y_m: FloatArray, lateral_speed_m_s: FloatArray, width_m: FloatArray, lane_width_m: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Right and left end of where a vehicle's body may be, metres.
+    """Right and left end of the range in which the check expects a vehicle's body, metres.
 
-    It is anywhere between the centres of the lanes that its body is over and of the one it moves
-    towards.
+    The range extends between the centres of the lanes that the body overlaps and the centre of the
+    lane that the vehicle moves towards.
     """
     lowest, highest = lanes_under(y_m, width_m, lane_width_m)
     moving = np.abs(lateral_speed_m_s) > STILL_M_S
@@ -53,9 +54,9 @@ def lateral_extent(
 def is_held(
     y_m: FloatArray, width_m: FloatArray, ego_y_m: Any, ego_width_m: float, lane_width_m: float
 ) -> npt.NDArray[np.bool_]:
-    """Whether a vehicle behind has to stay there wherever it moves (bound 4).
+    """Whether a vehicle behind the ego must stay behind it, wherever it moves (bound 4).
 
-    The ego's body is over the lines of all its lanes, and in its way.
+    This is so if the ego's body overlaps all lanes of the vehicle and is in front of it.
     """
     lowest, highest = lanes_under(y_m, width_m, lane_width_m)
     ego_lowest, ego_highest = lanes_under(ego_y_m, ego_width_m, lane_width_m)
@@ -65,22 +66,22 @@ def is_held(
 
 
 class Others(NamedTuple):
-    """The other vehicles as the check takes them; arrays of one shape, the last axis theirs."""
+    """The other vehicles in the terms of the check; arrays of one shape, vehicles last."""
 
     right_m: FloatArray
     left_m: FloatArray
-    """Between these their bodies may be."""
+    """The check expects the body of each vehicle between these two lateral positions."""
     gap_m: FloatArray
-    """To the ego lengthwise; 0 or less for one beside."""
+    """Net gap to the ego along the road; 0 or less for a vehicle beside the ego."""
     is_ahead: npt.NDArray[np.bool_]
     speed_m_s: FloatArray
     most_m: FloatArray
-    """How far the ego may reach for each: to where one ahead may come to rest.
+    """Largest distance that the ego may cover: it must stop before the vehicle's earliest stop.
 
-    Infinite for one behind, and -infinite for one beside that is ahead.
+    Infinite for a vehicle behind, and -infinite for a vehicle beside whose centre is ahead.
     """
     is_held: npt.NDArray[np.bool_]
-    """Those that, if behind, have to stay there (bound 4)."""
+    """Whether the vehicle, if it is behind the ego, must stay behind it (bound 4)."""
 
 
 def may_reach(
@@ -90,7 +91,7 @@ def may_reach(
     strict: StrictConfig,
     step_s: float,
 ) -> FloatArray:
-    """``Others.most_m`` from the other three."""
+    """``Others.most_m`` for vehicles with these gaps, sides and speeds, metres."""
     rest_m = stopping_distance(speed_m_s, strict.braking_m_s2, step_s)
     rest_m = np.where(gap_m > 0, gap_m + rest_m - strict.clearance_m, -np.inf)
     result: FloatArray = np.where(is_ahead, rest_m, np.inf)
@@ -98,7 +99,7 @@ def may_reach(
 
 
 def met(neighbors: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
-    """Which of the others may come between two lateral positions."""
+    """Whether each vehicle can come between two lateral positions."""
     result: npt.NDArray[np.bool_] = (neighbors.left_m > right_m) & (neighbors.right_m < left_m)
     return result
 
@@ -106,10 +107,10 @@ def met(neighbors: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
 def must_reach(
     neighbors: Others, delay_s: FloatArray | float, strict: StrictConfig, step_s: float
 ) -> FloatArray:
-    """How far the ego must reach for each of the others: to where one behind may come to rest.
+    """Smallest distance that the ego must cover so that each vehicle behind stops behind it.
 
-    It accelerates for ``delay_s`` and brakes then. -infinite for one ahead, infinite for one
-    beside.
+    In metres. The vehicle accelerates for ``delay_s`` seconds and then brakes. The result is
+    -infinite for a vehicle ahead and infinite for a vehicle beside.
     """
     speed, acceleration = neighbors.speed_m_s, strict.acceleration_m_s2
     rolled_m, faster = speed * delay_s, speed + acceleration * delay_s

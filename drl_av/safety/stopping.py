@@ -1,7 +1,7 @@
-"""How far vehicles roll: the equations of the check ``strict`` (ours).
+"""Stopping distances: the equations of the check ``strict`` (ours).
 
-All are for SUMO's semi-implicit Euler, in which a step moves a vehicle by the speed that it has
-after the step; they are exact for any step length, and broadcast.
+They hold for SUMO's semi-implicit Euler integration, in which a step moves a vehicle by the speed
+that it has after the step. They are exact for any step length, and they broadcast.
 """
 
 import math
@@ -16,9 +16,9 @@ Number = Any
 
 
 def stopping_distance(speed_m_s: Number, braking_m_s2: float, step_s: float) -> Number:
-    """How far a vehicle rolls that brakes from now on until it stands, metres.
+    """Distance that a vehicle covers while it brakes to a standstill, metres.
 
-    Less by v dt / 2 than v^2 / 2b, where v is a whole number of steps' braking.
+    It is v^2 / 2b - v dt / 2 if v is a multiple of b dt.
     """
     steps = np.floor(speed_m_s / (braking_m_s2 * step_s))
     return step_s * steps * (speed_m_s - braking_m_s2 * step_s * (steps + 1) / 2)
@@ -31,7 +31,7 @@ def travel(
     step_s: float,
     max_speed_m_s: float = math.inf,
 ) -> tuple[Number, Number]:
-    """Distance and speed after some steps at an acceleration within [0, max_speed_m_s]."""
+    """Distance and speed after ``steps`` steps; the speed stays within [0, max_speed_m_s]."""
     distance_m, speed = 0.0, speed_m_s
     for step in range(1, steps + 1):
         wanted = speed_m_s + acceleration_m_s2 * (step * step_s)
@@ -46,7 +46,10 @@ def reach(
     ego: EgoConfig,
     sim: SimulationConfig,
 ) -> Number:
-    """How far the ego rolls in a decision at an acceleration and in braking hard afterwards."""
+    """Distance that the ego covers in one decision and the hard braking after it, metres.
+
+    ``acceleration_m_s2`` acts for the decision; the braking lasts until standstill.
+    """
     step_s = sim.step_length_s
     distance_m, speed = travel(
         speed_m_s, acceleration_m_s2, sim.steps_per_decision, step_s, ego.max_speed_m_s
@@ -62,9 +65,10 @@ def cut_in_gap(
     ego: EgoConfig,
     sim: SimulationConfig,
 ) -> Number:
-    """The gap to the ego beyond which a vehicle may begin to move in ahead of it, metres.
+    """The gap to the ego, metres, above which a vehicle may begin to cut in ahead of it.
 
-    The ego stops behind it if it goes on as it does for one decision and brakes hard then.
+    The ego then stops behind the vehicle if it keeps its acceleration for one decision and brakes
+    hard after it.
     """
     ahead_m = stopping_distance(other_m_s, strict.braking_m_s2, sim.step_length_s)
     rolled_m = reach(speed_m_s, acceleration_m_s2, ego, sim)

@@ -1,45 +1,72 @@
-"""``strict``: a check under which the ego hits nobody who keeps to stated bounds (ours).
+"""``strict``: a safety check under which the ego hits no vehicle that keeps to four bounds (ours).
 
-**Bounds on the others** (section [strict] of the config; our vehicle types keep to them):
+**Terms.** The *reach* of an action is the distance that the ego covers if it executes the action
+for one decision and then brakes hard until standstill. The *stopping distance* of another vehicle
+is the distance that it covers if it brakes as hard as bound 1 allows. The *fallback maneuver* of
+the ego is: brake hard until standstill, and move to the centre of the lane that contains the centre
+of the ego. A vehicle is *in* each lane that its body overlaps.
 
-1. *Braking.* A vehicle brakes at most at ``braking_m_s2``, no less than the ego can.
-2. *Sideways.* It moves at most at ``lateral_speed_m_s``.
-3. *Cutting in.* It begins to move sideways into a lane only with nobody beside it there, and far
-   enough ahead of the next vehicle behind it there for that one to stop behind it. Far enough
-   ahead of the ego is more than ``cut_in_gap``: it goes on as it does for one decision, then
-   brakes hard.
-   Whose body is over a lane's line is in that lane; within ``CENTERED_M`` of a lane's centre
-   nobody has begun to leave it, and who comes past a centre begins anew.
-4. *Following.* Behind an ego whose body is over the line of its lane it stays behind: within
-   ``follower_response_s``, in which it accelerates at most at ``acceleration_m_s2``, it begins to
-   brake at ``follower_braking_m_s2`` if it must.
+**Bounds on the other vehicles.** Their values are the settings of the section ``[strict]``. The
+vehicle types of our scenarios keep to them.
 
-**The argument.** The *way out* is: brake hard until standstill, sideways go to the middle of the
-lane that the ego's centre is in. Invariant: at each decision the way out is free. A vehicle ahead
-comes to rest no sooner than after ``stopping_distance`` (bound 1), and the ego brakes no harder
-than it may, so the speed at which their gap shrinks only grows until one of them stands: the gap
-is smallest at the start or at rest, and where the ego comes to rest behind it, it never met it.
-So each proposal is one number, the ``reach`` of the ego: how far it rolls in this decision and in
-braking hard afterwards. It is permitted if that is less than the room to everybody ahead whom the
-lane change may meet on its way to the end or on its way out; then the way out is free at the next
-decision too. Where no proposal is permitted the way out is taken, which the invariant says is free.
+1. *Braking.* A vehicle brakes at most with ``braking_m_s2``. The ego brakes no harder than that.
+2. *Lateral speed.* A vehicle moves sideways at most at ``lateral_speed_m_s``.
+3. *Cutting in.* A vehicle begins to move sideways into a lane only if no vehicle is beside it in
+   that lane, and only if the next vehicle behind it in that lane can stop behind it. The ego can
+   stop behind it if the gap is larger than ``cut_in_gap``; the ego then executes its present action
+   for one decision more, and brakes hard. A vehicle within ``CENTERED_M`` of the centre of a lane
+   has not begun to leave that lane. When it passes the centre of a lane, a new movement begins.
+4. *Following.* A vehicle stays behind the ego while the body of the ego overlaps its lane. Within
+   ``follower_response_s`` it begins to brake with ``follower_braking_m_s2`` if this is necessary.
+   Until then it accelerates at most with ``acceleration_m_s2``.
 
-Who may be met: who is in a lane that the ego's body is over, and who may come between where it is,
-the end of its lane change and that of its way out, ``lateral_speed_m_s`` times one decision further
-on the side that it moves to (bound 2). A vehicle may be anywhere between the centres of the lanes
-that its body is over and of the one it moves towards. Those not met yet that move into the ego's
-lanes later leave it more than ``cut_in_gap`` (bound 3), so that it may still brake when it sees
-them. One behind in whose way the ego already is keeps behind it (bound 4); one that the ego moves
-in front of must come to rest behind the ego, whatever that does next. One beside refuses the lane
-change. Two may enter one lane from both sides while neither is in it: the ego turns back at the
-next decision, when its centre is still in its lane, as fast as the other one comes. Its body may be
-over the line by then: the one exception to the invariant, in which it brakes hard as well.
+**Invariant.** At each decision the fallback maneuver is free: if the ego begins it now, the ego
+hits no vehicle ahead.
 
-Under a longitudinal reference (IDM or ACC) the ego rolls at most as far as by the number of its
-action, which is the ``reach`` above, and at least as far as by braking hard, which is what those
-behind get to count on. The steering plant stays out of it: an abort drifts on before it turns.
+**Base case.** The invariant must hold at the first decision. It does for the random starts of our
+scenarios under the default bounds: each vehicle starts at the centre of a lane, and slowly enough
+to stop behind the vehicle ahead with half of the hard braking of the ego. A scenario that places
+its vehicles exactly must provide the same.
 
-Who breaks a bound may be hit; and whoever does not stay behind the ego hits it.
+**One number for each action.** A vehicle ahead comes to rest no earlier than after its stopping
+distance (bound 1), and the ego does not brake harder than this vehicle. Therefore the gap shrinks
+faster and faster until one of the two stands, and it is smallest at the beginning or at rest. If
+the ego comes to rest behind the vehicle, the ego never hits it. The reach of an action is therefore
+all that the check must know of it.
+
+**Step.** For each vehicle ahead, the ego has this distance: the gap, plus the stopping distance of
+the vehicle, minus ``clearance_m``. The check permits an action if its reach is less than the
+distance for every relevant vehicle ahead. The fallback maneuver is then free at the next decision
+too. If the check permits no action, the ego executes the fallback maneuver, which is free by the
+invariant.
+
+**Relevant vehicles.** A vehicle is relevant if it is in a lane that the body of the ego overlaps.
+It is also relevant if it can enter the range between the present lateral position of the ego, the
+end of its lane change and the end of its fallback maneuver. On the side of a new lane change this
+range is wider by ``lateral_speed_m_s`` times one decision (bound 2). The check assumes that a
+vehicle can be anywhere between the centres of the lanes that it is in and of the lane that it moves
+towards. A vehicle that is not relevant yet, and moves into the lanes of the ego later, leaves more
+than ``cut_in_gap`` (bound 3). The ego can therefore still brake when it observes this vehicle.
+
+**Lane change.** The ego changes lanes only if the reach is permitted for the relevant vehicles of
+the lane change too. A relevant vehicle beside the ego forbids the lane change.
+
+**Followers.** A vehicle behind stays behind if the ego is in its way already (bound 4). If the ego
+moves in front of a vehicle, this vehicle must come to rest behind the ego, whatever the ego does
+afterwards; otherwise the check forbids the lane change.
+
+**Exception.** The ego and another vehicle can begin to enter one lane from both sides while neither
+of them is in it. The ego then turns back at the next decision, as fast as the other vehicle
+approaches. Its centre is still in its own lane at that time, but its body may overlap the line. The
+ego brakes hard as well in this case. It is the only exception to the invariant.
+
+**Longitudinal references.** With IDM or ACC, the ego covers at most the reach of its action, which
+the check compares with the vehicles ahead. It covers at least the reach of hard braking, which the
+check compares with the vehicles behind.
+
+**Limits.** The ego may hit a vehicle that breaks a bound. A vehicle that does not stay behind the
+ego may hit the ego. The check refuses the steering plant, with which an aborted lane change drifts
+on before it turns back.
 """
 
 import math
@@ -77,9 +104,10 @@ ORDER = (
 def seconds_to_line(
     distance_m: Any, lane_width_m: float, ego: EgoConfig, sim: SimulationConfig
 ) -> Any:
-    """Time until the ego's body, so far from a lane's line, is over it; whole SUMO steps.
+    """Time until the body of a changing ego, ``distance_m`` from the line of a lane, crosses it.
 
-    0 where it is over it already or will not be within this decision.
+    In seconds, rounded up to whole SUMO steps. 0 if the body is over the line already, or does not
+    reach it within this decision.
     """
     steps = np.ceil(distance_m * ego.lane_change_duration_s / lane_width_m / sim.step_length_s)
     soon = (steps > 0) & (steps <= sim.steps_per_decision)
@@ -89,10 +117,10 @@ def seconds_to_line(
 def corridor(
     scene: Scene, lane_change: LaneChange | None, ego: EgoConfig, decision_s: float
 ) -> tuple[float, float]:
-    """Right and left end of what counts as the ego's way.
+    """Right and left end of the lateral range that the ego may use, metres.
 
-    The lanes that its body is over, and where it will be until its lane change is at its end, or
-    if it takes the way out at the next decision.
+    It contains the lanes that the ego's body overlaps, the rest of its lane change, and the
+    fallback maneuver if the ego begins it at the next decision.
     """
     affordances, ego_m = scene.affordances, float(scene.snapshot.width_m[EGO])
     y_m, width_m = affordances.ego_y_m, affordances.lane_width_m
@@ -106,13 +134,16 @@ def corridor(
 
 
 def lanes_about(y_m: float, lane_width_m: float) -> tuple[int, int]:
-    """The lane that a lateral position lies in; both, right first, where it is on their line."""
+    """The lane that contains a lateral position; both lanes, right first, if it is on their line.
+
+    For one lane both numbers are the same.
+    """
     right, left = (y_m - ON_LINE_M) / lane_width_m, (y_m + ON_LINE_M) / lane_width_m
     return math.floor(right + 0.5), math.floor(left + 0.5)
 
 
 def fallback_maneuver(scene: Scene) -> LaneChange | None:
-    """The lane change that ends in the lane that the ego's centre is in; None without any."""
+    """The lane change that leads to the lane that contains the ego's centre; None without one."""
     change = scene.lane_change
     return (
         change.reversed()
@@ -122,28 +153,30 @@ def fallback_maneuver(scene: Scene) -> LaneChange | None:
 
 
 class Strict:
-    """The check; see the module for its bounds and its argument."""
+    """The check ``strict``; the module's docstring states its bounds and its argument."""
 
     def __init__(self, strict: StrictConfig, ego: EgoConfig, simulation: SimulationConfig) -> None:
         if strict.braking_m_s2 < ego.hard_brake_m_s2:
             raise ConfigError(
                 f"strict.braking_m_s2 is {strict.braking_m_s2:g}, but must be at least "
-                f"ego.hard_brake_m_s2, {ego.hard_brake_m_s2:g}: the check rests on that."
+                f"ego.hard_brake_m_s2, {ego.hard_brake_m_s2:g}: raise it, or take the check paper."
             )
         if ego.lateral_plant != "kinematic":
             raise ConfigError(
                 f"ego.lateral_plant is {ego.lateral_plant!r}, but the check strict holds for "
-                "'kinematic' alone: take that, or the check paper."
+                "'kinematic' only: take that, or the check paper."
             )
         self._strict, self._ego, self._simulation = strict, ego, simulation
         self._accelerations = np.array([how.acceleration_m_s2(ego) for how in Longitudinal])
 
     def __call__(self, scene: Scene, proposed: Action) -> Verdict:
-        """The proposal sideways where it is free at the speed that the way out allows; else that.
+        """The action that the ego executes in place of the proposed one, and the rules that fired.
 
-        The speed is the proposed one, or the fastest milder one by which the way out stays free.
+        The longitudinal action is the proposed one if it keeps the fallback maneuver free, or else
+        the next slower one that does. The lateral action is the proposed one if the check permits
+        it together with that longitudinal action, or else that of the fallback maneuver.
         """
-        affordances, neighbors, out = (
+        affordances, neighbors, fallback = (
             scene.affordances,
             self.others(scene),
             fallback_maneuver(scene),
@@ -151,11 +184,11 @@ class Strict:
         wanted = next_lane_change(scene.lane_change, affordances.lane, proposed.lateral)
         speed = affordances.ego_speed_m_s
         reaches = reach(speed, self._accelerations, self._ego, self._simulation).tolist()
-        may_m = self._may_reach(scene, out, neighbors)
+        may_m = self._may_reach(scene, fallback, neighbors)
         order = milder(proposed.longitudinal)
         safe = next((how for how in order if reaches[how] < may_m), Longitudinal.HARD_BRAKE)
         rule = Rule.NONE if safe == proposed.longitudinal else Rule.IN_LANE
-        if wanted is None or wanted == out:
+        if wanted is None or wanted == fallback:
             return Verdict(Action(proposed.lateral, safe), rule)
         if not affordances.has_lane(wanted.target - affordances.lane):
             rule |= Rule.OFF_ROAD
@@ -163,17 +196,18 @@ class Strict:
             return Verdict(Action(proposed.lateral, safe), rule)
         else:
             rule |= Rule.LANE_CHANGE
-        return Verdict(Action(Lateral.KEEP if out is None else toward(out.sign), safe), rule)
+        lateral = Lateral.KEEP if fallback is None else toward(fallback.sign)
+        return Verdict(Action(lateral, safe), rule)
 
     def _slowest(self, how: Longitudinal) -> Longitudinal:
-        """The action whose number lets the ego roll no farther than this one may come to."""
+        """The action whose reach is the least that the ego may cover with action ``how``."""
         by_number = self._ego.longitudinal_reference == "acceleration"
         return how if by_number else Longitudinal.HARD_BRAKE
 
     def others(self, scene: Scene) -> Others:
-        """The other vehicles of a scene as the check takes them.
+        """The other vehicles of a scene in the terms of the check.
 
-        On a loop each is there twice: as far ahead of the ego as it is, and as far behind.
+        On a loop each vehicle has two entries: one ahead of the ego and one behind it.
         """
         shot, affordances = scene.snapshot, scene.affordances
         ahead_m, rows = shot.s_m[1:] - shot.s_m[EGO], np.arange(1, len(shot.ids))
@@ -193,14 +227,14 @@ class Strict:
         return Others(*ends_m, *facts, may_m, held)
 
     def fallback_is_free(self, scene: Scene) -> bool:
-        """The invariant: hard braking on the way out meets nobody ahead."""
+        """The invariant: whether the ego hits no vehicle ahead in its fallback maneuver."""
         ego, speed = self._ego, scene.affordances.ego_speed_m_s
         rolled_m = float(reach(speed, -ego.hard_brake_m_s2, ego, self._simulation))
         return rolled_m < self._may_reach(scene, fallback_maneuver(scene), self.others(scene))
 
-    def _may_reach(self, scene: Scene, out: LaneChange | None, neighbors: Others) -> float:
-        """How far the ego may roll on its way out."""
-        ends_m = corridor(scene, out, self._ego, self._simulation.decision_interval_s)
+    def _may_reach(self, scene: Scene, fallback: LaneChange | None, neighbors: Others) -> float:
+        """The largest distance that the ego may cover in its fallback maneuver, metres."""
+        ends_m = corridor(scene, fallback, self._ego, self._simulation.decision_interval_s)
         return float(neighbors.most_m[met(neighbors, *ends_m)].min(initial=np.inf))
 
     def _permits(
@@ -211,7 +245,10 @@ class Strict:
         at_most_m: float,
         at_least_m: float,
     ) -> bool:
-        """Whether the ego may roll so far in a lane change that is not its way out."""
+        """Whether the check permits a lane change other than that of the fallback maneuver.
+
+        ``at_most_m`` and ``at_least_m`` bound the distance that the ego covers until standstill.
+        """
         strict, sim, affordances = self._strict, self._simulation, scene.affordances
         right_m, left_m = corridor(scene, change, self._ego, sim.decision_interval_s)
         aside_m = strict.lateral_speed_m_s * sim.decision_interval_s
@@ -232,5 +269,5 @@ class Strict:
 
 
 def milder(longitudinal: Longitudinal) -> tuple[Longitudinal, ...]:
-    """A longitudinal action and those that brake harder, in that order."""
+    """A longitudinal action and all actions that brake harder, mildest first."""
     return ORDER[ORDER.index(longitudinal) :]
