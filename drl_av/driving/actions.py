@@ -7,7 +7,7 @@ from drl_av.config import EgoConfig
 
 
 class Lateral(IntEnum):
-    """Stay in the lane, or change to the lane at the right or left."""
+    """The lateral part of an action: keep the lane, or change to the right or left lane."""
 
     KEEP = 0
     RIGHT = 1
@@ -15,12 +15,12 @@ class Lateral(IntEnum):
 
     @property
     def sign(self) -> int:
-        """Direction of travel across the road: left +1, right -1, keep 0."""
+        """Direction across the road: left +1, right -1, keep 0."""
         return (0, -1, 1)[self]
 
 
 class Longitudinal(IntEnum):
-    """What the ego does with its speed."""
+    """The longitudinal part of an action: how the ego changes its speed."""
 
     MAINTAIN = 0
     ACCELERATE = 1
@@ -28,7 +28,7 @@ class Longitudinal(IntEnum):
     HARD_BRAKE = 3
 
     def acceleration_m_s2(self, ego: EgoConfig) -> float:
-        """The number behind the word, a_x of Sec. IV-A."""
+        """Acceleration of the action, a_x of Sec. IV-A; negative if the action brakes."""
         return (0.0, ego.accelerate_m_s2, -ego.brake_m_s2, -ego.hard_brake_m_s2)[self]
 
 
@@ -42,14 +42,14 @@ _LATERAL_WORDS = ("keep lane", "change right", "change left")
 
 
 class Action(NamedTuple):
-    """One decision."""
+    """One of the 12 actions: a lateral and a longitudinal part."""
 
     lateral: Lateral
     longitudinal: Longitudinal
 
     @property
     def number(self) -> int:
-        """Place among the 12 actions, ``4 * lateral + longitudinal``."""
+        """Number of the action, 0 to 11: ``4 * lateral + longitudinal``."""
         return 4 * self.lateral + self.longitudinal
 
     def __str__(self) -> str:
@@ -59,7 +59,7 @@ class Action(NamedTuple):
 ACTIONS: tuple[Action, ...] = tuple(
     Action(lateral, longitudinal) for lateral in Lateral for longitudinal in Longitudinal
 )
-"""All 12, in the order of their numbers."""
+"""All 12 actions, in the order of their numbers."""
 
 
 def toward(sign: int) -> Lateral:

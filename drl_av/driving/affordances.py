@@ -1,4 +1,4 @@
-"""The 27 affordance indicators: what the ego knows of the road around it."""
+"""The 27 affordance indicators: the ego's observation of the road around it."""
 
 import math
 from typing import NamedTuple
@@ -39,7 +39,7 @@ class Neighbor(NamedTuple):
 
 
 class Affordances(NamedTuple):
-    """The indicators by name; a missing vehicle is None, a missing lane a False flag."""
+    """The affordance indicators by name; None is a missing vehicle, False is a missing lane."""
 
     own_front: Neighbor | None
     own_rear: Neighbor | None
@@ -58,25 +58,26 @@ class Affordances(NamedTuple):
     ego_y_m: float
     ego_lateral_speed_m_s: float
     circumference_m: float = 0.0
-    """Length of the loop; 0 is a road without an end."""
+    """Length of the loop; 0 for a road of unlimited length."""
 
     def front(self, sign: int) -> Neighbor | None:
-        """Nearest vehicle ahead in the own (0), left (+1) or right (-1) lane."""
+        """Nearest vehicle ahead in the ego's own (0), left (+1) or right (-1) lane."""
         return (self.own_front, self.left_front, self.right_front)[sign]
 
     def rear(self, sign: int) -> Neighbor | None:
-        """Nearest vehicle behind in the own (0), left (+1) or right (-1) lane."""
+        """Nearest vehicle behind in the ego's own (0), left (+1) or right (-1) lane."""
         return (self.own_rear, self.left_rear, self.right_rear)[sign]
 
     def has_lane(self, sign: int) -> bool:
-        """Whether the own (0), left (+1) or right (-1) lane exists and is open."""
+        """Whether the ego's own (0), left (+1) or right (-1) lane exists and is open."""
         return (True, self.left_lane, self.right_lane)[sign]
 
     def vector(self) -> FloatArray:
         """The 27 indicators in SI units, shape (27,), float64, ordered as INDICATORS.
 
-        No vehicle in range: gap ``range_m``, relative velocities 0, lateral offset that of the
-        lane's centre. No such lane: gap 0, relative velocities 0, lateral offset likewise.
+        If no vehicle is in range, the gap is ``range_m``, the relative velocities are 0 and the
+        lateral offset is that of the lane's centre. If the lane does not exist, the gap is 0 and
+        the other values are the same.
         """
         values: list[float] = []
         for slot, sign in zip(self[:6], (0, 0, -1, -1, 1, 1), strict=True):
@@ -91,10 +92,10 @@ class Affordances(NamedTuple):
 
 
 def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
-    """Look around the ego (Sec. III): the nearest vehicle ahead and behind in three lanes.
+    """The nearest vehicle ahead of the ego and behind it in each of three lanes (Sec. III).
 
-    A vehicle occupies every lane that its body overlaps. It is ahead or behind by the shorter
-    way round, never both; one exactly alongside counts as ahead.
+    A vehicle occupies every lane that its body overlaps. On the loop it is either ahead or behind,
+    whichever way is shorter. A vehicle exactly beside the ego counts as ahead.
     """
     s_m, y_m, speed, lateral, length_m, width_m = (
         values.tolist()  # numpy takes twice as long with so few vehicles
@@ -156,11 +157,11 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
 
 
 class ObservationScale:
-    """Turns the 27 indicators into the network's input, about [-1, 1] (ours).
+    """Scales the 27 indicators to about [-1, 1], the input of the network (ours).
 
-    Gaps, relative velocities, lateral offsets and lateral velocities are divided by constants
-    of the config; the ego's speed and lateral position are centred first. Values beyond
-    ``bounds`` are clipped, so that every observation lies in a finite box.
+    It divides gaps, relative velocities, lateral offsets and lateral velocities by constants of
+    the config, and centres the ego's speed and lateral position first. It clips values beyond
+    ``bounds``, so that every observation lies in a finite box.
     """
 
     def __init__(self, config: ObservationConfig, max_speed_m_s: float, road: Road) -> None:
@@ -181,12 +182,12 @@ class ObservationScale:
         half_road_m = road.lane_width_m * len(road.open_lanes) / 2
         ends = np.array([*limits * 6, half_speed, half_road_m, 4.0]) / self.scale
         self.bounds: npt.NDArray[np.float32] = ends.astype(np.float32)
-        """Largest magnitude of each scaled indicator, shape (27,)."""
+        """Largest absolute value of each scaled indicator, shape (27,)."""
         self._least = -self.bounds
 
     def __call__(self, vector: FloatArray) -> npt.NDArray[np.float32]:
         """Scale SI indicators, shape (..., 27), to float32 of the same shape."""
         scaled = ((vector - self.offset) / self.scale).astype(np.float32)
-        # not np.minimum: in AVX-512 it makes SUMO's next step take 15 % longer
+        # np.minimum uses AVX-512, after which SUMO's next step takes 15 % longer
         clipped: npt.NDArray[np.float32] = scaled.clip(self._least, self.bounds)
         return clipped

@@ -1,10 +1,11 @@
-"""Following the vehicle ahead: what carries out a longitudinal decision (Sec. III).
+"""Car-following: how the ego carries out a longitudinal action (Sec. III).
 
-The paper gives each longitudinal action a number, or takes "the reference for the throttle or
-brake controller" from the intelligent driver model or adaptive cruise control. Under either of
-them (ours, where the paper says no more) *accelerate* follows the model towards the ego's highest
-speed and *maintain* towards the speed at which the decision finds it, so that on a free road both
-mean what they say; *brake* and *hard brake*, which the safety check needs, keep their numbers.
+In the paper a longitudinal action is a constant acceleration, or "the reference for the throttle or
+brake controller" comes from the intelligent driver model (IDM) or adaptive cruise control (ACC).
+The details of the models are ours. With IDM or ACC, *accelerate* follows the model with the ego's
+highest speed as the desired speed, and *maintain* with the present speed as the desired speed. On a
+free road the ego therefore accelerates or keeps its speed. *Brake* and *hard brake*, which the
+safety check needs, remain constant accelerations.
 """
 
 import math
@@ -32,7 +33,10 @@ def idm_acceleration(
     closing_m_s: float,
     config: Idm | MobilConfig,
 ) -> float:
-    """The intelligent driver model (Treiber et al. 2000), m/s^2; ``gap_m`` inf on a free road."""
+    """Acceleration of the intelligent driver model (Treiber et al. 2000), m/s^2.
+
+    ``gap_m`` is inf on a free road; ``closing_m_s`` is positive if the gap shrinks.
+    """
     wanted_gap_m = config.standstill_gap_m + max(
         0.0,
         speed_m_s * config.headway_s
@@ -47,9 +51,9 @@ def idm_acceleration(
 def acc_acceleration(
     speed_m_s: float, desired_m_s: float, gap_m: float, closing_m_s: float, ego: EgoConfig
 ) -> float:
-    """Adaptive cruise control, m/s^2: the lesser of its two modes; ``gap_m`` inf on a free road.
+    """Acceleration of adaptive cruise control, m/s^2; ``gap_m`` is inf on a free road.
 
-    Speed control k (v_des - v), and gap control by the constant time-gap law.
+    The smaller of two values: speed control k (v_des - v), and the constant time-gap law.
     """
     towards_desired = ego.acc_speed_gain_per_s * (desired_m_s - speed_m_s)
     headway_s = ego.reference_headway_s
@@ -60,9 +64,9 @@ def acc_acceleration(
 def time_gap_acceleration(
     speed_m_s: float, gap_m: float, closing_m_s: float, headway_s: float, ego: EgoConfig
 ) -> float:
-    """The constant time-gap law (-closing + lambda (d - d_0 - h v)) / h, m/s^2.
+    """Acceleration of the constant time-gap law, (-closing + lambda (d - d_0 - h v)) / h, m/s^2.
 
-    Rajamani, Vehicle Dynamics and Control, ch. 6.
+    Source: Rajamani, Vehicle Dynamics and Control, ch. 6.
     """
     spare_m = gap_m - ego.reference_standstill_gap_m - headway_s * speed_m_s
     return (ego.acc_gap_gain_per_s * spare_m - closing_m_s) / headway_s
@@ -73,9 +77,9 @@ def reference_speeds(
 ) -> Iterator[float]:
     """The ego's speed at the end of each SUMO step of a decision, within [0, max_speed_m_s].
 
-    A model looks again at each SUMO step, as far as the decision knows what is there: the vehicle
-    ahead keeps its speed. It never accelerates or brakes harder than the ego's own actions do, nor
-    gets faster than the number of the same action would make it.
+    A model (IDM or ACC) computes a new acceleration at each SUMO step. It predicts that the vehicle
+    ahead keeps its speed. It never accelerates or brakes harder than the ego's actions, and the ego
+    never becomes faster than with the constant acceleration of the same action.
     """
     braking = action in (Longitudinal.BRAKE, Longitudinal.HARD_BRAKE)
     if braking or ego.longitudinal_reference == "acceleration":
@@ -86,7 +90,7 @@ def reference_speeds(
 def _by_number(
     speed_m_s: float, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
 ) -> Iterator[float]:
-    """The point mass (eq. 4) at a constant acceleration."""
+    """Speeds of the point mass (eq. 4) with a constant acceleration."""
     acceleration = action.acceleration_m_s2(ego)
     for step in range(1, simulation.steps_per_decision + 1):
         yield _bounded(speed_m_s + acceleration * step * simulation.step_length_s, ego)
@@ -111,7 +115,10 @@ def _by_model(
 def model_acceleration(
     speed_m_s: float, desired_m_s: float, gap_m: float, closing_m_s: float, ego: EgoConfig
 ) -> float:
-    """What ``ego.longitudinal_reference`` names, m/s^2; a standing ego that maintains stands."""
+    """Acceleration of the model that ``ego.longitudinal_reference`` names, m/s^2.
+
+    0 if the desired speed is 0: an ego that stands and maintains its speed keeps standing.
+    """
     if desired_m_s <= 0.0:
         return 0.0
     if ego.longitudinal_reference == "acc":

@@ -1,7 +1,8 @@
-"""What the ego would see now, had it decided otherwise (ours).
+"""The observation that the ego would have now after another action (ours).
 
-Counterfactual data augmentation (Pitis, Creager and Garg, 2020): how each action moves the ego is
-known exactly, and within one decision the others hardly react to it, so theirs stays as it was.
+This is counterfactual data augmentation (Pitis, Creager and Garg, 2020). The motion of the ego
+after each action is known exactly. The other vehicles hardly react to the ego within one decision,
+so their motion is taken as it was.
 """
 
 from typing import NamedTuple
@@ -15,17 +16,17 @@ from drl_av.traffic.road import Road
 
 
 class Motion(NamedTuple):
-    """Where one decision takes the ego."""
+    """The motion of the ego in one decision, and its state at the end of it."""
 
     distance_m: float
-    """Along the road, by semi-implicit Euler as in SUMO."""
+    """Distance along the road, with semi-implicit Euler integration as in SUMO."""
     speed_m_s: float
     y_m: float
     lateral_speed_m_s: float
 
 
 def motion(scene: Scene, action: Action, config: Config) -> Motion:
-    """How the ego moves in a scene if it carries out an action."""
+    """The motion of the ego in one decision if it carries out an action in a scene."""
     commands, _ = plan(scene, action, config.ego, config.simulation)
     distance_m = config.simulation.step_length_s * sum(command.speed_m_s for command in commands)
     return Motion(distance_m, *commands[-1])
@@ -34,11 +35,18 @@ def motion(scene: Scene, action: Action, config: Config) -> Motion:
 def affordances_after(
     other: Motion, made: Motion, affordances: Affordances, road: Road
 ) -> Affordances | None:
-    """The affordances after another motion than the one that was made, which led to ``seen``.
+    """The affordances that the ego would have after another motion (ours).
 
-    None where they are not known: in another lane the ego has other neighbours, a vehicle
-    alongside has no gap that could change, and one that would be alongside has no sign. A
-    vehicle near the far side of the loop stays on the side where it was.
+    Args:
+        other: The motion to evaluate.
+        made: The motion that the ego really made.
+        affordances: The affordances after the motion ``made``.
+        road: The road.
+
+    Returns:
+        None if they cannot be computed: the ego would be in another lane, with other neighbours,
+        or a neighbour is or would be beside it. A vehicle near the far side of the loop stays
+        ahead or behind as it was.
     """
     y_m = affordances.ego_y_m + other.y_m - made.y_m
     if road.lane_of(y_m) != affordances.lane:

@@ -1,4 +1,4 @@
-"""A lane change in progress, and a decision turned into one command a SUMO step."""
+"""Carrying out an action: the lane change in progress, and one command for each SUMO step."""
 
 import math
 from typing import NamedTuple
@@ -21,25 +21,28 @@ class Plan(NamedTuple):
 def next_lane_change(
     lane_change: LaneChange | None, lane: int, lateral: Lateral
 ) -> LaneChange | None:
-    """The lane change that a lateral action starts, lets go on, or aborts (Sec. IV-A)."""
+    """The lane change after a lateral action starts, continues or aborts it (Sec. IV-A).
+
+    ``lane_change`` is the one in progress and ``lane`` the ego's lane. None is no lane change.
+    """
     if lane_change is None:
         return LaneChange(lane, lane + lateral.sign) if lateral.sign else None
     return lane_change.reversed() if aborts(lane_change, lateral) else lane_change
 
 
 def aborts(lane_change: LaneChange | None, lateral: Lateral) -> bool:
-    """Whether a lateral action turns the lane change in progress back (Sec. IV-A)."""
+    """Whether a lateral action aborts the lane change in progress (Sec. IV-A)."""
     return lane_change is not None and lateral.sign == -lane_change.sign
 
 
 def target_lane(scene: Scene, lateral: Lateral) -> int:
-    """The lane that the ego is bound for by a lateral action; its own without a lane change."""
+    """The target lane of the ego after a lateral action; its own lane without a lane change."""
     change = next_lane_change(scene.lane_change, scene.affordances.lane, lateral)
     return scene.affordances.lane if change is None else change.target
 
 
 class Sideways(NamedTuple):
-    """Where the ego is across the road after a SUMO step, and what is still in progress."""
+    """The ego's lateral state after a SUMO step, and the lane change still in progress."""
 
     y_m: float
     lateral_speed_m_s: float
@@ -47,10 +50,10 @@ class Sideways(NamedTuple):
 
 
 def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationConfig) -> Plan:
-    """Turn a decision into commands, one a SUMO step.
+    """Turn an action into the commands of one decision, one command for each SUMO step.
 
-    The speed follows the longitudinal reference within [0, max_speed_m_s]; the lateral position
-    follows the lateral plant, and both plants end a lane change on the lane's centre exactly.
+    The speed follows the longitudinal reference within [0, max_speed_m_s]. The lateral position
+    follows the lateral plant; with both plants a lane change ends exactly on the lane's centre.
     """
     lane_change = next_lane_change(scene.lane_change, scene.affordances.lane, action.lateral)
     move = _PLANTS[ego.lateral_plant]
@@ -65,7 +68,7 @@ def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationCon
 def _kinematic(
     at: Sideways, speed_m_s: float, lane_width_m: float, ego: EgoConfig, step_s: float
 ) -> Sideways:
-    """The paper's point mass (eq. 5): a lane width in T_LC, at a constant lateral speed."""
+    """The paper's point mass (eq. 5): one lane width in T_LC, at constant lateral speed."""
     lane_change = at.lane_change
     if lane_change is None:
         return Sideways(at.y_m, 0.0, None)
@@ -81,7 +84,7 @@ def _kinematic(
 def _steering(
     at: Sideways, speed_m_s: float, lane_width_m: float, ego: EgoConfig, step_s: float
 ) -> Sideways:
-    """The steered vehicle (Sec. III); put on the centre as soon as it has settled there."""
+    """The steered vehicle (Sec. III); it is set to the lane's centre when it has settled there."""
     lane_change = at.lane_change
     if lane_change is None:
         return Sideways(at.y_m, 0.0, None)

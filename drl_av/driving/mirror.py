@@ -1,4 +1,4 @@
-"""The road seen in a mirror: left and right swapped in indicators and actions (ours)."""
+"""The mirror image of a scene: left and right exchanged in indicators and actions (ours)."""
 
 from typing import NamedTuple
 
@@ -9,14 +9,14 @@ from drl_av.driving.actions import ACTIONS, Action, Lateral
 
 
 class Mirror(NamedTuple):
-    """Which indicator and which action each becomes."""
+    """The permutations and signs that exchange left and right."""
 
     observation_permutation: npt.NDArray[np.intp]
-    """Shape (27,); right and left slots change places."""
+    """Shape (27,); exchanges the indicators of the right and left lane."""
     observation_sign: npt.NDArray[np.float32]
-    """Shape (27,); every lateral component changes its sign."""
+    """Shape (27,); -1 for every lateral indicator, which changes its sign, else 1."""
     action_permutation: npt.NDArray[np.int64]
-    """Shape (12,); right and left change places."""
+    """Shape (12,); exchanges the actions to the right and left."""
 
 
 def _mirror() -> Mirror:
@@ -35,7 +35,7 @@ MIRROR = _mirror()
 def mirrored_observations(
     s: npt.NDArray[np.float32], mirror: Mirror = MIRROR
 ) -> npt.NDArray[np.float32]:
-    """Scaled observations as they are in the mirror, (rows, 27) or (27,): s[permutation] * sign."""
+    """Mirror scaled observations, shape (rows, 27) or (27,): s[permutation] * sign."""
     reflected: npt.NDArray[np.float32] = s.take(mirror.observation_permutation, axis=-1)
     reflected *= mirror.observation_sign
     return reflected

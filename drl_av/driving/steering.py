@@ -1,21 +1,21 @@
 """The steering feedback law kappa_cmd = f(k_road, e_yoff, e_psi, T_LC, v_ex) of Sec. III, and the
 vehicle that it steers.
 
-The paper names the law's arguments and leaves f open (it cites a lane-change controller). Ours
+The paper names the law's arguments, but not f itself (it cites a lane-change controller). Our f
 follows from two steps.
 
 1. In the frame of the lane, x along it and e = y_target - y to the left, a vehicle of curvature
    kappa obeys dy/dx = tan(e_psi) and d2y/dx2 = (kappa - k_road) / cos^3(e_psi). With
    u = d2y/dx2 the path is a double integrator in x, whatever the speed.
-2. Of all paths that end on the centre of the target lane, along it, a length l ahead, the one with
-   the least integral of u^2 is the cubic y(s) = W (3 s^2 - 2 s^3), and the feedback that drives it
-   is u = 6 e / l^2 - 4 tan(e_psi) / l (minimum-energy control of the double integrator). How much
-   of the lane change is left is read off the offset: 3 s^2 - 2 s^3 = 1 - e / W has the closed
-   solution s = 1/2 - sin(asin(2 e / W - 1) / 3), so l = (1 - s) L. Neither a clock nor a reference
-   path has to be remembered, and an abort is the same law towards the other lane.
+2. Consider all paths that reach the centre of the target lane after a length l, in its direction.
+   The path with the least integral of u^2 is the cubic y(s) = W (3 s^2 - 2 s^3). The feedback that
+   follows it is u = 6 e / l^2 - 4 tan(e_psi) / l (minimum-energy control of the double integrator).
+   The offset e determines which part s of the lane change is done: 3 s^2 - 2 s^3 = 1 - e / W has
+   the closed solution s = 1/2 - sin(asin(2 e / W - 1) / 3), so l = (1 - s) L. The law therefore
+   needs neither a clock nor a stored path, and an abort is the same law towards the other lane.
 
-L = T_LC v_ex is the length of a whole lane change (m), but at least what the largest curvature
-allows: at its beginning, the cubic asks for 6 W / L^2.
+L = T_LC v_ex is the length of a whole lane change (m). It is never shorter than the largest
+curvature allows: at its beginning the cubic needs the curvature 6 W / L^2.
 """
 
 import math
@@ -24,15 +24,15 @@ from typing import NamedTuple
 from drl_av.config import EgoConfig
 
 LEAST_LEFT = 0.1
-"""Share of a lane change from which on the law counts no further down: its gains stay finite."""
+"""Smallest value of 1 - s in the law; it keeps the gains finite (ours)."""
 SETTLED_OFFSET, SETTLED_SLOPE = 0.005, 0.1
-"""A lane change is over within this share of a lane width, and of the slope W / L (ours)."""
+"""A lane change ends within these fractions of the lane width W and of the slope W / L (ours)."""
 STRAIGHT = 0.0
-"""k_road of the loop, which stands for an infinite straight road, 1/m."""
+"""k_road, 1/m; it is 0 because the loop represents an infinite straight road."""
 
 
 class Pose(NamedTuple):
-    """Where the ego is across the road, and where it heads."""
+    """The ego's lateral position and heading."""
 
     y_m: float
     heading_rad: float
@@ -40,14 +40,20 @@ class Pose(NamedTuple):
 
 
 def curvature_limit(speed_m_s: float, heading_rad: float, ego: EgoConfig) -> float:
-    """Largest curvature at a speed along the lane, 1/m: the steering's, or the lateral limit's."""
+    """Largest curvature at a speed along the lane, 1/m.
+
+    The steering limits it, and at high speed the largest lateral acceleration.
+    """
     own_speed = speed_m_s / math.cos(heading_rad)
     limit, lateral = ego.max_curvature_per_m, ego.max_lateral_acceleration_m_s2
     return limit if own_speed**2 * limit <= lateral else lateral / own_speed**2
 
 
 def lane_change_length(speed_m_s: float, lane_width_m: float, ego: EgoConfig) -> float:
-    """L: metres along the lane that a lane change takes; T_LC v_ex where that can be steered."""
+    """L: length of a lane change along the lane, metres.
+
+    T_LC v_ex, or the shortest length that the curvature limit allows if that is longer.
+    """
     shortest_m = math.sqrt(6 * lane_width_m / curvature_limit(speed_m_s, 0.0, ego))
     return max(ego.lane_change_duration_s * speed_m_s, shortest_m)
 
@@ -60,9 +66,10 @@ def curvature_command(
     lane_width_m: float,
     ego: EgoConfig,
 ) -> float:
-    """kappa_cmd, 1/m, left positive, within ``curvature_limit``.
+    """The curvature command kappa_cmd, 1/m, left positive, within ``curvature_limit``.
 
-    ``offset_m`` is e_yoff, from the ego to the centre it steers to; T_LC is of ``ego``.
+    ``offset_m`` is e_yoff, the distance from the ego to the centre of the target lane, left
+    positive; ``ego`` holds T_LC.
     """
     offset = min(abs(offset_m) / lane_width_m, 1.0)
     share_left = 0.5 + math.sin(math.asin(2 * offset - 1) / 3)
@@ -81,10 +88,10 @@ def steer(
     lane_width_m: float,
     ego: EgoConfig,
 ) -> Pose:
-    """Where the ego is after steering to a lane's centre for ``duration_s``.
+    """The ego's pose after it steers to the lane centre at ``target_m`` for ``duration_s``.
 
-    The command is renewed every ``steering_interval_s``, and the vehicle follows it as a kinematic
-    one: de_psi/dt = v (kappa - k_road), dy/dt = v sin(e_psi), v = v_ex / cos(e_psi).
+    The law computes a new command every ``steering_interval_s``. The vehicle is a kinematic model:
+    de_psi/dt = v (kappa - k_road), dy/dt = v sin(e_psi), v = v_ex / cos(e_psi).
     """
     steps = math.ceil(duration_s / ego.steering_interval_s - 1e-9)
     advance_m = speed_m_s * duration_s / steps
@@ -93,16 +100,16 @@ def steer(
         curvature = curvature_command(
             STRAIGHT, target_m - y_m, heading, speed_m_s, lane_width_m, ego
         )
-        reversed = heading + (curvature - STRAIGHT) * advance_m / math.cos(heading)
-        y_m += math.tan((heading + reversed) / 2) * advance_m
-        heading = reversed
+        next_heading = heading + (curvature - STRAIGHT) * advance_m / math.cos(heading)
+        y_m += math.tan((heading + next_heading) / 2) * advance_m
+        heading = next_heading
     return Pose(y_m, heading)
 
 
 def settled(
     pose: Pose, target_m: float, speed_m_s: float, lane_width_m: float, ego: EgoConfig
 ) -> bool:
-    """Whether the ego is as good as on the centre and along the lane, so that it is put there."""
+    """Whether the lane change is over: the ego is close to the lane's centre and parallel to it."""
     mean_slope = lane_width_m / lane_change_length(speed_m_s, lane_width_m, ego)
     return (
         abs(target_m - pose.y_m) <= SETTLED_OFFSET * lane_width_m
