@@ -47,8 +47,8 @@ def main() -> None:
     for gain in paired([*episodes, *bounds], BOUND, BASELINES):
         if gain.best:
             mean, half_width = gain.difference_m_s
-            told = f"{mean:.4f} ± {half_width:.4f}"
-            print(f"{gain.vehicles:>8}{gain.baseline:>16}{told:>24}")
+            most = f"{mean:.4f} ± {half_width:.4f}"
+            print(f"{gain.vehicles:>8}{gain.baseline:>16}{most:>24}")
     print(made_by(time.monotonic() - begun_s))
 
 

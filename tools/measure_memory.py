@@ -41,7 +41,7 @@ def resets(env: HighwayEnv, number: int, vehicles: int, decisions: int) -> Itera
 
 
 def main() -> int:
-    """Reset, and tell the growth."""
+    """Reset, and print the growth."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--resets", type=int, default=5_000, help="after the first (default: 5000)")
     parser.add_argument("--environments", type=int, default=1, help="in turns (default: 1)")
@@ -49,14 +49,14 @@ def main() -> int:
     parser.add_argument("--vehicles", type=int, default=30, help="(default: 30)")
     parser.add_argument("--decisions", type=int, default=3, help="a reset (default: 3)")
     options = parser.parse_args()
-    told = {options.warm_up + round(options.resets * part / 10) for part in range(11)}
+    reported = {options.warm_up + round(options.resets * part / 10) for part in range(11)}
     held = {}
     total = options.warm_up + options.resets
     with ExitStack() as stack:
         envs = [stack.enter_context(closing(HighwayEnv())) for _ in range(options.environments)]
         rounds = [resets(env, total, options.vehicles, options.decisions) for env in envs]
         for done, *_ in zip(*rounds, strict=True):
-            if done in told:
+            if done in reported:
                 held[done] = resident_bytes()
                 print(f"{done:>7} resets {held[done] / 2**20:8.1f} MiB", flush=True)
     growth = held[total] / held[options.warm_up] - 1

@@ -1,4 +1,4 @@
-"""The verb ``reproduce``: make the experiments anew."""
+"""The verb ``reproduce``: the experiments behind the published tables and figures."""
 
 import argparse
 import sys
@@ -26,7 +26,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     numbers = {
         "--seeds": (usual.seeds, "trainings of each variant; the paper's are 200"),
         "--episodes": (usual.episodes, "of each training, of a schedule of 10000"),
-        "--full-seeds": (usual.full_seeds, "trainings that go on to the schedule's end"),
+        "--full-seeds": (usual.full_seeds, "trainings that continue to the schedule's end"),
         "--drives": (usual.drives, "evaluation episodes at each number of vehicles"),
         "--jobs": (usual.jobs, "processes at once on this machine"),
     }
@@ -52,7 +52,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=usual.runs,
         metavar="DIR",
-        help="folder of the trainings, which go on from there; shared where a cluster works",
+        help="folder of the trainings, which continue from there; shared where a cluster works",
     )
     parser.add_argument(
         "--out", type=Path, default=usual.out, metavar="DIR", help="folder of the results"
@@ -87,6 +87,6 @@ def reproduce(options: argparse.Namespace) -> int:
                 for progress in steps:
                     bar.reach(progress)
     except KeyboardInterrupt:
-        print("drl-av: the same command goes on from here.", file=sys.stderr)
+        print("drl-av: the same command continues from here.", file=sys.stderr)
         raise
     return 0

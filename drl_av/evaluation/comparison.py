@@ -29,14 +29,14 @@ def drive_all(
 
 
 class Evaluation:
-    """Which drivers are to be driven, among how many vehicles, and on which seeds.
+    """Drivers to drive, the numbers of vehicles around the ego, and the traffic seeds.
 
-    Without numbers of vehicles they are those of the published tables, or what the scenario
-    places.
+    Without numbers of vehicles these are the ones of the published tables, or the number that the
+    scenario places.
 
     Raises:
-        RunError, CheckpointError: a learned driver is not to be had.
-        ConfigError, ScenarioError: so many vehicles are not to be had, or training's own seeds.
+        RunError, CheckpointError: a learned driver cannot be read.
+        ConfigError, ScenarioError: so many vehicles do not fit, or the seeds belong to training.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Evaluation:
         return len(self._specs) * len(self._vehicles) * len(self._seeds)
 
     def rows(self, jobs: int = 1) -> Generator[EpisodeResult, None, None]:
-        """A row an episode; in the same order and the same whatever the number of processes.
+        """Drive; yields a row an episode, the same rows for any number of processes.
 
         Raises:
             SimulationError: SUMO ended on its own, and its process with it where there are several.

@@ -1,4 +1,4 @@
-"""What episodes amount to: means with their 95 % confidence intervals, by driver and density."""
+"""Means of episodes with their 95 % confidence intervals, by driver and density."""
 
 import json
 import math

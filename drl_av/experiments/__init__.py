@@ -1,1 +1,1 @@
-"""The paper's systems and figures, made anew by ``drl-av reproduce``."""
+"""The experiments of ``drl-av reproduce``: their tables, figures and summaries."""

@@ -38,8 +38,8 @@ COLORS = {"adaptation": "#d55e00", "no_adaptation": "#000000"}
 def adaptation_plan(options: ReproduceOptions) -> Plan:
     """The shipped driver continued on as many seeds as the full learning curves, at least one.
 
-    It continues with the experience of its training, which is trained anew and has the folders of
-    the others within its own.
+    It continues with the experience of its training. That training is therefore repeated, and its
+    folder contains the folders of the others.
     """
     shipped = default_config(find_drivers(["pretrained"]))
     origin = _job("pretrained", options.laid_over(shipped), options.runs)

@@ -48,7 +48,7 @@ class BarricadeEnv(HighwayEnv):
         return super().reset(**arguments)
 
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Carry out one decision; ``hit`` is then what a collision was with, "" without one."""
+        """Carry out one decision; ``hit`` then names the obstacle of a collision, or is empty."""
         before = self.scene
         self.barricade_proposals += self._barricaded(target_lane(before, ACTIONS[action].lateral))
         done = super().step(action)
@@ -88,10 +88,10 @@ class BarricadeTraining:
         return {"safety_check": self.config.safety.check, "seed": str(self.config.learning.seed)}
 
     def check(self) -> None:
-        """Nothing can be known before."""
+        """Its settings are those of the table, which the store compares."""
 
     def reported(self) -> list[Row]:
-        """None: the training is repeated from its beginning."""
+        """No rows: a training that was interrupted begins again."""
         return []
 
     def missing(self, rows: Sequence[Row]) -> int:
@@ -102,7 +102,7 @@ class BarricadeTraining:
         return size - len(rows)
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Train with the check of the config, a row an episode; then drive what was trained."""
+        """Train with the check of the config, a row an episode; then drive the trained driver."""
         from drl_av.learning.assembly import make_training
 
         with closing(BarricadeEnv(config=self.config)) as env:

@@ -1,4 +1,4 @@
-"""The cells of a table: evaluation episodes, or what a training reports while it learns."""
+"""The cells of a table: evaluation episodes, or the reports of a training."""
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
@@ -52,7 +52,7 @@ class Drives:
         return max(0, self.seeds - seeds_held(rows, drivers)) * drivers
 
     def reported(self) -> list[Row]:
-        """None: all are driven."""
+        """No rows: all of them are driven."""
         return []
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
@@ -74,7 +74,7 @@ def selected(result: EpisodeResult, *names: str) -> Row:
 
 @dataclass(frozen=True)
 class TrainingRows:
-    """What a training reports up to its last episode."""
+    """The reports of a training up to its last episode."""
 
     training: TrainingJob
     rows_of: Callable[[TrainingJob], list[Row]]
@@ -117,7 +117,7 @@ def training_plan(
     rounds: Sequence[Sequence[TrainingJob]],
     rows_of: Callable[[TrainingJob], list[Row]],
 ) -> Plan:
-    """A table of what trainings report, by the settings of every variant with seed 0."""
+    """A table of the reports of trainings; ``configs`` are those of every variant with seed 0."""
     variants = list(configs)
 
     def place(row: Row) -> tuple[int, int, int]:
@@ -128,7 +128,7 @@ def training_plan(
 
 
 def driven_with(config: Config, drivers: Sequence[str]) -> MadeWith:
-    """What episodes of these drivers depend on; raises RunError and CheckpointError."""
+    """The config and the policies of these drivers; raises RunError and CheckpointError."""
     learned = [driver.run for driver in find_drivers(drivers) if driver.run]
     policies = [checksum(find_policy(run)) for run in learned]
     return MadeWith({"": config}, {"": "+".join(policies) or None})

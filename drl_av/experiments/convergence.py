@@ -1,4 +1,4 @@
-"""What the learning curves come to: their ends, with intervals, and since when they are there."""
+"""Final performance of the learning curves, with intervals, and the episode of convergence."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -33,7 +33,7 @@ class Curve(NamedTuple):
 
     @property
     def end(self) -> Mean:
-        """Mean over the seeds of what each comes to in the last tenth of the evaluations."""
+        """Mean over the seeds of the mean of each over the last tenth of its evaluations."""
         count = _end_of(len(self.episodes))
         return mean_with_interval(self.values[:, -count:].mean(axis=1))
 
@@ -89,13 +89,14 @@ COLUMNS = {
     "training_reward": "training_reward",
     "training_collisions_an_episode": "training_collisions",
 }
-"""What ends are told of, and the column of ``curves.csv`` that holds it."""
+"""Columns of ``convergence.csv``, and the columns of ``curves.csv`` that they summarize."""
 
 
 def convergence(rows: Sequence[Row]) -> list[Row]:
-    """Since when a variant is near its end, and its end with the 95 % half-widths.
+    """The episode at which each variant converged, and its final performance.
 
-    A row as far as all seeds go, and where some go on, one of those that go furthest.
+    One row up to the last episode that all seeds have, and one of the longest trainings alone where
+    these are longer.
     """
     summaries = []
     for variant in dict.fromkeys(row["variant"] for row in rows):

@@ -46,7 +46,7 @@ PANELS = {
 
 
 def curve_plan(options: ReproduceOptions) -> Plan:
-    """Every variant on every seed: first up to the shorter schedule, then some go on."""
+    """Every variant on every seed: all up to the shorter length, then some to the full schedule."""
     config = options.laid_over(Config())
     configs = {variant: variant_config(config, variant) for variant in VARIANTS}
     goals = curve_jobs(options, config)
@@ -63,7 +63,7 @@ def variant_config(base: Config, variant: str, seed: int = 0) -> Config:
 
 
 def curve_jobs(options: ReproduceOptions, config: Config) -> list[TrainingJob]:
-    """Every training, up to the last episode that is asked of it."""
+    """Every training, up to its last episode."""
     schedule = config.learning.episodes
     return [
         TrainingJob(
@@ -147,7 +147,7 @@ def _figure(rows: list[Row], names: Sequence[str], columns: Sequence[str]) -> "F
 
 
 def _draw(axes: "Axes", rows: Sequence[Row], variant: str, column: str) -> None:
-    """Mean and band as far as all seeds go, a dot where it converged; thin, those that go on."""
+    """Mean and band up to the last common episode, a dot at convergence; thin, the longer seeds."""
     found, color = curve(rows, variant, column), COLORS[variant]
     seeds = len(found.values)
     means = np.array([mean.value for mean in found.means])

@@ -43,7 +43,7 @@ STYLES = {
     "idm-sumo": ("#0072b2", "^"),
     "random": ("#999999", "x"),
 }
-"""Colour, told apart by the colour-blind, and mark of the drivers that have one of their own."""
+"""Colour and mark of the drivers that have their own; the colour-blind can distinguish them."""
 OTHER_COLORS = ("#e69f00", "#cc79a7", "#56b4e9", "#f0e442")
 BESIDE = 0.15
 """Vehicles by which the marks of two drivers are set apart, so that their intervals are seen."""

@@ -2,7 +2,7 @@
 
 An engine is called with a function, its jobs and the number of processes. About once a second it
 yields the jobs that have ended meanwhile, maybe none. A job whose process was killed is done
-again: the function has to go on where it was, and to do nothing where all is done.
+again: the function must continue where it was, and do nothing where everything is done.
 """
 
 import contextlib

@@ -33,21 +33,21 @@ class Results:
             return read_rows(self._folder / table)
 
     def made_by(self, table: str) -> dict[str, Any]:
-        """What made a table; raises DrlAvError."""
+        """The provenance of a table; raises DrlAvError."""
         with report_corrupt_table(self._folder / table):
             return read_sidecar(self._folder / table)
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """A table of results, what must be driven or trained for it, and what is shown of it."""
+    """A table of results: how its rows are made, and how they are shown."""
 
     name: str
     """The table is ``<name>.csv``, with ``<name>.json`` beside it."""
     meaning: str
     """One sentence for ``drl-av reproduce --help`` and the documentation."""
     row: str
-    """What a row of the table is."""
+    """The meaning of a row of the table."""
     plan: Callable[[ReproduceOptions], Plan]
     derived: Derived = field(default_factory=dict)
     """Tables that are computed from this one, by the name of their file."""
@@ -76,7 +76,7 @@ def reproduce(experiment: Experiment, options: ReproduceOptions) -> Generator[Pr
     Raises:
         DrlAvError: the table was made with other settings or is damaged, a training's folder is of
             another training, or the disk refuses.
-        SimulationError: a training or an evaluation cannot go on.
+        SimulationError: a training or an evaluation failed.
     """
     plan = experiment.plan(options)
     path = options.out / experiment.table

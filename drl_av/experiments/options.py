@@ -1,4 +1,4 @@
-"""What ``drl-av reproduce`` is asked for, and how an experiment reports its progress."""
+"""The options of ``drl-av reproduce``, and how an experiment reports its progress."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -29,7 +29,7 @@ class ReproduceOptions(NamedTuple):
     runs: Path = Path("runs/reproduce")
     """Folder of the trainings' own folders, from which they continue."""
     out: Path = Path("docs/results")
-    """Folder of the tables, the files that say what made them, and the figures."""
+    """Folder of the tables, their provenance and the figures."""
     config: str | None = None
     """TOML file of settings that are laid over those of each experiment."""
 

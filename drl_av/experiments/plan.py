@@ -49,22 +49,22 @@ class Plan:
     next_cell: Callable[[list[Row], Cell], Cell | None] = lambda rows, cell: None
     """The cell after the last one, which depends on the rows so far; None for no more."""
     line: Callable[[list[Row], Cell], str] = lambda rows, cell: ""
-    """What is printed when a cell is complete."""
+    """Printed when a cell is complete; empty for nothing."""
     empty: str = ""
-    """What is printed where there are no cells."""
+    """Printed where there are no cells."""
 
     def make(
         self, store: ResultStore, options: ReproduceOptions
     ) -> Generator[Progress, None, None]:
         """Train and drive what the store lacks.
 
-        The store is saved when a training or a cell ends, and where the work is interrupted. What
-        it holds is not made again, whether or not the folders of those trainings still exist.
+        The store is saved when a training or a cell ends, and where the work is interrupted. Rows
+        that it has are not made again, even where the folders of their trainings are lost.
 
         Raises:
-            DrlAvError: rows are damaged; a training's folder holds another one or has gone on too
-                far; the disk refuses.
-            SimulationError: a training or an evaluation cannot go on.
+            DrlAvError: rows are damaged; a training's folder has other settings or later
+                episodes; the disk refuses.
+            SimulationError: a training or an evaluation failed.
         """
         cells = [cell for stage in self.stages for cell in stage]
         if not cells:
@@ -160,7 +160,7 @@ def _require_drivers(store: ResultStore, jobs: Iterable[TrainingJob]) -> None:
 
 
 def _collect(cells: Sequence[Cell], store: ResultStore, options: ReproduceOptions) -> None:
-    """Take over what trainings have reported, where that is more than the table holds."""
+    """Add the reports of trainings to the table, where these are more than it has."""
     with report_corrupt_table(store.path):
         changed = [store.put(cell.key, cell.reported()) for cell in cells]
     for job in {cell.training for cell in cells if cell.training}:

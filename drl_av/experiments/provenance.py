@@ -1,4 +1,4 @@
-"""What made a results file: the command, versions, SUMO's steps and the machine."""
+"""The provenance of results: the command, versions, SUMO's steps and the machine."""
 
 import os
 import platform

@@ -1,4 +1,4 @@
-"""The store of results: a CSV table and, in a JSON file beside it, what made its rows."""
+"""The store of results: a CSV table, and a JSON file beside it with the table's provenance."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ Derived = Mapping[str, Callable[[list[Row]], list[Row]]]
 
 
 class MadeWith(NamedTuple):
-    """What the rows of a table depend on, by the name of a training or variant.
+    """Everything that the rows of a table depend on, by the name of a training or variant.
 
     A table whose rows share one config and one learned driver has them under the name "".
     """
@@ -33,7 +33,7 @@ class MadeWith(NamedTuple):
     """Training episodes of the drivers."""
 
     def contradicts(self, other: "MadeWith") -> bool:
-        """Whether something has the same name in both and another value."""
+        """Whether a setting, policy or number of episodes has two values for the same name."""
         pairs: list[tuple[Mapping[str, Any], Mapping[str, Any]]]
         pairs = [*zip(self, other, strict=True)]
         shared = bool(self.settings and other.settings)
@@ -42,7 +42,7 @@ class MadeWith(NamedTuple):
         )
 
     def extended(self, other: "MadeWith") -> "MadeWith":
-        """With what the other names besides."""
+        """Both together."""
         return MadeWith(
             {**self.settings, **other.settings},
             {**self.policies, **other.policies},
@@ -86,7 +86,7 @@ class ResultStore:
         return [row for row in self.rows if key.items() <= row.items()]
 
     def require(self, made_with: MadeWith) -> None:
-        """Raise DrlAvError where the rows were made with something else; else note it."""
+        """Note these settings and drivers; raises DrlAvError where the rows are of others."""
         if made_with.contradicts(self._made_with):
             raise settings_mismatch(self.path)
         self._made_with = self._made_with.extended(made_with)
@@ -106,7 +106,7 @@ class ResultStore:
         return True
 
     def save(self, options: ReproduceOptions) -> None:
-        """Write the sidecar, then the table, then what derives from it, each file atomically."""
+        """Write the sidecar, then the table, then the derived ones, each file atomically."""
         write_sidecar(self.path, self._facts(options))
         write_table(self.path, self.rows[0], self.rows)
         self.save_derived()
@@ -144,7 +144,7 @@ class ResultStore:
 
 
 def _stored(facts: dict[str, Any], table: Path) -> MadeWith:
-    """What a sidecar says that made the rows; raises what ``report_corrupt_table`` reports."""
+    """The settings and drivers that a sidecar names; for use in ``report_corrupt_table``."""
     settings, name = facts["settings"], str(sidecar(table))
     if "simulation" in settings:
         config = stored_config(settings, name)
@@ -208,7 +208,7 @@ def seeds_held(rows: Iterable[Row], drivers: int = 1) -> int:
 
 
 def sidecar(table: Path) -> Path:
-    """The file that says what made a table: ``curves.csv`` has ``curves.json`` beside it."""
+    """The file with a table's provenance: ``curves.csv`` has ``curves.json`` beside it."""
     return table.with_suffix(".json")
 
 
@@ -218,7 +218,7 @@ def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
 
 
 def read_sidecar(table: Path) -> dict[str, Any]:
-    """What made the table; empty where there is neither a table nor a sidecar.
+    """The provenance of the table; empty where there is neither a table nor a sidecar.
 
     Raises:
         DrlAvError: the sidecar cannot be read, or it is missing beside a table.

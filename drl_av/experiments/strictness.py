@@ -118,11 +118,11 @@ def strict_figure(rows: list[Row]) -> "Figure":
     changes = [change(plain, plain, number) for number in numbers]
     _curve(by_density, numbers, changes, color="#d55e00", marker="o")
     by_density.set_title("the check as it is")
-    moved = [row for row in rows if row["bound"]]
-    for mark, bound in zip(MARKS, dict.fromkeys(row["bound"] for row in moved), strict=False):
+    changed = [row for row in rows if row["bound"]]
+    for mark, bound in zip(MARKS, dict.fromkeys(row["bound"] for row in changed), strict=False):
         _bound(by_bound, rows, bound, mark)
-    by_bound.set_title(f"one bound moved, among {moved[0]['vehicles']} vehicles" if moved else "")
-    if moved:
+    if changed:
+        by_bound.set_title(f"one bound moved, among {changed[0]['vehicles']} vehicles")
         figure.legend(loc="outside right center", frameon=False)
     labels = ("vehicles on the loop", "bound, as a multiple of its default")
     for axes, label in zip((by_density, by_bound), labels, strict=True):
@@ -160,8 +160,8 @@ def _bound(axes: "Axes", rows: Sequence[Row], bound: str, mark: str) -> None:
     vehicles, usual = int(own[0]["vehicles"]), float(getattr(StrictConfig(), bound))
     found = {1.0: change(plain, plain, vehicles)}
     for value in {row["value"] for row in own}:
-        moved = [row for row in own if row["value"] == value]
-        found[float(value) / usual] = change(moved, plain, vehicles)
+        changed = [row for row in own if row["value"] == value]
+        found[float(value) / usual] = change(changed, plain, vehicles)
     places = sorted(found)
     label = LABELS.get(bound, bound)
     _curve(axes, places, [found[place] for place in places], label=label, marker=mark)

@@ -1,4 +1,4 @@
-"""A training of an experiment: it goes on from its folder, and its rows are read from there."""
+"""The trainings of experiments: each continues from its folder, where its reports are read."""
 
 import re
 import time
@@ -19,12 +19,12 @@ class TrainingJob:
     variant: str
     config: Config
     stop: int
-    """Last episode to drive; the config's schedule may go on beyond it."""
+    """Last episode to drive; the config's schedule may be longer."""
     folder: Path
     every: int
     """Episodes that a row of its table sums up."""
     origin: "TrainingJob | None" = None
-    """The training whose driver continues to learn here; None for one that begins anew."""
+    """The training whose driver continues to learn here; None for a fresh one."""
 
     @property
     def name(self) -> str:

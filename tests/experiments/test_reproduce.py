@@ -9,6 +9,7 @@ import pytest
 from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.errors import DrlAvError
+from drl_av.experiments import store
 from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.experiment import Experiment, Results, reproduce
@@ -133,6 +134,19 @@ def test_cells_of_several_configs_continue_too(options: ReproduceOptions) -> Non
     assert [progress.done for progress in reproduce(checks, options)] == [1, 2, 3, 4]
     more = options._replace(drives=3)
     assert [progress.done for progress in reproduce(checks, more)] == [1, 2]
+
+
+def test_a_full_disk_leaves_what_the_next_attempt_continues(
+    options: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, columns: object, rows: object) -> None:
+        raise DrlAvError(f"{path} cannot be written (No space left on device).")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "write_table", full)
+        with pytest.raises(DrlAvError, match="No space left"):
+            driven(options)
+    assert driven(options) == [1, 2, 3, 4, 5, 6, 7, 8]
 
 
 def test_lost_figures_and_derived_tables_are_made_again(made: ReproduceOptions) -> None:
