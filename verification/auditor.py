@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
-from drl_av.safety.reachability import CENTERED_M, STILL_M_S, lanes_under
+from drl_av.safety.reachability import STILL_M_S, lanes_under
 from drl_av.safety.stopping import cut_in_gap, stopping_distance
-from drl_av.traffic.road import FloatArray, Road
+from drl_av.traffic.road import ARRIVED_M, FloatArray, Road
 from drl_av.traffic.snapshot import EGO, Snapshot
 
 BoolArray = npt.NDArray[np.bool_]
@@ -94,7 +94,7 @@ class Auditor:
         for row in np.flatnonzero(np.abs(moved_m) > STILL_M_S * step_s).tolist():
             side, lane = self._heading(before.y_m[row], after.y_m[row])
             goes_on = (side, lane) == self._heading(earlier_m[row], before.y_m[row])
-            arrived = abs(before.y_m[row] - lane * width_m) <= CENTERED_M
+            arrived = abs(before.y_m[row] - lane * width_m) <= ARRIVED_M
             is_in = lowest[row] <= lane <= highest[row]
             if row == EGO or goes_on or arrived or is_in:
                 continue
@@ -106,7 +106,7 @@ class Auditor:
         """Side and lane that a vehicle moves to; past a centre it is bound for the next lane."""
         width_m, side = self._road.lane_width_m, int(np.sign(to_m - from_m))
         lane = math.ceil if side > 0 else math.floor
-        return side, lane((to_m - side * CENTERED_M) / width_m)
+        return side, lane((to_m - side * ARRIVED_M) / width_m)
 
     def _judge_entry(self, after: Snapshot, row: int, there: BoolArray) -> None:
         """One that begins to move into the ego's lane, in which others are there."""

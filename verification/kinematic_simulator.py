@@ -16,9 +16,9 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.safety.check import SafetyCheck
-from drl_av.safety.reachability import CENTERED_M, lanes_under, lateral_extent
+from drl_av.safety.reachability import lanes_under, lateral_extent
 from drl_av.safety.stopping import cut_in_gap, stopping_distance
-from drl_av.traffic.road import FloatArray, Road
+from drl_av.traffic.road import ARRIVED_M, FloatArray, Road
 from drl_av.traffic.snapshot import Collision, CollisionKind, Snapshot
 from verification.separation import first_collision, swept_separation
 
@@ -181,7 +181,7 @@ class Mover:
         lowest, highest = lanes_under(world.y_m, WIDTH_M, ROAD.lane_width_m)
         off_m = np.abs(y_m - width_m * np.round(y_m / width_m))
         earlier_m = y_m - world.lateral_m_s[:, 1:] * self.step_s
-        goes_on = (np.sign(world.lateral_m_s[:, 1:]) == np.sign(side)) & (off_m > CENTERED_M)
+        goes_on = (np.sign(world.lateral_m_s[:, 1:]) == np.sign(side)) & (off_m > ARRIVED_M)
         goes_on &= _bound_for(earlier_m, side) == lane
         is_in = (lowest[:, 1:] <= lane) & (lane <= highest[:, 1:])
         # everybody (axis 1) that stands in the lane which another one (axis 2) would move into

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from drl_av.config.schema import Section, setting
+from drl_av.config.traffic import STANDSTILL_GAP_M
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class MobilConfig(Section):
         1.1, "ours", "T, time gap; the mean of the traffic's", low=0.1, high=10
     )
     standstill_gap_m: float = setting(
-        2.5, "ours", "s_0, gap at standstill; SUMO's minGap", low=0, high=20
+        STANDSTILL_GAP_M, "ours", "s_0, gap at standstill; SUMO's minGap", low=0, high=20
     )
     acceleration_m_s2: float = setting(
         1.5, "ours", "a, acceleration; the mean of the traffic's", low=0.1, high=10
@@ -68,7 +69,7 @@ class FiniteStateConfig(Section):
         high=60,
     )
     headway_s: float = setting(1.2, "ours", "time gap in the state follow", low=0.1, high=10)
-    standstill_gap_m: float = setting(2.5, "ours", "gap at standstill", low=0, high=20)
+    standstill_gap_m: float = setting(STANDSTILL_GAP_M, "ours", "gap at standstill", low=0, high=20)
     gap_gain_per_s2: float = setting(
         0.1, "ours", "acceleration per metre of gap above the wanted gap", low=0, high=10
     )

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from drl_av.config.schema import Section, setting
+from drl_av.config.traffic import STANDSTILL_GAP_M
 
 LATERAL_PLANTS = ("kinematic", "steering")
 LONGITUDINAL_REFERENCES = ("acceleration", "idm", "acc")
@@ -50,7 +51,7 @@ class EgoConfig(Section):
         1.3, "ours", "idm, acc: time gap; equal to the headway of d_safe", low=0.1, high=10
     )
     reference_standstill_gap_m: float = setting(
-        2.5, "ours", "idm, acc: gap at standstill, SUMO's minGap", low=0, high=20
+        STANDSTILL_GAP_M, "ours", "idm, acc: gap at standstill, SUMO's minGap", low=0, high=20
     )
     acc_gap_gain_per_s: float = setting(
         0.4, "ours", "acc: lambda, gain on the error of the gap", low=0.01, high=10

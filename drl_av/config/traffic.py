@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from drl_av.config.schema import Section, setting
 from drl_av.errors import ConfigError
 
+STANDSTILL_GAP_M = 2.5
+"""Gap at standstill: minGap of SUMO's vehicle types, and the default of each driver model."""
+
 
 @dataclass(frozen=True)
 class TrafficConfig(Section):
@@ -41,7 +44,11 @@ class TrafficConfig(Section):
         high=1000,
     )
     start_gap_m: float = setting(
-        8.0, "ours", "smallest net gap between vehicles at the start", low=2.5, high=100
+        8.0,
+        "ours",
+        "smallest net gap between vehicles at the start",
+        low=STANDSTILL_GAP_M,
+        high=100,
     )
     finite_state_share: float = setting(
         0.0, "Sec. IV-B", "chance that a vehicle drives by the finite-state machine", low=0, high=1

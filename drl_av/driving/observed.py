@@ -5,11 +5,9 @@ from typing import NamedTuple
 from drl_av.config import Config
 from drl_av.driving.actions import Action, Lateral, nearest_action, toward
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.traffic.road import Road
+from drl_av.traffic.road import ARRIVED_M, Road
 from drl_av.traffic.snapshot import EGO, Snapshot
 
-CENTERED_M = 0.05
-"""Within this distance of a lane's centre a lane change is over."""
 STILL_M = 1e-6
 """A shorter way sideways is none."""
 
@@ -41,7 +39,7 @@ def observed(before: Scene, after: Snapshot, road: Road, config: Config) -> Obse
         lane = before.affordances.lane
         change = LaneChange(lane, lane + sign) if change is None else change.reversed()
     lane = road.lane_of(y_m)
-    if change is None or abs(y_m - road.center_m(lane)) <= CENTERED_M:
+    if change is None or abs(y_m - road.center_m(lane)) <= ARRIVED_M:
         return Observed(Action(lateral, longitudinal), None)
     if (y_m - road.center_m(change.target)) * change.sign > 0:  # on to the lane after that
         change = LaneChange(change.target, change.target + change.sign)

@@ -1,6 +1,7 @@
 """The short-horizon safety check of Sec. III: rules 1, 2 and 3 (eq. 2 and 3)."""
 
 import math
+from typing import Any, NamedTuple
 
 from drl_av.config import SafetyConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
@@ -20,9 +21,33 @@ def time_to_collision(gap_m: float, closing_m_s: float) -> float:
     return gap_m / closing_m_s if closing_m_s > 0 else math.inf
 
 
-def gap_condition(gap_m: float, closing_m_s: float, config: SafetyConfig) -> bool:
-    """Whether eq. 2 holds: d - T_min v > d_min."""
+class Approach(NamedTuple):
+    """A net gap and the speed at which it shrinks: floats, or arrays of one shape."""
+
+    gap_m: Any
+    closing_m_s: Any
+
+
+ABSENT = Approach(math.inf, 0.0)
+
+
+def gap_condition(gap_m: Any, closing_m_s: Any, config: SafetyConfig) -> Any:
+    """Whether eq. 2 holds: d - T_min v > d_min; for arrays an array."""
     return gap_m - config.minimum_ttc_s * closing_m_s > config.minimum_gap_m
+
+
+def lane_change_is_safe(
+    own_front: Approach, front: Approach, rear: Approach, config: SafetyConfig
+) -> Any:
+    """Rule 3: eq. 2 holds for the vehicle ahead, and for front and rear of the target lane.
+
+    An absent vehicle has an infinite gap. For arrays an array.
+    """
+    return (
+        gap_condition(*own_front, config)
+        & gap_condition(*front, config)
+        & gap_condition(*rear, config)
+    )
 
 
 def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
@@ -81,11 +106,11 @@ def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> t
 def lane_is_clear(affordances: Affordances, lane: int, config: SafetyConfig) -> bool:
     """Rule 3: whether eq. 2 holds for the vehicle ahead, and for both vehicles in ``lane``."""
     sign = lane - affordances.lane
-    rear = affordances.rear(sign)
-    fronts_clear = all(
-        front is None or gap_condition(front.gap_m, closing_speed(front), config)
-        for front in (affordances.own_front, affordances.front(sign))
+    own_front, front, rear = affordances.own_front, affordances.front(sign), affordances.rear(sign)
+    safe: bool = lane_change_is_safe(
+        ABSENT if own_front is None else Approach(own_front.gap_m, closing_speed(own_front)),
+        ABSENT if front is None else Approach(front.gap_m, closing_speed(front)),
+        ABSENT if rear is None else Approach(rear.gap_m, rear.relative_speed_m_s),
+        config,
     )
-    return fronts_clear and (
-        rear is None or gap_condition(rear.gap_m, rear.relative_speed_m_s, config)
-    )
+    return safe

@@ -11,14 +11,12 @@ import numpy.typing as npt
 
 from drl_av.config import StrictConfig
 from drl_av.safety.stopping import stopping_distance
-from drl_av.traffic.road import FloatArray
+from drl_av.traffic.road import ARRIVED_M, FloatArray
 
 LINE_M = 0.01
 """A body is in a lane if it is at least this far over the line of that lane."""
 STILL_M_S = 0.01
 """A vehicle that is not faster than this sideways counts as keeping its lateral position."""
-CENTERED_M = 0.05
-"""A vehicle within this distance of a lane's centre counts as being at the centre."""
 ON_LINE_M = 0.05
 """A centre within this distance of the line between two lanes counts as being in both."""
 
@@ -41,7 +39,7 @@ def lateral_extent(
     moving = np.abs(lateral_speed_m_s) > STILL_M_S
     if moving.any():
         lane = y_m / lane_width_m
-        moving &= np.abs(lane - np.round(lane)) * lane_width_m > CENTERED_M
+        moving &= np.abs(lane - np.round(lane)) * lane_width_m > ARRIVED_M
         to_right, to_left = moving & (lateral_speed_m_s < 0), moving & (lateral_speed_m_s > 0)
         lowest = np.where(to_right, np.minimum(lowest, np.floor(lane)), lowest)
         highest = np.where(to_left, np.maximum(highest, np.ceil(lane)), highest)

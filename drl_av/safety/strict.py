@@ -14,7 +14,7 @@ vehicle types of our scenarios keep to them.
 3. *Cutting in.* A vehicle begins to move sideways into a lane only if no vehicle is beside it in
    that lane, and only if the next vehicle behind it in that lane can stop behind it. The ego can
    stop behind it if the gap is larger than ``cut_in_gap``; the ego then executes its present action
-   for one decision more, and brakes hard. A vehicle within ``CENTERED_M`` of the centre of a lane
+   for one decision more, and brakes hard. A vehicle within ``ARRIVED_M`` of the centre of a lane
    has not begun to leave that lane. When it passes the centre of a lane, a new movement begins.
 4. *Following.* A vehicle stays behind the ego while the body of the ego overlaps its lane. Within
    ``follower_response_s`` it begins to brake with ``follower_braking_m_s2`` if this is necessary.

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config, EgoConfig, TrafficConfig
+from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
 from drl_av.traffic.road import FloatArray, Road
@@ -15,7 +16,6 @@ from drl_av.traffic.road import FloatArray, Road
 EGO_ID = "ego"
 SPREAD_M = 250.0
 """Vehicles start within this distance of the ego (Sec. IV-B)."""
-STANDSTILL_GAP_M = 2.5
 DECISIONS_AT_ONCE = 256
 COMFORTABLE_BRAKING_M_S2 = 2.0
 STANDING_M_S = 0.1

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from drl_av.config import SimulationConfig
+from drl_av.traffic.road import CENTERED_M
 from drl_av.traffic.snapshot import EGO, TrafficCommand
 
 LANE_CHANGES_ON_REQUEST = 1536
 """SUMO changes lanes on request only, respects the gaps, and centres the vehicle in its lane."""
 LEFT_TO_SUMO = -1.0
-CENTERED_M = 0.1
 LOOK_AHEAD_M = 200.0
 """Longer than any stopping distance."""
 

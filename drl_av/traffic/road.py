@@ -7,6 +7,14 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+CENTERED_M = 0.1
+"""A vehicle this near its lane's centre is in no lane change, and may request one (ours)."""
+ARRIVED_M = 0.05
+"""A lane change has ended this near a lane's centre (ours).
+
+Smaller than ``CENTERED_M``: the check ``strict`` must not take a vehicle that still moves to a
+centre for one that has arrived there.
+"""
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
+from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import ScenarioError
 
 VEHICLE = {
-    "minGap": "2.5",
+    "minGap": repr(STANDSTILL_GAP_M),
     "maxSpeed": "40",
     "speedFactor": "1",
     "speedDev": "0",

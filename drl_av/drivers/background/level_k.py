@@ -8,11 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config, EgoConfig, Level0Config
-from drl_av.drivers.background.surroundings import FRONT, LEFT, OWN, RIGHT, Surroundings
+from drl_av.drivers.background.surroundings import FRONT, LEFT, OWN, REAR, RIGHT, Surroundings
 from drl_av.drivers.driver import Decisions
 from drl_av.drivers.network import Layers, forward
 from drl_av.driving.actions import ACTIONS, Longitudinal
 from drl_av.driving.affordances import ObservationScale
+from drl_av.safety.paper import Approach, lane_change_is_safe
 from drl_av.traffic.road import FloatArray, Road
 
 LEVEL_0 = np.array(
@@ -66,12 +67,15 @@ class Level1:
         return Decisions(self._acceleration_m_s2[best], side)
 
     def _is_clear(self, neighbors: Surroundings, lane: int) -> npt.NDArray[np.bool_]:
-        """Eq. 2 for the vehicle ahead and for front and rear of a lane that exists."""
-        closing_m_s = neighbors.relative_speed_m_s * (-1.0, 1.0)
-        to_spare_m = neighbors.gap_m - self._safety.minimum_ttc_s * closing_m_s
-        enough = to_spare_m > self._safety.minimum_gap_m
-        clear: npt.NDArray[np.bool_] = neighbors.has_lane[:, lane] & enough[:, OWN, FRONT]
-        return clear & enough[:, lane].all(axis=1)
+        """Rules 2 and 3: the lane exists, and the gaps are large enough for a lane change."""
+        gap_m, speed_m_s = neighbors.gap_m, neighbors.relative_speed_m_s
+        clear: npt.NDArray[np.bool_] = neighbors.has_lane[:, lane] & lane_change_is_safe(
+            Approach(gap_m[:, OWN, FRONT], -speed_m_s[:, OWN, FRONT]),
+            Approach(gap_m[:, lane, FRONT], -speed_m_s[:, lane, FRONT]),
+            Approach(gap_m[:, lane, REAR], speed_m_s[:, lane, REAR]),
+            self._safety,
+        )
+        return clear
 
 
 def _accelerations(ego: EgoConfig) -> FloatArray:

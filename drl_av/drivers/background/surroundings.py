@@ -6,14 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.driving.affordances import SIDES
-from drl_av.traffic.road import FloatArray, Road
+from drl_av.traffic.road import CENTERED_M, FloatArray, Road
 from drl_av.traffic.snapshot import Snapshot
 
 OWN, RIGHT, LEFT = range(3)
 """The lanes of a vehicle, in the order of SIDES."""
 FRONT, REAR = range(2)
-CENTERED_M = 0.1
-"""Further from its lane's centre a vehicle is on the way to another lane."""
 
 
 class Surroundings(NamedTuple):
