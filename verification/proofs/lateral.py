@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import z3
 
-from drl_av.safety.reachability import CENTERED_M, LINE_M, ON_LINE_M
+from drl_av.safety.reachability import LINE_M, ON_LINE_M
+from drl_av.traffic.road import ARRIVED_M
 from verification.proofs.argument import Argument, exact
 from verification.proofs.lemma import Problem, Term
 
-LINE, ON_LINE, CENTERED = exact(LINE_M), exact(ON_LINE_M), exact(CENTERED_M)
+LINE, ON_LINE, CENTERED = exact(LINE_M), exact(ON_LINE_M), exact(ARRIVED_M)
 
 
 class Span(NamedTuple):
