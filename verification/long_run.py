@@ -8,7 +8,6 @@ hit by a vehicle that broke no bound.
 """
 
 import argparse
-import csv
 import sys
 import time
 from collections import Counter
@@ -31,6 +30,7 @@ from drl_av.experiments.store import (
     stored_config,
     write_sidecar,
 )
+from drl_av.files import append_rows, read_table
 from verification.auditor import Auditor
 
 FIRST_SEED = 800_000
@@ -117,8 +117,9 @@ def main() -> int:
     base = load_config(arguments.config).updated("safety", check=arguments.check)
     worlds = environments(base)
     names = list(worlds)
-    begun_s, done = time.monotonic(), read(arguments.out)
+    begun_s = time.monotonic()
     try:
+        done = read_table(arguments.out, growing=True)
         facts = read_sidecar(arguments.out)
         if facts and stored_config(facts["settings"], str(arguments.out)) != base:
             raise settings_mismatch(arguments.out)
@@ -128,31 +129,18 @@ def main() -> int:
     if not facts:
         write_sidecar(arguments.out, provenance(base, settings=asdict(base)))
     known = {int(row["seed"]) for row in done}
-    with arguments.out.open("a", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        if not done:
-            writer.writeheader()
-        try:
-            for number in range(arguments.first, arguments.first + arguments.episodes):
-                seed, mix = FIRST_SEED + number, names[number // 30 % len(names)]
-                if seed not in known:
-                    writer.writerow(worlds[mix].episode(mix, seed))
-                    file.flush()
-        finally:
-            spent_s += round(time.monotonic() - begun_s, 1)
-            made = provenance(base, wall_time_s=spent_s, settings=asdict(base))
-            write_sidecar(arguments.out, made)
-    status = report(read(arguments.out))
+    try:
+        for number in range(arguments.first, arguments.first + arguments.episodes):
+            seed, mix = FIRST_SEED + number, names[number // 30 % len(names)]
+            if seed not in known:
+                append_rows(arguments.out, COLUMNS, [worlds[mix].episode(mix, seed)])
+    finally:
+        spent_s += round(time.monotonic() - begun_s, 1)
+        made = provenance(base, wall_time_s=spent_s, settings=asdict(base))
+        write_sidecar(arguments.out, made)
+    status = report(read_table(arguments.out, growing=True))
     print(made_by(spent_s))
     return status
-
-
-def read(path: Path) -> list[dict[str, str]]:
-    """The rows that are there."""
-    if not path.exists():
-        return []
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def report(rows: list[dict[str, str]]) -> int:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 from drl_av.errors import DrlAvError
-from drl_av.files.whole import append, write_whole
+from drl_av.files.whole import append, remove_cut_line, write_whole
 
 Row = dict[str, str]
 """A row of a CSV file as text, by column."""
@@ -68,9 +68,12 @@ def append_rows(
 ) -> None:
     """Add rows to a CSV file, and its header where the file is missing or empty.
 
+    A last line that is cut short, as a process that was killed leaves it, is removed first.
+
     Raises:
         error: the disk is full, or the file or its folder may not be written to.
     """
+    remove_cut_line(path, error)
     new = not path.exists() or not path.stat().st_size
     append(path, table_bytes(columns, rows, header=new), error)
 

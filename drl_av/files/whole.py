@@ -67,6 +67,26 @@ def append(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> Non
         raise _refused(path, refusal, error) from refusal
 
 
+def remove_cut_line(path: Path, error: type[DrlAvError] = DrlAvError) -> None:
+    """Remove the last line of a file where it has no line end; nothing where there is no file.
+
+    Raises:
+        error: the file may not be written to.
+    """
+    try:
+        with path.open("rb+") as file:
+            if not file.seek(0, os.SEEK_END):
+                return
+            file.seek(-1, os.SEEK_END)
+            if file.read() != b"\n":
+                file.seek(0)
+                file.truncate(file.read().rfind(b"\n") + 1)
+    except FileNotFoundError:
+        return
+    except OSError as refusal:
+        raise _refused(path, refusal, error) from refusal
+
+
 def require_writable(*paths: Path | None, inputs: Iterable[str | Path | None] = ()) -> None:
     """Try whether ``write_whole`` could write the paths, before any long work is done for them.
 

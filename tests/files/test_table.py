@@ -163,6 +163,10 @@ def test_appended_rows_follow_those_that_are_there(tmp_path: Path) -> None:
     append_rows(path, Drive, [FIRST])
     append_rows(path, Drive, [SECOND])
     assert path.read_bytes() == table_bytes(Drive, [FIRST, SECOND])
+    for cut in (2, len(table_bytes(Drive)) + 3, len(table_bytes(Drive, [FIRST])) - 1):
+        path.write_bytes(table_bytes(Drive, [FIRST])[:cut])
+        append_rows(path, Drive, [SECOND])  # after a process that was killed
+        assert path.read_bytes() == table_bytes(Drive, [SECOND])
     with pytest.raises(RunError, match="gone/x cannot be written"):
         append_rows(tmp_path / "gone" / "x", Drive, [FIRST], RunError)
 
