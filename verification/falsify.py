@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from drl_av.cli.arguments import whole
-from drl_av.config import SAFETY_CHECKS, Config
+from drl_av.config import Config
 from drl_av.errors import ScenarioError
 from drl_av.experiments.provenance import made_by
-from drl_av.safety import named_check
+from drl_av.safety import CHECKS, named_check
 from drl_av.traffic.snapshot import Collision
 from verification.batch_check import BatchStrict
 from verification.falsification import FAMILIES, PLACED, Tally, genes, orders, play, scripted
@@ -138,7 +138,7 @@ def show(rows: list[dict[str, Any]]) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", default="paper", choices=SAFETY_CHECKS)
+    parser.add_argument("--check", default="paper", choices=CHECKS)
     parser.add_argument("--family", nargs="+", choices=FAMILIES, help="default: all")
     parser.add_argument("--scenes", type=whole(1), help="a family (default: 1000; strict: 100000)")
     parser.add_argument("--seed", type=int, default=0)

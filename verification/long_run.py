@@ -15,7 +15,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from drl_av.config import SAFETY_CHECKS, Config, load_config
+from drl_av.config import Config, load_config
 from drl_av.drivers.rules import RandomDriver
 from drl_av.driving.actions import Action
 from drl_av.driving.scene import Scene
@@ -31,6 +31,7 @@ from drl_av.experiments.store import (
     write_sidecar,
 )
 from drl_av.files import append_rows, read_table
+from drl_av.safety import CHECKS
 from verification.auditor import Auditor
 
 FIRST_SEED = 800_000
@@ -110,7 +111,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--episodes", type=int, default=5000, help="how many (default: 5000)")
     parser.add_argument("--first", type=int, default=0, help="number of the first (default: 0)")
-    parser.add_argument("--check", default="strict", choices=SAFETY_CHECKS)
+    parser.add_argument("--check", default="strict", choices=CHECKS)
     parser.add_argument("--config", help="a TOML file of settings")
     parser.add_argument("--out", type=Path, default=Path("long_run.csv"), help="the CSV file")
     arguments = parser.parse_args()

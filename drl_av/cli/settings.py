@@ -2,7 +2,8 @@
 
 import argparse
 
-from drl_av.config import SAFETY_CHECKS, TRAFFIC_KINDS, Config, load_config, located
+from drl_av.config import TRAFFIC_KINDS, Config, load_config, located
+from drl_av.safety import CHECKS
 
 
 def driving(parser: argparse.ArgumentParser, whose: str) -> None:
@@ -15,7 +16,7 @@ def driving(parser: argparse.ArgumentParser, whose: str) -> None:
     parser.add_argument(
         "--safety-check",
         metavar="NAME",
-        help=f"one of: {', '.join(SAFETY_CHECKS)} (default: {whose})",
+        help=f"one of: {', '.join(CHECKS)} (default: {whose})",
     )
     parser.add_argument(
         "--traffic",

@@ -17,7 +17,7 @@ from drl_av.config.ego import EgoConfig, ObservationConfig
 from drl_av.config.learning import REPLAYS, LearningConfig
 from drl_av.config.reward import DESIRED_VALUES, RewardConfig
 from drl_av.config.road import SimulationConfig
-from drl_av.config.safety import SAFETY_CHECKS, SafetyConfig, StrictConfig
+from drl_av.config.safety import SafetyConfig, StrictConfig
 from drl_av.config.schema import Section, did_you_mean
 from drl_av.config.traffic import TrafficConfig
 from drl_av.config.traffic_kinds import TRAFFIC_KINDS, traffic_of_kind
@@ -27,7 +27,6 @@ __all__ = [
     "BEFORE",
     "DESIRED_VALUES",
     "REPLAYS",
-    "SAFETY_CHECKS",
     "TRAFFIC_KINDS",
     "Config",
     "EgoConfig",

@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 from drl_av.config.schema import Section, setting
 
-SAFETY_CHECKS = ("permit_all", "paper", "strict")
-
 
 @dataclass(frozen=True)
 class SafetyConfig(Section):
     """The short-horizon safety check (eq. 2 and 3)."""
 
-    check: str = setting("paper", "Sec. III", "name of the safety check", choices=SAFETY_CHECKS)
+    check: str = setting(
+        "paper", "Sec. III", "name of the safety check: permit_all, paper or strict"
+    )
     minimum_ttc_s: float = setting(3.0, "Table I", "T_min of eq. 2", low=0, high=60)
     hard_brake_ttc_s: float = setting(
         2.0, "Table I", "T_HB of eq. 3, hard brake up to it", low=0, high=60

@@ -1,5 +1,6 @@
 """The safety checks: the check that a config names, and a mask of the permitted actions."""
 
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 
@@ -7,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
+from drl_av.config.schema import did_you_mean
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
@@ -28,19 +30,37 @@ AT_MOST = {
 """Each name must not exceed the other, so that the vehicles keep to the bounds of ``strict``."""
 
 
+def _strict(config: Config, vehicle_types: VehicleTypes) -> SafetyCheck:
+    check = Strict(config.strict, config.ego, config.simulation)
+    require_bounds(config, vehicle_types)
+    return check
+
+
+CHECKS: dict[str, Callable[[Config, VehicleTypes], SafetyCheck]] = {
+    "permit_all": lambda config, vehicle_types: permit_all,
+    "paper": lambda config, vehicle_types: partial(paper, config=config.safety),
+    "strict": _strict,
+}
+"""How each safety check is made from a config and the vehicle types of a scenario, by its name.
+
+To add a check, write its file and add a line here; the command line's help is made from it.
+"""
+
+
 def named_check(config: Config, vehicle_types: VehicleTypes = AS_WRITTEN) -> SafetyCheck:
     """The safety check that a config names, for a scenario with these vehicle types.
 
     Raises:
-        ConfigError: the check is ``strict``, and the traffic or the ego breaks its assumptions.
+        ConfigError: there is no check of that name; or it is ``strict``, and the traffic or the
+            ego breaks its assumptions.
     """
-    if config.safety.check == "strict":
-        check = Strict(config.strict, config.ego, config.simulation)
-        require_bounds(config, vehicle_types)
-        return check
-    if config.safety.check == "paper":
-        return partial(paper, config=config.safety)
-    return permit_all
+    name = config.safety.check
+    if name not in CHECKS:
+        raise ConfigError(
+            f"safety.check is {name!r}{did_you_mean(name, CHECKS)}, but must be one of: "
+            f"{', '.join(CHECKS)}."
+        )
+    return CHECKS[name](config, vehicle_types)
 
 
 def require_bounds(config: Config, vehicle_types: VehicleTypes) -> None:

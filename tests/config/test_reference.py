@@ -39,7 +39,7 @@ def test_the_unit_is_that_of_the_name(section: str, key: str, unit: str) -> None
 @pytest.mark.parametrize(
     ("section", "key", "allowed"),
     [
-        ("safety", "check", "one of permit_all, paper, strict"),
+        ("learning", "replay", "one of two-buffer, prioritized, uniform"),
         ("learning", "mirrored", "true or false"),
         ("learning", "evaluate_every", "at least 1"),
         ("learning", "discount", "0 to 1"),

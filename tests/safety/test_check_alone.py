@@ -10,11 +10,14 @@ import pytest
 from drl_av.config import Config
 from drl_av.drivers.checked import CheckedDriver, PolicyDriver
 from drl_av.drivers.rules import RandomDriver
-from drl_av.driving.actions import ACTIONS
+from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
+from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive, rollout
+from drl_av.errors import ConfigError
 from drl_av.evaluation.recording import Recorder, Recording
-from drl_av.safety import action_mask, named_check
+from drl_av.safety import CHECKS, action_mask, named_check
+from drl_av.safety.check import Rule, Verdict
 
 ID = "drl_av/Highway-v0"
 SHORT = Config().updated("simulation", decisions_per_episode=40)
@@ -110,3 +113,21 @@ def test_an_agent_of_stable_baselines3_drives_under_the_check() -> None:
         action = agent.act(env.scene, observation)
         assert (checked.act(env.scene, observation) == action) == mask[action.number]
         assert action in ACTIONS
+
+
+def test_a_check_from_outside_the_package_is_one_line_of_the_registry(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def timid(scene: Scene, proposed: Action) -> Verdict:
+        executed = Action(Lateral.KEEP, Longitudinal.BRAKE)
+        return Verdict(executed, Rule.NONE if executed == proposed else Rule.IN_LANE)
+
+    monkeypatch.setitem(CHECKS, "timid", lambda config, vehicle_types: timid)
+    with closing(HighwayEnv(safety_check="timid")) as env:
+        env.reset(seed=1, options={"vehicles": 3})
+        info = env.step(5)[4]
+        assert (info["proposed_action"], info["executed_action"]) == (5, 2)
+        assert info["rule"] == "in_lane"
+        assert env.check_name == "timid"
+    with pytest.raises(ConfigError, match=r"'timit' \(did you mean 'timid'\?\), but must be one"):
+        HighwayEnv(safety_check="timit")
