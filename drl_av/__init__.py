@@ -7,7 +7,7 @@ The packages, each importing only from those before it:
     traffic          roads, scenarios and the simulation; the only package that uses SUMO
     driving          affordance indicators, actions, lane changes: pure functions
     safety           the safety checks: pure functions
-    drivers          all that drives the ego, and the drivers of the background traffic
+    drivers          the drivers of the ego, and the drivers of the background traffic
     drawing          a scene as a picture, an episode as a film
     env              ``drl_av/Highway-v0``, the gymnasium environment, and its reward
     learning         Algorithm 1; the only package that imports torch

@@ -1,8 +1,8 @@
-"""The errors raised on purpose; each message is one sentence: what, where, what to do."""
+"""The errors that the package raises; each message is one sentence: what, where, what to do."""
 
 
 class DrlAvError(Exception):
-    """Base of every error a user can mend; the command line prints it and exits with status 1."""
+    """Base of all errors that a user can correct; the command line prints it, exit status 1."""
 
 
 class ConfigError(DrlAvError):
@@ -10,24 +10,24 @@ class ConfigError(DrlAvError):
 
 
 class ScenarioError(DrlAvError):
-    """A scenario folder is missing, incomplete, or not a closed loop."""
+    """A scenario folder is missing or incomplete, or its road is not a closed loop."""
 
 
 class SimulationError(DrlAvError):
-    """SUMO could not be started, or ended on its own."""
+    """SUMO could not start, or ended unexpectedly."""
 
 
 class DisplayError(SimulationError):
-    """sumo-gui was asked for and there is no screen to open it on."""
+    """sumo-gui cannot open a window, because there is no screen."""
 
 
 class CheckpointError(DrlAvError):
-    """A checkpoint or policy file is cut short, damaged, or belongs to another configuration."""
+    """A checkpoint or policy file is incomplete, damaged, or belongs to another configuration."""
 
 
 class RunError(DrlAvError):
-    """A run folder cannot be used as asked: it exists already, or is not a run."""
+    """A run folder cannot be used: it exists already, or it holds no run."""
 
 
 class RecordingError(DrlAvError):
-    """A recorded episode is damaged, or its replay did not follow it."""
+    """A recorded episode is damaged, or its replay deviates from it."""

@@ -78,11 +78,11 @@ class Config:
     learning: LearningConfig = LearningConfig()
 
     def updated(self, section: str, **settings: Any) -> "Config":
-        """This config with some settings of one section replaced; raises ConfigError."""
+        """A copy of this config with some settings of one section replaced; raises ConfigError."""
         return replace(self, **{section: replace(getattr(self, section), **settings)})
 
     def with_traffic(self, kind: object) -> "Config":
-        """This config with another kind of traffic, as many vehicles; raises ConfigError."""
+        """A copy with another kind of traffic, but as many vehicles; raises ConfigError."""
         return replace(self, traffic=traffic_of_kind(kind, self.traffic))
 
     def to_toml(self) -> str:
@@ -91,7 +91,7 @@ class Config:
 
 
 BEFORE = Config().updated("reward", speed_tolerance_m_s=0.0)
-"""What older versions did where a setting was none yet: the base of the settings they stored."""
+"""Defaults of settings that are missing from the files of older versions."""
 
 
 RENAMED = {("learning", "networks_take_turns"): "round_robin"}
@@ -99,10 +99,10 @@ RENAMED = {("learning", "networks_take_turns"): "round_robin"}
 
 
 def from_toml(text: str, base: Config | None = None, name: str = "config") -> Config:
-    """Lay the settings of a TOML text over ``base`` (default: the paper's).
+    """A copy of ``base`` (default: the paper's config) with the settings of a TOML text.
 
     Raises:
-        ConfigError: the text is no TOML, or ``from_sections`` refuses what it says.
+        ConfigError: the text is not valid TOML, or as ``from_sections``.
     """
     try:
         document = tomllib.loads(text)
@@ -114,12 +114,12 @@ def from_toml(text: str, base: Config | None = None, name: str = "config") -> Co
 def from_sections(
     sections: Mapping[str, Any], base: Config | None = None, name: str = "config"
 ) -> Config:
-    """Lay ``{section: {key: value}}`` over ``base`` (default: the paper's).
+    """A copy of ``base`` (default: the paper's config) with ``{section: {key: value}}`` replaced.
 
-    The key ``kind`` of [traffic] names a kind of traffic, over which its other keys are laid.
+    The key ``kind`` of [traffic] selects a kind of traffic; the other keys then change it.
 
     Raises:
-        ConfigError: a section or key is unknown, mistyped or out of bounds.
+        ConfigError: a section or key is unknown, or a value has a wrong type or is out of bounds.
     """
     config = base if base is not None else Config()
     for section, settings in sections.items():
@@ -147,7 +147,7 @@ def from_sections(
 
 
 def located(config: Config) -> Config:
-    """The config with the whole path of its scenario, where that names a folder here."""
+    """The config with the absolute path of its scenario, if the scenario is an existing folder."""
     folder = Path(config.simulation.scenario)
     if not folder.is_dir():
         return config
@@ -155,7 +155,11 @@ def located(config: Config) -> Config:
 
 
 def load_config(path: str | Path | None, base: Config | None = None) -> Config:
-    """Read a TOML file over ``base``, or the base alone; raises ConfigError, naming the file."""
+    """A copy of ``base`` with the settings of a TOML file, or ``base`` itself without a file.
+
+    Raises:
+        ConfigError: the file cannot be read, or as ``from_toml``; the message names the file.
+    """
     if path is None:
         return base or Config()
     try:

@@ -1,4 +1,4 @@
-"""Settings of the rule-based drivers, of the ego and of the traffic."""
+"""Settings of the rule-based drivers of the ego and of the traffic."""
 
 from dataclasses import dataclass
 
@@ -39,7 +39,7 @@ class MobilConfig(Section):
 class FiniteStateConfig(Section):
     """State changes and control of the finite-state machine (states of Zhang et al. 2017).
 
-    The numbers are ours; that paper optimizes its own numerically.
+    The numbers are ours; Zhang et al. optimize theirs numerically.
     """
 
     follow_headway_s: float = setting(

@@ -1,4 +1,4 @@
-"""Settings of the ego: what it can do, and how it observes."""
+"""Settings of the ego: its motion and its observation."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ LONGITUDINAL_REFERENCES = ("acceleration", "idm", "acc")
 
 @dataclass(frozen=True)
 class EgoConfig(Section):
-    """What the ego can do."""
+    """Limits of the ego, its actions and how it carries them out."""
 
     max_speed_m_s: float = setting(30.0, "ours", "highest speed of the ego", low=1, high=60)
     accelerate_m_s2: float = setting(

@@ -27,19 +27,25 @@ class LearningConfig(Section):
     epsilon_start: float = setting(
         1.0, "Sec. IV-C", "probability of a random action in the first episode", low=0, high=1
     )
-    epsilon_end: float = setting(0.2, "Sec. IV-C", "the same after the decrease", low=0, high=1)
+    epsilon_end: float = setting(
+        0.2, "Sec. IV-C", "probability of a random action after its decrease", low=0, high=1
+    )
     epsilon_fraction: float = setting(
-        0.7, "Sec. IV-C", "share of the episodes over which it decreases", low=0.001, high=1
+        0.7,
+        "Sec. IV-C",
+        "share of the episodes over which the probability of a random action decreases",
+        low=0.001,
+        high=1,
     )
     networks: int = setting(
         1,
         "ours",
-        "number of networks; each learns from its own batches, their mean decides",
+        "number of networks; each learns from its own batches; their mean value decides",
         low=1,
         high=100,
     )
     round_robin: bool = setting(
-        False, "ours", "a gradient step trains one network, in turn, instead of each of them"
+        False, "ours", "whether the networks take turns: each gradient step trains one of them"
     )
     replay: str = setting("two-buffer", "Alg. 1", "kind of experience replay", choices=REPLAYS)
     batch_size: int = setting(64, "ours", "rows in a minibatch", low=2, high=100_000)
@@ -66,16 +72,16 @@ class LearningConfig(Section):
     )
     gradient_steps: int = setting(1, "Alg. 1", "gradient steps per decision", low=0, high=100)
     collisions_to_start: int = setting(
-        0, "ours", "rows that Buf_C must hold for an episode to learn", low=0
+        0, "ours", "number of rows that Buf_C must hold before learning starts", low=0
     )
     traffic_by_episode: bool = setting(
-        False, "ours", "traffic depends on the seed and the number of the episode only"
+        False, "ours", "whether the traffic depends on the seed and the episode number only"
     )
     mirrored: bool = setting(
-        False, "ours", "learns and decides also from the mirrored scene, left and right exchanged"
+        False, "ours", "whether the driver also uses the mirrored scene, left and right exchanged"
     )
     counterfactuals: int = setting(
-        0, "ours", "actions per decision whose outcome is stored although not taken", low=0, high=12
+        0, "ours", "other actions per decision whose computed outcome is stored", low=0, high=12
     )
     speed_weight: float = setting(
         0.0,
@@ -87,15 +93,15 @@ class LearningConfig(Section):
     unsafe_penalty: float = setting(
         0.0,
         "ours",
-        "by how much an unsafe proposal is worth less than the action executed instead; 0: it "
-        "is terminal with r_col (Alg. 1)",
+        "value that an unsafe proposal loses against the action executed in its place; 0: the "
+        "proposal is terminal with r_col (Alg. 1)",
         low=0,
         high=1000,
     )
     lane_change_margin: float = setting(
         0.0,
         "ours",
-        "least advantage over keeping the lane that starts a lane change; not in Alg. 1",
+        "advantage over keeping the lane that a lane change needs to start; not in Alg. 1",
         low=0,
         high=1000,
     )
@@ -108,6 +114,6 @@ class LearningConfig(Section):
         if self.unsafe_penalty and self.collisions_to_start and self.replay != "two-buffer":
             raise ConfigError(
                 f"learning.collisions_to_start cannot be counted in {self.replay} replay where "
-                "learning.unsafe_penalty lets unsafe proposals go on: set one of them to 0, or "
+                "learning.unsafe_penalty makes unsafe proposals not terminal: set one to 0, or "
                 'learning.replay to "two-buffer".'
             )

@@ -1,4 +1,4 @@
-"""Whole configs by name, and the one that continuous adaptation makes of another."""
+"""Complete configs by name, and the config of a continual adaptation."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -32,7 +32,7 @@ PRESETS: dict[str, Config] = {
 
 
 def preset(name: str) -> Config:
-    """The settings of a named preset; raises ConfigError with the nearest name."""
+    """The config of a preset; raises ConfigError, which suggests the nearest name."""
     if name not in PRESETS:
         raise ConfigError(
             f"There is no preset {name!r}{did_you_mean(name, PRESETS)}; "
@@ -42,13 +42,16 @@ def preset(name: str) -> Config:
 
 
 def as_config(given: Config | Mapping[str, Any] | str | Path | None) -> Config:
-    """The settings that are given in any of the ways in which a program may give them.
+    """Convert the argument ``config`` of the Python interface to a Config.
 
-    A Config, a preset's name, the path of a TOML file, or ``{section: {key: value}}``, which is
-    laid over the paper's settings as the TOML file is; None stands for these alone.
+    Args:
+        given: A Config, the name of a preset, the path of a TOML file, or ``{section: {key:
+            value}}``. The file and the dictionary change the paper's settings. None is the
+            paper's settings.
 
     Raises:
-        ConfigError: it is none of these, or a setting is unknown, mistyped or out of bounds.
+        ConfigError: ``given`` is none of these, or a setting is unknown, has a wrong type or is out
+            of bounds.
     """
     if isinstance(given, Config):
         return given
@@ -67,13 +70,13 @@ def as_config(given: Config | Mapping[str, Any] | str | Path | None) -> Config:
 
 
 def adaptation(config: Config) -> Config:
-    """The settings with which the driver trained with ``config`` goes on learning as it drives.
+    """The settings for the continual adaptation of a driver that was trained with ``config``.
 
-    Sec. IV-D of the paper: greedily, over 30,000 episodes, at a lower learning rate. The rest is
-    ours: one gradient step a decision, however many networks there are, on a batch as small as the
-    paper preset's; so much collision experience first, where it can be counted, that a batch does
-    not repeat the same few rows; and traffic that is the same whatever is learnt. The margin for
-    lane changes stays with the driver that comes of it; no decision of these episodes keeps to it.
+    Sec. IV-D of the paper: greedy actions, 30,000 episodes and a lower learning rate. The rest is
+    ours: one gradient step for each decision, for any number of networks; the batch size of the
+    preset ``paper``; learning starts after enough collision experience, if it can be counted, so
+    that a batch does not repeat a few rows; the traffic does not depend on the learning. The
+    adapted driver keeps its margin for lane changes, but the episodes of the adaptation ignore it.
     """
     before = config.learning
     counted = before.replay == "two-buffer" or not before.unsafe_penalty

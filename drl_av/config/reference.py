@@ -1,4 +1,4 @@
-"""What each setting means: its unit, bounds and source, as comments in TOML and for the docs."""
+"""A reference of all settings: meaning, unit, bounds and source, for TOML files and the docs."""
 
 from collections.abc import Iterator
 from dataclasses import fields
@@ -19,7 +19,7 @@ UNITS = {
     "_m": "m",
     "_s": "s",
 }
-"""Unit by the end of a setting's name; the first that fits."""
+"""Units by the ending of a setting's name; the first ending that matches counts."""
 
 
 SECTIONS: tuple[str, ...] = tuple(item.name for item in fields(Config))
@@ -38,7 +38,7 @@ class Setting(NamedTuple):
     unit: str
     """Empty for a setting without a unit."""
     allowed: str
-    """Bounds or choices in words."""
+    """The allowed values in words."""
 
 
 def settings(config: Config, section: str | None = None) -> Iterator[Setting]:
@@ -64,7 +64,7 @@ def settings(config: Config, section: str | None = None) -> Iterator[Setting]:
 
 
 def section_meaning(section: str) -> str:
-    """What a section is about: the first line of its class."""
+    """The meaning of a section: the first line of its class's docstring."""
     return str(type(getattr(Config(), section)).__doc__).splitlines()[0]
 
 
@@ -116,5 +116,5 @@ def _comment(setting: Setting) -> list[str]:
 
 
 def written(value: Any) -> str:
-    """A value as TOML writes it."""
+    """A value in TOML notation."""
     return tomli_w.dumps({"x": value}).removeprefix("x = ").rstrip()

@@ -1,4 +1,4 @@
-"""Settings of the road and of SUMO's steps."""
+"""Settings of the scenario and of the simulation steps."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from drl_av.errors import ConfigError
 
 @dataclass(frozen=True)
 class SimulationConfig(Section):
-    """Where and how SUMO steps."""
+    """The scenario, and the time steps of SUMO and of the decisions."""
 
     scenario: str = setting(
         "circular_three_lane", "ours", "scenario folder, or the name of a shipped one"

@@ -29,9 +29,9 @@ class SafetyConfig(Section):
 
 @dataclass(frozen=True)
 class StrictConfig(Section):
-    """Bounds on the other vehicles under which ``strict`` lets the ego hit nothing.
+    """Bounds on the other vehicles under which the ego hits no vehicle with the check ``strict``.
 
-    A scenario whose vehicle types do not keep to them is refused under ``strict``.
+    The check refuses a scenario whose vehicle types exceed these bounds.
     """
 
     braking_m_s2: float = setting(
@@ -61,10 +61,8 @@ class StrictConfig(Section):
     follower_braking_m_s2: float = setting(
         4.0,
         "ours",
-        "braking that a vehicle behind is able to do; at most its decel",
+        "braking of a vehicle behind on which the check relies; at most its decel",
         low=0.1,
         high=20,
     )
-    clearance_m: float = setting(
-        0.5, "ours", "part of every gap that is left in the worst case", low=0, high=50
-    )
+    clearance_m: float = setting(0.5, "ours", "gap that remains in the worst case", low=0, high=50)

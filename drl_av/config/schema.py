@@ -1,4 +1,4 @@
-"""What a setting is: a field of a frozen dataclass with its source, meaning, bounds and choices."""
+"""The schema of a setting: a dataclass field with its source, meaning, bounds and choices."""
 
 import difflib
 import math
@@ -20,7 +20,7 @@ def setting(
     high: float | None = None,
     choices: tuple[str, ...] | None = None,
 ) -> Any:
-    """A field of a section: its default, where that comes from, what it means, and its bounds."""
+    """A field of a section, with its default, the default's source, its meaning and its bounds."""
     return field(
         default=default,
         metadata={
@@ -34,7 +34,7 @@ def setting(
 
 
 def did_you_mean(word: object, names: Iterable[str]) -> str:
-    """`` (did you mean 'NAME'?)`` with the known name closest to a misspelt one, or nothing."""
+    """The hint `` (did you mean 'NAME'?)`` with the nearest known name, or an empty text."""
     found = difflib.get_close_matches(str(word), list(names), n=1)
     return f" (did you mean {found[0]!r}?)" if found else ""
 
@@ -46,7 +46,11 @@ def section_name(section: type) -> str:
 
 
 class Section:
-    """Checks each field of a section against the type, bounds and choices in its metadata."""
+    """Base of all sections; checks each field against the type, bounds and choices of its setting.
+
+    Raises:
+        ConfigError: a value has a wrong type or is out of bounds.
+    """
 
     def __post_init__(self) -> None:
         for item in fields(self):  # type: ignore[arg-type]
@@ -72,7 +76,7 @@ class Section:
                 raise ConfigError(f"{where} is {value}, but must be {bounds}.")
 
     def ordered(self, *names: str) -> None:
-        """Raise ConfigError unless the named fields do not fall in this order."""
+        """Raise ConfigError unless the values of the named fields ascend in this order."""
         values = [getattr(self, name) for name in names]
         if values != sorted(values):
             raise ConfigError(

@@ -11,7 +11,7 @@ STANDSTILL_GAP_M = 2.5
 
 @dataclass(frozen=True)
 class TrafficConfig(Section):
-    """The vehicles around the ego; each draws its own character from these ranges."""
+    """The vehicles around the ego; the parameters of each are drawn from these ranges."""
 
     vehicles_min: int = setting(1, "Sec. IV-B", "fewest vehicles in an episode", low=0, high=1000)
     vehicles_max: int = setting(
@@ -39,7 +39,7 @@ class TrafficConfig(Section):
     lane_evenness: float = setting(
         2.0,
         "ours",
-        "evenness of the lanes, parameter of a Dirichlet distribution; large is even",
+        "parameter of the Dirichlet distribution of vehicles over lanes; large values are even",
         low=0.01,
         high=1000,
     )
@@ -60,20 +60,24 @@ class TrafficConfig(Section):
         0.0, "Sec. IV-B", "chance that a vehicle is a level-1 driver", low=0, high=1
     )
     overtake_right: bool = setting(
-        False, "SUMO", "whether SUMO's drivers pass on the right above 60 km/h, as the ego may"
+        False, "SUMO", "whether SUMO's drivers may pass on the right above 60 km/h"
     )
     standing_share: float = setting(
-        0.0, "ours", "chance that a vehicle stands, which is to drive 0.1 m/s", low=0, high=1
+        0.0, "ours", "chance that a vehicle practically stands, at 0.1 m/s", low=0, high=1
     )
     crawling_share: float = setting(0.0, "ours", "chance that a vehicle crawls", low=0, high=1)
     crawling_speed_max_m_s: float = setting(
-        8.0, "ours", "fastest desired speed of one that crawls", low=0.1, high=60
+        8.0, "ours", "fastest desired speed of a vehicle that crawls", low=0.1, high=60
     )
     fast_share: float = setting(
         0.0, "ours", "chance that a vehicle is a fast overtaker", low=0, high=1
     )
-    fast_speed_m_s: float = setting(38.0, "ours", "its desired speed", low=0.1, high=60)
-    fast_speed_gain: float = setting(5.0, "ours", "its lane-change eagerness", low=0, high=100)
+    fast_speed_m_s: float = setting(
+        38.0, "ours", "desired speed of a fast overtaker", low=0.1, high=60
+    )
+    fast_speed_gain: float = setting(
+        5.0, "ours", "lcSpeedGain of a fast overtaker", low=0, high=100
+    )
     hard_braking_share: float = setting(
         0.0,
         "ours",
@@ -81,8 +85,12 @@ class TrafficConfig(Section):
         low=0,
         high=1,
     )
-    hard_brakes_per_s: float = setting(0.02, "ours", "how often it does", low=0, high=1)
-    hard_brake_s: int = setting(3, "ours", "decisions for which it does", low=1, high=60)
+    hard_brakes_per_s: float = setting(
+        0.02, "ours", "rate at which such a vehicle begins to brake hard", low=0, high=1
+    )
+    hard_brake_s: int = setting(
+        3, "ours", "duration of its hard braking, decisions", low=1, high=60
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -104,11 +112,11 @@ class TrafficConfig(Section):
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Of each kind of driver but SUMO's IDM, in the order of ``traffic.population.Kind``."""
+        """Share of each kind of driver except SUMO's IDM, in the order of ``population.Kind``."""
         levels = self.level_0_share, self.level_1_share
         return self.finite_state_share, *levels, self.hard_braking_share
 
     @property
     def unusual_shares(self) -> tuple[float, float, float]:
-        """Of the vehicles that stand, that crawl and that overtake fast, whoever drives them."""
+        """Shares of the vehicles that stand, crawl and overtake fast, with any kind of driver."""
         return self.standing_share, self.crawling_share, self.fast_share

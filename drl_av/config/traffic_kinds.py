@@ -9,11 +9,11 @@ from drl_av.errors import ConfigError
 
 
 class TrafficKind(NamedTuple):
-    """What a kind of traffic changes in the section's defaults."""
+    """A kind of traffic: the settings of [traffic] that differ from their defaults."""
 
     meaning: str
     settings: Mapping[str, tuple[Any, str]]
-    """Key, value, and the value's source."""
+    """By key: the value and its source."""
 
 
 _EQUAL_PARTS = 0.25, "Sec. IV-B names these drivers; equal parts are ours"
@@ -54,7 +54,7 @@ TRAFFIC_KINDS: dict[str, TrafficKind] = {
 
 
 def traffic_of_kind(name: object, traffic: TrafficConfig) -> TrafficConfig:
-    """The kind of traffic of that name, with as many vehicles as ``traffic`` has.
+    """The settings of the kind ``name``, with the numbers of vehicles of ``traffic``.
 
     Raises:
         ConfigError: there is no such kind; the message has the nearest name.

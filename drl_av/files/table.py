@@ -1,7 +1,7 @@
 """CSV tables: rows of a dataclass, or of columns with their types, written and read.
 
-A table is UTF-8 text with a header, commas and line feeds. Numbers are written with every digit,
-so that a float that is read is the one that was written.
+A table is UTF-8 text with a header, commas and line feeds. Numbers are written with all their
+digits, so that reading a float gives exactly the float that was written.
 """
 
 import csv
@@ -22,7 +22,7 @@ PossiblyInfinite = Annotated[float, "possibly infinite"]
 Columns = type | Iterable[str]
 """A dataclass or NamedTuple whose fields are the columns, or the columns' names."""
 RowType = TypeVar("RowType")
-_WAY_OUT = "put the table back as it was written, or make it anew"
+_REMEDY = "put the table back as it was written, or make it anew"
 _KINDS: dict[Any, str] = {
     str: "text",
     int: "a whole number",
@@ -33,7 +33,7 @@ _KINDS: dict[Any, str] = {
 
 
 def column_types(row_type: type) -> dict[str, Any]:
-    """The columns of a dataclass or NamedTuple and the type of their values, in order."""
+    """The columns of a dataclass or NamedTuple in order, and the types of their values."""
     return get_type_hints(row_type, include_extras=True)
 
 
@@ -41,7 +41,7 @@ def table_bytes(columns: Columns, rows: Iterable[Any] = (), *, header: bool = Tr
     """The text of a table; each row is a dataclass, a NamedTuple or a mapping by column.
 
     Raises:
-        ValueError: a row has another column than the table.
+        ValueError: a row has a column that the table does not have.
     """
     names = list(column_types(columns) if isinstance(columns, type) else columns)
     text = io.StringIO(newline="")
@@ -55,10 +55,10 @@ def table_bytes(columns: Columns, rows: Iterable[Any] = (), *, header: bool = Tr
 def write_table(
     path: Path, columns: Columns, rows: Iterable[Any], error: type[DrlAvError] = DrlAvError
 ) -> None:
-    """Write a CSV file whole or not at all.
+    """Write a CSV file completely or not at all.
 
     Raises:
-        error: the disk is full, or the folder is missing or may not be written to.
+        error: the disk is full, or the folder is missing or not writable.
     """
     write_whole(path, table_bytes(columns, rows), error)
 
@@ -66,12 +66,12 @@ def write_table(
 def append_rows(
     path: Path, columns: Columns, rows: Iterable[Any], error: type[DrlAvError] = DrlAvError
 ) -> None:
-    """Add rows to a CSV file, and its header where the file is missing or empty.
+    """Append rows to a CSV file; write its header first if the file is missing or empty.
 
     A last line that is cut short, as a process that was killed leaves it, is removed first.
 
     Raises:
-        error: the disk is full, or the file or its folder may not be written to.
+        error: the disk is full, or the file or its folder is not writable.
     """
     remove_cut_line(path, error)
     new = not path.exists() or not path.stat().st_size
@@ -87,17 +87,19 @@ def read_rows(path: Path, row_type: type[RowType], *, growing: bool = False) -> 
 def read_table(
     path: Path, columns: Mapping[str, Any] | None = None, *, growing: bool = False
 ) -> list[dict[str, Any]]:
-    """Those columns of a CSV file, each value read by its column's type.
+    """Read columns of a CSV file, each value with the type of its column.
 
-    The types are str, int, bool, float (a finite number), PossiblyInfinite, and any of these or
-    None, which is written as an empty cell. Without columns, all of them are read as text. To a
-    table that is ``growing`` rows are still being added: it may be missing or have no rows yet,
-    and its last line does not count before it is complete.
+    Args:
+        path: The file.
+        columns: Types by column; None reads all columns as text. A type is str, int, bool, float
+            (a finite number), PossiblyInfinite, or one of these or None (an empty cell).
+        growing: Whether a program still adds rows. Such a table may be missing or empty, and an
+            incomplete last line is ignored.
 
     Raises:
-        DrlAvError: the file is missing, cannot be read, is empty, has no rows, lacks a column or
-            has one twice, is cut short, or has a row with too few or too many values, or with a
-            value of another type.
+        DrlAvError: the file is missing, unreadable or empty, has no rows, lacks a column or has it
+            twice, or is incomplete; or a row has a wrong number of values, or a value of a wrong
+            type.
     """
     if growing and not (path.exists() and path.stat().st_size):
         return []
@@ -111,10 +113,10 @@ def read_table(
         lines = [(reader.line_num, cells) for cells in reader if cells]
     except csv.Error as error:
         raise DrlAvError(
-            f"{path}, line {reader.line_num} is damaged ({error}): {_WAY_OUT}."
+            f"{path}, line {reader.line_num} is damaged ({error}): {_REMEDY}."
         ) from error
     if len(lines) < 2 and not growing:
-        raise DrlAvError(f"The table {path} has no rows: {_WAY_OUT}.")
+        raise DrlAvError(f"The table {path} has no rows: {_REMEDY}.")
     header = lines[0][1] if lines else []
     types = dict.fromkeys(header, str) if columns is None else columns
     if lines:
@@ -139,16 +141,16 @@ def _text(path: Path) -> str:
             f"The table {path} cannot be read ({error.strerror or error}): check the path."
         ) from error
     if not data:
-        raise DrlAvError(f"The table {path} is empty: {_WAY_OUT}.")
+        raise DrlAvError(f"The table {path} is empty: {_REMEDY}.")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise DrlAvError(f"The table {path} is not UTF-8 text ({error}): {_WAY_OUT}.") from error
+        raise DrlAvError(f"The table {path} is not UTF-8 text ({error}): {_REMEDY}.") from error
 
 
 def _cut(path: Path, text: str) -> str:
     last = text.count("\n") + 1
-    return f"{path}, line {last} is cut short, it has no line end: {_WAY_OUT}."
+    return f"{path}, line {last} is cut short, it has no line end: {_REMEDY}."
 
 
 def _require_columns(path: Path, header: list[str], types: Mapping[str, Any]) -> None:
@@ -166,7 +168,7 @@ def _row(
 ) -> dict[str, Any]:
     if len(cells) != len(header):
         raise DrlAvError(
-            f"{place}: there are {len(cells)} values for {len(header)} columns: {_WAY_OUT}."
+            f"{place}: there are {len(cells)} values for {len(header)} columns: {_REMEDY}."
         )
     by_name = dict(zip(header, cells, strict=True))
     return {name: _value(place, name, by_name[name], kind) for name, kind in types.items()}
@@ -182,7 +184,7 @@ def _value(place: str, column: str, cell: str, kind: Any) -> Any:
         return _parsed(cell, kind)
     except ValueError as error:
         raise DrlAvError(
-            f"{place}: {column} is {cell!r}, but must be {_KINDS[kind]}: {_WAY_OUT}."
+            f"{place}: {column} is {cell!r}, but must be {_KINDS[kind]}: {_REMEDY}."
         ) from error
 
 

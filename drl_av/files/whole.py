@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all."""
+"""Atomic writing: files and folders appear completely or not at all."""
 
 import contextlib
 import glob
@@ -19,15 +19,15 @@ OF_A_RUN = {
 
 @contextmanager
 def replacing(path: Path, error: type[DrlAvError] = DrlAvError) -> Iterator[Path]:
-    """Write a file or a folder whole: the block makes it under the name that it is given.
+    """Replace a file or a folder atomically: the block writes to the temporary path that it gets.
 
-    The name lies beside ``path`` and has its suffix. Where the block ends well, its contents are
-    on the disk before they take the place of ``path``, a file or an empty folder; where it raises,
-    they are removed. A link is written through. What a process that has died left unfinished
-    beside ``path`` is removed first.
+    The temporary path is beside ``path`` and has its suffix. If the block succeeds, its contents
+    are synced to the disk and then replace ``path``, a file or an empty folder. If it raises, they
+    are removed. If ``path`` is a link, its target is replaced. Temporary files of processes that
+    have died are removed first.
 
     Raises:
-        error: the disk is full, or the folder is missing or may not be written to.
+        error: the disk is full, or the folder is missing or not writable.
     """
     path = _target(path)
     temporary = _unfinished(path)
@@ -47,18 +47,18 @@ def replacing(path: Path, error: type[DrlAvError] = DrlAvError) -> Iterator[Path
 
 
 def write_whole(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> None:
-    """Put ``data`` in the file, or leave what was there before; raises as ``replacing``."""
+    """Set the contents of a file to ``data``, or leave it unchanged; raises as ``replacing``."""
     with replacing(path, error) as temporary:
         temporary.write_bytes(data)
 
 
 def append(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> None:
-    """Add ``data`` at the end of the file, which is made where it is missing.
+    """Append ``data`` to a file, which is created if it is missing.
 
-    A process that ends meanwhile may leave a part of ``data`` there.
+    A process that is killed during the call may leave a part of ``data`` in the file.
 
     Raises:
-        error: the disk is full, or the file or its folder may not be written to.
+        error: the disk is full, or the file or its folder is not writable.
     """
     try:
         with path.open("ab") as file:
@@ -88,12 +88,10 @@ def remove_cut_line(path: Path, error: type[DrlAvError] = DrlAvError) -> None:
 
 
 def require_writable(*paths: Path | None, inputs: Iterable[str | Path | None] = ()) -> None:
-    """Try whether ``write_whole`` could write the paths, before any long work is done for them.
-
-    None stands for a file that is not asked for.
+    """Check before any long work that ``write_whole`` can write the paths; None is ignored.
 
     Raises:
-        DrlAvError: a path cannot be written, is given twice, or is one of the command's inputs.
+        DrlAvError: a path is not writable, occurs twice, or is one of the command's ``inputs``.
     """
     asked = [path for path in paths if path is not None]
     read = {_target(Path(name)) for name in inputs if name is not None}
@@ -109,7 +107,7 @@ def _try(path: Path) -> None:
     if path.is_dir():
         raise DrlAvError(f"{path} is a folder: name a file in it.")
     if path.exists() and not path.is_file():
-        raise DrlAvError(f"{path} is there already and no regular file: name a file.")
+        raise DrlAvError(f"{path} exists and is no regular file: name a file.")
     target = _target(path)
     if target.name in OF_A_RUN and target.exists() and target.with_name("config.toml").exists():
         raise DrlAvError(f"{path} belongs to the run in that folder: name another file.")
@@ -124,7 +122,7 @@ def _try(path: Path) -> None:
 
 
 def _target(path: Path) -> Path:
-    """Where a link leads; the link itself where it leads in a circle."""
+    """The target of a link; the link itself if it refers to itself."""
     return Path(os.path.realpath(path))
 
 
@@ -133,7 +131,7 @@ def _unfinished(path: Path) -> Path:
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove what processes that no longer run left unfinished beside ``path``."""
+    """Remove the temporary files beside ``path`` of processes that no longer run."""
     if os.name != "posix":
         return
     stem, suffix = re.escape(path.stem), re.escape(path.suffix)
@@ -162,7 +160,7 @@ def _remove(path: Path) -> None:
 
 
 def _sync(path: Path) -> None:
-    """Wait until a file, or a folder with all that is in it, has reached the disk."""
+    """Wait until a file, or a folder with all its contents, is on the disk."""
     if path.is_dir():
         for part in path.iterdir():
             _sync(part)
@@ -173,7 +171,7 @@ def _sync(path: Path) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Wait until the names in a folder have reached the disk, on file systems that offer it."""
+    """Wait until the names in a folder are on the disk, if the file system supports it."""
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
