@@ -33,7 +33,7 @@ class Longitudinal(IntEnum):
 
 
 def nearest_action(acceleration_m_s2: float, ego: EgoConfig) -> Longitudinal:
-    """The action whose acceleration is nearest to a given one; of two as near the gentler one."""
+    """The action whose acceleration is nearest to a given one, m/s^2; the gentler one of two."""
     return min(Longitudinal, key=lambda one: abs(one.acceleration_m_s2(ego) - acceleration_m_s2))
 
 

@@ -1,4 +1,4 @@
-"""What the ego did in a decision that another model made: the nearest action, the lane change."""
+"""The observed decision of an ego that SUMO drives: its nearest action and its lane change."""
 
 from typing import NamedTuple
 
@@ -9,22 +9,22 @@ from drl_av.traffic.road import ARRIVED_M, Road
 from drl_av.traffic.snapshot import EGO, Snapshot
 
 STILL_M = 1e-6
-"""A shorter way sideways is none."""
+"""A lateral movement up to this is ignored."""
 
 
 class Observed(NamedTuple):
-    """A decision as seen from outside."""
+    """The action that describes an observed motion best, and the lane change after it."""
 
     action: Action
     lane_change: LaneChange | None
-    """In progress after it."""
+    """The lane change in progress after the decision."""
 
 
 def observed(before: Scene, after: Snapshot, road: Road, config: Config) -> Observed:
-    """The action nearest to what the ego did, and the lane change that it is in then (ours).
+    """The action nearest to the ego's motion from ``before`` to ``after`` (ours).
 
-    A lane change begins where the ego leaves its lane's centre, is aborted where it turns round,
-    and is over at a centre.
+    A lane change begins when the ego leaves the centre of its lane. It is aborted when the ego
+    reverses its lateral direction, and is over at the centre of a lane.
     """
     gained_m_s = float(after.speed_m_s[EGO]) - before.affordances.ego_speed_m_s
     acceleration = gained_m_s / config.simulation.decision_interval_s

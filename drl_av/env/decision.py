@@ -1,4 +1,4 @@
-"""One decision of an episode, and what can be read from it."""
+"""One decision of an episode: the transition of the environment, and facts derived from it."""
 
 from typing import Any, NamedTuple
 
@@ -14,23 +14,23 @@ class Decision(NamedTuple):
     """A transition of the environment: s_t, a_t, r_t+1 and s_t+1."""
 
     scene: Scene
-    """What the decision rests on."""
+    """The scene before the decision, its input."""
     observation: Observation
-    """The same, scaled, shape (27,)."""
+    """The scaled observation of that scene, shape (27,)."""
     proposed: Action
     reward: float
     next_scene: Scene
     next_observation: Observation
     terminated: bool
-    """The ego collided."""
+    """Whether the ego collided."""
     truncated: bool
-    """The episode has had all its decisions."""
+    """Whether the decision was the last that the episode may have."""
     info: dict[str, Any]
-    """As ``HighwayEnv.step`` returned it."""
+    """The ``info`` that ``HighwayEnv.step`` returned."""
 
     @property
     def executed(self) -> Action:
-        """The action that the safety check let the ego carry out."""
+        """The action that the ego carried out after the safety check."""
         number: int = self.info["executed_action"]
         return ACTIONS[number]
 
@@ -41,11 +41,11 @@ class Decision(NamedTuple):
 
     @property
     def collision(self) -> Collision | None:
-        """The ego's collision within this decision, if any."""
+        """The ego's collision within this decision, or None."""
         collision: Collision | None = self.info["collision"]
         return collision
 
     @property
     def aborts_lane_change(self) -> bool:
-        """Whether the executed action turned a lane change in progress back."""
+        """Whether the executed action aborted a lane change in progress."""
         return aborts(self.scene.lane_change, self.executed.lateral)

@@ -1,4 +1,4 @@
-"""Which episode a reset starts: the seed of its traffic and its number of vehicles."""
+"""The choice of an episode at a reset: the seed of its traffic and its number of vehicles."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,14 +9,15 @@ from drl_av.config import TrafficConfig
 from drl_av.errors import ConfigError
 
 TRAINING_SEEDS = (1_000_000, 2**31)
-"""Traffic seeds that a reset draws from unless it names one; those below are evaluation's."""
+"""Range of the traffic seeds that a reset draws; smaller seeds are reserved for evaluations."""
 
 
 def traffic_seed(seed: int | None, options: Mapping[str, Any], rng: np.random.Generator) -> int:
-    """The seed given where it names an episode, else one of training's.
+    """The seed of an episode's traffic: ``seed`` if it selects an episode, else drawn from ``rng``.
 
-    A small seed without a number of vehicles is what clients pass to their first reset, to seed
-    all that is random, as they have seeded ``rng``.
+    ``seed`` selects an episode if it is at least 1,000,000, or if ``options`` has a number of
+    vehicles. Clients pass a small seed to their first reset to seed all random numbers; it has
+    seeded ``rng`` already.
     """
     if seed is not None and (seed >= TRAINING_SEEDS[0] or "vehicles" in options):
         return seed
@@ -26,13 +27,16 @@ def traffic_seed(seed: int | None, options: Mapping[str, Any], rng: np.random.Ge
 def number_of_vehicles(
     options: Mapping[str, Any], seed: int, traffic: TrafficConfig, placed: int | None
 ) -> int:
-    """Vehicles beside the ego: those asked for, else drawn with the seed of the traffic.
+    """Number of vehicles without the ego: from ``options``, or drawn with the traffic's seed.
 
     Args:
-        placed: how many the scenario places exactly; None where it places none.
+        options: The options of the reset.
+        seed: The seed of the traffic.
+        traffic: The range of the number of vehicles.
+        placed: The number of vehicles that the scenario places exactly; None if it places none.
 
     Raises:
-        ConfigError: an unknown option, or a number of vehicles that is none.
+        ConfigError: an option is unknown, or the number of vehicles is not allowed.
     """
     unknown = set(options) - {"vehicles"}
     if unknown:
@@ -40,8 +44,8 @@ def number_of_vehicles(
     if placed is not None:
         if options.get("vehicles", placed) != placed:
             raise ConfigError(
-                f"vehicles is {options['vehicles']!r}, but the scenario places {placed} "
-                "vehicles exactly: leave the option out."
+                f"vehicles is {options['vehicles']!r}, but the scenario places exactly {placed} "
+                "vehicles: leave the option out."
             )
         return placed
     if "vehicles" not in options:

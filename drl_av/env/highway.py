@@ -32,11 +32,11 @@ Observation = npt.NDArray[np.float32]
 
 
 class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle):
-    """One decision a second for a vehicle among SUMO's traffic (Fig. 3 of the paper).
+    """The ego on a highway with other vehicles, one decision a second (Fig. 3 of the paper).
 
     ## Description
-    A circular highway of three lanes stands for an infinite straight one. SUMO drives the traffic;
-    each decision of the agent passes through a safety check before the ego carries it out.
+    A circular highway of three lanes represents an infinite straight highway. SUMO drives the other
+    vehicles. A safety check examines each action of the agent before the ego executes it.
 
     ## Action Space
     `Discrete(12)`, `4 * lateral + longitudinal`:
@@ -54,34 +54,38 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
     for the decision in which the ego collides.
 
     ## Starting State
-    `options={{"vehicles": n}}` of them, or a number drawn from the config's range, at random
-    places within 250 m. `reset(seed=7, options={{"vehicles": 30}})` is one episode, the same that
-    `drl-av evaluate` has for these numbers. A smaller seed than 1,000,000 alone, as clients pass it
-    to their first reset, decides which traffic that reset and the unseeded ones after it draw, with
-    seeds of at least 1,000,000 (`info["seed"]`, which may be passed again): so no training meets an
-    episode of the evaluation. What a program of your own changes in SUMO, such as who may use a
-    lane, stays until `close`.
+    The other vehicles are at random positions within 250 m of the ego. Their number is
+    `options={{"vehicles": n}}`, or is drawn from the range in the config.
+
+    `reset(seed=7, options={{"vehicles": 30}})` always starts the same episode, which is also that
+    of `drl-av evaluate` for these numbers. A seed below 1,000,000 without `vehicles`, which clients
+    pass to their first reset, seeds the random choice of episodes for this reset and the following
+    resets without a seed. These episodes have seeds of at least 1,000,000, so that no training uses
+    an episode of the evaluation. `info["seed"]` holds the seed of the episode; pass it to `reset`
+    to start the episode again. Changes that your own program makes in SUMO, such as the permissions
+    of a lane, remain until `close`.
 
     ## Episode End
-    Terminated when the ego hits or is hit; truncated after `decisions_per_episode` decisions.
+    The episode terminates when the ego collides. It is truncated after
+    `config.simulation.decisions_per_episode` decisions.
 
     ## Arguments
     `scenario` (folder or name), `safety_check` (name or function), `config` (a preset's name, a
     TOML file, `{{"traffic": {{"vehicles_max": 5}}}}` or a Config),
-    `render_mode` ("human" is sumo-gui, "rgb_array" needs no screen), `action_mask` (whether
-    `info` holds one; `gymnasium.make` asks for it, an environment made directly does not).
+    `render_mode` ("human" is sumo-gui, "rgb_array" needs no screen), `action_mask` (whether `info`
+    contains the mask; True by `gymnasium.make`, False by default in this class).
 
     ## Information
     `proposed_action, executed_action, rule, rewards, collision, speed_m_s, indicators, seed,
-    vehicles, action_mask`: shape (12,), int8, 1 where the safety check would execute the action
-    now as proposed, as `action_space.sample(mask)` takes it.
+    vehicles, action_mask`. The mask has shape (12,) and type int8. It is 1 for each action that the
+    safety check would execute now as proposed; `action_space.sample(mask)` accepts it.
 
     ## Several at Once
-    Each environment has a SUMO of its own, in one process too: the first uses the installed
-    libsumo, further ones a copy of its library (30 ms and 17 MiB), which stays for the next one
-    when an environment is closed. One core drives them all there; for more cores take
-    `make_vec(..., vectorization_mode="async", vector_kwargs={{"context": "spawn"}})`.
-    sumo-gui shows one environment of a process at a time.
+    Each environment has its own SUMO, also within one process. The first environment uses the
+    installed libsumo. Each further one loads a copy of the library (30 ms, 17 MiB), which later
+    environments reuse after `close`. All environments of one process share one core. To use several
+    cores, call `make_vec(..., vectorization_mode="async", vector_kwargs={{"context": "spawn"}})`.
+    sumo-gui shows only one environment of a process at a time.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (gymnasium declares it so)
@@ -136,26 +140,29 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     @property
     def check_name(self) -> str:
-        """Name of the safety check; ``none`` while SUMO drives the ego, which nothing checks."""
+        """Name of the safety check; ``none`` while SUMO drives the ego without a check."""
         return self._check_name if self.ego_model is None else "none"
 
     def require_room(self) -> None:
-        """Raise ConfigError where ``traffic.vehicles_max`` vehicles do not fit on the road."""
+        """Raise ConfigError if ``traffic.vehicles_max`` vehicles do not fit on the road."""
         most = self.simulation.capacity
         if self.config.traffic.vehicles_max > most and self.simulation.placed_vehicles is None:
             raise ConfigError(
                 f"traffic.vehicles_max is {self.config.traffic.vehicles_max}, but this road takes "
-                f"{most} vehicles beside the ego: ask for fewer or make the loop longer."
+                f"{most} vehicles besides the ego: ask for fewer or make the loop longer."
             )
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode; ``options`` may set ``vehicles``.
+        """Start an episode; ``options`` may set ``vehicles``, the number of other vehicles.
+
+        Returns:
+            The observation, shape (27,), and ``info``.
 
         Raises:
-            ConfigError: an unknown option, or a number of vehicles that is none.
-            ScenarioError: more vehicles than fit on the road.
+            ConfigError: an option is unknown, or the number of vehicles is not allowed.
+            ScenarioError: the vehicles do not fit on the road.
         """
         super().reset(seed=seed)
         options = options or {}
@@ -175,10 +182,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         return observation, info
 
     def hand_over(self, model: EgoModel) -> None:
-        """Let SUMO drive the ego by its own models until the next reset.
+        """Let SUMO drive the ego with its own models until the next reset.
 
-        Actions and the safety check are ignored then, and ``info`` holds the actions nearest to
-        what SUMO did. Raises gymnasium.error.ResetNeeded where there is no episode.
+        The environment then ignores actions and the safety check, and ``info`` holds the actions
+        that are nearest to the ego's motion.
+
+        Raises:
+            gymnasium.error.ResetNeeded: no episode is running.
         """
         if self._over:
             raise gymnasium.error.ResetNeeded("There is no episode to hand over: call reset.")
@@ -186,12 +196,16 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.ego_model = model
 
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Carry out one decision, as far as the safety check permits it.
+        """Execute an action for one decision, or the action that the safety check replaces it by.
+
+        Returns:
+            The observation, shape (27,), the reward, whether the episode terminated, whether it was
+            truncated, and ``info``.
 
         Raises:
-            ConfigError: no such action.
-            gymnasium.error.ResetNeeded: there is no episode, or it is over.
-            SimulationError: SUMO ended on its own.
+            ConfigError: the action is not a number from 0 to 11.
+            gymnasium.error.ResetNeeded: no episode is running.
+            SimulationError: SUMO ended unexpectedly.
         """
         proposed = self._proposed(action)
         scene, config = self.scene, self.config
@@ -220,15 +234,15 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         return observation, reward, terminated, truncated, info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """The scene as a picture (720, 1280, 3); None in sumo-gui, which draws by itself."""
+        """The scene as a picture, uint8 of shape (720, 1280, 3); None if sumo-gui shows it."""
         return self._renderer.render()
 
     def action_masks(self) -> ActionMask:
-        """The mask of the scene now, whether ``info`` holds it or not; sb3-contrib calls this."""
+        """The action mask of the present scene, shape (12,), int8; sb3-contrib calls it."""
         return action_mask(self.safety_check, self.scene)
 
     def close(self) -> None:
-        """End SUMO."""
+        """End SUMO and the episode."""
         self._over = True
         self.simulation.close()
 

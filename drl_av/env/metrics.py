@@ -1,4 +1,4 @@
-"""The metrics of an episode: every column of the tables of evaluation and of training."""
+"""The metrics of an episode: all columns of the evaluation and training tables."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from drl_av.traffic.snapshot import Collision
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """A row of ``evaluate``'s CSV file; means are over the decisions of the episode."""
+    """A row of the CSV file of ``drl-av evaluate``; means are over the decisions of an episode."""
 
     driver: str
     safety_check: str
@@ -27,35 +27,35 @@ class EpisodeResult:
     mean_r_x: float
     collided: bool
     ego_hit: bool
-    """The ego hit something, rather than being hit."""
+    """Whether the ego hit something; False if another vehicle hit the ego."""
     collision: str
     """The kind of the collision in words; empty without one."""
     safety_triggers: int
-    """Decisions that the safety check changed."""
+    """Number of decisions that the safety check changed."""
     lane_changes: int
-    """Lane changes that ended in another lane than they began in."""
+    """Number of completed lane changes."""
     aborted_lane_changes: int
     min_ttc_s: PossiblyInfinite
-    """Smallest time to collision with the vehicle ahead; inf where it never closed."""
+    """Smallest time to collision with the vehicle ahead; inf if the gap never shrank."""
     min_headway_s: PossiblyInfinite
-    """Smallest time gap to the vehicle ahead; inf where there was none."""
+    """Smallest time gap to the vehicle ahead; inf if there was none."""
     hard_brakes: int
     d_safe_violations: int
-    """Decisions after which the vehicle ahead was nearer than d_safe, where r_x is below 0."""
+    """Number of decisions with the vehicle ahead nearer than d_safe afterwards, so r_x < 0."""
 
 
 class EpisodeMetrics:
-    """The metrics of one episode, from its decisions added one after another.
+    """Computes the metrics of one episode from its decisions.
 
-    Each decision counts with the scene after it; the scene of the reset does not count.
+    Each decision counts with the scene after it; the scene after the reset does not count.
     The means need at least one decision.
     """
 
     def __init__(self) -> None:
         self.speeds_m_s: list[float] = []
-        """The ego's, after each decision."""
+        """The ego's speed after each decision."""
         self.rewards: list[float] = []
-        """The reward of each decision, with a collision's."""
+        """The reward of each decision, including that of a collision."""
         self.safety_triggers = 0
         self.lane_changes = 0
         self.aborted_lane_changes = 0
@@ -70,7 +70,7 @@ class EpisodeMetrics:
         self._settled_lane: int | None = None
 
     def add(self, decision: Decision) -> None:
-        """Count the next decision of the episode."""
+        """Add the next decision of the episode."""
         terms = decision.info["rewards"]
         self.speeds_m_s.append(decision.next_scene.affordances.ego_speed_m_s)
         self.rewards.append(decision.reward)
@@ -104,31 +104,31 @@ class EpisodeMetrics:
 
     @property
     def decisions(self) -> int:
-        """Decisions of the episode so far."""
+        """Number of decisions so far."""
         return len(self.rewards)
 
     @property
     def mean_speed_m_s(self) -> float:
-        """Mean speed of the ego."""
+        """Mean speed of the ego, m/s."""
         return _mean(self.speeds_m_s)
 
     @property
     def mean_reward(self) -> float:
-        """Mean reward a decision, with a collision's."""
+        """Mean reward of a decision, including that of a collision."""
         return _mean(self.rewards)
 
     @property
     def collided(self) -> bool:
-        """Whether the ego hit something or was hit."""
+        """Whether the ego was in a collision."""
         return self.collision is not None
 
     @property
     def ego_hit(self) -> bool:
-        """Whether the ego hit something, rather than being hit."""
+        """Whether the ego hit something; False if another vehicle hit the ego."""
         return self.collision is not None and self.collision.kind.ego_hit
 
     def result(self, driver: str, safety_check: str, vehicles: int, seed: int) -> EpisodeResult:
-        """The row of the episode, beside what it was driven with."""
+        """The row of the episode: its metrics, and the four arguments."""
         return EpisodeResult(
             driver=driver,
             safety_check=safety_check,
@@ -154,7 +154,7 @@ class EpisodeMetrics:
 
 
 def _mean(values: Sequence[float]) -> float:
-    """Summed in the order of the decisions; numpy and ``sum`` differ from it in the last bit."""
+    """The mean, summed in order; the results of numpy and ``sum`` differ in the last bit."""
     total = 0.0
     for value in values:
         total += value

@@ -1,4 +1,4 @@
-"""The reward of a decision: eq. 6, 7 and 8 of the paper, and what they are measured against."""
+"""The reward of a decision: eq. 6, 7 and 8 of the paper, and their desired values."""
 
 import math
 from typing import NamedTuple
@@ -9,14 +9,14 @@ from drl_av.safety.paper import lane_is_clear
 
 
 class Desired(NamedTuple):
-    """What the reward compares the ego with."""
+    """The desired speed and lateral position of the ego, with which the reward compares it."""
 
     speed_m_s: float
     lateral_m: float
 
 
 class Rewards(NamedTuple):
-    """The three terms, each in [-1, 0]."""
+    """The three terms of the reward, each in [-1, 0]."""
 
     r_v: float
     r_y: float
@@ -24,34 +24,34 @@ class Rewards(NamedTuple):
 
     @property
     def total(self) -> float:
-        """Their equally weighted mean, in [-1, 0]."""
+        """The mean of the three terms, in [-1, 0]."""
         return (self.r_v + self.r_y + self.r_x) / 3
 
 
 def speed_reward(speed_m_s: float, desired_m_s: float) -> float:
-    """r_v, eq. 6: 0 at the desired speed, towards -1 away from it."""
+    """r_v, eq. 6: 0 at the desired speed; it decreases towards -1 away from it."""
     return math.exp(-((speed_m_s - desired_m_s) ** 2) / 10) - 1
 
 
 def lateral_reward(lateral_m: float, desired_m: float) -> float:
-    """r_y, eq. 7: 0 at the desired lateral position, towards -1 away from it."""
+    """r_y, eq. 7: 0 at the desired lateral position; it decreases towards -1 away from it."""
     return math.exp(-((lateral_m - desired_m) ** 2) / 10) - 1
 
 
 def gap_reward(gap_m: float, safe_gap_m: float) -> float:
-    """r_x, eq. 8: 0 from the safe gap on, towards -1 the closer the vehicle ahead is."""
+    """r_x, eq. 8: 0 for a gap of at least the safe gap; it decreases towards -1 below it."""
     if gap_m >= safe_gap_m:
         return 0.0
     return math.exp(-((gap_m - safe_gap_m) ** 2) / (10 * safe_gap_m)) - 1
 
 
 def speed_bonus(speed_m_s: float, ego: EgoConfig, weight: float) -> float:
-    """What may be learnt beside the reward: the weight at the ego's highest speed (ours)."""
+    """A bonus for speed that learning may add to the reward: weight * speed / top speed (ours)."""
     return weight * speed_m_s / ego.max_speed_m_s
 
 
 def safe_gap(speed_m_s: float, headway_s: float, minimum_gap_m: float) -> float:
-    """d_safe, Sec. IV-C: the gap of the wanted headway, at least the minimum gap, metres."""
+    """d_safe, Sec. IV-C: headway times speed, but at least the minimum gap; metres."""
     return max(headway_s * speed_m_s, minimum_gap_m)
 
 
@@ -60,8 +60,8 @@ def attainable_speed(
 ) -> float:
     """Speed that the own (0), left (+1) or right (-1) lane allows now, m/s (ours).
 
-    That of its vehicle ahead, and what closing the gap behind it to d_safe within
-    ``catch_up_time_s`` adds; never above the desired speed of a free road.
+    The speed of the vehicle ahead in that lane, plus the speed that reduces the gap to d_safe
+    within ``catch_up_time_s``. It is at most the desired speed on a free road.
     """
     front = affordances.front(sign)
     if front is None:
@@ -72,10 +72,11 @@ def attainable_speed(
 
 
 def tolerated_speed(speed_m_s: float, attainable_m_s: float, config: RewardConfig) -> float:
-    """The nearest speed to the ego's within the tolerance of what its lane allows, m/s (ours).
+    """The desired speed: the attainable speed of the lane, with a tolerance; m/s (ours).
 
-    Behind another vehicle the ego is ``speed_tolerance_m_s`` off for nothing, because decisions
-    change its speed in steps. On a free road there is no tolerance: it can reach that speed.
+    Behind another vehicle the ego may deviate by ``speed_tolerance_m_s`` without a penalty, because
+    actions change its speed in steps: the result is the speed in that range nearest to the ego's.
+    On a free road there is no tolerance, because the ego can reach the speed exactly.
     """
     if attainable_m_s >= config.desired_speed_m_s:
         return config.desired_speed_m_s
@@ -85,11 +86,12 @@ def tolerated_speed(speed_m_s: float, attainable_m_s: float, config: RewardConfi
 
 
 def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig) -> Desired:
-    """The desired speed and lateral position in this traffic, a function of the indicators.
+    """The desired speed and lateral position, a function of the affordance indicators.
 
-    ``fixed``: the two numbers of the config. ``traffic``: the ``tolerated_speed`` in the own
-    lane, and the centre of the best lane, the nearest of equally good ones; another lane than the
-    own is better only from ``worthwhile_gain_m_s`` on, and only where rule 3 lets the ego into it.
+    With ``config.desired`` "fixed" they are the two numbers of the config. With "traffic" they are
+    the ``tolerated_speed`` in the ego's lane and the centre of the best lane. Another lane is
+    better if its attainable speed is more than ``worthwhile_gain_m_s`` higher, and if rule 3
+    permits the lane change. Of two equally good lanes the nearer one counts.
     """
     if config.desired == "fixed":
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)
@@ -110,7 +112,7 @@ def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig
 def rewards(
     affordances: Affordances, target: Desired, config: RewardConfig, minimum_gap_m: float
 ) -> Rewards:
-    """The three terms of one moment; r_x reads the vehicle ahead in the ego's own lane."""
+    """The three reward terms in one scene; r_x uses the vehicle ahead in the ego's own lane."""
     front = affordances.own_front
     safe_gap_m = safe_gap(affordances.ego_speed_m_s, config.safe_headway_s, minimum_gap_m)
     return Rewards(

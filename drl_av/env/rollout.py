@@ -1,4 +1,4 @@
-"""An episode driven, one decision after another; training, evaluation and replay consume it."""
+"""The rollout of an episode, decision by decision, for training, evaluation and replay."""
 
 from collections.abc import Iterator
 
@@ -12,10 +12,10 @@ from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 def rollout(
     env: HighwayEnv, driver: Driver, seed: int, vehicles: int | None = None
 ) -> Iterator[Decision]:
-    """Drive one episode, and yield each decision before the driver takes the next one.
+    """Drive one episode; yield each decision before the driver makes the next one.
 
-    The caller may therefore learn between two decisions. The seed and the number of vehicles mean
-    what they mean to ``HighwayEnv.reset``, which is called when the first decision is asked for.
+    The caller may therefore learn between two decisions. ``seed`` and ``vehicles`` are those of
+    ``HighwayEnv.reset``, which the rollout calls when the caller requests the first decision.
 
     Raises:
         DrlAvError: as ``HighwayEnv.reset`` and ``HighwayEnv.step``.
@@ -37,7 +37,7 @@ def rollout(
 
 
 def drive(env: HighwayEnv, driver: Driver, name: str, seed: int, vehicles: int) -> EpisodeResult:
-    """Drive one episode to its end; ``name`` stands for the driver in the row."""
+    """Drive one episode to its end; returns its row, in which ``name`` is the driver's name."""
     metrics = EpisodeMetrics()
     for decision in rollout(env, driver, seed, vehicles):
         metrics.add(decision)
