@@ -1,8 +1,8 @@
-"""Collisions: bodies that touch while they move in a SUMO step; pure geometry (ours).
+"""Collision detection: bodies that touch while they move in a SUMO step; pure geometry (ours).
 
-A body is a rectangle along the road, and in a SUMO step its centre moves on a straight line at a
-constant speed: that is SUMO's semi-implicit Euler, and the point mass of eq. 5. So two bodies may
-touch in a step though they overlap neither before nor after it.
+A body is a rectangle parallel to the road. In a SUMO step its centre moves on a straight line at a
+constant speed, as in SUMO's semi-implicit Euler integration and in the point mass of eq. 5. Two
+bodies can therefore touch within a step although they overlap neither before nor after it.
 """
 
 import math
@@ -16,27 +16,27 @@ from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot
 
 BACKWARD_M = 1.0
-"""A vehicle that seems to roll back by less has stood, and the rest is rounding."""
+"""A backward movement up to this is a rounding error of a vehicle that stands."""
 ACCELERATION_M_S2, LATERAL_SPEED_M_S = 10.0, 1.5
-"""More than any vehicle reaches; ``Bodies.within_reach`` rests on it."""
+"""Upper bounds for all vehicles, which ``Bodies.within_reach`` uses."""
 
 Motion = tuple[float, float, float, float]
-"""A body in one SUMO step, metres: where its centre starts along the road and across it, left
-positive, and how far it moves forward and to the left. A plain tuple costs a quarter of a named
-one, and there are several a decision."""
+"""The motion of a body's centre in one SUMO step, metres: its start along and across the road, left
+positive, and its displacement forward and to the left. A plain tuple costs a quarter of the time of
+a named one, and each decision makes several."""
 
 
 class Contact(NamedTuple):
-    """The moment at which two bodies begin to overlap, and who hit whom."""
+    """The first contact of two bodies in a step: its time and its kind."""
 
     time: float
-    """The share of the step that has passed by then; 0 where they overlapped before it."""
+    """Fraction of the step until the contact; 0 if the bodies overlap before the step."""
     kind: CollisionKind
-    """What happened to the one that counts as the ego."""
+    """The kind of collision from the view of the body that counts as the ego."""
 
 
 def motion(from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, road: Road) -> Motion:
-    """How a body came from one place to another: forward, and by less than a lap."""
+    """The motion of a body between two places: forward, and by less than a lap."""
     forward_m = (to_s_m - from_s_m + BACKWARD_M) % road.circumference_m - BACKWARD_M
     return from_s_m, from_y_m, forward_m, to_y_m - from_y_m
 
@@ -46,8 +46,8 @@ def first_contact(
 ) -> Contact | None:
     """The first contact of two bodies in a step, or None; sizes are the means of the two.
 
-    They meet on the axis on which they begin to overlap later. Lengthwise the faster one hit the
-    other; sideways the ego hit if it moved towards the other.
+    The axis on which the bodies begin to overlap last decides the kind. Along the road the faster
+    body hit the other one. Across the road the ego hit the other body if it moved towards it.
     """
     left_m, moved_m = other[1] - ego[1], other[3] - ego[3]
     if _stays_apart(left_m, moved_m, width_m):
@@ -81,7 +81,7 @@ def _stays_apart(distance_m: float, moved_m: float, size_m: float) -> bool:
 
 
 def _overlap(distance_m: float, moved_m: float, size_m: float) -> tuple[float, float]:
-    """When the size of a distance falls below a limit, and when it is back there, in steps."""
+    """Start and end of the time in which a distance is below a size, in fractions of the step."""
     if moved_m == 0.0:
         return (-math.inf, math.inf) if abs(distance_m) < size_m else (math.inf, math.inf)
     edge_m = math.copysign(size_m, moved_m)
@@ -90,14 +90,14 @@ def _overlap(distance_m: float, moved_m: float, size_m: float) -> tuple[float, f
 
 @dataclass(frozen=True)
 class Bodies:
-    """The vehicles of an episode as rectangles; each has a row, the ego the first."""
+    """The vehicles of an episode as rectangles; one row for each, the ego's first."""
 
     ids: Sequence[str]
     length_m: Sequence[float]
     width_m: Sequence[float]
     road: Road
     lateral_speed_m_s: float = LATERAL_SPEED_M_S
-    """More than any of them moves sideways at."""
+    """Upper bound of their lateral speeds."""
 
     @cached_property
     def _largest_m(self) -> tuple[float, float]:
@@ -111,9 +111,9 @@ class Bodies:
         commands: Sequence[Command],
         step_s: float,
     ) -> list[int]:
-        """The rows of all that may touch the ego while it carries out some commands, in order.
+        """The rows of all vehicles that can touch the ego while it executes commands, ascending.
 
-        They may brake to a standstill at once, accelerate by ``ACCELERATION_M_S2`` and move
+        A vehicle is assumed to stop at once, to accelerate with ``ACCELERATION_M_S2``, or to move
         sideways at ``lateral_speed_m_s``.
         """
         time_s, (length_m, aside_m) = step_s * len(commands), self._largest_m
@@ -138,7 +138,7 @@ class Bodies:
         return rows
 
     def ego_collision(self, moves: Mapping[int, Motion]) -> Collision | None:
-        """The ego's first collision in a step with one of the rows that are given, or None."""
+        """The ego's first collision in a step with one of the moved rows, or None."""
         first, collision, ego = 1.0, None, moves[EGO]
         for row, move in moves.items():
             if row != EGO:
@@ -148,7 +148,7 @@ class Bodies:
         return collision
 
     def collisions(self, moves: Mapping[int, Motion]) -> list[tuple[str, str]]:
-        """The pairs of vehicles, the ego too, that touch each other in a step."""
+        """The pairs of vehicles, including the ego, that touch each other in a step."""
         return [
             (self.ids[one], self.ids[other])
             for (one, its), (other, others) in combinations(moves.items(), 2)
@@ -162,12 +162,12 @@ class Bodies:
 
 
 def bodies(snapshot: Snapshot, road: Road) -> Bodies:
-    """The bodies of a snapshot's vehicles."""
+    """The vehicles of a snapshot as rectangles."""
     return Bodies(snapshot.ids, snapshot.length_m.tolist(), snapshot.width_m.tolist(), road)
 
 
 def motions(before: Snapshot, after: Snapshot, road: Road) -> dict[int, Motion]:
-    """How the vehicles moved between two snapshots, by row."""
+    """The motions of the vehicles between two snapshots, by row."""
     columns = (before.s_m, before.y_m, after.s_m, after.y_m)
     ends = zip(*(column.tolist() for column in columns), strict=True)
     return {

@@ -1,4 +1,4 @@
-"""Starting SUMO, and checks of what the machine lacks for it."""
+"""Starting SUMO, and errors that name what the machine lacks for it."""
 
 import ctypes
 import importlib
@@ -20,7 +20,7 @@ GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "128
 
 
 def require_display() -> None:
-    """Raise DisplayError where no screen exists; sumo-gui would end the interpreter."""
+    """Raise DisplayError if there is no screen, because sumo-gui would end the interpreter."""
     if platform.system() != "Linux":
         return
     try:
@@ -41,9 +41,9 @@ def require_display() -> None:
 
 
 def connection(gui: bool) -> ModuleType:
-    """libsumo, or traci for sumo-gui; raises SimulationError, naming what lacks.
+    """The module libsumo, or traci for sumo-gui; raises SimulationError, which names what lacks.
 
-    libsumo can show sumo-gui too, but not load a second episode into it, and closing it hangs.
+    libsumo can show sumo-gui too, but cannot load a second episode, and hangs when it is closed.
     """
     name = "traci" if gui else "libsumo"
     try:
@@ -53,9 +53,9 @@ def connection(gui: bool) -> ModuleType:
 
 
 def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[[str], Any]]:
-    """Functions of ``sumo.vehicle``; those of libsumo without SWIG's Python around them.
+    """Functions of ``sumo.vehicle`` by name; for libsumo, without the Python wrappers of SWIG.
 
-    It is a quarter to a third of what reading a number of a vehicle costs.
+    The wrappers take a quarter to a third of the time that a call needs.
     """
     within = getattr(sumo, "_libsumo", None)
     return [getattr(within, f"vehicle_{name}", getattr(sumo.vehicle, name)) for name in names]
@@ -63,10 +63,10 @@ def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[[str], Any]
 
 @contextmanager
 def short_names(files: Sequence[Path]) -> Iterator[list[str]]:
-    """Names under /dev/fd by which libsumo can read the files inside; else their paths.
+    """Short names of files for libsumo, under /dev/fd if it exists, valid inside the block.
 
-    libsumo never gives back the copies that it makes of a path, some seven a file and start, and
-    takes ``${HOME}`` in one for a variable.
+    libsumo leaks the copies that it makes of a path, about seven for each file and start, and
+    replaces ``${HOME}`` in a path as a variable.
     """
     if not Path("/proc/self/fd").is_dir():
         yield [str(file) for file in files]
@@ -77,7 +77,7 @@ def short_names(files: Sequence[Path]) -> Iterator[list[str]]:
 
 
 def start_arguments(files: Sequence[str], seed: int, config: Config) -> list[str]:
-    """What SUMO is started with; the first of the files is the network."""
+    """The command line arguments of SUMO; the first file is the network."""
     return [
         *("--net-file", files[0]),
         *("--additional-files", ",".join(files[1:])),
@@ -103,7 +103,7 @@ def start(
     config: Config,
     view: Path | None = None,
 ) -> None:
-    """Start libsumo, or through traci sumo-gui, which shows a view; it must not run already."""
+    """Start libsumo, or sumo-gui through traci if ``view`` is given; SUMO must not run yet."""
     if view is None:
         with short_names(files) as names:
             sumo.start(["sumo", *start_arguments(names, seed, config)])
@@ -116,7 +116,7 @@ def start(
 
 
 def program(name: str) -> Path:
-    """A program of the installed package eclipse-sumo; raises SimulationError."""
+    """The path of a program of the package eclipse-sumo; raises SimulationError if it lacks."""
     package = importlib.util.find_spec("sumo")
     for folder in (package and package.submodule_search_locations) or ():
         for file in (name, f"{name}.exe"):
@@ -126,7 +126,7 @@ def program(name: str) -> Path:
 
 
 def missing_library(what: str, message: str) -> str:
-    """One sentence naming the shared library that a loader's message says is missing."""
+    """An error message that names the shared library that a loader reports as missing."""
     found = re.search(r"lib[\w.+-]+?\.so[.\d]*", message)
     library = found.group() if found else "named here: " + " ".join(message.split())
     return (

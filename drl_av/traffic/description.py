@@ -1,4 +1,4 @@
-"""The description of a scenario: the loop, its lanes, and vehicles placed exactly."""
+"""The description of a scenario: the loop, its lanes, and vehicles with exact places."""
 
 import math
 import re
@@ -31,17 +31,17 @@ VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 @dataclass(frozen=True)
 class PlacedVehicle:
-    """A vehicle with an exact starting place; the id "ego" is the ego.
+    """A vehicle with an exact place at the start; the id "ego" is the ego.
 
     Raises:
-        ScenarioError: a value is mistyped or out of bounds.
+        ScenarioError: a value has a wrong type or is out of bounds.
     """
 
     id: str
     lane: int
     """0 is the rightmost."""
     position_m: float
-    """Front bumper along the loop from its start."""
+    """Position of the front bumper along the loop."""
     speed_m_s: float
     desired_speed_m_s: float
 
@@ -58,7 +58,8 @@ class ScenarioDescription:
     """A closed loop driven counter-clockwise on the right, so that lane 0 is the outer lane.
 
     Raises:
-        ScenarioError: a value is mistyped or out of bounds, no lane is open, or vehicles overlap.
+        ScenarioError: a value has a wrong type or is out of bounds, no lane is open, or vehicles
+            overlap.
     """
 
     circumference_m: float = 500.0
@@ -80,7 +81,7 @@ class ScenarioDescription:
 
     @property
     def open_lanes(self) -> tuple[bool, ...]:
-        """One flag a lane, rightmost first; False where it is barricaded."""
+        """One flag for each lane, rightmost first; False if it is barricaded."""
         return tuple(lane not in self.barricaded_lanes for lane in range(self.lanes))
 
     def to_toml(self) -> str:
@@ -152,8 +153,8 @@ def from_toml(text: str, name: str = "scenario.toml") -> ScenarioDescription:
     """Read a description from TOML text; keys left out keep their defaults.
 
     Raises:
-        ScenarioError: the text is no TOML, or a key is unknown, missing, mistyped or out of bounds;
-            the message begins with ``name``.
+        ScenarioError: the text is not valid TOML, a key is unknown or missing, or a value has a
+            wrong type or is out of bounds; the message begins with ``name``.
     """
     try:
         values = tomllib.loads(text)

@@ -1,4 +1,4 @@
-"""Who drives the ego in SUMO: our commands alone, or SUMO's own models."""
+"""Control of the ego in SUMO: by our commands alone, or by SUMO's own models."""
 
 from typing import Any, NamedTuple
 
@@ -9,34 +9,34 @@ ALL_SPEED_CHECKS_OFF = 32
 NO_AUTONOMOUS_LANE_CHANGES = 0
 SPEED_CHECKS = 31
 AUTONOMOUS_LANE_CHANGES = 1621
-"""The last two are SUMO's defaults."""
+"""``SPEED_CHECKS`` and ``AUTONOMOUS_LANE_CHANGES`` are SUMO's defaults."""
 
 
 class EgoModel(NamedTuple):
-    """How SUMO's IDM and SL2015 drive the ego; the defaults are SUMO's."""
+    """Parameters of SUMO's IDM and SL2015 when they drive the ego; the defaults are SUMO's."""
 
     headway_s: float = 1.0
-    """SUMO's tau."""
+    """SUMO's tau, the time gap."""
     assertiveness: float = 1.0
-    """lcAssertive, by which the gaps that a lane change needs are divided."""
+    """SUMO's lcAssertive; it divides the gaps that a lane change needs."""
     speed_gain: float = 1.0
-    """lcSpeedGain, eagerness to change lanes to get ahead."""
+    """SUMO's lcSpeedGain, eagerness to change lanes to get ahead."""
     overtake_right: bool = False
-    """Whether it may pass on the right above 60 km/h."""
+    """Whether the ego may pass on the right above 60 km/h."""
 
 
 def take_control(vehicle: Any, name: str) -> None:
-    """Let a vehicle do what it is commanded to and nothing else."""
+    """Make SUMO execute our commands for a vehicle exactly, without actions of its own."""
     vehicle.setSpeedMode(name, ALL_SPEED_CHECKS_OFF)
     vehicle.setLaneChangeMode(name, NO_AUTONOMOUS_LANE_CHANGES)
     vehicle.setMaxSpeedLat(name, 10.0)
 
 
 def hand_over(vehicle: Any, model: EgoModel, ego: EgoConfig, lane_width_m: float) -> None:
-    """Let SUMO drive the ego from now on, within the limits of the ego's own actions.
+    """Let SUMO drive the ego from now on, within the limits of the ego's actions.
 
-    SL2015 exempts nobody from its ban of passing on the right but emergency vehicles, so that one
-    who may pass there becomes one; it has no siren, and no vehicle makes way for it.
+    SL2015 permits only emergency vehicles to pass on the right. An ego that may do so therefore
+    becomes an emergency vehicle; it has no siren, so other vehicles do not make way for it.
     """
     color = vehicle.getColor(EGO_ID)
     vehicle.setType(EGO_ID, "traffic")

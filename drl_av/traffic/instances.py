@@ -1,8 +1,8 @@
-"""Simulations side by side in one process: the installed libsumo, and copies of its library.
+"""Several simulations in one process: the installed libsumo, and copies of its library.
 
-libsumo keeps its simulation in static variables, one set for each library that is loaded. A copy
-of the file is loaded apart, and is an independent simulation; a hard link is not, because loaders
-recognize a file by its inode. A copy costs 30 ms, 30 MiB of disk and 17 MiB of memory.
+libsumo keeps its simulation in static variables, one set for each loaded library. A copy of the
+library file is loaded separately and is an independent simulation. A hard link is not, because the
+loader identifies a file by its inode. A copy costs 30 ms, 30 MiB of disk and 17 MiB of memory.
 """
 
 import ctypes
@@ -32,17 +32,20 @@ SHARED_ERRORS = ("TraCIException", "FatalTraCIError")
 
 @dataclass(frozen=True, eq=False)
 class Instance:
-    """One simulation of this process, and who may use it.
+    """One simulation of this process, with a lock for its exclusive use.
 
     Attributes:
-        sumo: libsumo, a copy of it, or traci.
+        sumo: The module libsumo, a copy of it, or traci.
     """
 
     sumo: ModuleType
     _taken: Lock = field(default_factory=Lock, repr=False)
 
     def take(self) -> bool:
-        """Take it if it is free; it is not while a program of the user's own runs SUMO in it."""
+        """Reserve the instance, and return whether it was free.
+
+        It is not free while a program of the user runs SUMO in it.
+        """
         if not self._taken.acquire(blocking=False):
             return False
         if self.sumo.isLoaded():
@@ -51,7 +54,7 @@ class Instance:
         return True
 
     def release(self) -> None:
-        """End SUMO, which may have ended on its own, and leave the instance to others."""
+        """End SUMO, if it still runs, and free the instance for other simulations."""
         try:
             with suppress(self.sumo.FatalTraCIError):
                 self.sumo.close()
@@ -64,10 +67,11 @@ _numbers = itertools.count()
 
 
 def acquire(gui: bool) -> Instance:
-    """Take a simulation of this process that is free: the installed libsumo before its copies.
+    """Reserve a free instance of this process: the installed libsumo first, then a copy.
 
-    Threads may call it at once, and a forked process has the free ones of its parent: all that is
-    shared are the lock of each instance, which is never waited for, and a list that only grows.
+    The function is thread-safe, and a forked process inherits the free instances of its parent: the
+    shared state is only the lock of each instance, which no thread waits for, and a list that only
+    grows.
 
     Raises:
         SimulationError: sumo-gui is open already, or libsumo is in use and cannot be copied.
@@ -89,15 +93,16 @@ def acquire(gui: bool) -> Instance:
 
 @cache
 def _window() -> Instance:
-    """sumo-gui, which the module traci connects to."""
+    """The instance of sumo-gui, which is used through the module traci."""
     return Instance(connection(gui=True))
 
 
 def _copied_package(number: int) -> ModuleType:
-    """The package libsumo once more under another name, around a copy of its library.
+    """A second package libsumo under another name, with a copy of its library.
 
-    All copies share the types of the installed package, as SWIG has one table of them a process:
-    it raises the classes that were registered last, so those of the copies are not registered.
+    All copies use the exception types of the installed package, because SWIG has one table of types
+    for each process and raises the classes that were registered last. The classes of the copies are
+    therefore not registered.
     """
     libsumo = connection(gui=False)
     name = f"{libsumo.__name__}_{number}"
@@ -141,14 +146,14 @@ def _copied_library(name: str, library: Path, number: int) -> ModuleType:
 
 
 def _is_global(symbol: str) -> bool:
-    """Whether every library that is loaded from now on sees a symbol, and takes it for its own."""
+    """Whether a symbol is global, so that each library loaded later would use it as its own."""
     return os.name == "posix" and hasattr(ctypes.CDLL(None), symbol)
 
 
 def _no_copy(reason: str) -> SimulationError:
     return SimulationError(
         f"This process has a simulation already, and cannot copy libsumo for another ({reason}): "
-        "close the other environment first, or give each a process of its own, by "
+        "close the other environment first, or run each one in its own process, by "
         "make_vec(..., vectorization_mode='async', vector_kwargs={'context': 'spawn'}), "
         "SubprocVecEnv(..., start_method='spawn') or --vec-env subproc."
     )
@@ -156,10 +161,10 @@ def _no_copy(reason: str) -> SimulationError:
 
 @contextmanager
 def _copied_file(file: Path, folder: Path, number: int) -> Iterator[str]:
-    """A path from which to load a copy of a file; the loaded copy outlives its file.
+    """The path of a temporary copy of a file; a library loaded from it remains after the block.
 
-    On Linux the copy has no name in any folder, so that it is gone with the process, however that
-    ends. Its path has the number in it, because the loader takes one path twice for one library.
+    On Linux the copy has no name in any folder, so that it disappears with the process in any case.
+    The path contains the number, because the loader does not load the same path twice.
     """
     anonymous = OPEN_FILES.is_dir()
     temporary = tempfile.TemporaryFile if anonymous else tempfile.NamedTemporaryFile
@@ -169,7 +174,7 @@ def _copied_file(file: Path, folder: Path, number: int) -> Iterator[str]:
 
 
 def _copy(source: IO[bytes], target: IO[bytes]) -> None:
-    """Copy on write where the file system can, which copy_file_range does by itself."""
+    """Copy a file; copy_file_range shares the blocks if the file system supports it."""
     try:
         while os.copy_file_range(source.fileno(), target.fileno(), 2**30):
             pass

@@ -1,4 +1,4 @@
-"""Follow a SUMO network's connections round its loop, and compare it with its description."""
+"""Follow the connections of a SUMO network around its loop, and compare it with the description."""
 
 import xml.etree.ElementTree as ET
 from collections import defaultdict
@@ -10,7 +10,7 @@ from drl_av.traffic.description import ScenarioDescription
 
 TOLERANCE = 1e-6
 SUMO_LANE_WIDTH_M = "3.2"
-"""What a lane without a width attribute has in SUMO."""
+"""The width that SUMO gives a lane without a width attribute."""
 
 
 @dataclass(frozen=True)
@@ -20,15 +20,16 @@ class Loop:
     edges: tuple[str, ...]
     """Edge ids in driving order."""
     lane_positions: dict[str, tuple[int, float]]
-    """Each lane id's lane index, and the arc length in metres of its start."""
+    """By lane id: the lane's index, and the arc length of its start, metres."""
     circumference_m: float
 
 
 def read_loop(network: ET.Element, description: ScenarioDescription, name: str) -> Loop:
-    """The loop of a network, verified to be closed and to be the one described.
+    """The loop of a network, after a check that it is closed and agrees with the description.
 
     Raises:
-        ScenarioError: it is no closed loop or another one; the message begins with ``name``.
+        ScenarioError: the road is not a closed loop or not the described one; the message contains
+            ``name``.
     """
     try:
         lanes = {edge.attrib["id"]: edge.findall("lane") for edge in network.iter("edge")}
@@ -42,17 +43,17 @@ def read_loop(network: ET.Element, description: ScenarioDescription, name: str) 
         for edge in edges:
             _compare(lanes[edge], edge, description)
         if abs(s_m - description.circumference_m) > TOLERANCE:
-            raise _Unfit(f"is {s_m:.6f} m long, not {description.circumference_m:.6f} m")
-    except (_Unfit, KeyError, ValueError) as error:
-        reason = str(error) if isinstance(error, _Unfit) else f"lacks or misstates {error}"
+            raise _LoopMismatch(f"is {s_m:.6f} m long, not {description.circumference_m:.6f} m")
+    except (_LoopMismatch, KeyError, ValueError) as error:
+        reason = str(error) if isinstance(error, _LoopMismatch) else f"lacks or misstates {error}"
         raise ScenarioError(
             f"The road in {name} {reason}: write the scenario anew with: drl-av scenario DIR."
         ) from error
     return Loop(edges, positions, s_m)
 
 
-class _Unfit(Exception):
-    """Why a road is not the described loop; completes the sentence "The road ..."."""
+class _LoopMismatch(Exception):
+    """The reason why a road is not the described loop; it completes the sentence "The road ..."."""
 
 
 def _follow(
@@ -61,7 +62,7 @@ def _follow(
     """Edges in driving order, and the junction edge after each edge that has one."""
     normal = [e.attrib["id"] for e in network.iter("edge") if e.get("function") is None]
     if not normal:
-        raise _Unfit("has no edges")
+        raise _LoopMismatch("has no edges")
     ways: dict[str, list[ET.Element]] = defaultdict(list)
     for connection in network.iter("connection"):
         ways[connection.attrib["from"]].append(connection)
@@ -75,7 +76,7 @@ def _follow(
             vias[edge] = via
         edge = following
     if edge != edges[0] or len(edges) != len(normal):
-        raise _Unfit("is not one closed loop through all its edges")
+        raise _LoopMismatch("is not one closed loop through all its edges")
     return tuple(edges), vias
 
 
@@ -84,11 +85,11 @@ def _step(
 ) -> tuple[str, str | None]:
     following = {way.attrib["to"] for way in ways}
     if len(following) != 1:
-        raise _Unfit(f"leads from edge {edge!r} to {len(following)} edges instead of one")
+        raise _LoopMismatch(f"leads from edge {edge!r} to {len(following)} edges instead of one")
     onward = {(int(way.attrib["fromLane"]), int(way.attrib["toLane"])) for way in ways}
     needed = {(lane, lane) for lane, is_open in enumerate(description.open_lanes) if is_open}
     if onward != needed:
-        raise _Unfit(f"does not lead each open lane of edge {edge!r}, and no other, straight on")
+        raise _LoopMismatch(f"does not lead each open lane of edge {edge!r}, and no other, straight on")
     via = ways[0].get("via")
     return following.pop(), via.rsplit("_", 1)[0] if via else None
 
@@ -103,27 +104,27 @@ def _pieces(edges: tuple[str, ...], vias: dict[str, str]) -> Iterator[str]:
 def _length_m(lanes: list[ET.Element], edge: str) -> float:
     lengths = {float(lane.attrib["length"]) for lane in lanes}
     if len(lengths) != 1:
-        raise _Unfit(f"has no lanes of one length on edge {edge!r}")
+        raise _LoopMismatch(f"has no lanes of one length on edge {edge!r}")
     return lengths.pop()
 
 
 def _compare(lanes: list[ET.Element], edge: str, description: ScenarioDescription) -> None:
     if len(lanes) != description.lanes:
-        raise _Unfit(f"has {len(lanes)} lanes on edge {edge!r}, not {description.lanes}")
+        raise _LoopMismatch(f"has {len(lanes)} lanes on edge {edge!r}, not {description.lanes}")
     for index, (lane, is_open) in enumerate(zip(lanes, description.open_lanes, strict=True)):
         if lane.attrib["index"] != str(index) or lane.attrib["id"] != f"{edge}_{index}":
-            raise _Unfit(f"has no lane {index} in its place on edge {edge!r}")
+            raise _LoopMismatch(f"has no lane {index} in its place on edge {edge!r}")
         if lane.get("allow") is not None or lane.get("disallow") not in (None, "all"):
-            raise _Unfit(f"has lane {lane.attrib['id']!r} for some kinds of vehicles only")
+            raise _LoopMismatch(f"has lane {lane.attrib['id']!r} for some kinds of vehicles only")
         if (lane.get("disallow") is None) != is_open:
             state = "barricaded" if is_open else "open"
-            raise _Unfit(f"has lane {lane.attrib['id']!r} {state}, unlike its description")
+            raise _LoopMismatch(f"has lane {lane.attrib['id']!r} {state}, unlike its description")
         for attribute, default, wanted in (
             ("width", SUMO_LANE_WIDTH_M, description.lane_width_m),
             ("speed", "nan", description.speed_limit_m_s),
         ):
             value = float(lane.get(attribute, default))
             if not abs(value - wanted) <= TOLERANCE:
-                raise _Unfit(
+                raise _LoopMismatch(
                     f"has {attribute} {value:g} on lane {lane.attrib['id']!r}, not {wanted:g}"
                 )

@@ -20,27 +20,27 @@ PRECISION = 6
 
 
 def edge_lengths_m(circumference_m: float) -> tuple[float, ...]:
-    """Lengths of the edges; equal but for rounding, which the last one takes up."""
+    """Lengths of the edges, metres; they are equal, but the last one absorbs the rounding."""
     length_m = round(circumference_m / EDGES, PRECISION)
     last_m = round(circumference_m - (EDGES - 1) * length_m, PRECISION)
     return (*[length_m] * (EDGES - 1), last_m)
 
 
 def point(radius_m: float, turn: float) -> str:
-    """SUMO's ``x,y`` of a place on a circle round the origin, after that share of a full turn."""
+    """The text ``x,y`` of a point on a circle around the origin; ``turn`` is from 0 to 1."""
     angle = 2 * math.pi * turn
     x, y = radius_m * math.cos(angle), radius_m * math.sin(angle)
     return f"{x + 0.0:.{PRECISION}f},{y + 0.0:.{PRECISION}f}".replace("-0.000000", "0.000000")
 
 
 def xml_text(root: ET.Element) -> str:
-    """An XML document, indented, that is the same text on every machine."""
+    """An indented XML document; the text is the same on every machine."""
     ET.indent(root, "    ")
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, "unicode") + "\n"
 
 
 def network_text(description: ScenarioDescription) -> str:
-    """The network file: a counter-clockwise loop of four edges, without junction lanes.
+    """The text of the network file: a counter-clockwise loop of four edges, no junction lanes.
 
     Raises:
         ScenarioError: netconvert refused the description.

@@ -1,4 +1,4 @@
-"""The vehicles at the start of an episode: places and characteristics, drawn at random."""
+"""The vehicles at the start of an episode: positions and parameters, drawn at random."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,29 +19,29 @@ SPREAD_M = 250.0
 DECISIONS_AT_ONCE = 256
 COMFORTABLE_BRAKING_M_S2 = 2.0
 STANDING_M_S = 0.1
-"""SUMO's models see a vehicle of this speed as they see any other, but not one that is stopped."""
+"""Speed of standing vehicles; SUMO's models react to them, but not to vehicles that SUMO stops."""
 
 
 class Kind(IntEnum):
     """The driver of a background vehicle."""
 
     SUMO = 0
-    """IDM and SL2015; also the value in the ego's row."""
+    """SUMO's IDM and SL2015; also the value in the ego's row."""
     FINITE_STATE = 1
     LEVEL_0 = 2
     LEVEL_1 = 3
     HARD_BRAKING = 4
-    """The finite-state machine, and at times the hardest braking."""
+    """The finite-state machine, which sometimes brakes as hard as it can."""
 
 
 @dataclass(frozen=True)
 class Population:
-    """Start of an episode; everything has 1 + N rows, the ego's first."""
+    """The vehicles at the start of an episode; all arrays have 1 + N rows, the ego's first."""
 
     ids: tuple[str, ...]
     lane: npt.NDArray[np.intp]
     front_m: FloatArray
-    """Front bumper along the loop, [0, circumference)."""
+    """Position of the front bumper along the loop, [0, circumference)."""
     speed_m_s: FloatArray
     desired_speed_m_s: FloatArray
     headway_s: FloatArray
@@ -51,7 +51,7 @@ class Population:
 
 
 def require_speed_limit(config: Config, description: ScenarioDescription) -> None:
-    """Raise ConfigError where a setting lets a vehicle drive faster than the road allows."""
+    """Raise ConfigError if a setting permits a speed above the road's speed limit."""
     fastest = {"ego.max_speed_m_s": config.ego.max_speed_m_s}
     if not description.vehicles:
         fastest["traffic.desired_speed_max_m_s"] = config.traffic.desired_speed_max_m_s
@@ -67,7 +67,7 @@ def require_speed_limit(config: Config, description: ScenarioDescription) -> Non
 
 
 def capacity(road: Road, length_m: float, start_gap_m: float) -> int:
-    """Most vehicles, the ego included, that can start on the road."""
+    """Largest number of vehicles, including the ego, that can start on the road."""
     ring_m = min(road.circumference_m, 2 * SPREAD_M)
     return sum(road.open_lanes) * int(ring_m // (length_m + start_gap_m))
 
@@ -80,17 +80,17 @@ def draw_population(
     traffic: TrafficConfig,
     ego: EgoConfig,
 ) -> Population:
-    """Place the ego and ``vehicles`` others at random within 250 m, each with its own parameters.
+    """Draw the ego and ``vehicles`` other vehicles within 250 m, each with its own parameters.
 
     Raises:
-        ScenarioError: more vehicles than fit on the open lanes.
+        ScenarioError: the vehicles do not fit on the open lanes.
     """
     n = vehicles + 1
     room = capacity(road, length_m, traffic.start_gap_m)
     if n > room:
         raise ScenarioError(
             f"{vehicles} vehicles do not fit on this road: its {sum(road.open_lanes)} open lanes "
-            f"take {max(room - 1, 0)} beside the ego; ask for fewer or make the loop longer."
+            f"take {max(room - 1, 0)} besides the ego; ask for fewer or make the loop longer."
         )
     lane = _lanes(rng, n, road, room, traffic.lane_evenness)
     front_m, gap_m, leader = _places(rng, lane, road, length_m, traffic.start_gap_m)
@@ -118,9 +118,9 @@ def _make_some_unusual(
     speed_gain: FloatArray,
     traffic: TrafficConfig,
 ) -> None:
-    """Let some vehicles but the ego stand, crawl or overtake fast, by the shares of the config.
+    """Make some vehicles stand, crawl or overtake fast, by the shares of the config; not the ego.
 
-    Drawn from a stream of its own, so that the others stay as they are.
+    The draws use a separate random stream, so that the other vehicles do not change.
     """
     draws, places = rng.random((2, len(desired_m_s)))
     which = np.searchsorted(np.cumsum(traffic.unusual_shares), draws, side="right")
@@ -161,9 +161,9 @@ def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig)
 
 
 def draw_kinds(seed: int, n: int, traffic: TrafficConfig) -> npt.NDArray[np.intp]:
-    """The driver of each row, shape (n,), drawn by the shares of the config; the ego's is SUMO.
+    """The kind of driver of each row, shape (n,), drawn by the shares; ``Kind.SUMO`` for the ego.
 
-    A random stream of its own draws them, so the shares change no vehicle's place or parameters.
+    They use a separate random stream, so the shares do not change the vehicles' other parameters.
     """
     limits = np.cumsum(traffic.shares)
     draws = np.random.default_rng([seed, 3]).random(n)
@@ -175,9 +175,9 @@ def draw_kinds(seed: int, n: int, traffic: TrafficConfig) -> npt.NDArray[np.intp
 def random_lane_changes(
     rng: np.random.Generator, n: int, chance: float
 ) -> Iterator[list[tuple[int, int]]]:
-    """For each decision the rows and sides of the random lane changes.
+    """The random lane changes of each decision, as pairs of row and side; an endless iterator.
 
-    Sides are left +1 and right -1; the ego, row 0, is left out. Never ends.
+    Sides are left +1 and right -1. The ego, row 0, has no random lane changes.
     """
     while True:
         draws = rng.random((DECISIONS_AT_ONCE, 2, n))
@@ -191,7 +191,7 @@ def random_lane_changes(
 def _lanes(
     rng: np.random.Generator, n: int, road: Road, room: int, evenness: float
 ) -> npt.NDArray[np.intp]:
-    """Lanes: the ego's with equal probability, the others' by shares drawn for this episode."""
+    """The lane of each row: equal chances for the ego, random shares of this episode for others."""
     open_lanes = np.flatnonzero(road.open_lanes)
     berths = np.full(len(open_lanes), room // len(open_lanes))
     shares = rng.dirichlet(np.full(len(open_lanes), evenness))
@@ -213,7 +213,7 @@ def _places(
     length_m: float,
     start_gap_m: float,
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.intp]]:
-    """Front bumpers, net gaps to the vehicle ahead, and which vehicle that is."""
+    """Positions of the front bumpers, net gaps to the vehicle ahead, and that vehicle's row."""
     n = len(lane)
     ring_m = min(road.circumference_m, 2 * SPREAD_M)
     pitch_m = length_m + start_gap_m

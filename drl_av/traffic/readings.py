@@ -1,4 +1,4 @@
-"""What SUMO reports of its vehicles, in the terms of a snapshot."""
+"""Reads the state of SUMO's vehicles in the coordinates of a snapshot."""
 
 from collections.abc import Sequence
 from types import ModuleType
@@ -10,7 +10,7 @@ STATE = ("getLaneID", "getLanePosition", "getLateralLanePosition", "getSpeed", "
 
 
 class Readings:
-    """Reads the state of the vehicles of an episode; each has a row, the ego the first."""
+    """Reads the state of the vehicles of an episode; one row for each, the ego's first."""
 
     def __init__(self, sumo: ModuleType, scenario: Scenario, ids: Sequence[str]) -> None:
         self._sumo, self._ids = sumo, ids
@@ -21,14 +21,14 @@ class Readings:
         self._lane, self._at, self._aside, *self._speeds = getters(sumo, STATE)
 
     def place(self, row: int) -> tuple[float, float]:
-        """The centre of a vehicle along the road, from 0 to its length, and across it."""
+        """The centre of one vehicle, (s, y): along the loop, [0, circumference), and across it."""
         name = self._ids[row]
         lane, start_m = self._lane_positions[self._lane(name)]
         along_m = (start_m + self._at(name) - self._half_m[row]) % self._lap_m
         return along_m, lane * self._lane_m + self._aside(name)
 
     def state(self) -> tuple[list[float], ...]:
-        """The centres of all along the road and across it, and their speeds along and across."""
+        """Of all vehicles: s, y, speed along the road and lateral speed, a list of rows each."""
         ids, lap_m, lane_m = self._ids, self._lap_m, self._lane_m
         at_m, aside_m, speed, lateral = (
             [*map(read, ids)] for read in (self._at, self._aside, *self._speeds)
@@ -42,7 +42,7 @@ class Readings:
         return along_m, across_m, speed, lateral
 
     def lane_change(self, row: int) -> int:
-        """What SUMO's lane-change model would do with a vehicle: +1 left, -1 right, 0 stay."""
+        """The lane change of SUMO's model for a vehicle: +1 left, -1 right, 0 none."""
         bits = self._sumo.constants
         for sign, wish in ((1, bits.LCA_LEFT), (-1, bits.LCA_RIGHT)):
             state = self._sumo.vehicle.getLaneChangeState(self._ids[row], sign)[0]

@@ -1,4 +1,4 @@
-"""Requests of our background drivers to SUMO, which grants what its own models consider safe."""
+"""Requests of our background drivers to SUMO, which executes them as far as it finds them safe."""
 
 import math
 from collections.abc import Sequence
@@ -16,18 +16,18 @@ LOOK_AHEAD_M = 200.0
 
 
 def leave_to_commands(vehicle: Any, name: str) -> None:
-    """Let SUMO change the vehicle's lane on request only.
+    """Make SUMO change the lane of a vehicle on request only.
 
-    The speed mode stays SUMO's default, so no request makes the vehicle faster than SUMO's IDM
-    considers safe, or exceeds the acceleration and braking of its type.
+    The speed mode remains SUMO's default. A request therefore never makes the vehicle faster than
+    SUMO's IDM considers safe, and never exceeds the acceleration and braking of its type.
     """
     vehicle.setLaneChangeMode(name, LANE_CHANGES_ON_REQUEST)
 
 
 def is_centered(vehicle: Any, name: str) -> bool:
-    """Whether the vehicle is in the middle of its lane, and a lane change may be requested.
+    """Whether a vehicle is in the middle of its lane, so that a lane change may be requested.
 
-    SUMO continues a lane change that another vehicle interrupted when a new request arrives, even
+    If another vehicle has interrupted a lane change, a new request makes SUMO continue it, even
     into that vehicle.
     """
     return bool(abs(vehicle.getLateralLanePosition(name)) <= CENTERED_M)
@@ -39,7 +39,7 @@ def ask_for_lane_changes(
     traffic_commands: Sequence[TrafficCommand],
     timing: SimulationConfig,
 ) -> None:
-    """Request lane changes until the next decision; SUMO completes those that it has begun."""
+    """Request lane changes, valid until the next decision; SUMO completes those that it begins."""
     for row, _, side in traffic_commands:
         if side and is_centered(vehicle, ids[row]):
             vehicle.changeLaneRelative(ids[row], side, timing.decision_interval_s)
@@ -51,11 +51,11 @@ def ask_for_speeds(
     traffic_commands: Sequence[TrafficCommand],
     timing: SimulationConfig,
 ) -> None:
-    """Request speeds for the end of the coming SUMO step, or leave the vehicle to SUMO's braking.
+    """Request speeds for the end of the next SUMO step; SUMO brakes by itself when it must.
 
-    The requested speed is at most ``stoppable_speed``. SUMO's IDM would need harder braking than
-    the vehicle has where the vehicle ahead brakes fully, as level-0 drivers do. SUMO's own
-    drivers in such traffic are therefore limited too.
+    The requested speed is at most ``stoppable_speed``. If the vehicle ahead brakes fully, as
+    level-0 drivers do, SUMO's IDM alone would need harder braking than the vehicle has. The speeds
+    of SUMO's own drivers in such traffic are therefore limited too.
     """
     step_s = timing.step_length_s
     if traffic_commands:
@@ -78,10 +78,11 @@ def _hold_back(vehicle: Any, names: Sequence[str], step_s: float) -> None:
 
 
 def stoppable_speed(vehicle: Any, name: str, step_s: float) -> float:
-    """The most, m/s, from which it can still stop behind the vehicle ahead; inf where none is.
+    """The largest speed from which a vehicle can stop behind the vehicle ahead, m/s.
 
-    Both brake at its own limit b: the one ahead from now on, over u^2 / 2b - u h / 2 in steps of
-    h; it after a step at v, over v^2 / 2b + v h / 2 altogether. SUMO's minimum gap is left over.
+    inf without a vehicle ahead. Both brake with the vehicle's own limit b in steps of h. The one
+    ahead brakes at once from u, over u^2 / 2b - u h / 2. The vehicle itself drives one step at v
+    first, over v^2 / 2b + v h / 2 altogether. SUMO's minimum gap remains between them.
     """
     leader = vehicle.getLeader(name, LOOK_AHEAD_M)
     if leader is None or not leader[0]:
@@ -92,10 +93,10 @@ def stoppable_speed(vehicle: Any, name: str, step_s: float) -> float:
 
 
 def yields_to_sumo(vehicle: Any, name: str, speed: float) -> bool:
-    """Whether SUMO's models wanted to be slower after the last step than a wish let them be.
+    """Whether SUMO's models must control the speed, because they wanted to be slower than it is.
 
-    They do to make room for a lane change, and in an emergency, in which they brake harder than a
-    wish ever may; that lasts until they brake as usual again.
+    This is so when SUMO makes room for a lane change, and in an emergency, in which SUMO brakes
+    harder than a request may. It lasts until SUMO brakes normally again.
     """
     if vehicle.getSpeedWithoutTraCI(name) < speed - 1e-6:
         return True

@@ -27,10 +27,10 @@ class Road:
     circumference_m: float
     lane_width_m: float
     open_lanes: tuple[bool, ...]
-    """One flag a lane, rightmost first; False is a barricaded lane, which is no lane."""
+    """One flag for each lane, rightmost first; False is a barricaded lane, which does not count."""
 
     def lane_of(self, y_m: float) -> int:
-        """Index of the lane that lateral position ``y_m`` lies in; may be off the road."""
+        """Index of the lane at lateral position ``y_m``; the lane may be off the road."""
         return math.floor(y_m / self.lane_width_m + 0.5)
 
     def center_m(self, lane: int) -> float:
@@ -42,13 +42,13 @@ class Road:
         return 0 <= lane < len(self.open_lanes) and self.open_lanes[lane]
 
     def holds(self, y_m: float, width_m: float) -> bool:
-        """Whether a body of that width, centred at ``y_m``, is on open lanes only."""
+        """Whether a body of width ``width_m`` with its centre at ``y_m`` is on open lanes only."""
         half = self.lane_width_m / 2
         right = math.floor((y_m - width_m / 2 + half) / self.lane_width_m)
         left = math.ceil((y_m + width_m / 2 + half) / self.lane_width_m) - 1
         return all(map(self.is_open, range(right, left + 1)))
 
     def ahead_m(self, s_from_m: float | FloatArray, s_to_m: FloatArray) -> FloatArray:
-        """Signed distance along the road the shorter way round, in [-C/2, C/2); ahead positive."""
+        """Signed distance along the loop by the shorter way, in [-C/2, C/2); positive is ahead."""
         half = self.circumference_m / 2
         return (s_to_m - s_from_m + half) % self.circumference_m - half

@@ -1,4 +1,4 @@
-"""Scenario folders: write one with netconvert, read one back and verify it, find a shipped one."""
+"""Scenario folders: write one with netconvert, read and verify one, find a shipped one."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -43,36 +43,36 @@ class Scenario:
     edges: tuple[str, ...]
     """Edge ids in driving order."""
     lane_positions: dict[str, tuple[int, float]]
-    """Each lane id's lane index, and the arc length of its start from the start of the loop."""
+    """By lane id: the lane's index, and the arc length of its start, metres."""
     additional_files: tuple[Path, ...]
-    """What SUMO loads before any vehicle: the vehicle types, and the barricades if any."""
+    """The files that SUMO loads before any vehicle: vehicle types, and barricades if any."""
     vehicle_types: VehicleTypes
-    """Read from the scenario's file; the sizes of ``description`` are the larger of the two."""
+    """The types in the scenario's file; the sizes in ``description`` are the larger of the two."""
     as_written: bool
-    """True where the checksums in the folder match; False where the folder has none."""
+    """True if the checksums in the folder match; False if the folder has no checksums."""
 
     @property
     def network_file(self) -> Path:
-        """SUMO's network."""
+        """SUMO's network file."""
         return self.folder / scenario_files.NETWORK_FILE
 
     @property
     def vehicle_types_file(self) -> Path:
-        """The types "traffic" and "ego"."""
+        """The file with the vehicle types "traffic" and "ego"."""
         return self.folder / scenario_files.VEHICLE_TYPES_FILE
 
     @property
     def view_file(self) -> Path:
-        """Settings of sumo-gui's view."""
+        """The file with the view settings of sumo-gui."""
         return self.folder / scenario_files.VIEW_FILE
 
 
 def write_scenario(folder: str | Path, description: ScenarioDescription) -> None:
-    """Write a scenario folder, whole or not at all; the same bytes for the same description.
+    """Write a scenario folder completely or not at all; equal descriptions give equal bytes.
 
     Raises:
-        ScenarioError: the folder is there already and not empty, cannot be written, or SUMO cannot
-            read its name; or netconvert refused the description.
+        ScenarioError: the folder exists and is not empty, it cannot be written, SUMO cannot read
+            its name, or netconvert refuses the description.
         SimulationError: netconvert cannot be run.
     """
     folder = Path(folder).absolute()
@@ -93,7 +93,7 @@ def _require_readable(folder: Path) -> None:
 def _require_free(folder: Path) -> None:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ScenarioError(
-            f"{folder} is there already and not empty: remove it, or name another folder."
+            f"{folder} exists and is not empty: remove it, or name another folder."
         )
 
 
@@ -101,8 +101,8 @@ def load_scenario(folder: str | Path) -> Scenario:
     """Read a scenario folder and verify that its road is the closed loop it describes.
 
     Raises:
-        ScenarioError: no such folder, a file is missing, damaged or changed, or the road is no
-            closed loop or another one than described.
+        ScenarioError: the folder does not exist, a file is missing, damaged or changed, or the road
+            is not the closed loop of the description.
     """
     folder = Path(folder).absolute()
     if not folder.is_dir():
@@ -138,7 +138,7 @@ def load_scenario(folder: str | Path) -> Scenario:
 def _with_sizes(
     description: ScenarioDescription, types: VehicleTypes, name: str
 ) -> ScenarioDescription:
-    """The description with the sizes of the vehicle types, which may have been changed by hand."""
+    """The description with the sizes of the vehicle types, which a user may have changed."""
     try:
         return replace(
             description, vehicle_length_m=types.longest_m, vehicle_width_m=types.widest_m
@@ -148,9 +148,9 @@ def _with_sizes(
 
 
 def _require_unchanged(folder: Path) -> bool:
-    """Compare the files with their checksums; False where the folder has none.
+    """Compare the files with their checksums; returns False if the folder has none.
 
-    Nothing else would notice a digit of the vehicle types that flipped.
+    No other check would notice a changed digit in the vehicle types.
     """
     record = folder / scenario_files.CHECKSUMS_FILE
     if not record.exists():
@@ -163,13 +163,13 @@ def _require_unchanged(folder: Path) -> bool:
         name = min(line.split("  ")[-1] for line in changed)
         raise ScenarioError(
             f"{folder} was changed after it was written, the first difference is in {name!r}: "
-            f"{WRITE_ANEW}, or remove {record.name} where the change is meant."
+            f"{WRITE_ANEW}, or remove {record.name} if the change is intended."
         )
     return True
 
 
 def shipped_scenarios() -> dict[str, Path]:
-    """Name and folder of every scenario that comes with the package."""
+    """The folders of the scenarios that the package contains, by name."""
     package = Path(__file__).parents[1]
     for home in (package / "sumo_scenarios", package.parent / "sumo_scenarios"):
         found = home.glob(f"*/{scenario_files.DESCRIPTION_FILE}")
@@ -179,10 +179,10 @@ def shipped_scenarios() -> dict[str, Path]:
 
 
 def find_scenario(name_or_path: str | Path | None = None) -> Path:
-    """The folder of a scenario: a path, the name of a shipped one, or None for the default.
+    """The folder of a scenario, given its path or the name of a shipped one; None is the default.
 
     Raises:
-        ScenarioError: neither a folder nor a shipped scenario has that name.
+        ScenarioError: no folder and no shipped scenario has that name.
     """
     name = DEFAULT_SCENARIO if name_or_path is None else str(name_or_path)
     shipped = shipped_scenarios()

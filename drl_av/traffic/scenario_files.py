@@ -1,4 +1,4 @@
-"""The files of a scenario folder beside its road: vehicle types, barricades, demo traffic, view."""
+"""The files of a scenario folder: vehicle types, barricades, demo traffic, view, checksums."""
 
 import hashlib
 import math
@@ -31,7 +31,7 @@ ALL_FILES = (
 DEMO_END_S = 3600
 DEMO_VEHICLES = 16
 DEMO_PITCH_M = 30.0
-"""Distance between demo vehicles on a lane, at least."""
+"""Smallest distance between demo vehicles on a lane."""
 DEMO_SPEEDS_M_S = (30.0, 22.0, 26.0, 20.0, 32.0, 24.0, 28.0)
 DEMO_START_SPEED_M_S = 15.0
 BLOCK_M, BLOCK_PITCH_M, BLOCK_WIDTH_M = 3.0, 6.0, 0.8
@@ -40,7 +40,7 @@ BLOCK_COLORS = ("190,190,190", "220,90,30")
 
 
 def scenario_texts(description: ScenarioDescription) -> dict[str, str]:
-    """Every file of a scenario folder: name and text.
+    """The text of every file of a scenario folder, by file name.
 
     Raises:
         ScenarioError: netconvert refused the description.
@@ -60,14 +60,14 @@ def scenario_texts(description: ScenarioDescription) -> dict[str, str]:
 
 
 def checksums(files: Mapping[str, bytes]) -> str:
-    """A line a file, as ``sha256sum`` prints and checks them."""
+    """One line for each file, in the format of ``sha256sum``."""
     return "".join(
         f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in sorted(files.items())
     )
 
 
 def additional_files(description: ScenarioDescription) -> tuple[str, ...]:
-    """Names of the files that SUMO loads before its traffic: types, and barricades if any."""
+    """Names of the files that SUMO loads before its vehicles: types, and barricades if any."""
     barricades = (BARRICADES_FILE,) if description.barricaded_lanes else ()
     return (VEHICLE_TYPES_FILE, *barricades)
 
@@ -81,7 +81,7 @@ def _vehicle_types(description: ScenarioDescription) -> ET.Element:
 
 
 def _barricades(description: ScenarioDescription) -> ET.Element:
-    """Pavement, which SUMO does not draw on closed lanes, and blocks in two colours."""
+    """Pavement and blocks in two colours; SUMO draws no pavement on closed lanes."""
     root = ET.Element("additional")
     circumference_m, width_m = description.circumference_m, description.lane_width_m
     blocks = math.floor(circumference_m / BLOCK_PITCH_M)
@@ -111,7 +111,7 @@ def _polygon(root: ET.Element, name: str, color: str, layer: str, shape: str) ->
 
 
 def demo_vehicles(description: ScenarioDescription) -> tuple[PlacedVehicle, ...]:
-    """The placed vehicles of the scenario, or else some spread evenly over the open lanes."""
+    """The placed vehicles of the scenario, or vehicles spread evenly over its open lanes."""
     if description.vehicles:
         return description.vehicles
     lanes = [lane for lane, is_open in enumerate(description.open_lanes) if is_open]
@@ -190,10 +190,10 @@ def _configuration(description: ScenarioDescription) -> ET.Element:
 
 
 def _view() -> ET.Element:
-    """Real-world colours, and on a vehicle its parameter ``caption``.
+    """Real-world colours, and a caption on each vehicle from its parameter ``caption``.
 
-    Neither viewport nor delay: the one would undo a zoom set from outside, the other keeps
-    libsumo's close waiting for ever.
+    The view sets no viewport, which would undo the zoom of the simulation, and no delay, with which
+    libsumo's close never returns.
     """
     root = ET.Element("viewsettings")
     scheme = ET.SubElement(root, "scheme", name="real world")

@@ -1,7 +1,7 @@
-"""Reads the XML files of a scenario folder, and refuses what a scenario does not need.
+"""Reads the XML files of a scenario folder, and refuses elements that a scenario does not need.
 
 SUMO's files can name other files to read or to overwrite, and addresses to connect to. A scenario
-folder may come from another person, so each file that SUMO will load is read here first.
+folder may come from another person. Each file that SUMO will load is therefore checked here first.
 """
 
 import xml.etree.ElementTree as ET
@@ -20,14 +20,14 @@ VIEW = frozenset(["viewsettings", "scheme", "edges", "vehicles", "delay", "viewp
 
 
 class _Reader(ET.TreeBuilder):
-    """Builds the tree of a document of known elements; raises ValueError at any other."""
+    """Builds the tree of an XML document; raises ValueError at an element that is not allowed."""
 
     def __init__(self, elements: frozenset[str]) -> None:
         super().__init__()
         self._elements, self._depth = elements, 0
 
     def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
-        """Begin an element of the document."""
+        """Begin an element, after a check of its name, depth and attributes."""
         self._depth += 1
         if self._depth > MAX_DEPTH:
             raise ValueError(f"it nests elements more than {MAX_DEPTH} deep")
@@ -48,36 +48,36 @@ class _Reader(ET.TreeBuilder):
         raise ValueError("it declares a document type")
 
 
-def read_xml(path: Path, elements: frozenset[str], way_out: str) -> ET.Element:
-    """The root of an XML file that consists of the named elements.
+def read_xml(path: Path, elements: frozenset[str], remedy: str) -> ET.Element:
+    """The root element of an XML file that may contain only the named ``elements``.
 
-    ``way_out`` ends each refusal: what the user can do.
+    Each error message ends with ``remedy``, which says what the user can do.
 
     Raises:
-        ScenarioError: the file is missing, no regular file, too large, damaged, or has an element
-            or attribute that a scenario does not need.
+        ScenarioError: the file is missing, not a regular file, too large or damaged, or has an
+            element or attribute that a scenario does not need.
     """
-    data = read_regular_file(path, way_out)
+    data = read_regular_file(path, remedy)
     parser = ET.XMLParser(target=_Reader(elements))
     try:
         parser.feed(data.decode("utf-8-sig").encode())
         root: ET.Element = parser.close()
     except (ET.ParseError, LookupError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path} is damaged or cut short ({error}): {way_out}.") from error
+        raise ScenarioError(f"{path} is damaged or cut short ({error}): {remedy}.") from error
     except ValueError as error:
-        raise ScenarioError(f"{path} cannot be used, {error}: {way_out}.") from error
+        raise ScenarioError(f"{path} cannot be used, {error}: {remedy}.") from error
     return root
 
 
-def read_regular_file(path: Path, way_out: str) -> bytes:
-    """The bytes of a file; raises ScenarioError where it is missing, a pipe, or too large."""
+def read_regular_file(path: Path, remedy: str) -> bytes:
+    """The bytes of a file; raises ScenarioError if it is missing, not regular or too large."""
     try:
         if path.exists() and not path.is_file():
-            raise ScenarioError(f"{path} is no regular file: {way_out}.")
+            raise ScenarioError(f"{path} is no regular file: {remedy}.")
         if path.stat().st_size > MAX_BYTES:
-            raise ScenarioError(f"{path} is larger than {MAX_BYTES // 10**6} MB: {way_out}.")
+            raise ScenarioError(f"{path} is larger than {MAX_BYTES // 10**6} MB: {remedy}.")
         return path.read_bytes()
     except FileNotFoundError as error:
-        raise ScenarioError(f"{path} is missing: {way_out}.") from error
+        raise ScenarioError(f"{path} is missing: {remedy}.") from error
     except OSError as error:
-        raise ScenarioError(f"{path} cannot be read ({error}): {way_out}.") from error
+        raise ScenarioError(f"{path} cannot be read ({error}): {remedy}.") from error

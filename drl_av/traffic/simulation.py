@@ -1,4 +1,4 @@
-"""One running SUMO: load, place the traffic, advance by one decision, take a snapshot, close."""
+"""One simulation in SUMO: load, place the vehicles, advance by one decision, close."""
 
 import weakref
 from collections.abc import Callable, Sequence
@@ -37,14 +37,14 @@ from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snap
 RANDOM_LANE_CHANGE_S = 5.0
 VIEW = "View #0"
 GUI_ZOOM = 350.0
-"""In percent of the whole loop's size, about: 120 m of road in sumo-gui's window."""
+"""Zoom of sumo-gui in percent; its window then shows about 120 m of road."""
 
 
 class Simulation:
-    """SUMO in this process through libsumo, or in sumo-gui through traci.
+    """A simulation in SUMO: in this process through libsumo, or in sumo-gui through traci.
 
-    It takes one of the process's simulations at the first reset, and leaves it to others when it
-    is closed or forgotten.
+    It reserves an instance of libsumo at the first reset, and frees it when it is closed or
+    garbage-collected.
     """
 
     def __init__(self, scenario: Scenario, config: Config, gui: bool = False) -> None:
@@ -60,20 +60,20 @@ class Simulation:
         self._errors = (library.TraCIException, library.FatalTraCIError)
         self._release: weakref.finalize[..., Simulation] | None = None
         self.after_step: Callable[[Snapshot], None] | None = None
-        """Called after each SUMO step, for those who watch more than the decisions."""
+        """A function that the simulation calls after each SUMO step, or None."""
         self._ids: tuple[str, ...] = ()
         self._step_ms = round(1000 * config.simulation.step_length_s)
 
     def reset(self, seed: int, vehicles: int) -> Snapshot:
-        """Put all vehicles that a seed draws on an empty road.
+        """Empty the road and place the vehicles that are drawn with a seed.
 
-        The episode that follows depends on (scenario, config, seed, vehicles) and the commands
-        alone, whatever ran in this process before. Of a scenario as it was written nothing hangs
-        on SUMO's own clock and random numbers, so it runs on; otherwise it starts anew.
+        The episode depends on (scenario, config, seed, vehicles) and the commands alone, whatever
+        ran in this process before. An unchanged scenario does not depend on SUMO's clock and random
+        numbers, so SUMO continues to run. For a changed scenario SUMO starts again.
 
         Raises:
-            ScenarioError: more vehicles than fit.
-            SimulationError: SUMO refused the scenario.
+            ScenarioError: the vehicles do not fit on the road.
+            SimulationError: SUMO refuses the scenario.
         """
         rng = np.random.default_rng(seed)
         population = self._population(rng, vehicles)
@@ -90,7 +90,7 @@ class Simulation:
         try:
             self._put_on_the_road(population, seed)
         except BaseException as error:
-            self.close()  # Ctrl-C too would leave half a crowd there
+            self.close()  # an interrupt (Ctrl-C), too, would leave some of the vehicles
             if not isinstance(error, (*self._errors, OSError)):
                 raise
             raise SimulationError(
@@ -110,21 +110,22 @@ class Simulation:
         return snapshot
 
     def hand_over(self, model: EgoModel) -> None:
-        """Let SUMO drive the ego until the next reset; commands of the ego are ignored then."""
+        """Let SUMO drive the ego until the next reset; commands for the ego are then ignored."""
         hand_over(self._sumo.vehicle, model, self._config.ego, self.road.lane_width_m)
         self._ego_lateral_speed_m_s = None
 
     def advance(
         self, commands: Sequence[Command], traffic_commands: Sequence[TrafficCommand] = ()
     ) -> tuple[Snapshot, Collision | None]:
-        """Carry out one command a SUMO step; stops at the step in which the ego collides.
+        """Execute one command in each SUMO step; stop at the step in which the ego collides.
 
-        This alone decides whether it does: bodies are swept along the way that they move in each
-        SUMO step, which may be right through each other (``traffic/collisions.py``). The traffic
-        commands are carried out as far as SUMO finds them safe.
+        This method alone decides on collisions: it sweeps the bodies along their motion in each
+        SUMO step, in which they may pass through each other (``traffic/collisions.py``). SUMO
+        executes the traffic commands as far as it finds them safe.
 
         Raises:
-            SimulationError: SUMO does not run, or ended on its own, as a closed sumo-gui does.
+            SimulationError: SUMO does not run or ended unexpectedly, for example because the user
+                closed sumo-gui.
         """
         if not self._owns_sumo():
             raise SimulationError("SUMO does not run for this simulation: reset it first.")
@@ -154,11 +155,11 @@ class Simulation:
         return snapshot, collision
 
     def show(self, text: str) -> None:
-        """Write a line beside the ego in sumo-gui."""
+        """Show a line of text beside the ego in sumo-gui."""
         self._sumo.vehicle.setParameter(EGO_ID, "caption", text)
 
     def close(self) -> None:
-        """End SUMO, which may have ended on its own; the next reset starts it again."""
+        """End SUMO, if it still runs; the next reset starts it again."""
         if self._release is not None:
             self._release()  # does nothing the second time
 
@@ -173,13 +174,13 @@ class Simulation:
 
     @property
     def capacity(self) -> int:
-        """Most vehicles beside the ego that can be placed at random."""
+        """Largest number of other vehicles that can be placed at random."""
         length_m = self.scenario.description.vehicle_length_m
         return capacity(self.road, length_m, self._config.traffic.start_gap_m) - 1
 
     @property
     def placed_vehicles(self) -> int | None:
-        """Vehicles beside the ego that the scenario places exactly; None where it places none."""
+        """Number of other vehicles that the scenario places exactly; None if it places none."""
         placed = self.scenario.description.vehicles
         return len(placed) - 1 if placed else None
 
@@ -195,12 +196,12 @@ class Simulation:
         self._sumo.gui.setZoom(VIEW, GUI_ZOOM)
 
     def _put_on_the_road(self, population: Population, seed: int) -> None:
-        """On the road of the running SUMO, emptied, or of one that is started.
+        """Place the vehicles in the running SUMO after emptying its road, or start SUMO.
 
-        To start it, or to load the scenario anew, takes three times as long as all the rest.
+        Starting SUMO or loading the scenario again takes three times as long as all the rest.
         """
         if self._owns_sumo() and self.scenario.as_written and not self._gui:
-            with suppress(*self._errors):  # it has ended, or somebody else has changed something
+            with suppress(*self._errors):  # SUMO has ended, or another program has changed it
                 self._vacate()
                 self._populate(population)
                 return
@@ -216,7 +217,7 @@ class Simulation:
     def _vacate(self) -> None:
         for name in self._sumo.vehicle.getLoadedIDList():
             self._sumo.vehicle.remove(name)
-        self._sumo.simulationStep()  # until then their names are taken
+        self._sumo.simulationStep()  # frees the names of the vehicles
 
     def _populate(self, population: Population) -> None:
         vehicle = self._sumo.vehicle
@@ -247,7 +248,7 @@ class Simulation:
         return best[1], float(front_m - best[0])
 
     def _step(self, command: Command, near: Sequence[int]) -> Collision | None:
-        """One SUMO step, and the ego's collision in it with one of the rows near it."""
+        """Execute one SUMO step; returns the ego's collision with one of the rows ``near``."""
         if not self._command(command):
             return Collision(CollisionKind.HIT_EDGE, None)
         self._sumo.simulationStep()
@@ -258,7 +259,7 @@ class Simulation:
         return collision
 
     def _moves(self, rows: Sequence[int]) -> dict[int, Motion]:
-        """How vehicles have moved since they were last looked at."""
+        """The motions of vehicles since their positions were last read, by row."""
         moves = {}
         for row in rows:
             s_m, y_m = self._readings.place(row)
@@ -267,7 +268,7 @@ class Simulation:
         return moves
 
     def _command(self, command: Command) -> bool:
-        """Tell SUMO where the ego is to be after the next step; False where that is no road."""
+        """Send the ego's next position to SUMO; returns False if it is not on open lanes."""
         if self._ego_lateral_speed_m_s is None:
             return True
         vehicle = self._sumo.vehicle

@@ -11,7 +11,7 @@ EGO = 0
 
 
 class CollisionKind(Enum):
-    """What the ego collided with, and which of the two hit the other."""
+    """The kinds of the ego's collisions: with what, and which of the two hit the other."""
 
     HIT_AHEAD = "ego hit the vehicle ahead"
     HIT_BESIDE = "ego moved into a vehicle beside it"
@@ -21,7 +21,7 @@ class CollisionKind(Enum):
 
     @property
     def ego_hit(self) -> bool:
-        """True where the ego hit something, False where it was hit."""
+        """True if the ego hit something, False if another vehicle hit the ego."""
         return self in (
             CollisionKind.HIT_AHEAD,
             CollisionKind.HIT_BESIDE,
@@ -46,21 +46,21 @@ class Snapshot:
     s_m: FloatArray
     """Position of the body's centre along the loop, [0, circumference)."""
     y_m: FloatArray
-    """Lateral position of the body's centre; 0 is the centre of the rightmost lane."""
+    """Lateral position of the body's centre, left positive; 0 is the rightmost lane's centre."""
     speed_m_s: FloatArray
     lateral_speed_m_s: FloatArray
     """Left positive."""
     length_m: FloatArray
     width_m: FloatArray
     sumo_lane_change: int = 0
-    """Lane change that SUMO's model would make with the ego: +1 left, -1 right, 0 none."""
+    """The lane change that SUMO's model would make with the ego: +1 left, -1 right, 0 none."""
 
 
 class TrafficCommand(NamedTuple):
-    """The decision of a background driver of ours for one vehicle, until the next decision."""
+    """The decision of one of our background drivers for one vehicle, until the next decision."""
 
     row: int
-    """Its row in the snapshot."""
+    """The vehicle's row in the snapshot."""
     acceleration_m_s2: float
     side: int
     """A lane change to the left (+1) or right (-1), or none (0)."""
@@ -72,4 +72,4 @@ class Command(NamedTuple):
     speed_m_s: float
     y_m: float
     lateral_speed_m_s: float
-    """Its lateral velocity from then on; 0 where a lane change has just ended."""
+    """The ego's lateral velocity after that step; 0 if a lane change has just ended."""

@@ -1,4 +1,4 @@
-"""The vehicle types of a scenario as data: what SUMO lets its vehicles do, and their sizes."""
+"""The vehicle types of a scenario as data: the limits of the vehicles in SUMO, and their sizes."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -28,12 +28,13 @@ EGO = {
     "sigma": "0",
     "tau": "1.5",
 }
-"""Never drives the ego. SUMO keeps others from cutting in closer than this model could brake
-for: its brakes, and 1.5 s for a decision in which it still accelerates."""
+"""This car-following model never drives the ego. SUMO uses it to prevent other vehicles from
+cutting in closer than the model could brake for. Its tau of 1.5 s covers one decision in which the
+ego still accelerates."""
 COLORS = {"traffic": "240,190,40", "ego": "60,160,255"}
 APPEARANCE = ("id", "color", "guiShape")
 BOUNDS = {"length": (1.0, 25.0), "width": (0.5, 5.0)}
-"""Others may be anything above 0."""
+"""Bounds of some attributes, metres; the others must be above 0."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +45,12 @@ class VehicleType:
     width_m: float
     acceleration_m_s2: float
     braking_m_s2: float
-    """As hard as its driver brakes where SUMO's models have a choice."""
+    """Hardest braking in normal driving, SUMO's decel."""
     emergency_braking_m_s2: float
-    """As hard as it can brake."""
+    """Hardest braking in an emergency."""
     lateral_speed_m_s: float
     model: tuple[tuple[str, str], ...]
-    """The other attributes that decide how it drives, in the order of their names."""
+    """All other attributes that affect the driving, sorted by name."""
 
 
 NUMBERS = {
@@ -65,7 +66,7 @@ NUMBERS = {
 
 @dataclass(frozen=True)
 class VehicleTypes:
-    """The two types of a scenario: of the ego, and of all other vehicles."""
+    """The two vehicle types of a scenario: the ego's, and that of all other vehicles."""
 
     traffic: VehicleType
     ego: VehicleType
@@ -82,7 +83,7 @@ class VehicleTypes:
 
 
 def type_attributes(length_m: float, width_m: float) -> list[dict[str, str]]:
-    """The attributes of the two types as a scenario is written with, for bodies of that size."""
+    """The attributes of the two types in a new scenario, for vehicles of the given size."""
     size = {"length": repr(length_m), "width": repr(width_m)}
     return [
         {"id": name, "color": COLORS[name]} | size | model | VEHICLE
@@ -91,11 +92,11 @@ def type_attributes(length_m: float, width_m: float) -> list[dict[str, str]]:
 
 
 def read_types(elements: Iterable[Mapping[str, Any]], name: str) -> VehicleTypes:
-    """The types from the attributes of a file's vType elements.
+    """The vehicle types from the attributes of the vType elements in a file.
 
     Raises:
-        ScenarioError: a type is missing, twice there, or lacks or misstates a number; the message
-            begins with ``name``.
+        ScenarioError: a type is missing or occurs twice, or one of its numbers is missing or wrong;
+            the message begins with ``name``.
     """
     found: dict[str, VehicleType] = {}
     for attributes in elements:
@@ -139,4 +140,4 @@ def _number(attributes: Mapping[str, Any], key: str, name: str) -> float:
 
 
 AS_WRITTEN = read_types(type_attributes(5.0, 1.8), "the types as written")
-"""The types of a scenario that is written with the default sizes."""
+"""The types of a new scenario with the default sizes."""

@@ -219,7 +219,7 @@ def test_scenario_folder_that_is_there_is_kept(
 ) -> None:
     before = sorted(path.read_bytes() for path in scenario.iterdir())
     assert main(["scenario", str(scenario)]) == 1
-    assert "is there already and not empty" in told(capsys)
+    assert "exists and is not empty" in told(capsys)
     assert sorted(path.read_bytes() for path in scenario.iterdir()) == before
 
 

@@ -300,7 +300,7 @@ def test_missing_folder_is_told(tmp_path: Path) -> None:
 
 def test_full_folder_is_never_overwritten(folder: Path) -> None:
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    with pytest.raises(ScenarioError, match="is there already and not empty"):
+    with pytest.raises(ScenarioError, match="exists and is not empty"):
         write_scenario(folder, ScenarioDescription(1000.0))
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
