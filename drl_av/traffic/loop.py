@@ -89,7 +89,9 @@ def _step(
     onward = {(int(way.attrib["fromLane"]), int(way.attrib["toLane"])) for way in ways}
     needed = {(lane, lane) for lane, is_open in enumerate(description.open_lanes) if is_open}
     if onward != needed:
-        raise _LoopMismatch(f"does not lead each open lane of edge {edge!r}, and no other, straight on")
+        raise _LoopMismatch(
+            f"does not lead each open lane of edge {edge!r}, and no other, straight on"
+        )
     via = ways[0].get("via")
     return following.pop(), via.rsplit("_", 1)[0] if via else None
 

@@ -92,9 +92,7 @@ def _require_readable(folder: Path) -> None:
 
 def _require_free(folder: Path) -> None:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ScenarioError(
-            f"{folder} exists and is not empty: remove it, or name another folder."
-        )
+        raise ScenarioError(f"{folder} exists and is not empty: remove it, or name another folder.")
 
 
 def load_scenario(folder: str | Path) -> Scenario:
