@@ -174,6 +174,13 @@ def folder_of(module: str) -> str:
     return module if folder == PACKAGE else str(folder.relative_to(PACKAGE))
 
 
+def test_learning_calls_no_private_function_of_torch() -> None:
+    for module, path in modules().items():
+        if module.startswith("drl_av.learning"):
+            private = re.findall(r"\btorch(?:\.\w+)*\._\w+", path.read_text(encoding="utf-8"))
+            assert not private, module
+
+
 def test_no_room_is_a_drawer() -> None:
     names = {part for module in modules() for part in module.split(".")}
     assert not names & {"utils", "util", "common", "helpers", "helper", "manager", "misc", "parts"}

@@ -7,7 +7,7 @@ import pytest
 
 from drl_av.config import load_config
 from drl_av.config.presets import preset
-from drl_av.drivers.background.level_1 import LEVEL_1
+from drl_av.drivers.background.level_k import LEVEL_1
 from drl_av.drivers.policy_file import PRETRAINED, load, load_policy
 from drl_av.drivers.registry import load_driver
 from drl_av.drivers.rules import IdmDriver

@@ -1,4 +1,4 @@
-"""The safety check by itself: as a mask over the 12 actions, and around any driver."""
+"""Drivers made of other things: a driver under a safety check, and any function."""
 
 from collections.abc import Callable
 
@@ -30,7 +30,7 @@ class CheckedDriver:
         self._driver.start(seed)
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """What the driver proposes where the check permits it, else what the check executes."""
+        """The driver's proposal where the check permits it, else the check's replacement."""
         self.verdict = self._check(scene, self._driver.act(scene, observation))
         self.triggers += self.verdict.rule is not Rule.NONE
         return self.verdict.action
@@ -46,7 +46,7 @@ class PolicyDriver:
         self._policy = policy
 
     def start(self, seed: int) -> None:
-        """Nothing to do: the randomness is the function's own."""
+        """Nothing to prepare: any randomness is the function's own."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """The function's action."""

@@ -1,4 +1,4 @@
-"""Drivers: anything that picks an action."""
+"""The interface of a driver, of the ego and of the traffic."""
 
 from typing import NamedTuple, Protocol
 
@@ -11,17 +11,17 @@ from drl_av.traffic.road import FloatArray
 
 
 class Driver(Protocol):
-    """Picks a decision from a scene; the safety check judges it afterwards."""
+    """Chooses an action for each scene; the safety check examines it afterwards."""
 
     def start(self, seed: int) -> None:
-        """Get ready for an episode; all randomness of the driver comes from ``seed``."""
+        """Prepare for an episode; all randomness of the driver must come from ``seed``."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The decision for a scene, also given as the scaled observation, shape (27,)."""
+        """The action for a scene, whose scaled observation has shape (27,)."""
 
 
 class Decisions(NamedTuple):
-    """What each of R vehicles of the traffic wants until its next decision."""
+    """The decisions of R vehicles of the traffic, in force until their next ones."""
 
     acceleration_m_s2: FloatArray
     side: npt.NDArray[np.intp]

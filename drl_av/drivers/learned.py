@@ -62,9 +62,9 @@ def mean_values(members: Sequence[Values]) -> Values:
 class LearnedDriver:
     """The action of the greatest value; begins no lane change that gains less than a margin.
 
-    Where two lanes are as good, the networks' error alone would begin a lane change and abort it
-    in the next decision. One therefore begins only where its value is more than the margin above
-    that of the best action that keeps the lane (ours).
+    Where two lanes are equally good, the networks' error alone would begin a lane change and abort
+    it in the next decision. A lane change therefore begins only if its value exceeds that of the
+    best action that keeps the lane by more than the margin (ours).
     """
 
     def __init__(self, values: Values, lane_change_margin: float = 0.0) -> None:

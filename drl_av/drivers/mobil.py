@@ -1,4 +1,4 @@
-"""MOBIL: changing lanes when it pays and harms nobody (Kesting, Treiber and Helbing 2007)."""
+"""MOBIL: lane changes that gain and are safe for the others (Kesting, Treiber, Helbing 2007)."""
 
 import math
 
@@ -21,10 +21,10 @@ class MobilDriver:
         self._safety, self._ego, self._mobil = safety, ego, mobil
 
     def start(self, seed: int) -> None:
-        """Nothing to do: no memory, no chance."""
+        """Stateless and deterministic."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The more rewarding lane of those that pass both criteria; a change runs to its end."""
+        """Change to the lane of the greatest gain, if above the threshold; complete the change."""
         longitudinal = self.longitudinal(scene.affordances)
         if scene.lane_change is not None:
             return Action(Lateral.KEEP, longitudinal)

@@ -1,4 +1,4 @@
-"""Drivers by rule that the paper compares with (Sec. IV-C)."""
+"""Drivers by rule, with which the paper compares the learned one (Sec. IV-C)."""
 
 import numpy as np
 import numpy.typing as npt
@@ -27,26 +27,26 @@ def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
 
 
 class IdmDriver:
-    """``idm``: keeps its lane."""
+    """``idm``: the paper's IDM in the lane, no lane changes."""
 
     def __init__(self, config: SafetyConfig) -> None:
         self._config = config
 
     def start(self, seed: int) -> None:
-        """Nothing to do: no memory, no chance."""
+        """Stateless and deterministic."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The paper's IDM in the lane."""
+        """Keep the lane, at the speed that the IDM asks for."""
         return Action(Lateral.KEEP, idm_action(scene.affordances, self._config))
 
 
 class IdmSumoDriver(IdmDriver):
-    """``idm-sumo``: as ``idm``, and SUMO's lane-change model (SL2015) says when to change."""
+    """``idm-sumo``: as ``idm``, with the lane changes of SUMO's lane-change model (SL2015)."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The paper's IDM; a lane change once started runs to its end."""
-        wish = scene.snapshot.sumo_lane_change if scene.lane_change is None else 0
-        return Action(toward(wish), idm_action(scene.affordances, self._config))
+        """The IDM's speed and SUMO's lane change; one in progress is completed."""
+        sign = scene.snapshot.sumo_lane_change if scene.lane_change is None else 0
+        return Action(toward(sign), idm_action(scene.affordances, self._config))
 
 
 class RandomDriver:
@@ -56,9 +56,9 @@ class RandomDriver:
         self._rng = np.random.default_rng()
 
     def start(self, seed: int) -> None:
-        """Draw from a generator of this seed."""
+        """Seed the generator of the actions."""
         self._rng = np.random.default_rng([seed, 2])
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Any of the 12."""
+        """One of the 12 actions, drawn."""
         return ACTIONS[self._rng.integers(len(ACTIONS))]

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.config.presets import as_config
 from drl_av.drawing.renderer import GuiRenderer, PictureRenderer, Renderer
-from drl_av.drivers.background.level_1 import load_level_1
+from drl_av.drivers.background.level_k import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import INDICATORS, ObservationScale, compute_affordances

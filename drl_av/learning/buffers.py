@@ -1,6 +1,6 @@
-"""Experience: the safe and the collision buffer of Algorithm 1, and the one buffer without them.
+"""Experience: the safe and the collision buffer of Algorithm 1, or a single buffer.
 
-Endings are data: a row that ends in r_col has discount 0, any other gamma.
+A terminal row has discount 0, any other row gamma.
 """
 
 from typing import NamedTuple, Protocol
@@ -14,7 +14,7 @@ from drl_av.errors import CheckpointError
 
 
 class Batch(NamedTuple):
-    """Rows to learn from; the arrays are the taker's own.
+    """Rows to learn from, in arrays that the caller may change.
 
     ``weights`` (rows,) scales each row's squared error, None for 1; ``slots`` (rows,) says where
     a prioritized buffer keeps the rows.
@@ -113,7 +113,7 @@ def batch_of(rows: Float32Array, observation_size: int) -> Batch:
 
 
 class Buffer(Protocol):
-    """What the training loop asks of any experience buffer."""
+    """What the training loop needs of an experience buffer."""
 
     def __len__(self) -> int: ...
     @property
@@ -125,20 +125,20 @@ class Buffer(Protocol):
     def restore(self, state: State) -> None: ...
 
     def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """An unsafe proposal, with what was executed in its place; kept as any safe row (ours)."""
+        """Store an unsafe proposal that is not terminal, like any safe row (ours)."""
         self.add_safe(s_t, a_t, r_tp1, s_tp1)
 
     def anneal(self, progress: float) -> None:
-        """Nothing changes over the training, ``progress`` from 0 to 1, unless a buffer says so."""
+        """Adjust to the progress of the training, from 0 to 1; does nothing unless overridden."""
         return None
 
     def update_priorities(self, batch: Batch, td_errors: Float32Array) -> None:
-        """The errors of a sampled batch, (rows,), change nothing, unless a buffer says so."""
+        """Take note of the errors of a sampled batch, (rows,); does nothing unless overridden."""
         return None
 
 
 class TwoBuffers(Buffer):
-    """Buf_S and Buf_C: a batch takes a fixed share of its rows from each, once both have any."""
+    """Buf_S and Buf_C; a batch takes a fixed share of its rows from each, once neither is empty."""
 
     def __init__(
         self,
@@ -170,7 +170,7 @@ class TwoBuffers(Buffer):
         self.collision.append(s_t, a_t, r_col, 0.0, 0.0)
 
     def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """An unsafe proposal, with what was executed in its place: into Buf_C too (ours)."""
+        """Store an unsafe proposal that is not terminal in Buf_C (ours)."""
         self.collision.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
@@ -208,7 +208,7 @@ class TwoBuffers(Buffer):
 
 
 class UniformBuffer(Buffer):
-    """One ring for safe and collision rows alike, sampled uniformly: no second buffer."""
+    """A single ring for safe and collision rows, sampled uniformly."""
 
     def __init__(self, observation_size: int, capacity: int, discount: float) -> None:
         self.ring = Ring(capacity, observation_size)

@@ -19,7 +19,7 @@ from drl_av.errors import CheckpointError
 def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
     """Write named arrays, and metadata that JSON can hold, to ``path``.
 
-    Whatever interrupts it, ``path`` holds either what it held before or all that is new.
+    An interruption at any moment leaves either the old file or the new one, whole.
 
     Raises:
         CheckpointError: the disk is full, or the folder is missing or may not be written to.
@@ -47,7 +47,7 @@ def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Ask that the new name outlive a power cut; not every file system can be asked."""
+    """Flush a folder's entries to the disk, where the file system supports it."""
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -59,7 +59,7 @@ def _sync_folder(folder: Path) -> None:
 def save_policy(path: Path, networks: Sequence[QNetwork], config: Config) -> None:
     """Write a network's named tensors and the config that built it; raises CheckpointError.
 
-    Those of several networks have one axis more, the first.
+    The tensors of several networks are stacked along a new first axis.
     """
     named = [network.tensors() for network in networks]
     tensors = {name: np.stack([own[name] for own in named]) for name in named[0]}

@@ -14,8 +14,8 @@ Store = Callable[[Decision], None]
 class StoreDecision:
     """Stores an unsafe proposal and a collision in Buf_C, every executed action in Buf_S.
 
-    An unsafe proposal ends in r_col, as in Algorithm 1. Ours: with ``learning.speed_weight`` the
-    stored reward is the environment's and a bonus for speed.
+    An unsafe proposal is terminal with r_col, as in Algorithm 1. Ours: ``learning.speed_weight``
+    adds a bonus for speed to the stored reward.
     """
 
     def __init__(self, buffer: Buffer, config: Config) -> None:
@@ -36,14 +36,14 @@ class StoreDecision:
             self._buffer.add_safe(s_t, executed, r_tp1, decision.next_observation)
 
     def store_unsafe(self, decision: Decision, r_tp1: float) -> None:
-        """Line 6: the unsafe proposal ends in r_col."""
+        """Line 6: the unsafe proposal is terminal with r_col."""
         self._buffer.add_collision(decision.observation, decision.proposed.number, self._r_col)
 
 
 class StoreWithPenalty(StoreDecision):
     """An unsafe proposal leads where the action executed instead led, less a penalty (ours).
 
-    It ends in r_col only where the executed action collides too.
+    It is terminal with r_col only where the executed action collides.
     """
 
     def __init__(self, buffer: Buffer, config: Config) -> None:

@@ -1,7 +1,7 @@
-"""One gradient step of Algorithm 1, lines 14 and 15: target and loss are pure, Learner remembers.
+"""One gradient step of Algorithm 1, lines 14 and 15.
 
-Both passes are written out in numpy because at 64 rows autograd, and torch's calls, cost more
-than the arithmetic.
+Both passes are written out in numpy because autograd costs more than the arithmetic of 64 rows;
+torch is there for its fused step of Adam.
 """
 
 from typing import NamedTuple
@@ -43,7 +43,7 @@ def td_error(target: Float32Array, q_t: Float32Array, a_t: NDArray[np.int64]) ->
 
 
 def q_gradient(weighted_td: Float32Array, a_t: NDArray[np.int64], action_size: int) -> Float32Array:
-    """The derivative of mean (y - Q(s, a))^2 by every Q(s, .): zero but at the action taken.
+    """The derivative of mean (y - Q(s, a))^2 by every Q(s, .): 0 except at the action taken.
 
     Algorithm 1, line 15. Shapes: (rows,), (rows,); returns (rows, action_size).
     """
@@ -81,8 +81,8 @@ class Update(NamedTuple):
 class Learner:
     """The online and the target network and Adam's moments; learns a batch at a time.
 
-    Sets numpy and torch to one thread for good: at this size more are slower, and the order of
-    sums stays the same from run to run.
+    Sets numpy and torch to one thread for the whole process: at this size more threads are
+    slower, and one keeps the order of sums the same from run to run.
     """
 
     def __init__(self, network: QNetwork, learning_rate: float = 1e-4) -> None:
@@ -129,7 +129,7 @@ class Learner:
         return Update(float(weighted_td.dot(td)) / rows, td)
 
     def _adam(self) -> None:
-        """The step of torch.optim.Adam(fused=True), without half of its time around it."""
+        """The step of torch.optim.Adam(fused=True), by the function under it at half the cost."""
         adam(
             [self._online],
             [self._gradient],
@@ -161,7 +161,7 @@ class Learner:
         }
 
     def state(self) -> State:
-        """A copy of everything the next update depends on, but the batch."""
+        """A copy of all that the next update depends on, except the batch."""
         return {name: tensor.numpy().copy() for name, tensor in self._tensors().items()}
 
     def restore(self, state: State) -> None:

@@ -1,6 +1,6 @@
 """Prioritized experience replay (Schaul et al. 2015), the proportional variant.
 
-Surprising rows are drawn more often, and count for less each time they are.
+Rows with a large error are drawn more often, and weigh less each time they are.
 """
 
 import numpy as np
@@ -53,7 +53,7 @@ class SumTree:
         self._sums[:] = self._leaves.cumsum(axis=1)[:, -1]
 
     def find(self, fractions: Numbers) -> tuple[Slots, Numbers]:
-        """Where each fraction of the sum falls with the weights laid end to end: slot, probability.
+        """The slot in which each fraction of the cumulative weight falls, and its probability.
 
         Shapes: (rows,), in [0, 1); returns (rows,) twice. No slot of weight 0 is ever found.
         """
@@ -68,13 +68,13 @@ class SumTree:
 
 
 def _below(values: Numbers, end: Numbers) -> Numbers:
-    """Values that rounding may have carried to the end of their range or past it, put back."""
+    """Values clipped below the end of their range, which rounding may have carried them past."""
     below: Numbers = np.minimum(values, np.nextafter(end, 0.0))
     return below
 
 
 class PrioritizedBuffer(Buffer):
-    """One ring for safe and collision rows alike, drawn by how wrong their values were.
+    """A single ring for safe and collision rows, drawn in proportion to their priority.
 
     P(i) = p_i^alpha / sum p^alpha with p_i = |td error| + floor; new rows have the greatest
     priority so far. Sec. 3.3, and Algorithm 1 of Schaul 2015.
@@ -136,7 +136,7 @@ class PrioritizedBuffer(Buffer):
         self.importance_exponent = start + (1.0 - start) * progress
 
     def update_priorities(self, batch: Batch, td_errors: Float32Array) -> None:
-        """Give the rows of a batch the priority that their errors before learning earn."""
+        """Set the priorities of a batch's rows from their errors before the gradient step."""
         assert batch.slots is not None
         p = np.abs(td_errors, dtype=np.float64) + self.priority_floor
         weights = p**self.priority_exponent
@@ -144,7 +144,7 @@ class PrioritizedBuffer(Buffer):
         self._greatest = max(self._greatest, float(weights.max()))
 
     def state(self) -> State:
-        """The ring's, and p^alpha of each row and the greatest so far."""
+        """The state of the ring, p^alpha of each row, and the greatest p^alpha so far."""
         priorities = self.tree.weights[: len(self.ring)].copy()
         return self.ring.state() | {"priorities": priorities, "greatest": np.array(self._greatest)}
 

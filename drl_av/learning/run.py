@@ -1,4 +1,4 @@
-"""A run's folder: settings, CSV files, checkpoint and policy, whole at every moment."""
+"""A run's folder: settings, CSV files, checkpoint and policy, consistent at every moment."""
 
 import csv
 import io
@@ -20,7 +20,7 @@ from drl_av.learning.training import EpisodeRow, EvaluationRow, Training
 
 
 class Progress(NamedTuple):
-    """What one more episode brought."""
+    """The rows of one more episode: its own, and that of the evaluation after it, if any."""
 
     episode: EpisodeRow
     evaluation: EvaluationRow | None
@@ -29,8 +29,8 @@ class Progress(NamedTuple):
 class Run:
     """A folder with ``config.toml, episodes.csv, evaluations.csv, checkpoint`` and ``policy``.
 
-    Every byte in it depends on the config alone, and on what the run was begun with, however
-    often the training was interrupted.
+    Every byte in it depends on the config and on the driver that the run began with only, however
+    often the training is interrupted.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -134,7 +134,7 @@ class Run:
                     "put the file back, or begin a new run."
                 )
             if found > size:
-                with _told(file):
+                with _refusals_of(file):
                     os.truncate(file, size)
 
     def save(self, training: Training) -> None:
@@ -145,7 +145,7 @@ class Run:
         """
         sizes = {}
         for file in (self.episodes_file, self.evaluations_file):
-            with _told(file), file.open("ab") as stream:
+            with _refusals_of(file), file.open("ab") as stream:
                 os.fsync(stream.fileno())
                 sizes[file.name] = stream.tell()
         tensors, numbers = training.state()
@@ -155,12 +155,12 @@ class Run:
 
     def append(self, file: Path, row: EpisodeRow | EvaluationRow) -> None:
         """Add a row to one of the CSV files; raises RunError where the disk refuses."""
-        with _told(file), file.open("ab") as stream:
+        with _refusals_of(file), file.open("ab") as stream:
             stream.write(_line(astuple(row)))
 
 
 def _fits(stored: str, config: Config) -> bool:
-    """Whether they are the same settings; those younger than the checkpoint as before."""
+    """Whether stored settings are those of ``config``; missing ones have their older defaults."""
     try:
         return from_toml(stored, BEFORE) == config
     except ConfigError:
@@ -168,8 +168,8 @@ def _fits(stored: str, config: Config) -> bool:
 
 
 @contextmanager
-def _told(file: Path) -> Iterator[None]:
-    """What the disk refuses, told in one sentence."""
+def _refusals_of(file: Path) -> Iterator[None]:
+    """Turn an error of the disk into RunError, whose sentence says how to continue."""
     try:
         yield
     except OSError as error:
@@ -180,7 +180,7 @@ def _told(file: Path) -> Iterator[None]:
 
 
 def train(run: Run, training: Training) -> Iterator[Progress]:
-    """Algorithm 1 to its last episode, evaluated and saved on the way; rows are on disk first."""
+    """Algorithm 1 to its last episode; yields each episode's rows once they are on disk."""
     config = training.config.learning
     while training.episodes_done < config.episodes:
         row, evaluation = training.run_episode(), None

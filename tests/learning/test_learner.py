@@ -7,7 +7,7 @@ import torch
 from drl_av.drivers.network import QNetwork, forward
 from drl_av.errors import CheckpointError
 from drl_av.learning.buffers import Batch, TwoBuffers
-from drl_av.learning.learner import Learner, double_q_target, q_gradient, td_error
+from drl_av.learning.learner import Learner, backward, double_q_target, q_gradient, td_error
 
 
 def random_batch(rng: np.random.Generator, rows: int = 64, ended: float = 0.5) -> Batch:
@@ -108,6 +108,23 @@ def test_single_precision_stays_with_autograd_for_50_steps():
     for mine, theirs in zip(ours.network.tensors().values(), online.parameters(), strict=True):
         assert mine.dtype == np.float32
         assert np.allclose(mine, theirs.detach().numpy(), atol=1e-5)
+
+
+def test_a_step_has_the_bits_of_torchs_fused_adam():
+    # all rows are terminal, so that the target is the reward, whatever the networks are
+    ours, rng = learner(), np.random.default_rng(5)
+    flat = torch.nn.Parameter(torch.from_numpy(ours.network.flat.copy()))
+    adam = torch.optim.Adam([flat], lr=1e-3, fused=True)
+    flat.grad = torch.zeros_like(flat)
+    split, parameters, gradients = ours.network.split, flat.detach().numpy(), flat.grad.numpy()
+    for _ in range(100):
+        batch = random_batch(rng, ended=1.0)
+        ours.update(batch)
+        entered, q_t = forward(split(parameters), batch.s_t)
+        td = td_error(batch.r_tp1, q_t, batch.a_t)
+        backward(split(parameters), entered, q_gradient(td, batch.a_t, 12), split(gradients))
+        adam.step()
+        assert ours.network.flat.tobytes() == parameters.tobytes()
 
 
 def test_a_collision_row_ignores_its_next_state_whatever_stands_there():

@@ -1,8 +1,10 @@
 """Level-k drivers: level 0 by rule, level 1 the best response to traffic of level 0.
 
-Li, Oyler, Zhang, Yildiz, Kolmanovsky and Girard 2017; the rule of level 0 is that of Albaba and
-Yildiz 2020, the accelerations are those of the ego's actions.
+The levels are those of Li, Oyler, Zhang, Yildiz, Kolmanovsky and Girard 2017, the rule of level 0
+that of Albaba and Yildiz 2020, and the accelerations those of the ego's actions.
 """
+
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -11,10 +13,15 @@ from drl_av.config import Config, EgoConfig, Level0Config
 from drl_av.drivers.background.surroundings import FRONT, LEFT, OWN, REAR, RIGHT, Surroundings
 from drl_av.drivers.driver import Decisions
 from drl_av.drivers.network import Layers, forward
+from drl_av.drivers.policy_file import load_run
 from drl_av.driving.actions import ACTIONS, Longitudinal
 from drl_av.driving.affordances import ObservationScale
+from drl_av.errors import CheckpointError, DrlAvError
 from drl_av.safety.paper import Approach, lane_change_is_safe
 from drl_av.traffic.road import FloatArray, Road
+
+LEVEL_1 = Path(__file__).parents[2] / "pretrained" / "level_1"
+"""Folder of the shipped level-1 policy; laid out as a run's."""
 
 LEVEL_0 = np.array(
     [
@@ -27,7 +34,7 @@ LEVEL_0 = np.array(
 
 
 def level_0(neighbors: Surroundings, config: Level0Config, ego: EgoConfig) -> Decisions:
-    """Keep the lane and look at nothing but the vehicle ahead, coarsely."""
+    """Keep the lane, and accelerate by the coarse distance and motion of the vehicle ahead."""
     distance = np.digitize(
         neighbors.gap_m[:, OWN, FRONT], (config.close_m, config.nominal_m), right=True
     )
@@ -39,10 +46,10 @@ def level_0(neighbors: Surroundings, config: Level0Config, ego: EgoConfig) -> De
 
 
 class Level1:
-    """A greedy policy learned among level-0 drivers, in numpy.
+    """A greedy policy that was trained among level-0 drivers.
 
-    It sees as the ego did while it learned, by the ``config`` of that training, and decides by
-    the network alone, without a mirror or a margin.
+    Its observations are scaled by the ``config`` of that training. It decides by the network
+    alone, without a mirror or a margin.
     """
 
     def __init__(self, layers: Layers, config: Config, road: Road) -> None:
@@ -56,8 +63,8 @@ class Level1:
     def __call__(self, neighbors: Surroundings) -> Decisions:
         """The action of the greatest value, for each vehicle; the first of several equal ones.
 
-        A lane change is asked for where rules 2 and 3 of the safety check permit it, under which
-        the policy learned; but never while one is under way: SUMO does not turn back.
+        It requests a lane change where rules 2 and 3 of the safety check, under which it was
+        trained, permit it, but never during a lane change, which SUMO cannot reverse.
         """
         _, values = forward(self._layers, self._scale(neighbors.vectors()))
         best = values.argmax(axis=1)
@@ -76,6 +83,25 @@ class Level1:
             self._safety,
         )
         return clear
+
+
+def load_level_1(road: Road, folder: Path = LEVEL_1) -> Level1:
+    """The policy of a run's folder as a driver of the traffic on that road.
+
+    Raises:
+        CheckpointError: the policy is missing or damaged, holds several networks or none, or
+            does not belong to the config beside it.
+    """
+    try:
+        networks, config = load_run(folder)
+        if len(networks) > 1:
+            raise CheckpointError(f"{folder} holds {len(networks)} networks, not one")
+    except DrlAvError as error:
+        raise CheckpointError(
+            f"The level-1 driver of the traffic cannot be read ({str(error).removesuffix('.')}): "
+            "train it again with make level_1, or set traffic.level_1_share to 0."
+        ) from error
+    return Level1(networks[0].layers, config, road)
 
 
 def _accelerations(ego: EgoConfig) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What many vehicles see at once: for each the six neighbours of the affordance indicators."""
+"""The six neighbours of the affordance indicators, for many vehicles at once."""
 
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ FRONT, REAR = range(2)
 
 
 class Surroundings(NamedTuple):
-    """Rows are the vehicles that look, R of them; then three lanes; then front and rear."""
+    """Arrays by observing vehicle (R of them), then by its three lanes, then front and rear."""
 
     has_lane: npt.NDArray[np.bool_]
     """Shape (R, 3): whether the lane exists and is open; always so for the own one."""
@@ -28,7 +28,7 @@ class Surroundings(NamedTuple):
     relative_lateral_speed_m_s: FloatArray
     """Shape (R, 3, 2); 0 where there is none."""
     speed_m_s: FloatArray
-    """Shape (R,), as the three below: of the vehicles that look."""
+    """Shape (R,), as the three below: of the observing vehicles."""
     y_m: FloatArray
     off_center_m: FloatArray
     """From the centre of the own lane, left positive."""
@@ -59,7 +59,7 @@ class Surroundings(NamedTuple):
 def surroundings(
     snapshot: Snapshot, road: Road, range_m: float, rows: npt.NDArray[np.intp]
 ) -> Surroundings:
-    """Look around each of some vehicles by the rules of ``affordances``, in a handful of arrays."""
+    """The surroundings of the vehicles in ``rows``, by the same rules as the ego's affordances."""
     y, speed, lateral = snapshot.y_m, snapshot.speed_m_s, snapshot.lateral_speed_m_s
     lane = np.floor(y[rows] / road.lane_width_m + 0.5).astype(np.intp)
     centers_m = lane[:, None] * road.lane_width_m + road.lane_width_m * np.array(SIDES)

@@ -1,4 +1,4 @@
-"""The drivers of the background traffic that are not SUMO's: all decide on the same snapshot."""
+"""The background traffic that SUMO does not drive: all vehicles decide on the same snapshot."""
 
 from collections.abc import Callable
 
@@ -47,7 +47,7 @@ class TrafficDrivers:
         self._states = np.full(len(kinds), State.CRUISE, dtype=np.intp)
 
     def __call__(self, snapshot: Snapshot) -> list[TrafficCommand]:
-        """What each of them wants until the next decision; nothing where SUMO drives everybody."""
+        """A command for each of their vehicles, in force until the next decision."""
         traffic_commands: list[TrafficCommand] = []
         for kind, rows in self._rows.items():
             acceleration, side = self._drivers[kind](snapshot, rows)

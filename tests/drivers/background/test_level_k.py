@@ -7,8 +7,7 @@ import pytest
 from worlds import CENTER, LEFT, LENGTH_M, RIGHT, ROAD, Car, ahead, behind, snapshot
 
 from drl_av.config import Config
-from drl_av.drivers.background.level_1 import LEVEL_1, load_level_1
-from drl_av.drivers.background.level_k import Level1, level_0
+from drl_av.drivers.background.level_k import LEVEL_1, Level1, level_0, load_level_1
 from drl_av.drivers.background.surroundings import Surroundings, surroundings
 from drl_av.drivers.network import Layers, QNetwork, forward
 from drl_av.driving.actions import ACTIONS

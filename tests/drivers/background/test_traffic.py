@@ -12,7 +12,7 @@ from worlds import CENTER, LEFT, RIGHT
 
 from drl_av.cli import main
 from drl_av.config import Config
-from drl_av.drivers.background.level_1 import load_level_1
+from drl_av.drivers.background.level_k import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.drivers.rules import IdmDriver, RandomDriver
 from drl_av.env.highway import HighwayEnv
