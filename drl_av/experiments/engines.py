@@ -10,6 +10,8 @@ import os
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 from importlib.util import find_spec
+from queue import Empty, SimpleQueue
+from threading import Thread
 from typing import Any, TypeVar
 
 from drl_av.errors import DrlAvError, SimulationError
@@ -21,6 +23,8 @@ Engine = Callable[[Callable[[Job], None], Sequence[Job], int], Ended[Job]]
 RETRIES = 3
 """Times that work is begun again after a process was killed, before it is given up."""
 TICK_S = 1.0
+JOIN_S = 20.0
+"""Time that a cluster has to answer at the address in ``RAY_ADDRESS``."""
 PATIENT = {"agent_register_timeout_ms": 300_000, "worker_register_timeout_seconds": 300}
 """A local Ray gives up starting where a busy machine takes longer than its usual 30 s."""
 
@@ -53,8 +57,8 @@ def on_ray(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> 
     """The jobs on the Ray cluster that this process or ``RAY_ADDRESS`` names, or on a local one.
 
     Raises:
-        DrlAvError: the extra ``ray`` is not installed.
-        SimulationError: a job's process was killed again and again.
+        DrlAvError: the extra ``ray`` is not installed, or no cluster answers at ``RAY_ADDRESS``.
+        SimulationError: a job's process was killed again and again, or Ray's own process here was.
     """
     if not find_spec("ray"):
         raise DrlAvError(
@@ -66,8 +70,14 @@ def on_ray(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> 
     with _cluster(processes):
         remote = ray.remote(num_cpus=1, max_retries=RETRIES)(work)
         left = {remote.remote(job): job for job in jobs}
+        here = ray.get_runtime_context().get_node_id()
         try:
             while left:
+                if not _lives(here):
+                    raise SimulationError(
+                        "Ray's own process on this machine was killed: give the same command "
+                        "again; what was saved is kept."
+                    )
                 ended, _ = ray.wait(list(left), timeout=TICK_S)
                 ray.get(ended)
                 yield [left.pop(reference) for reference in ended]
@@ -80,6 +90,13 @@ def on_ray(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> 
                 ray.cancel(reference, force=True)
 
 
+def _lives(node: str) -> bool:
+    import ray
+
+    nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call]
+    return any(each["NodeID"] == node and each["Alive"] for each in nodes)
+
+
 @contextlib.contextmanager
 def _cluster(processes: int) -> Iterator[None]:
     """Join the cluster there is, or begin one here and end it with the block."""
@@ -89,10 +106,44 @@ def _cluster(processes: int) -> Iterator[None]:
         yield
         return
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
-    if "RAY_ADDRESS" not in os.environ:
+    if "RAY_ADDRESS" in os.environ:
+        joined = _joined(options)
+    else:
         options |= {"num_cpus": processes, "include_dashboard": False, "_system_config": PATIENT}
-    with ray.init(**options):
+        joined = ray.init(**options)
+    with joined:
         yield
+
+
+def _joined(options: dict[str, Any]) -> contextlib.AbstractContextManager[Any]:
+    """The cluster that ``RAY_ADDRESS`` names; Ray alone would try for minutes, deaf to Ctrl-C.
+
+    Raises:
+        DrlAvError: the address is none, or no cluster answers there.
+    """
+    import ray
+
+    answers: SimpleQueue[Any] = SimpleQueue()
+
+    def join() -> None:
+        try:
+            answers.put(ray.init(**options))
+        except Exception as error:
+            answers.put(error)
+
+    Thread(target=join, daemon=True).start()
+    try:
+        answer = answers.get(timeout=JOIN_S)
+    except Empty:
+        answer = TimeoutError(f"no answer in {JOIN_S:g} s")
+    if isinstance(answer, Exception):
+        raise DrlAvError(
+            f"No Ray cluster can be joined at RAY_ADDRESS={os.environ['RAY_ADDRESS']!r} "
+            f"({str(answer).splitlines()[0].rstrip('.')}): start one there, or unset RAY_ADDRESS "
+            "to work on this machine alone."
+        ) from answer
+    cluster: contextlib.AbstractContextManager[Any] = answer
+    return cluster
 
 
 def _given_up() -> SimulationError:

@@ -3,18 +3,18 @@
 import csv
 import io
 import os
-import shutil
-import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import astuple, fields
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import BEFORE, Config, from_toml, load_config
+from drl_av.config import BEFORE, Config, from_toml
 from drl_av.config.reference import annotated_toml
+from drl_av.config.stored import load_stored
 from drl_av.drivers.policy_file import load
 from drl_av.errors import CheckpointError, ConfigError, RunError
+from drl_av.files import replacing
 from drl_av.learning import checkpoint
 from drl_av.learning.training import EpisodeRow, EvaluationRow, Training
 
@@ -42,7 +42,7 @@ class Run:
         self.policy_file = folder / "policy.safetensors"
 
     def create(self, config: Config, training: Training | None = None) -> None:
-        """Begin a run, in one rename; where a training is given, with its state as a checkpoint.
+        """Begin a run, which is on the disk as a whole; with the state of a training, if given.
 
         Raises:
             RunError: the folder exists already and is not empty, or cannot be written to.
@@ -55,28 +55,30 @@ class Run:
             )
         try:
             self.folder.parent.mkdir(parents=True, exist_ok=True)
-            new = Path(tempfile.mkdtemp(prefix=f".{self.folder.name}-", dir=self.folder.parent))
-            try:
-                new.chmod(0o755)
-                (new / self.config_file.name).write_text(annotated_toml(config), encoding="utf-8")
-                (new / self.episodes_file.name).write_bytes(_header(EpisodeRow))
-                (new / self.evaluations_file.name).write_bytes(_header(EvaluationRow))
-                if training is not None:
-                    Run(new).save(training)
-                new.replace(self.folder)
-            finally:
-                shutil.rmtree(new, ignore_errors=True)
         except OSError as error:
             raise RunError(
-                f"The run folder {self.folder} cannot be written ({error.strerror}): "
-                "free some space, or choose another folder with --out."
+                f"The run folder {self.folder} cannot be made ({error.strerror}): "
+                "choose another folder with --out."
             ) from error
+        with replacing(self.folder, RunError) as folder:
+            folder.mkdir()
+            new = Run(folder)
+            new.config_file.write_text(annotated_toml(config), encoding="utf-8")
+            new.episodes_file.write_bytes(_header(EpisodeRow))
+            new.evaluations_file.write_bytes(_header(EvaluationRow))
+            if training is not None:
+                new.save(training)
 
     def read_config(self) -> Config:
-        """The settings of the run; raises RunError where there is none."""
+        """The settings of the run.
+
+        Raises:
+            RunError: there is no run in the folder.
+            ConfigError: its config.toml is not whole.
+        """
         if not self.config_file.is_file():
             raise RunError(f"{self.folder} is not a run: it has no config.toml; check the path.")
-        return load_config(self.config_file, BEFORE)
+        return load_stored(self.config_file)
 
     @contextmanager
     def alone(self) -> Iterator[None]:

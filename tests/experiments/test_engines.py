@@ -97,3 +97,52 @@ def test_missing_ray_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engines, "find_spec", lambda name: None)
     with pytest.raises(DrlAvError, match=r"pip install 'drl-av\[ray\]'"):
         next(on_ray(print, [], 1))
+
+
+@pytest.mark.parametrize(
+    ("address", "reason"), [("nonsense", "Invalid address"), ("127.0.0.1:1", "no answer in 0.5 s")]
+)
+def test_an_address_without_a_cluster_is_one_sentence(
+    address: str, reason: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RAY_ADDRESS", address)
+    monkeypatch.setattr(engines, "JOIN_S", 20.0 if address == "nonsense" else 0.5)
+    with pytest.raises(DrlAvError, match=f"RAY_ADDRESS='{address}' \\({reason}.*unset") as error:
+        next(on_ray(print, [], 1))
+    assert "\n" not in str(error.value)
+
+
+KILLED_RAYLET = """
+import ray
+import psutil
+from drl_av.errors import SimulationError
+from drl_av.experiments import engines
+engines.PATIENT |= {"health_check_period_ms": 500, "health_check_timeout_ms": 500}
+def endless(job):
+    import time
+    time.sleep(600)
+engine = engines.on_ray(endless, [1], 1)
+next(engine)
+raylets = [each for each in psutil.Process().children(True) if each.name() == "raylet"]
+for raylet in raylets:
+    raylet.kill()
+try:
+    for _ in range(30):
+        next(engine)
+except SimulationError as error:
+    print(error)
+"""
+
+
+def test_a_killed_raylet_is_one_sentence() -> None:
+    environment = {name: value for name, value in os.environ.items() if name != "RAY_ADDRESS"}
+    ended = subprocess.run(
+        [sys.executable, "-c", KILLED_RAYLET],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        timeout=300,
+        check=True,
+    )
+    assert "Ray's own process on this machine was killed: give the same command" in ended.stdout

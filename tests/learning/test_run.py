@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from drl_av.cli import main
-from drl_av.config import BEFORE, Config, load_config
+from drl_av.config import load_config
 from drl_av.drivers.policy_file import load, load_policy
 from drl_av.errors import RunError
 from drl_av.learning import run as module
@@ -64,7 +64,7 @@ def without_root_rights():
 KILL = "lambda: die(signal.SIGKILL)"
 INTERRUPT = "lambda: die(signal.SIGINT)"
 MOMENTS = {
-    "before the run is there": f"at_call(run.Path, 'replace', 1, {KILL})",
+    "before the run is there": f"at_call(os, 'replace', 1, {KILL})",
     "in the first episode": f"at_call(HighwayEnv, 'step', 7, {KILL})",
     "before the policy is named": f"at_call(os, 'replace', 1, {KILL})",
     "between policy and checkpoint": f"at_call(os, 'replace', 2, {KILL})",
@@ -295,20 +295,61 @@ def test_checkpoint_of_another_config_is_refused(
     assert "belongs to other settings" in one_sentence(capsys.readouterr().err)
 
 
-@pytest.mark.parametrize(
-    ("young", "before"),
-    [("collision_fraction = 0.25\n", Config()), ("speed_tolerance_m_s = 1.0\n", BEFORE)],
-    ids=["its default", "what was done before"],
-)
-def test_run_older_than_a_setting_goes_on_with(young: str, before: Config, copy: Path) -> None:
-    file = copy / "checkpoint.safetensors"
+def test_run_older_than_a_setting_goes_on_with_its_default(copy: Path) -> None:
+    file, young = copy / "checkpoint.safetensors", "standing_share = 0.0\n"
     tensors, numbers = load(file)
     assert young in numbers["config"]
     save(file, tensors, numbers | {"config": numbers["config"].replace(young, "")})
     (copy / "config.toml").write_text((copy / "config.toml").read_text().replace(young, ""))
-    found = Run(copy).read_config()
-    assert (found.reward, found.learning.collision_fraction) == (before.reward, 0.25)
+    assert Run(copy).read_config().traffic.standing_share == 0.0
     assert main(command(copy, "--resume")) == 0
+
+
+def test_a_config_that_a_power_cut_left_is_refused_before_anything_is_trained(
+    copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (copy / "checkpoint.safetensors").unlink()
+    whole = (copy / "config.toml").read_bytes()
+    last_zero = whole.rindex(b"evaluation_episodes = 2") + len(b"evaluation_episodes = ")
+    for left in (b"", whole[: len(whole) // 2], whole[:-1], whole[:-2], whole[:last_zero]):
+        (copy / "config.toml").write_bytes(left)
+        before = files_of(copy)
+        assert main(command(copy, "--resume")) == 1
+        assert str(copy / "config.toml") in one_sentence(capsys.readouterr().err)
+        assert files_of(copy) == before
+
+
+def test_a_new_run_is_on_the_disk_before_it_has_its_name(
+    settings: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tape: list[str] = []
+    sync, rename = os.fsync, os.replace
+
+    def synced(descriptor: int) -> None:
+        tape.append(Path(os.readlink(f"/proc/self/fd/{descriptor}")).name)
+        sync(descriptor)
+
+    def renamed(old: Path, new: Path) -> None:
+        tape.append(f"rename to {Path(new).name}")
+        rename(old, new)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", renamed)
+    Run(tmp_path / "run").create(load_config(settings))
+    *contents, folder, name, home = tape
+    assert sorted(contents) == ["config.toml", "episodes.csv", "evaluations.csv"]
+    assert folder.endswith(".unfinished")
+    assert (name, home) == ("rename to run", tmp_path.name)
+
+
+def test_what_a_killed_beginning_left_is_removed_by_the_next(settings: str, tmp_path: Path) -> None:
+    prelude = MOMENTS["before the run is there"]
+    ended = trained(prelude, command(tmp_path / "run", "--config", settings))
+    assert ended.returncode == -signal.SIGKILL
+    [left] = tmp_path.iterdir()
+    assert left.name.startswith(".run.")
+    Run(tmp_path / "run").create(load_config(settings))
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 def test_checkpoint_with_a_setting_that_nobody_knows_is_refused(

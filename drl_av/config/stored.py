@@ -1,0 +1,46 @@
+"""The settings that a run stores, all of them: a file that is cut short is refused."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from drl_av.config import BEFORE, RENAMED, Config, load_config
+from drl_av.config.reference import settings
+from drl_av.errors import ConfigError
+
+YOUNGER = {
+    ("traffic", "overtake_right"),
+    *(("traffic", f"{kind}_share") for kind in ("standing", "crawling", "fast", "hard_braking")),
+    *(("traffic", f"fast_{name}") for name in ("speed_m_s", "speed_gain")),
+    ("traffic", "crawling_speed_max_m_s"),
+    ("traffic", "hard_brakes_per_s"),
+    ("traffic", "hard_brake_s"),
+    ("ego", "overtake_right"),
+}
+"""Settings that runs begun before they existed do not store: those take the defaults."""
+
+
+def load_stored(path: Path) -> Config:
+    """Read the ``config.toml`` of a run, which holds every setting.
+
+    Raises:
+        ConfigError: the file cannot be read or is no config, was cut short, or lacks a setting.
+    """
+    config = load_config(path, BEFORE)
+    text = path.read_text(encoding="utf-8-sig")
+    document: dict[str, Any] = tomllib.loads(text)
+    stored = {(section, key) for section, part in document.items() for key in part}
+    stored |= {(section, RENAMED.get((section, key), key)) for section, key in stored}
+    for each in settings(config):
+        if (each.section, each.key) not in stored | YOUNGER:
+            raise _not_whole(path, f"it lacks {each.section}.{each.key}")
+    if not text.endswith("\n"):
+        raise _not_whole(path, "its last line has no end")
+    return config
+
+
+def _not_whole(path: Path, reason: str) -> ConfigError:
+    return ConfigError(
+        f"{path} is not whole, {reason}: put back the config.toml that the run was begun with, "
+        "or begin a new run."
+    )
