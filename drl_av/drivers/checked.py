@@ -1,4 +1,4 @@
-"""Drivers made of other things: a driver under a safety check, and any function."""
+"""Wrappers that make drivers: a driver with its own safety check, and a policy function."""
 
 from collections.abc import Callable
 
@@ -12,17 +12,17 @@ from drl_av.safety.check import Rule, SafetyCheck, Verdict
 
 
 class CheckedDriver:
-    """A driver under a safety check, for an environment that has none (``permit_all``).
+    """A driver with its own safety check, for an environment without one (``permit_all``).
 
-    It drives as the bare driver does in an environment with that check.
+    The result is the same as with the bare driver in an environment with that check.
     """
 
     def __init__(self, driver: Driver, check: SafetyCheck) -> None:
         self._driver, self._check = driver, check
         self.verdict: Verdict | None = None
-        """On the last proposal; None before the first."""
+        """The verdict on the last proposal; None before the first one."""
         self.triggers = 0
-        """Proposals of this episode that the check changed."""
+        """Number of proposals in this episode that the check changed."""
 
     def start(self, seed: int) -> None:
         """Get the driver ready for an episode."""
@@ -30,24 +30,24 @@ class CheckedDriver:
         self._driver.start(seed)
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The driver's proposal where the check permits it, else the check's replacement."""
+        """The driver's proposal, or the action by which the check replaces it."""
         self.verdict = self._check(scene, self._driver.act(scene, observation))
         self.triggers += self.verdict.rule is not Rule.NONE
         return self.verdict.action
 
 
 class PolicyDriver:
-    """Any function from an observation to an action's number, as a driver.
+    """A driver made of a function from an observation, shape (27,), to an action number.
 
-    For instance ``lambda o: model.predict(o, deterministic=True)[0]`` of stable-baselines3.
+    An example is ``lambda o: model.predict(o, deterministic=True)[0]`` with stable-baselines3.
     """
 
     def __init__(self, policy: Callable[[npt.NDArray[np.float32]], int | np.integer]) -> None:
         self._policy = policy
 
     def start(self, seed: int) -> None:
-        """Nothing to prepare: any randomness is the function's own."""
+        """Do nothing; the function itself must handle any randomness."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The function's action."""
+        """The action that the function returns."""
         return ACTIONS[int(self._policy(observation))]

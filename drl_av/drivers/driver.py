@@ -1,4 +1,4 @@
-"""The interface of a driver, of the ego and of the traffic."""
+"""The interface of a driver, which chooses the actions of the ego."""
 
 from typing import NamedTuple, Protocol
 
@@ -11,18 +11,18 @@ from drl_av.traffic.road import FloatArray
 
 
 class Driver(Protocol):
-    """Chooses an action for each scene; the safety check examines it afterwards."""
+    """Proposes an action for each scene; the safety check examines the proposal afterwards."""
 
     def start(self, seed: int) -> None:
-        """Prepare for an episode; all randomness of the driver must come from ``seed``."""
+        """Prepare for an episode; all random numbers of the driver must come from ``seed``."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The action for a scene, whose scaled observation has shape (27,)."""
+        """The proposed action in a scene; ``observation`` is the scaled scene, shape (27,)."""
 
 
 class Decisions(NamedTuple):
-    """The decisions of R vehicles of the traffic, in force until their next ones."""
+    """The decisions of R background vehicles until their next decision; arrays of shape (R,)."""
 
     acceleration_m_s2: FloatArray
     side: npt.NDArray[np.intp]
-    """A lane change to the left (+1) or right (-1), or none (0)."""
+    """The requested lane change: to the left (+1), to the right (-1) or none (0)."""

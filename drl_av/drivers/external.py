@@ -1,4 +1,4 @@
-"""Drivers from outside: a factory of the user's, a stable-baselines3 agent, an ONNX file (ours)."""
+"""External drivers: a user's factory, a stable-baselines3 agent, an ONNX file (ours)."""
 
 import importlib
 import json
@@ -29,7 +29,7 @@ _AGENTS = {
     "sb3_contrib.qrdqn.policies": ("sb3_contrib", "QRDQN"),
     "sb3_contrib.common.maskable.policies": ("sb3_contrib", "MaskablePPO"),
 }
-"""Library and class of the agent whose policy class is in a module."""
+"""Library and class of an agent, by the module of its policy class."""
 
 
 def is_factory(word: str) -> bool:
@@ -38,13 +38,13 @@ def is_factory(word: str) -> bool:
 
 
 def driver_of_factory(word: str, config: Config) -> Driver:
-    """The driver that ``module:factory`` makes for a config.
+    """The driver that the factory ``module:factory`` returns for a config.
 
-    The module is looked for in the working directory first. Worker processes call the factory
-    again, so that an evaluation may use several.
+    Python searches the working directory for the module first. Each worker process of an evaluation
+    calls the factory once.
 
     Raises:
-        ConfigError: the module or factory is missing, or what the factory makes is no driver.
+        ConfigError: the module or the factory does not exist, or the factory returns no driver.
     """
     module, _, name = word.partition(":")
     try:
@@ -75,13 +75,13 @@ def _working_directory_first() -> Iterator[None]:
 
 
 def driver_of_agent(path: Path) -> Driver:
-    """The deterministic policy of a zip file that stable-baselines3 or sb3-contrib saved.
+    """The deterministic policy of an agent in a zip file of stable-baselines3 or sb3-contrib.
 
-    Their loader unpickles the file: load only those of people you trust.
+    Their loader unpickles the file, which can run any code: load only files that you trust.
 
     Raises:
-        CheckpointError: the file is no such agent, its library is missing, or it was trained with
-            another observation or other actions.
+        CheckpointError: the file holds no such agent, its library is missing, or the agent was
+            trained with another observation space or other actions.
     """
     library, name = _agent_class(path)
     try:
@@ -106,7 +106,7 @@ def driver_of_agent(path: Path) -> Driver:
 
 
 def _agent_class(path: Path) -> tuple[str, str]:
-    """Library and class of the agent in a zip file."""
+    """Library and class name of the agent in a zip file."""
     try:
         with zipfile.ZipFile(path) as archive:
             data: dict[str, Any] = json.loads(archive.read("data"))
@@ -127,13 +127,14 @@ def _agent_class(path: Path) -> tuple[str, str]:
 
 
 class OnnxDriver:
-    """A network in an ONNX file: one that ``drl-av export`` wrote, or one of the user's.
+    """A driver made of a network in an ONNX file: from ``drl-av export``, or from a user.
 
-    The user's takes the observations, float32 of shape (rows, 27), and returns action numbers,
-    shape (rows,), or a value for each action, shape (rows, 12), of which the greatest counts.
+    The network of a user takes observations, float32 of shape (rows, 27). It returns action
+    numbers, shape (rows,), or a value for each action, shape (rows, 12). In the second case the
+    driver chooses the action of the greatest value.
 
     Raises:
-        CheckpointError: the file is no such network, or onnxruntime is missing.
+        CheckpointError: the file holds no such network, or onnxruntime is not installed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -143,7 +144,7 @@ class OnnxDriver:
         """Stateless and deterministic."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The action of the network's first output."""
+        """The action that the network's first output selects."""
         feed = {
             INDICATORS_INPUT: scene.affordances.vector()[None],
             LANE_CHANGE_INPUT: np.array([scene.lane_change is not None]),
@@ -157,7 +158,7 @@ Run = Callable[[dict[str, npt.NDArray[Any]]], npt.NDArray[Any]]
 
 
 def _session(path: Path) -> Run:
-    """The network as a function of its inputs by name, or of the observations by ''."""
+    """The network as a function of a dictionary of inputs; the key '' holds the observations."""
     try:
         import onnxruntime
     except ImportError as error:
@@ -194,4 +195,4 @@ def _session(path: Path) -> Run:
 
 
 LOADERS: dict[str, Callable[[Path], Driver]] = {".zip": driver_of_agent, ".onnx": OnnxDriver}
-"""How a driver is made from a file of that suffix."""
+"""The function that makes a driver from a file, by the file's suffix."""

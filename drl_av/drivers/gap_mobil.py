@@ -1,4 +1,4 @@
-"""``gap-mobil``: the paper's actions at their best by rule, a time-gap law and MOBIL (ours)."""
+"""``gap-mobil``: a strong rule-based driver, a constant time-gap law with MOBIL (ours)."""
 
 from drl_av.config import EgoConfig, MobilConfig, SafetyConfig
 from drl_av.drivers.mobil import MobilDriver
@@ -8,10 +8,10 @@ from drl_av.driving.car_following import time_gap_acceleration
 
 
 class GapMobilDriver(MobilDriver):
-    """In the lane the action nearest the constant time-gap law, across lanes MOBIL.
+    """Follows the constant time-gap law in its lane, and changes lanes by MOBIL.
 
-    Nothing is drawn at random, and no number is tuned to any traffic: the standstill gap and the
-    gain of the law are those of ``ego.longitudinal_reference`` ``acc``.
+    Deterministic. No parameter is tuned to any traffic: the standstill gap and the gain of the law
+    are those of the adaptive cruise control (``ego.longitudinal_reference`` = ``acc``).
     """
 
     def __init__(
@@ -21,7 +21,7 @@ class GapMobilDriver(MobilDriver):
         self._headway_s = headway_s
 
     def longitudinal(self, affordances: Affordances) -> Longitudinal:
-        """The action nearest the law."""
+        """The action whose acceleration is nearest to that of the time-gap law."""
         front = affordances.own_front
         if front is None:
             return Longitudinal.ACCELERATE

@@ -1,4 +1,4 @@
-"""The learned driver: what trained networks decide, in numpy alone."""
+"""The learned driver: the greedy policy of trained Q-networks, in numpy only."""
 
 from collections.abc import Callable, Sequence
 
@@ -12,22 +12,22 @@ from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
 from drl_av.driving.scene import Scene
 
 Values = Callable[[Float32Array], Float32Array]
-"""Q(s, .) of one observation: (observation_size,) -> (action_size,), an array of the caller's."""
+"""A function from an observation, shape (27,), to Q(s, .), a new array of shape (12,)."""
 
 CHANGES_LANE = np.array([action.lateral is not Lateral.KEEP for action in ACTIONS])
 
 
 def network_values(network: QNetwork) -> Values:
-    """The estimates of one network; they follow every change of its parameters in place."""
+    """The Q-values of one network; changes of its parameters take effect at once."""
     layers = network.layers
     return lambda s: forward(layers, s)[1]
 
 
 def mirrored_values(values: Values, mirror: Mirror = MIRROR) -> Values:
-    """(Q(s, a) + Q(m(s), m(a))) / 2, with m the mirror: alike on both sides of the road (ours).
+    """The mean of the Q-values of a scene and of its mirror image (ours).
 
-    Where the road is as good in the mirror, both estimate the same value, and their mean has less
-    of the network's error.
+    (Q(s, a) + Q(m(s), m(a))) / 2, where m exchanges left and right. The result is symmetric. On a
+    symmetric road both terms estimate the same value, so that their mean has a smaller error.
     """
 
     def mean(s: Float32Array) -> Float32Array:
@@ -40,12 +40,12 @@ def mirrored_values(values: Values, mirror: Mirror = MIRROR) -> Values:
 
 
 def mean_values(members: Sequence[Values]) -> Values:
-    """The mean of several estimates (ours).
+    """The mean of the Q-values of several networks, an ensemble (ours).
 
-    Networks that learn apart decide together, as in Ensemble-DQN (Anschel et al. 2017). Each
-    learns from batches of its own, as in MeanQ (Liang et al. 2022), and has a target network of
-    its own, as the heads of bootstrapped DQN (Osband et al. 2016). An error that one network makes
-    by chance is seldom made by all of them.
+    As in Ensemble-DQN (Anschel et al. 2017), the networks learn separately and decide together.
+    Each network learns from its own batches, as in MeanQ (Liang et al. 2022), and has its own
+    target network, as the heads of bootstrapped DQN (Osband et al. 2016). The mean reduces random
+    errors, because the networks seldom make the same error.
     """
     first, *others = members
 
@@ -60,11 +60,11 @@ def mean_values(members: Sequence[Values]) -> Values:
 
 
 class LearnedDriver:
-    """The action of the greatest value; begins no lane change that gains less than a margin.
+    """Chooses the action of the greatest value, with a margin against useless lane changes (ours).
 
-    Where two lanes are equally good, the networks' error alone would begin a lane change and abort
-    it in the next decision. A lane change therefore begins only if its value exceeds that of the
-    best action that keeps the lane by more than the margin (ours).
+    If two lanes are equally good, errors of the networks could start a lane change and abort it at
+    the next decision. The driver therefore starts a lane change only if its value exceeds that of
+    the best action without a lane change by more than the margin.
     """
 
     def __init__(self, values: Values, lane_change_margin: float = 0.0) -> None:
@@ -72,18 +72,18 @@ class LearnedDriver:
         self._margin = lane_change_margin
 
     def with_margin(self, lane_change_margin: float) -> "LearnedDriver":
-        """The same driver with another margin."""
+        """A driver with the same values and another margin."""
         return LearnedDriver(self.values, lane_change_margin)
 
     def start(self, seed: int) -> None:
         """Stateless and deterministic."""
 
     def greedy(self, s_t: Float32Array) -> int:
-        """argmax_a Q(s, a), without a margin: what Algorithm 1, line 5, takes."""
+        """The greedy action argmax_a Q(s, a) of Algorithm 1, line 5; ignores the margin."""
         return int(self.values(s_t).argmax())
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """argmax_a Q(s, a), the margin taken off the actions that would begin a lane change."""
+        """argmax_a Q(s, a), after subtracting the margin from actions that start a lane change."""
         values = self.values(observation)
         if scene.lane_change is None:
             values[CHANGES_LANE] -= np.float32(self._margin)
@@ -91,7 +91,10 @@ class LearnedDriver:
 
 
 def learned_driver(networks: Sequence[QNetwork], config: LearningConfig) -> LearnedDriver:
-    """How networks that were trained with these settings drive; follows their every change."""
+    """The driver of networks that were trained with these settings.
+
+    Changes of the networks' parameters take effect at once.
+    """
     members = [network_values(network) for network in networks]
     if config.mirrored:
         members = [mirrored_values(values) for values in members]

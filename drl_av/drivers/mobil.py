@@ -1,4 +1,4 @@
-"""MOBIL: lane changes that gain and are safe for the others (Kesting, Treiber, Helbing 2007)."""
+"""The lane-change model MOBIL (Kesting, Treiber and Helbing 2007) as a driver of the ego."""
 
 import math
 
@@ -15,7 +15,7 @@ from drl_av.traffic.snapshot import EGO
 
 
 class MobilDriver:
-    """``idm-mobil``: the paper's IDM in the lane, MOBIL across lanes."""
+    """``idm-mobil``: follows the paper's IDM in its lane, and changes lanes by MOBIL."""
 
     def __init__(self, safety: SafetyConfig, ego: EgoConfig, mobil: MobilConfig) -> None:
         self._safety, self._ego, self._mobil = safety, ego, mobil
@@ -24,7 +24,7 @@ class MobilDriver:
         """Stateless and deterministic."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Change to the lane of the greatest gain, if above the threshold; complete the change."""
+        """Change to the lane with the larger gain if it meets both criteria; never abort."""
         longitudinal = self.longitudinal(scene.affordances)
         if scene.lane_change is not None:
             return Action(Lateral.KEEP, longitudinal)
@@ -36,13 +36,14 @@ class MobilDriver:
         return Action(toward(sign) if is_beneficial else Lateral.KEEP, longitudinal)
 
     def longitudinal(self, affordances: Affordances) -> Longitudinal:
-        """The paper's IDM."""
+        """The longitudinal action of the paper's IDM."""
         return idm_action(affordances, self._safety)
 
     def gain(self, scene: Scene, sign: int) -> float:
-        """Left side of MOBIL's incentive criterion for a side, m/s^2; -inf where it is unsafe.
+        """Gain of a lane change to the left (+1) or right (-1), m/s^2; -inf if it is unsafe.
 
-        a_c' - a_c + p (a_n' - a_n + a_o' - a_o), with c the ego, n the new and o the old follower.
+        It is the left side of MOBIL's incentive criterion, a_c' - a_c + p (a_n' - a_n + a_o' -
+        a_o), where c is the ego, n its new follower and o its old follower.
         """
         affordances, length_m = scene.affordances, float(scene.snapshot.length_m[EGO])
         new_follower = self._behind(affordances, affordances.rear(sign))
@@ -66,13 +67,13 @@ class MobilDriver:
         return idm_acceleration(speed_m_s, desired, gap_m, closing_m_s, self._mobil)
 
     def _ahead(self, affordances: Affordances, front: Neighbor | None) -> float:
-        """The ego's acceleration behind a vehicle, or on a free road."""
+        """The ego's acceleration behind the vehicle ``front``, or on a free road."""
         if front is None:
             return self._idm(affordances.ego_speed_m_s, math.inf, 0.0)
         return self._idm(affordances.ego_speed_m_s, front.gap_m, -front.relative_speed_m_s)
 
     def _behind(self, affordances: Affordances, rear: Neighbor | None) -> float:
-        """A follower's acceleration behind the ego; 0 where there is no follower."""
+        """The acceleration of the follower ``rear`` behind the ego; 0 without a follower."""
         if rear is None:
             return 0.0
         speed = affordances.ego_speed_m_s + rear.relative_speed_m_s
@@ -85,7 +86,7 @@ class MobilDriver:
         front: Neighbor | None,
         length_m: float,
     ) -> float:
-        """A follower's acceleration behind the vehicle ahead of the ego; 0 without a follower."""
+        """The acceleration of ``rear`` behind ``front`` without the ego between; 0 without one."""
         if rear is None:
             return 0.0
         speed = affordances.ego_speed_m_s + rear.relative_speed_m_s

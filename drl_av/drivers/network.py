@@ -1,4 +1,4 @@
-"""The Q-network: 27 indicators -> 100 -> 100 leaky ReLU -> the values of 12 actions (Sec. IV-C)."""
+"""The Q-network: 27 inputs, two layers of 100 leaky ReLU, the values of 12 actions (Sec. IV-C)."""
 
 from collections.abc import Sequence
 
@@ -10,21 +10,22 @@ from drl_av.driving.affordances import INDICATORS
 
 Float32Array = NDArray[np.float32]
 Layers = list[tuple[Float32Array, Float32Array]]
-"""Weight (outputs, inputs) and bias (outputs,) of each layer."""
+"""For each layer its weight, shape (outputs, inputs), and its bias, shape (outputs,)."""
 
 LEAK = 0.01
 """Slope of the leaky ReLU below zero."""
 
 
 class QNetwork:
-    """Fully connected layers whose weights and biases are views of one vector, ``flat``.
+    """A fully connected network; all its weights and biases are views of one vector, ``flat``.
 
-    A learner steps the vector in place, and every driver of the network follows at once.
+    A learner changes the vector in place, and the change takes effect in every driver at once.
 
     Args:
-        rng: Draws the first weights and biases, uniformly within 1 / sqrt(inputs) of 0.
-        observation_size, action_size: Inputs and outputs.
-        hidden: Units of each hidden layer.
+        rng: Draws the initial weights and biases, uniform in +- 1 / sqrt(inputs).
+        observation_size: Number of inputs.
+        action_size: Number of outputs.
+        hidden: Number of units of each hidden layer.
     """
 
     def __init__(
@@ -48,7 +49,7 @@ class QNetwork:
         return self.split(self.flat)
 
     def split(self, flat: Float32Array) -> Layers:
-        """Views of any vector as long as ``flat``, such as its gradient, in the same shapes."""
+        """The layers as views of another vector of the same length, such as a gradient."""
         layers, start = [], 0
         for inputs, outputs in zip(self.sizes[:-1], self.sizes[1:], strict=True):
             middle, end = start + inputs * outputs, start + (inputs + 1) * outputs
@@ -57,7 +58,7 @@ class QNetwork:
         return layers
 
     def tensors(self) -> dict[str, Float32Array]:
-        """The views by the names that a policy file gives them."""
+        """The weights and biases as views, by their names in a policy file."""
         named: dict[str, Float32Array] = {}
         for number, (weight, bias) in enumerate(self.layers):
             named |= {f"layers.{number}.weight": weight, f"layers.{number}.bias": bias}
@@ -65,10 +66,10 @@ class QNetwork:
 
 
 def forward(layers: Layers, s: Float32Array) -> tuple[list[Float32Array], Float32Array]:
-    """What enters each layer, and Q(s, .).
+    """The input of each layer, and Q(s, .).
 
-    Shapes: (rows, observation_size) -> (rows, action_size), or one observation without the axis
-    of rows. One observation's values may differ from those of its row in a batch in the last bits,
+    ``s`` has shape (rows, observation_size) and Q shape (rows, action_size); a single observation
+    has no axis of rows. Its values may differ in the last bits from the same row of a batch,
     because BLAS sums in another order.
     """
     entered = [s]

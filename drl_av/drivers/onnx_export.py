@@ -1,4 +1,4 @@
-"""A learned driver as an ONNX file: scaling, mirror, ensemble and margin in one function (ours)."""
+"""Export of a learned driver to ONNX, with scaling, mirror, ensemble and margin (ours)."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ OPSET = 17
 
 
 class _Graph:
-    """Nodes and constants of an ONNX graph, named as they are added."""
+    """The nodes and constants of an ONNX graph, with generated names."""
 
     def __init__(self) -> None:
         import onnx
@@ -30,13 +30,13 @@ class _Graph:
         self.constants: list[Any] = []
 
     def constant(self, values: object) -> str:
-        """A constant; returns its name."""
+        """Add a constant; returns its name."""
         name = f"constant_{len(self.constants)}"
         self.constants.append(self._onnx.numpy_helper.from_array(np.asarray(values), name))
         return name
 
     def add(self, kind: str, *inputs: str, name: str | None = None, **attributes: Any) -> str:
-        """A node of one output; returns the output's name."""
+        """Add a node with one output; returns the name of the output."""
         output = name or f"{kind.lower()}_{len(self.nodes)}"
         self.nodes.append(self._onnx.helper.make_node(kind, inputs, [output], **attributes))
         return output
@@ -47,10 +47,10 @@ def export(
 ) -> None:
     """Write the driver of trained networks as an ONNX file.
 
-    Inputs: ``indicators``, float64 of shape (rows, 27), the affordance indicators in SI units;
-    ``lane_change``, bool of shape (rows,), whether a lane change is in progress. Outputs:
-    ``action``, int64 of shape (rows,), the action's number; ``q``, float32 of shape (rows, 12),
-    the values before the margin for lane changes. It needs the package onnx.
+    The inputs are ``indicators``, float64 of shape (rows, 27), the affordance indicators in SI
+    units, and ``lane_change``, bool of shape (rows,), whether a lane change is in progress. The
+    outputs are ``action``, int64 of shape (rows,), the action numbers, and ``q``, float32 of shape
+    (rows, 12), the values without the margin for lane changes. The package onnx is necessary.
 
     Raises:
         DrlAvError: onnx is not installed, or the file cannot be written.
@@ -87,7 +87,7 @@ def export(
 
 
 def _scaled(graph: _Graph, scale: ObservationScale) -> str:
-    """The observation of the indicators, as ``ObservationScale`` makes it."""
+    """The scaled observation, as ``ObservationScale`` computes it."""
     shifted = graph.add("Sub", INDICATORS_INPUT, graph.constant(scale.offset))
     exact = graph.add("Div", shifted, graph.constant(scale.scale))
     s = graph.add("Cast", exact, to=1)
@@ -96,7 +96,7 @@ def _scaled(graph: _Graph, scale: ObservationScale) -> str:
 
 
 def _values(graph: _Graph, network: QNetwork, s: str, mirrored: bool) -> str:
-    """Q(s, .) of one network, or the mean of what it estimates on both sides of the mirror."""
+    """Q(s, .) of one network; if ``mirrored``, the mean with that of the mirrored scene."""
     layers = [tuple(map(graph.constant, layer)) for layer in network.layers]
     q = _forward(graph, layers, s)
     if not mirrored:
@@ -117,7 +117,7 @@ def _forward(graph: _Graph, layers: Sequence[tuple[str, ...]], s: str) -> str:
 
 
 def _chosen(graph: _Graph, q: str, margin: float) -> None:
-    """The action of the greatest value, the margin taken off those that begin a lane change."""
+    """The greedy action, after subtracting the margin from actions that start a lane change."""
     began = graph.add("Unsqueeze", LANE_CHANGE_INPUT, graph.constant(np.array([1])))
     price = np.where(CHANGES_LANE, np.float32(margin), np.float32(0.0)).astype(np.float32)
     free = graph.constant(np.zeros(len(ACTIONS), np.float32))

@@ -1,4 +1,4 @@
-"""The ban of passing on the right, which SUMO's drivers obey, for drivers of the ego (ours)."""
+"""The ban on passing on the right, which SUMO's drivers obey, for drivers of the ego (ours)."""
 
 import numpy as np
 import numpy.typing as npt
@@ -10,14 +10,15 @@ from drl_av.driving.affordances import Neighbor
 from drl_av.driving.scene import Scene
 
 CONGESTED_M_S = 60 / 3.6
-"""Up to this speed of the vehicle that is passed the ban does not hold, as in SUMO."""
+"""The ban does not apply if the other vehicle is not faster than this, as in SUMO."""
 
 
 class NoPassingOnTheRight:
-    """A driver that stays behind vehicles on the lane at its left as behind those in its own.
+    """A driver that does not pass vehicles on their right side.
 
-    Neither does it change to the right of a vehicle that it would pass there. Vehicles alongside
-    bind it no more: it is past them, or they pass it.
+    It stays behind the vehicle ahead in the left lane as it does behind the vehicle ahead in its
+    own lane. It does not change to the right lane to pass a vehicle. The ban does not apply to
+    vehicles that are beside the ego.
     """
 
     def __init__(self, driver: Driver, ego: EgoConfig) -> None:
@@ -28,7 +29,7 @@ class NoPassingOnTheRight:
         self._driver.start(seed)
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The driver's action, or what it would do behind the vehicle at the left if it is less."""
+        """The driver's action, or its slower action behind the vehicle ahead in the left lane."""
         action = self._driver.act(scene, observation)
         lateral, longitudinal = action
         if lateral is Lateral.RIGHT and self._must_not_pass(scene, scene.affordances.own_front):

@@ -1,4 +1,4 @@
-"""Reading a trained driver: its safetensors file and checksum, without unpickling anything."""
+"""Reads the policy file of a trained driver, a safetensors file with a checksum, never pickle."""
 
 import hashlib
 import json
@@ -18,15 +18,15 @@ from drl_av.errors import CheckpointError, ConfigError, RunError
 State = dict[str, np.ndarray]
 
 PRETRAINED = Path(__file__).parent.parent / "pretrained"
-"""Folder of the driver that ships with the package; laid out as a run's."""
+"""Folder of the driver that ships with the package, in the layout of a run."""
 FORMAT = "drl_av/1"
-"""The only key of the file's metadata: several would be written in an order that is random."""
+"""The only key of the file's metadata, because safetensors writes several in random order."""
 _DAMAGE = (SafetensorError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
-"""What reading a file raises that was damaged, or written by another program."""
+"""The errors that a damaged file, or a file of another program, can cause."""
 
 
 def checksum(tensors: State, text: str) -> str:
-    """SHA-256 over the metadata text and every array's name, type, shape and bytes."""
+    """SHA-256 of the metadata text and of the name, type, shape and bytes of every array."""
     digest = hashlib.sha256(text.encode())
     for name in sorted(tensors):
         tensor = tensors[name]
@@ -39,8 +39,8 @@ def load(path: Path) -> tuple[State, dict[str, Any]]:
     """The arrays and the metadata of a policy or checkpoint file.
 
     Raises:
-        CheckpointError: there is no such file, it cannot be read, is cut short or damaged, or is
-            no checkpoint of this package.
+        CheckpointError: the file does not exist, is unreadable, incomplete or damaged, or is not a
+            file of this package.
     """
     try:
         data = path.read_bytes()
@@ -76,11 +76,11 @@ def load(path: Path) -> tuple[State, dict[str, Any]]:
 def load_policy(
     path: Path, observation_size: int = len(INDICATORS), action_size: int = len(ACTIONS)
 ) -> tuple[list[QNetwork], Config]:
-    """The networks, one or several, and the config of a policy file.
+    """The networks of a policy file, one or several, and its config.
 
     Raises:
-        CheckpointError: as ``load``; or the file holds no policy, or one of other shapes than
-            its config and the sizes given here ask for.
+        CheckpointError: as ``load``; or the file holds no policy, or the shapes of its networks do
+            not agree with its config and the given sizes.
     """
     tensors, metadata = load(path)
     if metadata.get("kind") != "policy":
@@ -113,10 +113,10 @@ def load_policy(
 
 
 def find_policy(path: Path) -> Path:
-    """The policy file of a run's folder, or ``path`` where it is a policy file itself.
+    """The policy file in a run's folder, or ``path`` itself if it is a file.
 
     Raises:
-        RunError: there is no such run, or it has saved no policy yet.
+        RunError: the run does not exist, or has not saved a policy yet.
     """
     file = path / "policy.safetensors" if path.is_dir() else path
     if path == PRETRAINED and not file.is_file():
@@ -133,11 +133,11 @@ def find_policy(path: Path) -> Path:
 
 
 def load_run(path: Path) -> tuple[list[QNetwork], Config]:
-    """The networks of a run's folder or of a policy file, and the config that built them.
+    """The networks of a run's folder or of a policy file, and their config.
 
     Raises:
-        RunError, CheckpointError: as ``find_policy`` and ``load_policy``; or the policy is of
-            another run than the folder's config.
+        RunError: as ``find_policy``.
+        CheckpointError: as ``load_policy``; or the policy does not belong to the folder's config.
     """
     file = find_policy(path)
     networks, config = load_policy(file)

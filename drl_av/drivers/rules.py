@@ -1,4 +1,4 @@
-"""Drivers by rule, with which the paper compares the learned one (Sec. IV-C)."""
+"""The rule-based drivers with which the paper compares its driver (Sec. IV-C)."""
 
 import numpy as np
 import numpy.typing as npt
@@ -11,10 +11,10 @@ from drl_av.safety.paper import closing_speed, gap_condition, safe_action, time_
 
 
 def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
-    """The paper's IDM: eq. 3, and accelerate above a time to collision of T_A.
+    """The paper's IDM: the action of eq. 3, but accelerate above a time to collision of T_A.
 
-    Ours: only where eq. 2 holds. At equal speeds the time to collision is infinite however small
-    the gap is, and the rule as printed accelerates into the vehicle ahead.
+    Ours: it accelerates only if eq. 2 holds. At equal speeds the time to collision is infinite for
+    any gap, so that the printed rule would accelerate into the vehicle ahead.
     """
     front = affordances.own_front
     if front is None:
@@ -27,7 +27,7 @@ def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
 
 
 class IdmDriver:
-    """``idm``: the paper's IDM in the lane, no lane changes."""
+    """``idm``: follows the paper's IDM, and never changes lanes."""
 
     def __init__(self, config: SafetyConfig) -> None:
         self._config = config
@@ -36,7 +36,7 @@ class IdmDriver:
         """Stateless and deterministic."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Keep the lane, at the speed that the IDM asks for."""
+        """The action of the paper's IDM, in the own lane."""
         return Action(Lateral.KEEP, idm_action(scene.affordances, self._config))
 
 
@@ -56,9 +56,9 @@ class RandomDriver:
         self._rng = np.random.default_rng()
 
     def start(self, seed: int) -> None:
-        """Seed the generator of the actions."""
+        """Create the random generator of an episode from its seed."""
         self._rng = np.random.default_rng([seed, 2])
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """One of the 12 actions, drawn."""
+        """One of the 12 actions at random."""
         return ACTIONS[self._rng.integers(len(ACTIONS))]

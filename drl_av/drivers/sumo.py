@@ -1,4 +1,4 @@
-"""``sumo`` and ``sumo-tuned``: the ego handed over to SUMO entirely."""
+"""The drivers ``sumo`` and ``sumo-tuned``: SUMO itself drives the ego."""
 
 import numpy as np
 import numpy.typing as npt
@@ -8,13 +8,13 @@ from drl_av.driving.scene import Scene
 from drl_av.traffic.ego_model import EgoModel
 
 TUNED = EgoModel(headway_s=0.8, assertiveness=1.5, speed_gain=5.0, overtake_right=True)
-"""The fastest of what was tried outside the project (ours); SUMO's own is ``EgoModel()``."""
+"""The fastest parameters of a search outside the project (ours); ``EgoModel()`` is SUMO's own."""
 
 
 class SumoDriver:
-    """Has SUMO's own IDM and SL2015 drive the ego by a model.
+    """A driver that lets SUMO's IDM and SL2015 drive the ego with the parameters ``model``.
 
-    A rollout hands the ego over to it (``HighwayEnv.hand_over``); its actions are not asked for.
+    The rollout calls ``HighwayEnv.hand_over``, and the environment then ignores the actions.
     """
 
     def __init__(self, model: EgoModel) -> None:

@@ -1,7 +1,7 @@
-"""A finite-state machine for many vehicles at once: cruise, follow, change lanes.
+"""A finite-state machine that drives many vehicles: cruise, follow, change lanes.
 
-The states and the quantities that separate them, gaps and relative speeds, are those of Zhang, Li,
-Girard and Kolmanovsky 2017; the control in each state is ours.
+The states, and their conditions on gaps and relative speeds, are those of Zhang, Li, Girard and
+Kolmanovsky 2017; the control in each state is ours.
 """
 
 from enum import IntEnum
@@ -19,7 +19,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 
 class State(IntEnum):
-    """The states of the machine."""
+    """The states of a vehicle."""
 
     CRUISE = 0
     FOLLOW = 1
@@ -31,8 +31,8 @@ def finite_state(
 ) -> tuple[IntArray, Decisions]:
     """The next states and the decisions; ``states`` and ``desired_m_s`` have shape (R,).
 
-    Behind a slow vehicle a vehicle changes to the better lane if the gaps there suffice. It gives
-    up a lane change that SUMO has not begun by the next decision.
+    A vehicle behind a slow vehicle changes to the better lane if the gaps there are large enough.
+    If SUMO does not begin the lane change, the vehicle gives it up at the next decision.
     """
     states = _longitudinal_states(neighbors, states, config)
     side = np.where(neighbors.under_way, 0, _side(neighbors, states, desired_m_s, config))
@@ -43,7 +43,7 @@ def finite_state(
 def _longitudinal_states(
     neighbors: Surroundings, states: IntArray, config: FiniteStateConfig
 ) -> IntArray:
-    """Follow a near vehicle ahead; with hysteresis: it must be nearer to begin than to continue."""
+    """Follow if the vehicle ahead is near; to begin requires a smaller gap than to continue."""
     headway_s = np.where(states == State.CRUISE, config.follow_headway_s, config.cruise_headway_s)
     near_m = config.standstill_gap_m + headway_s * neighbors.speed_m_s
     return np.where(neighbors.gap_m[:, OWN, FRONT] < near_m, State.FOLLOW, State.CRUISE)
@@ -52,7 +52,7 @@ def _longitudinal_states(
 def _side(
     neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
 ) -> IntArray:
-    """Lane change to the better neighbouring lane, left if they are equal, or 0 for none."""
+    """The better lane: left (+1), right (-1) or no lane change (0); left if both are equal."""
     leader_m_s = neighbors.speed_m_s + neighbors.relative_speed_m_s[:, OWN, FRONT]
     held_up = (states == State.FOLLOW) & (leader_m_s < desired_m_s - config.slow_leader_m_s)
     left, right = (
@@ -64,7 +64,7 @@ def _side(
 
 
 def _clear(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> BoolArray:
-    """Whether a lane exists and has the gaps for a lane change, ahead and behind."""
+    """Whether a lane exists and has gaps for a lane change ahead and behind."""
     closing_m_s = neighbors.relative_speed_m_s[:, lane] * (-1.0, 1.0)
     needed_m = config.lane_change_gap_m + config.lane_change_time_s * np.maximum(closing_m_s, 0)
     clear: BoolArray = neighbors.has_lane[:, lane] & (neighbors.gap_m[:, lane] > needed_m).all(
@@ -74,7 +74,7 @@ def _clear(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> Boo
 
 
 def _gain(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
-    """Speed of the vehicle ahead in another lane minus the own lane's, m/s; inf if it is far."""
+    """Speed of the vehicle ahead in another lane minus that in the own lane; inf if it is far."""
     far_m = config.standstill_gap_m + config.cruise_headway_s * neighbors.speed_m_s
     speed = neighbors.relative_speed_m_s
     faster_m_s = speed[:, lane, FRONT] - speed[:, OWN, FRONT]
@@ -84,7 +84,7 @@ def _gain(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> Floa
 def _acceleration(
     neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
 ) -> FloatArray:
-    """Acceleration to the desired speed, limited by the vehicles ahead in the occupied lanes."""
+    """Approach the desired speed, but keep behind the vehicles ahead in the occupied lanes."""
     free = config.speed_gain_per_s * (desired_m_s - neighbors.speed_m_s)
     own = np.where(states == State.CRUISE, np.inf, _behind(neighbors, OWN, config))
     leaning = np.sign(neighbors.off_center_m) * (states == State.LANE_CHANGE)
@@ -96,7 +96,7 @@ def _acceleration(
 
 
 def _behind(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
-    """Acceleration that keeps the headway to a lane's vehicle ahead, m/s^2; inf without one."""
+    """Acceleration that keeps the headway to the vehicle ahead, m/s^2; inf without one."""
     kept_m = config.standstill_gap_m + config.headway_s * neighbors.speed_m_s
     to_spare_m = neighbors.gap_m[:, lane, FRONT] - kept_m
     closing_m_s = -neighbors.relative_speed_m_s[:, lane, FRONT]

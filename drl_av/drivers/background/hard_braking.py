@@ -1,4 +1,4 @@
-"""Vehicles that brake hard at times, for no reason that others see (ours)."""
+"""Vehicles that sometimes brake hard without a visible reason (ours)."""
 
 import numpy as np
 import numpy.typing as npt
@@ -8,9 +8,9 @@ from drl_av.drivers.driver import Decisions
 
 
 class HardBraking:
-    """Overrides the decisions of some vehicles of an episode while they brake hard.
+    """Replaces the decisions of vehicles while they brake hard.
 
-    Whether one begins is drawn at each decision, from a stream of its own.
+    At each decision a separate random stream draws which vehicles begin to brake.
     """
 
     def __init__(self, seed: int, n: int, config: Config) -> None:
@@ -19,7 +19,7 @@ class HardBraking:
         self._config = config
 
     def __call__(self, decisions: Decisions, rows: npt.NDArray[np.intp]) -> Decisions:
-        """The decisions of these rows, with the hardest braking in the lane where it is on."""
+        """The decisions of these rows; a vehicle that brakes hard also keeps its lane."""
         traffic, timing = self._config.traffic, self._config.simulation
         chance = traffic.hard_brakes_per_s * timing.decision_interval_s
         begins = (self._rng.random(len(rows)) < chance) & (self._left[rows] == 0)

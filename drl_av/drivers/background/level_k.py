@@ -1,7 +1,7 @@
-"""Level-k drivers: level 0 by rule, level 1 the best response to traffic of level 0.
+"""Level-k drivers: level 0 follows a rule, level 1 is the best response to level-0 traffic.
 
-The levels are those of Li, Oyler, Zhang, Yildiz, Kolmanovsky and Girard 2017, the rule of level 0
-that of Albaba and Yildiz 2020, and the accelerations those of the ego's actions.
+Source: Li, Oyler, Zhang, Yildiz, Kolmanovsky and Girard 2017. The rule of level 0 is that of Albaba
+and Yildiz 2020. The accelerations are those of the ego's actions.
 """
 
 from pathlib import Path
@@ -30,11 +30,12 @@ LEVEL_0 = np.array(
         [Longitudinal.ACCELERATE, Longitudinal.ACCELERATE, Longitudinal.ACCELERATE],
     ]
 )
-"""Rows: the vehicle ahead is close, nominal, far; columns: approaching, stable, moving away."""
+"""Level-0 actions by the vehicle ahead; rows: close, nominal, far; columns: approaching, stable,
+moving away."""
 
 
 def level_0(neighbors: Surroundings, config: Level0Config, ego: EgoConfig) -> Decisions:
-    """Keep the lane, and accelerate by the coarse distance and motion of the vehicle ahead."""
+    """Decisions of level-0 drivers: they keep their lanes and observe the vehicle ahead only."""
     distance = np.digitize(
         neighbors.gap_m[:, OWN, FRONT], (config.close_m, config.nominal_m), right=True
     )
@@ -46,10 +47,10 @@ def level_0(neighbors: Surroundings, config: Level0Config, ego: EgoConfig) -> De
 
 
 class Level1:
-    """A greedy policy that was trained among level-0 drivers.
+    """A level-1 driver: a greedy policy that was trained in traffic of level-0 drivers, in numpy.
 
-    Its observations are scaled by the ``config`` of that training. It decides by the network
-    alone, without a mirror or a margin.
+    It has the observation of the ego in that training, whose config is ``config``. It uses the
+    network alone, without a mirror or a margin for lane changes.
     """
 
     def __init__(self, layers: Layers, config: Config, road: Road) -> None:
@@ -61,10 +62,10 @@ class Level1:
         self._side = np.array([action.lateral.sign for action in ACTIONS])
 
     def __call__(self, neighbors: Surroundings) -> Decisions:
-        """The action of the greatest value, for each vehicle; the first of several equal ones.
+        """The action of the greatest value for each vehicle; the first of several equal ones.
 
-        It requests a lane change where rules 2 and 3 of the safety check, under which it was
-        trained, permit it, but never during a lane change, which SUMO cannot reverse.
+        It requests a lane change only if rules 2 and 3 of the safety check permit it, as in the
+        training of the policy. It never does so during a lane change, which SUMO cannot abort.
         """
         _, values = forward(self._layers, self._scale(neighbors.vectors()))
         best = values.argmax(axis=1)

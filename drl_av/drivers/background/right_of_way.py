@@ -1,7 +1,7 @@
-"""Who may enter a lane that another vehicle enters from its other side.
+"""Right of way of two vehicles that want to enter one lane from opposite sides.
 
-Neither is in the other's lane until they meet in the middle, so no gap tells them of each other,
-and SUMO lets both begin.
+Neither vehicle is in the lane until both meet in its middle. No gap therefore shows the one to the
+other, and SUMO would let both begin.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from drl_av.traffic.snapshot import Snapshot, TrafficCommand
 
 
 class Entry(NamedTuple):
-    """A vehicle on its way into a lane, or about to begin."""
+    """A vehicle that enters a lane, or wants to begin."""
 
     row: int
     lane: int
@@ -28,11 +28,11 @@ def give_way(
     braking_m_s2: float,
     timing: SimulationConfig,
 ) -> list[TrafficCommand]:
-    """The wishes without the lane changes that come too close to one from the other side.
+    """The commands without lane changes that come too close to one from the other side.
 
-    Too close is where the rear one, braking at ``braking_m_s2`` from the next decision on, could
-    not stop behind the one in front. Vehicles on their way go first, then commands in their order;
-    the others stay in their lanes for this decision.
+    Two vehicles come too close if the rear one, which brakes with ``braking_m_s2`` from the next
+    decision on, cannot stop behind the front one. Vehicles that are changing lanes already have
+    priority, then the commands in their order. The others keep their lanes for this decision.
     """
     if not any(wish.side for wish in traffic_commands):
         return list(traffic_commands)
@@ -51,7 +51,7 @@ def give_way(
 
 
 def _under_way(snapshot: Snapshot, road: Road) -> list[Entry]:
-    """Everybody who moves sideways, and the lane whose centre comes next."""
+    """All vehicles that move sideways, each with the lane whose centre it reaches next."""
     entries = []
     for row, speed in enumerate(snapshot.lateral_speed_m_s.tolist()):
         if speed:

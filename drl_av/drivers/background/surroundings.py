@@ -15,23 +15,23 @@ FRONT, REAR = range(2)
 
 
 class Surroundings(NamedTuple):
-    """Arrays by observing vehicle (R of them), then by its three lanes, then front and rear."""
+    """The neighbours of R vehicles; axes: vehicle, lane (own, right, left), front or rear."""
 
     has_lane: npt.NDArray[np.bool_]
-    """Shape (R, 3): whether the lane exists and is open; always so for the own one."""
+    """Shape (R, 3): whether the lane exists and is open; always True for the own lane."""
     gap_m: FloatArray
-    """Shape (R, 3, 2): net gap, never negative; inf where there is no vehicle in range."""
+    """Shape (R, 3, 2): net gap, never negative; inf without a neighbour in range."""
     relative_speed_m_s: FloatArray
-    """Shape (R, 3, 2), the neighbour's minus the own; 0 where there is none."""
+    """Shape (R, 3, 2): speed of the neighbour minus that of the vehicle; 0 without a neighbour."""
     lateral_offset_m: FloatArray
-    """Shape (R, 3, 2), left positive; that of the lane's centre where there is none."""
+    """Shape (R, 3, 2), left positive; to the centre of the lane without a neighbour."""
     relative_lateral_speed_m_s: FloatArray
-    """Shape (R, 3, 2); 0 where there is none."""
+    """Shape (R, 3, 2); 0 without a neighbour."""
     speed_m_s: FloatArray
-    """Shape (R,), as the three below: of the observing vehicles."""
+    """Shape (R,), as the next three fields: the state of the R vehicles themselves."""
     y_m: FloatArray
     off_center_m: FloatArray
-    """From the centre of the own lane, left positive."""
+    """Offset from the centre of the own lane, left positive."""
     lateral_speed_m_s: FloatArray
     range_m: float
 
@@ -41,7 +41,7 @@ class Surroundings(NamedTuple):
         return np.abs(self.off_center_m) > CENTERED_M
 
     def vectors(self) -> FloatArray:
-        """The 27 indicators of each vehicle in SI units, (R, 27): its ``Affordances.vector()``."""
+        """The 27 indicators of each vehicle in SI units, (R, 27), as ``Affordances.vector``."""
         absent_m = np.where(self.has_lane, self.range_m, 0.0)[:, :, None]
         neighbors = np.stack(
             (
@@ -59,7 +59,7 @@ class Surroundings(NamedTuple):
 def surroundings(
     snapshot: Snapshot, road: Road, range_m: float, rows: npt.NDArray[np.intp]
 ) -> Surroundings:
-    """The surroundings of the vehicles in ``rows``, by the same rules as the ego's affordances."""
+    """The neighbours of the vehicles ``rows``, by the rules of ``compute_affordances``."""
     y, speed, lateral = snapshot.y_m, snapshot.speed_m_s, snapshot.lateral_speed_m_s
     lane = np.floor(y[rows] / road.lane_width_m + 0.5).astype(np.intp)
     centers_m = lane[:, None] * road.lane_width_m + road.lane_width_m * np.array(SIDES)
@@ -86,7 +86,7 @@ def surroundings(
 def _nearest(
     snapshot: Snapshot, road: Road, centers_m: FloatArray, rows: npt.NDArray[np.intp]
 ) -> tuple[FloatArray, npt.NDArray[np.intp]]:
-    """Clearance to the nearest neighbour and its row, (R, 3, 2) each; inf where there is none."""
+    """The gap to each nearest neighbour and its row, (R, 3, 2) each; inf without a neighbour."""
     length, looking = snapshot.length_m, np.arange(len(rows))
     ahead_m = road.ahead_m(snapshot.s_m[rows, None], snapshot.s_m)
     clearance_m = np.abs(ahead_m) - (length + length[rows, None]) / 2

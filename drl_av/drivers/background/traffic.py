@@ -1,4 +1,4 @@
-"""The background traffic that SUMO does not drive: all vehicles decide on the same snapshot."""
+"""Our drivers of the background traffic, which all decide on the same snapshot."""
 
 from collections.abc import Callable
 
@@ -21,9 +21,9 @@ IntArray = npt.NDArray[np.intp]
 
 
 class TrafficDrivers:
-    """One driver of each kind, which decides for all vehicles of its kind at once, at 1 Hz.
+    """The drivers of all kinds but SUMO's; each decides for all vehicles of its kind, at 1 Hz.
 
-    ``level_1`` may be None where the config has no such vehicles.
+    ``level_1`` may be None if the config has no level-1 vehicles.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class TrafficDrivers:
         }
 
     def start(self, kinds: IntArray, desired_m_s: FloatArray, seed: int) -> None:
-        """Get ready for an episode; both arrays have a row a vehicle, the ego's first."""
+        """Prepare for an episode; both arrays have one row for each vehicle, the ego's first."""
         self._hard_braking = HardBraking(seed, len(kinds), self._config)
         rows = {kind: np.flatnonzero(kinds == kind) for kind in self._drivers}
         self._rows = {kind: found for kind, found in rows.items() if len(found)}
@@ -47,7 +47,7 @@ class TrafficDrivers:
         self._states = np.full(len(kinds), State.CRUISE, dtype=np.intp)
 
     def __call__(self, snapshot: Snapshot) -> list[TrafficCommand]:
-        """A command for each of their vehicles, in force until the next decision."""
+        """The commands until the next decision; an empty list if SUMO drives all vehicles."""
         traffic_commands: list[TrafficCommand] = []
         for kind, rows in self._rows.items():
             acceleration, side = self._drivers[kind](snapshot, rows)
