@@ -1,4 +1,4 @@
-"""Pictures in a row: moments between two decisions, and a film of them as a file."""
+"""Videos: scenes interpolated between two decisions, and a video file of pictures."""
 
 import os
 from collections.abc import Generator, Iterable, Iterator
@@ -20,9 +20,9 @@ Picture = npt.NDArray[np.uint8]
 
 
 def interpolated(a: Snapshot, b: Snapshot, fraction: float, road: Road) -> Snapshot:
-    """The scene ``fraction`` of the way from ``a`` to ``b``, for vehicles that are in both.
+    """The scene between ``a`` (fraction 0) and ``b`` (fraction 1), for vehicles that are in both.
 
-    A vehicle's way round the loop is the one nearest to what its mean speed would cover.
+    The distance of a vehicle along the loop is the one nearest to that of its mean speed.
     """
     a, b = _rows(a, b.ids), _rows(b, a.ids)
     expected_m = (a.speed_m_s + b.speed_m_s) / 2 * (b.time_s - a.time_s)
@@ -43,7 +43,7 @@ def _between(a: FloatArray, b: FloatArray, fraction: float) -> FloatArray:
 
 
 def _rows(snapshot: Snapshot, wanted: tuple[str, ...]) -> Snapshot:
-    """The vehicles whose id is wanted, the ego first and the others by id."""
+    """The snapshot of those vehicles whose ids are wanted, the ego first and the others by id."""
     if snapshot.ids == wanted:
         return snapshot
     kept = [row for row, name in enumerate(snapshot.ids) if name in set(wanted)]
@@ -63,8 +63,8 @@ def _rows(snapshot: Snapshot, wanted: tuple[str, ...]) -> Snapshot:
 def write_video(path: str | os.PathLike[str], frames: Iterable[Picture], fps: float) -> int:
     """Write uint8 frames of one shape (H, W, 3) to an .mp4 or .gif file; returns their number.
 
-    The file appears under its name only when it is complete. An .mp4 is written frame by frame
-    (H.264, yuv420p, padded to even sizes); a .gif is held in memory and suits short clips.
+    The file appears under its name when it is complete. An .mp4 file is written frame by frame
+    (H.264, yuv420p, padded to even sizes). A .gif file is kept in memory, so it suits short clips.
     """
     path = Path(path)
     require_film(path, fps)
@@ -75,7 +75,7 @@ def write_video(path: str | os.PathLike[str], frames: Iterable[Picture], fps: fl
 
 
 def require_film(path: Path, fps: float) -> None:
-    """Raise RecordingError where ``write_video`` could not write, before anything is drawn."""
+    """Check before any drawing that ``write_video`` can write; raises RecordingError if not."""
     if path.suffix.lower() not in (".mp4", ".gif"):
         given = f"not in {path.suffix}" if path.suffix else "and it has no suffix"
         raise RecordingError(f"Cannot write {path}: its name must end in .mp4 or .gif, {given}.")
@@ -91,14 +91,14 @@ def require_film(path: Path, fps: float) -> None:
 
 @contextmanager
 def _encoding(path: Path) -> Iterator[None]:
-    """Failures of ffmpeg as one sentence."""
+    """Report failures of ffmpeg in one sentence."""
     try:
         yield
     except (OSError, RuntimeError) as error:
         reason = getattr(error, "strerror", None) or "the video encoder stopped early"
         raise RecordingError(
             f"{path} cannot be written ({reason}): check that the disk has room and that the "
-            "folder may be written to."
+            "folder is writable."
         ) from error
 
 
@@ -132,7 +132,7 @@ def _write_mp4(temporary: Path, path: Path, frames: Iterator[Picture], fps: floa
 def _encoder(
     temporary: Path, size: tuple[int, int], fps: float
 ) -> Generator[None, Picture | None, None]:
-    """An H.264 encoder that takes frames of that (width, height) by ``send``."""
+    """An H.264 encoder that accepts frames of size (width, height) by ``send``."""
     encoder: Generator[None, Picture | None, None] = imageio_ffmpeg.write_frames(
         str(temporary),
         size,
@@ -148,7 +148,7 @@ def _encoder(
 
 
 def _even(frame: Picture) -> Picture:
-    """The frame with its last row or column repeated where its size is odd."""
+    """The frame with an even size; an odd one repeats its last row or column."""
     height, width = frame.shape[:2]
     return np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
 
@@ -167,5 +167,5 @@ def _write_gif(temporary: Path, path: Path, frames: Iterator[Picture], fps: floa
 
 
 def _indexed(frame: Picture) -> Image.Image:
-    """The frame with 256 colours, as a .gif holds it."""
+    """The frame reduced to 256 colours for a .gif file."""
     return Image.fromarray(frame).quantize(256, dither=Image.Dither.NONE)

@@ -1,4 +1,4 @@
-"""The whole loop from above, counter-clockwise, the rightmost lane outermost."""
+"""A view of the whole loop from above, counter-clockwise, with the rightmost lane outside."""
 
 import math
 
@@ -21,7 +21,7 @@ _CENTER, _RADIUS, _LANES_PX = (186.0, 548.0), 146.0, 48.0
 
 
 def lay_ring(sheet: Sheet, road: Road) -> None:
-    """What of the loop never moves."""
+    """Draw the static parts of the loop."""
     lanes = len(road.open_lanes)
     lane_px = _LANES_PX / lanes
     for lane in range(lanes):
@@ -45,7 +45,7 @@ def lay_ring(sheet: Sheet, road: Road) -> None:
 
 
 def draw_ring(sheet: Sheet, snapshot: Snapshot, road: Road) -> None:
-    """All vehicles as dots, the ego marked, and the arc of road that the overview shows."""
+    """Draw all vehicles as dots, and the arc of the road that the overview shows."""
     lane_px = _LANES_PX / len(road.open_lanes)
     turn = math.tau / road.circumference_m
     ego = -math.degrees(float(snapshot.s_m[EGO]) * turn)

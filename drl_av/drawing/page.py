@@ -19,7 +19,7 @@ PLACE = "EPISODE"
 
 @dataclass(frozen=True)
 class PageDecision:
-    """One decision as the page shows it."""
+    """One decision in the data of the page."""
 
     proposed: int
     """Number of the proposed action, 0 to 11."""
@@ -31,7 +31,7 @@ class PageDecision:
     r_y: float
     r_x: float
     q: list[float] | None
-    """The driver's value of each of the 12 actions; None for a driver without values."""
+    """The driver's Q-value of each of the 12 actions; None for a driver without Q-values."""
     collision: str | None
     """The collision of the ego in words, or None."""
 
@@ -43,10 +43,9 @@ def write_page(
     snapshots: Sequence[Snapshot],
     decisions: Sequence[PageDecision],
 ) -> None:
-    """Write the page of an episode, whole or not at all.
+    """Write the page of an episode completely or not at all.
 
-    ``snapshots`` are one second apart and begin with the start of the episode, one more than
-    there are decisions.
+    ``snapshots`` contains the start of the episode and the scene after each decision.
 
     Raises:
         DrlAvError: the file cannot be written.
@@ -80,5 +79,5 @@ def _frame(snapshot: Snapshot) -> dict[str, list[float]]:
 
 
 def _rounded(*columns: Any) -> list[list[float]]:
-    """Numbers to the centimetre, as short as JSON can hold them."""
+    """The columns rounded to two decimals, to keep the file small."""
     return [[round(float(value), 2) for value in column] for column in columns]

@@ -1,4 +1,4 @@
-"""The caption: who drives, what was decided, what the safety check said, reward and history."""
+"""The caption panels: driver, decision, verdict of the safety check, reward and history."""
 
 from dataclasses import dataclass
 
@@ -28,11 +28,11 @@ _HISTORY = 60
 
 @dataclass(frozen=True)
 class Caption:
-    """What the panels below the road say; the defaults suit a scene right after a reset."""
+    """The contents of the panels; the defaults are right for a scene after a reset."""
 
     driver: str = ""
     vehicles: int | None = None
-    """Vehicles on the road without the ego; None counts those of the snapshot."""
+    """Number of vehicles without the ego; None uses the number in the snapshot."""
     seed: int | None = None
     decision: int = 0
     proposed: str = ""
@@ -44,15 +44,15 @@ class Caption:
     r_y: float | None = None
     r_x: float | None = None
     speed_history: tuple[float, ...] = ()
-    """The ego's speed after each decision so far, m/s; the last 60 are drawn, the mean of all."""
+    """The ego's speed after each decision, m/s; the panel shows the last 60 and the mean of all."""
     trigger_history: tuple[bool, ...] = ()
-    """Whether the safety check fired, for the same decisions."""
+    """Whether the safety check changed each of these decisions."""
     collision: str = ""
-    """What the ego collided with, in words; empty when it did not."""
+    """The kind of the collision in words; empty without one."""
 
 
 def lay_cards(sheet: Sheet) -> None:
-    """The plates the caption stands on."""
+    """Draw the background plates of the caption."""
     left, middle, right = (20, 352), (364, 812), (824, 1260)
     for (x0, x1), (y0, y1) in (
         (left, (384, 708)),
@@ -64,7 +64,7 @@ def lay_cards(sheet: Sheet) -> None:
 
 
 def lay_legend(sheet: Sheet) -> None:
-    """What the colours of the vehicles mean."""
+    """Draw the legend of the vehicles' colours."""
     left, right = 1017, 1211
     for x in range(left, right):
         share = (x - left) / (right - left)
@@ -76,7 +76,7 @@ def lay_legend(sheet: Sheet) -> None:
 
 
 def draw_header(sheet: Sheet, snapshot: Snapshot, caption: Caption) -> None:
-    """Driver, traffic, seed and time, above the road."""
+    """Draw driver, traffic, seed and time above the road."""
     vehicles = len(snapshot.ids) - 1 if caption.vehicles is None else caption.vehicles
     facts = [f"{vehicles} vehicle{'' if vehicles == 1 else 's'}"]
     facts += [] if caption.seed is None else [f"seed {caption.seed}"]
@@ -86,7 +86,7 @@ def draw_header(sheet: Sheet, snapshot: Snapshot, caption: Caption) -> None:
 
 
 def draw_decision(sheet: Sheet, snapshot: Snapshot, caption: Caption) -> None:
-    """Speed, executed and proposed action, and the verdict of the safety check."""
+    """Draw speed, executed and proposed action, and the verdict of the safety check."""
     speed = float(snapshot.speed_m_s[EGO])
     mean = float(np.mean(caption.speed_history)) if caption.speed_history else speed
     sheet.text((384, 410), "SPEED", 13, DIM)
@@ -108,7 +108,7 @@ def _draw_field(sheet: Sheet, y: float, label: str, value: str, fill: Color) -> 
 
 
 def _draw_verdict(sheet: Sheet, caption: Caption) -> None:
-    """The rule that fired, or the collision, on a bright plate; a quiet plate when neither."""
+    """Draw the rule that fired or the collision on a bright plate; a dark plate without either."""
     label, words = "SAFETY CHECK", caption.rule or "none"
     if caption.collision:
         label, words = "COLLISION", caption.collision
@@ -125,7 +125,7 @@ def _draw_verdict(sheet: Sheet, caption: Caption) -> None:
 
 
 def draw_reward(sheet: Sheet, caption: Caption) -> None:
-    """The reward and its three terms, each a bar from -1 at the left end to 0 at the right."""
+    """Draw the reward and its three terms as bars, from -1 at the left to 0 at the right."""
     sheet.text((844, 412), "REWARD", 13, DIM)
     sheet.text((1240, 416), _number(caption.reward), 24, BRIGHT, "rs", bold=True)
     terms = (("speed", caption.r_v), ("lane", caption.r_y), ("gap", caption.r_x))
@@ -148,7 +148,7 @@ def _number(value: float | None) -> str:
 
 
 def draw_history(sheet: Sheet, caption: Caption) -> None:
-    """The last 60 speeds, the newest at the right end, with a red tick where the check fired."""
+    """Draw the last 60 speeds, the newest at the right, and a red tick where the check fired."""
     left, right, top, bottom = 878.0, 1240.0, 588.0, 680.0
     sheet.text((844, 574), f"SPEED, LAST {_HISTORY} DECISIONS", 13, DIM)
     sheet.box((1161, 563, 1164, 577), ALARM)

@@ -1,4 +1,4 @@
-"""A highway scene as a picture, without a screen: the road near the ego, the loop, a caption."""
+"""A picture of a highway scene, drawn without a screen: road near the ego, loop, caption."""
 
 from functools import lru_cache
 
@@ -27,9 +27,10 @@ Picture = npt.NDArray[np.uint8]
 def draw(
     snapshot: Snapshot, road: Road, caption: Caption, size: tuple[int, int] = SHEET_SIZE
 ) -> Picture:
-    """Picture of one moment, uint8 of shape (height, width, 3).
+    """Draw one scene as a picture, uint8 of shape (height, width, 3).
 
-    ``size`` is (width, height) in px; the layout is scaled to fit, with bars where it is longer.
+    ``size`` is (width, height) in px. The layout is scaled to fit, with bars at its sides if the
+    aspect ratio differs.
     """
     sheet = Sheet(_background(road).copy())
     for band in (CLOSE_UP, OVERVIEW):
@@ -47,7 +48,7 @@ def draw(
 
 @lru_cache(maxsize=8)
 def _background(road: Road) -> Image.Image:
-    """All that stays the same from frame to frame; never drawn on, only copied."""
+    """The static parts of the picture; callers must copy the image before drawing on it."""
     width, height = SHEET_SIZE
     size = (OVERSAMPLING * width, OVERSAMPLING * height)
     sheet = Sheet(Image.new("RGB", size, GROUND))

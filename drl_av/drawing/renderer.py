@@ -1,4 +1,4 @@
-"""What an environment shows in each render mode, and the caption of an episode's moments."""
+"""The renderer of each render mode of the environment, and the caption of each scene."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,7 +14,7 @@ from drl_av.traffic.snapshot import Snapshot
 
 
 def next_caption(caption: Caption, reward: float, info: dict[str, Any]) -> Caption:
-    """The caption after one more decision, from the reward and ``info`` of its step."""
+    """The caption after one more decision, from the reward and the ``info`` of its step."""
     rule, collision = info["rule"], info["collision"]
     return replace(
         caption,
@@ -33,28 +33,28 @@ def next_caption(caption: Caption, reward: float, info: dict[str, Any]) -> Capti
 
 
 class Renderer:
-    """Draws nothing and remembers nothing: render mode None, and the base of the others."""
+    """A renderer that shows nothing (render mode None), and the base of the others."""
 
     def reset(self, snapshot: Snapshot, info: dict[str, Any]) -> None:
-        """Begin an episode, with what the environment's ``reset`` returns."""
+        """Begin an episode with the scene and the ``info`` of the environment's ``reset``."""
 
     def step(self, snapshot: Snapshot, reward: float, info: dict[str, Any]) -> None:
-        """Go on by one decision, with what the environment's ``step`` returns."""
+        """Show one more decision, with the scene, reward and ``info`` after it."""
 
     def render(self) -> Picture | None:
-        """The picture of the last moment; None from a renderer that makes no pictures."""
+        """The picture of the present scene; None from a renderer that makes no pictures."""
         return None
 
 
 class PictureRenderer(Renderer):
-    """Draws the last moment as a picture when it is asked to (render mode ``rgb_array``)."""
+    """Draws the present scene as a picture when ``render`` is called (mode ``rgb_array``)."""
 
     def __init__(self, road: Road) -> None:
         self._road = road
         self._moment: tuple[Snapshot, Caption] | None = None
 
     def reset(self, snapshot: Snapshot, info: dict[str, Any]) -> None:
-        """Begin the caption anew."""
+        """Begin an episode with a new caption."""
         self._moment = snapshot, Caption(vehicles=info["vehicles"], seed=info["seed"])
 
     def step(self, snapshot: Snapshot, reward: float, info: dict[str, Any]) -> None:
@@ -63,7 +63,7 @@ class PictureRenderer(Renderer):
         self._moment = snapshot, next_caption(self._moment[1], reward, info)
 
     def render(self) -> Picture:
-        """The picture, uint8 of shape (720, 1280, 3).
+        """The picture of the present scene, uint8 of shape (720, 1280, 3).
 
         Raises:
             gymnasium.error.ResetNeeded: no episode has begun.
@@ -75,12 +75,12 @@ class PictureRenderer(Renderer):
 
 
 class GuiRenderer(Renderer):
-    """Writes a line beside the ego in sumo-gui, which draws by itself (render mode ``human``)."""
+    """Shows a line of text beside the ego in sumo-gui (render mode ``human``)."""
 
     def __init__(self, show: Callable[[str], None]) -> None:
         self._show = show
 
     def step(self, snapshot: Snapshot, reward: float, info: dict[str, Any]) -> None:
-        """Show what was executed and why."""
+        """Show the executed action, the rule that fired, the speed and the reward."""
         action, speed = ACTIONS[info["executed_action"]], info["speed_m_s"]
         self._show(f"{action} | rule: {info['rule']} | {speed:.1f} m/s | reward {reward:.2f}")

@@ -1,4 +1,4 @@
-"""The road near the ego, straightened: a close-up, and an overview of what is further away."""
+"""Two views of the road near the ego, drawn as a straight road: a close-up and an overview."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ _MOVING_SIDEWAYS_M_S = 0.05
 
 @dataclass(frozen=True)
 class Band:
-    """A straightened stretch of road around the ego, drawn left to right over the whole width."""
+    """A section of road around the ego, drawn as a straight band from left to right."""
 
     top: int
     """Upper edge of the leftmost of three lanes, px."""
@@ -37,11 +37,11 @@ class Band:
 
     @property
     def px_per_m(self) -> float:
-        """Scale along the road."""
+        """Scale along the road, px per metre."""
         return (self.right - self.left) / (self.behind_m + self.ahead_m)
 
     def x(self, ahead_m: float) -> float:
-        """Column of a point that far ahead of the ego, px."""
+        """Column of a point ``ahead_m`` metres ahead of the ego, px."""
         return self.left + (ahead_m + self.behind_m) * self.px_per_m
 
     def y(self, road: Road, y_m: float) -> float:
@@ -57,7 +57,7 @@ OVERVIEW = Band(top=276, lane_px=24, behind_m=90.0, ahead_m=150.0)
 
 
 def lay_marks(sheet: Sheet) -> None:
-    """Distances from the ego, below the overview."""
+    """Draw the scale of distances from the ego below the overview."""
     for mark_m in (-90, -50, 0, 50, 100, 150):
         anchor = {-90: "ls", 150: "rs"}.get(mark_m, "ms")
         text = "ego" if mark_m == 0 else f"{mark_m:+d} m"
@@ -65,7 +65,7 @@ def lay_marks(sheet: Sheet) -> None:
 
 
 def lay_asphalt(sheet: Sheet, band: Band, road: Road) -> None:
-    """What of a band never moves: asphalt, edges and barricaded lanes."""
+    """Draw the static parts of a band: asphalt, edges and barricaded lanes."""
     lanes, half = len(road.open_lanes), road.lane_width_m / 2
     verge = band.lane_px / 8
     top = band.y(road, road.center_m(lanes - 1) + half)
@@ -81,7 +81,7 @@ def lay_asphalt(sheet: Sheet, band: Band, road: Road) -> None:
 
 
 def draw_band(sheet: Sheet, band: Band, snapshot: Snapshot, road: Road) -> None:
-    """What of a band moves: its markings and the vehicles on it."""
+    """Draw the moving parts of a band: lane markings and vehicles."""
     _draw_markings(sheet, band, float(snapshot.s_m[EGO]), road)
     ahead = road.ahead_m(float(snapshot.s_m[EGO]), snapshot.s_m)
     for row in reversed(range(len(snapshot.ids))):
@@ -105,7 +105,7 @@ def _frame_close_up(sheet: Sheet) -> None:
 
 
 def _every(spacing_m: float, ego_s_m: float, road: Road, band: Band) -> Iterator[float]:
-    """Distances ahead of the ego, m, of marks that stand about that far apart on the loop."""
+    """Distances ahead of the ego, m, of marks about ``spacing_m`` apart on the loop."""
     pitch_m = road.circumference_m / max(1, round(road.circumference_m / spacing_m))
     mark_m = -band.behind_m - (ego_s_m - band.behind_m) % pitch_m
     while mark_m < band.ahead_m:
@@ -114,7 +114,7 @@ def _every(spacing_m: float, ego_s_m: float, road: Road, band: Band) -> Iterator
 
 
 def _draw_markings(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> None:
-    """Dashes between lanes and blocks on barricaded ones; they stand still on the loop."""
+    """Draw dashes between lanes and blocks on barricaded lanes, at fixed places of the loop."""
     thick = 1.5 if band is CLOSE_UP else 1.0
     for boundary in range(1, len(road.open_lanes)):
         y = band.y(road, road.center_m(boundary) - road.lane_width_m / 2)
@@ -142,7 +142,7 @@ def _draw_barricade(sheet: Sheet, band: Band, ego_s_m: float, road: Road, lane: 
 def _draw_vehicle(
     sheet: Sheet, band: Band, snapshot: Snapshot, road: Road, row: int, ahead_m: float
 ) -> None:
-    """A body in its true length and width, with wind-screen, speed and turn signals."""
+    """Draw a vehicle in its true size, with windscreen, speed and turn signals."""
     y_m, speed = float(snapshot.y_m[row]), float(snapshot.speed_m_s[row])
     length, width = float(snapshot.length_m[row]), float(snapshot.width_m[row])
     left, right = band.x(ahead_m - length / 2), band.x(ahead_m + length / 2)
@@ -167,7 +167,7 @@ def _draw_vehicle(
 def _draw_signals(
     sheet: Sheet, body: tuple[float, float, float, float], sideways: float, time_s: float
 ) -> None:
-    """Lamps at the two corners of the side the vehicle moves to; lit for half of each second."""
+    """Draw lamps on the side to which the vehicle moves; they light half of each second."""
     left, top, right, bottom = body
     if time_s % 1.0 < 0.5:
         size = 0.13 * (bottom - top)
@@ -176,7 +176,7 @@ def _draw_signals(
 
 
 def _draw_arrow(sheet: Sheet, body: tuple[float, float, float, float], sideways: float) -> None:
-    """Arrow off the ego's side, towards the lane it moves to."""
+    """Draw an arrow beside the ego that points to its target lane."""
     left, top, right, bottom = body
     up = -1 if sideways > 0 else 1
     x, y = (left + right) / 2, (top if sideways > 0 else bottom) + up * 5

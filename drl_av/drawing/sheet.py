@@ -1,4 +1,4 @@
-"""What the pictures are drawn with: colours, and an oversampled sheet of shapes and text."""
+"""Drawing tools of the pictures: colours, and an oversampled image for shapes and text."""
 
 from functools import lru_cache
 
@@ -23,7 +23,7 @@ BRIGHT: Color = (238, 242, 248)
 DARK: Color = (14, 17, 23)
 
 SLOW_M_S, FAST_M_S = 10.0, 34.0
-"""Speeds at the two ends of the colour scale; slower and faster vehicles keep the end's colour."""
+"""Speeds at the two ends of the colour scale; speeds outside get the colour of the nearer end."""
 SPEED_COLORS = np.array(
     [
         (222, 53, 48),
@@ -39,7 +39,7 @@ OVERSAMPLING = 2
 
 
 def speed_color(speed_m_s: float) -> Color:
-    """Colour of a speed in m/s: red is slow, blue is fast, told apart by the colour-blind too."""
+    """Colour of a speed, m/s: red is slow, blue is fast; also distinct for colour-blind people."""
     share = np.clip((speed_m_s - SLOW_M_S) / (FAST_M_S - SLOW_M_S), 0.0, 1.0)
     knots = np.linspace(0.0, 1.0, len(SPEED_COLORS))
     red, green, blue = (round(float(np.interp(share, knots, c))) for c in SPEED_COLORS.T)
@@ -47,7 +47,7 @@ def speed_color(speed_m_s: float) -> Color:
 
 
 class Sheet:
-    """An oversampled image that is drawn on in the layout's pixels."""
+    """An oversampled image; its methods take coordinates in pixels of the layout."""
 
     def __init__(self, image: Image.Image) -> None:
         self.image = image
@@ -61,29 +61,29 @@ class Sheet:
         outline: Color | None = None,
         width: float = 0.0,
     ) -> None:
-        """Rounded rectangle from (left, top) to (right, bottom)."""
+        """Draw a rounded rectangle with ``corners`` (left, top, right, bottom)."""
         k = OVERSAMPLING
         left, top, right, bottom = (round(k * c) for c in corners)
         ends = (left, top, max(left, right - 1), max(top, bottom - 1))
         self._pen.rounded_rectangle(ends, k * radius, fill, outline, round(k * width))
 
     def dot(self, center: Point, radius: float, fill: Color) -> None:
-        """Filled circle."""
+        """Draw a filled circle."""
         x, y, r = (OVERSAMPLING * v for v in (*center, radius))
         self._pen.ellipse((x - r, y - r, x + r, y + r), fill)
 
     def arc(self, center: Point, radius: float, degrees: Point, fill: Color, width: float) -> None:
-        """Part of a circle, inside ``radius``; degrees run clockwise from the right."""
+        """Draw an arc inside ``radius``; ``degrees`` are clockwise from the right."""
         x, y, r = (OVERSAMPLING * v for v in (*center, radius))
         self._pen.arc((x - r, y - r, x + r, y + r), *degrees, fill, round(OVERSAMPLING * width))
 
     def line(self, points: list[Point], fill: Color, width: float) -> None:
-        """Polyline."""
+        """Draw a polyline."""
         scaled = [(OVERSAMPLING * x, OVERSAMPLING * y) for x, y in points]
         self._pen.line(scaled, fill, round(OVERSAMPLING * width), joint="curve")
 
     def polygon(self, points: list[Point], fill: Color) -> None:
-        """Filled polygon."""
+        """Draw a filled polygon."""
         self._pen.polygon([(OVERSAMPLING * x, OVERSAMPLING * y) for x, y in points], fill)
 
     def text(
@@ -95,7 +95,7 @@ class Sheet:
         anchor: str = "ls",
         bold: bool = False,
     ) -> None:
-        """One line of text; ``anchor`` is Pillow's, by default the left end of the baseline."""
+        """Draw one line of text; ``anchor`` is Pillow's, by default the left baseline."""
         place = (OVERSAMPLING * at[0], OVERSAMPLING * at[1])
         stroke = 0.018 * size * OVERSAMPLING if bold else 0
         self._pen.text(
@@ -110,7 +110,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 
 @lru_cache(maxsize=512)
 def wrapped(text: str, size: int, width: int, most: int) -> tuple[str, ...]:
-    """The text in at most ``most`` lines that fit ``width`` px; what is left over becomes dots."""
+    """The text in at most ``most`` lines of ``width`` px; dots replace text that does not fit."""
     font = _font(size)
     lines = [""]
     for word in text.split():
