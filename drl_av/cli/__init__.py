@@ -1,4 +1,4 @@
-"""The ``drl-av`` command: parse, call, print. Each verb imports what it needs when it runs."""
+"""The command ``drl-av``: parse arguments, call, print. A verb imports its modules when it runs."""
 
 import argparse
 import io
@@ -22,7 +22,7 @@ class Verb(NamedTuple):
     meaning: str
     add_options: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
-    """Returns the exit status."""
+    """The function that runs the verb; it returns the exit status."""
 
 
 VERBS = {
@@ -34,18 +34,16 @@ VERBS = {
         "compare drivers on the same seeded traffic", evaluate.add_options, evaluate.evaluate
     ),
     "adapt": Verb(
-        "drive greedily, and go on learning (continuous adaptation)",
+        "keep training a driver while it drives (continual adaptation)",
         learning.add_adapt_options,
         learning.adapt,
     ),
-    "replay": Verb(
-        "watch a driver, or a recorded episode again", replay.add_options, replay.replay
-    ),
+    "replay": Verb("show a driver or a recorded episode", replay.add_options, replay.replay),
     "export": Verb("write a trained driver as an ONNX file", export.add_options, export.export),
     "config": Verb("print all settings with their meaning", config.add_options, config.config),
     "figures": Verb("draw the paper's figures as PNG files", figures.add_options, figures.figures),
     "reproduce": Verb(
-        "make the paper's results anew, going on where it stopped",
+        "reproduce the paper's results; continues where it stopped",
         reproduction.add_options,
         reproduction.reproduce,
     ),
@@ -53,7 +51,7 @@ VERBS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a verb; the exit status is 0, 1 for a failure (one sentence) or 2 for bad usage."""
+    """Run a verb; the exit status is 0, 1 after an error (one sentence) or 2 after bad usage."""
     try:
         with _printable(), _terminated_as_interrupted():
             words = sys.argv[1:] if arguments is None else arguments
@@ -72,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """SIGTERM raises KeyboardInterrupt while the block runs, as Ctrl-C does."""
+    """Make SIGTERM raise KeyboardInterrupt in the block, as Ctrl-C does."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -89,11 +87,11 @@ def _terminated_as_interrupted() -> Iterator[None]:
 
 @contextmanager
 def _printable() -> Iterator[None]:
-    """Escape characters that the output cannot encode, and report a full output at once.
+    """Escape characters that the output cannot encode, and flush the output after the block.
 
     Raises:
-        BrokenPipeError: the reader of the output has gone.
-        DrlAvError: it cannot be written.
+        BrokenPipeError: the program that reads the output has ended.
+        DrlAvError: the output cannot be written.
     """
     out = sys.stdout
     if isinstance(out, io.TextIOWrapper) and out.errors == "strict":
@@ -104,7 +102,7 @@ def _printable() -> Iterator[None]:
         try:
             if out is not None:
                 out.flush()
-        except OSError as error:  # Python would try again at its end, and complain
+        except OSError as error:  # Python would flush again at its exit, and print an error
             os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())
             if isinstance(error, BrokenPipeError):
                 raise
@@ -114,7 +112,7 @@ def _printable() -> Iterator[None]:
 
 
 def command_line(verbs: Container[str] = VERBS) -> argparse.ArgumentParser:
-    """The parser, with the arguments of these verbs; its result holds the ``Verb`` as ``verb``."""
+    """The argument parser, with the options of the given verbs; the result has the ``verb``."""
     parser = argparse.ArgumentParser(
         prog="drl-av",
         description="Learn to drive on a highway, safely, in SUMO.",

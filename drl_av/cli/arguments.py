@@ -1,4 +1,4 @@
-"""Types of command-line arguments; a value of another type is bad usage (status 2)."""
+"""Types of command line arguments; a wrong value is bad usage (exit status 2)."""
 
 import argparse
 from collections.abc import Callable

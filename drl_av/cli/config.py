@@ -1,4 +1,4 @@
-"""The verb ``config``: every setting with its meaning, unit, bounds and source."""
+"""The verb ``config``: print all settings with meaning, unit, bounds and source."""
 
 import argparse
 
@@ -19,7 +19,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--preset", default="paper", metavar="NAME", help=f"one of: {', '.join(PRESETS)}"
     )
     parser.add_argument(
-        "--config", metavar="FILE.toml", help="settings as TOML, laid over the preset's"
+        "--config", metavar="FILE.toml", help="TOML settings that replace the preset's"
     )
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from drl_av.learning.training import EpisodeRow, EvaluationRow
 
 WIDTH = 110
-"""Columns of a table where the output is no terminal."""
+"""Width of a table in characters if the output is not a terminal."""
 
 
 def _console() -> Console:
@@ -35,14 +35,14 @@ def _console() -> Console:
 
 
 class Bar:
-    """A progress bar with the time left; without a terminal it prints only the lines of ``say``."""
+    """A progress bar with the remaining time; without a terminal only ``say`` prints lines."""
 
     def __init__(self, progress: Progress, task: TaskID) -> None:
         self._progress, self._task = progress, task
         self._decisions, self._begun_s = 0, time.monotonic()
 
     def advance(self, text: str, decisions: int) -> None:
-        """Count one more episode; show ``text`` and the decisions a second beside the bar."""
+        """Count one episode; show ``text`` and decisions per second beside the bar."""
         self._decisions += decisions
         rate = self._decisions / (time.monotonic() - self._begun_s)
         self._progress.update(self._task, advance=1, text=f"{text}  {rate:.0f} decisions/s")
@@ -95,7 +95,7 @@ def evaluation_line(row: "EvaluationRow") -> str:
 
 
 class StopRequest:
-    """Whether the user has asked to stop."""
+    """Whether the user has requested a stop."""
 
     made = False
 
@@ -120,7 +120,7 @@ def stop_request() -> Iterator[StopRequest]:
 
 
 def print_summaries(summaries: Sequence["Summary"]) -> None:
-    """Print a table with a row for each driver at each number of vehicles."""
+    """Print a table with one row for each driver and number of vehicles."""
     several_checks = len({summary.safety_check for summary in summaries}) > 1
     table = Table(
         box=SIMPLE_HEAD,

@@ -13,21 +13,21 @@ from drl_av.drivers.registry import default_config, driver_names, find_drivers
 from drl_av.evaluation import DENSITIES
 
 SAVE_EVERY_S = 5.0
-"""Rows of at most this long are lost when SUMO aborts the process."""
+"""Interval between two writes of the table; later rows are lost if SUMO aborts the process."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument(
-        "runs", nargs="*", metavar="RUN", help="runs' folders (default: the driver that ships)"
+        "runs", nargs="*", metavar="RUN", help="folders of runs (default: the shipped driver)"
     )
     parser.add_argument(
         "--driver",
         nargs="+",
         default=[],
         metavar="NAME",
-        help=f"also these: {', '.join(driver_names())} (which ships), RUNs, your own factory as "
-        "module:factory, a stable-baselines3 .zip, or an .onnx file",
+        help=f"more drivers: {', '.join(driver_names())} (the shipped driver), runs, your own "
+        "factory as module:factory, a stable-baselines3 .zip file, or an .onnx file",
     )
     parser.add_argument(
         "--vehicles",
@@ -37,17 +37,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"numbers of vehicles around the ego (default: {' '.join(map(str, DENSITIES))})",
     )
     parser.add_argument(
-        "--episodes", type=whole(1), default=50, metavar="N", help="for each number of vehicles"
+        "--episodes", type=whole(1), default=50, metavar="N", help="episodes per number of vehicles"
     )
     parser.add_argument(
         "--seed",
         type=whole(0),
         default=0,
         metavar="S",
-        help="of the first episode's traffic, below 1000000",
+        help="traffic seed of the first episode, below 1000000",
     )
-    parser.add_argument("--jobs", type=whole(1), default=1, metavar="N", help="processes")
-    parser.add_argument("--out", type=Path, metavar="FILE.csv", help="write a row an episode")
+    parser.add_argument("--jobs", type=whole(1), default=1, metavar="N", help="number of processes")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE.csv", help="write a table with one row for each episode"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE.json", help="write the summary")
     driving(parser, "the first RUN's")
 
@@ -98,5 +100,5 @@ def evaluate(options: argparse.Namespace) -> int:
 
 
 def _partial(table: Path) -> Path:
-    """Where the rows go while a table of that name exists: the old table stays until the end."""
+    """The temporary file for new rows if ``table`` exists; the old table remains until the end."""
     return table.with_name(f"{table.stem}.partial{table.suffix}")

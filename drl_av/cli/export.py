@@ -1,4 +1,4 @@
-"""The verb ``export``: hand a trained driver over to programs that know ONNX."""
+"""The verb ``export``: write a trained driver as an ONNX file for other programs."""
 
 import argparse
 from pathlib import Path
@@ -6,12 +6,14 @@ from pathlib import Path
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("run", metavar="RUN", help="a run's folder, or pretrained (which ships)")
+    parser.add_argument(
+        "run", metavar="RUN", help="folder of a run, or pretrained (the shipped driver)"
+    )
     parser.add_argument("out", type=Path, metavar="FILE.onnx", help="file to write")
 
 
 def export(options: argparse.Namespace) -> int:
-    """Write the driver, and print what it takes and returns."""
+    """Write the driver, and print its inputs and outputs."""
     from drl_av.drivers.onnx_export import export as write
     from drl_av.drivers.policy_file import PRETRAINED, load_run
     from drl_av.driving.affordances import ObservationScale

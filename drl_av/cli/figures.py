@@ -1,4 +1,4 @@
-"""The verb ``figures``: the paper's figures from tables and runs."""
+"""The verb ``figures``: draw the paper's figures from tables and runs."""
 
 import argparse
 from pathlib import Path
@@ -13,13 +13,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=Path,
         metavar="FILE.csv | RUN | RESULTS",
-        help="tables that evaluate wrote, in m/s, folders of runs, and of reproduce's results",
+        help="tables of evaluate, folders of runs, and folders of results of reproduce",
     )
-    parser.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for them")
+    parser.add_argument(
+        "--out", type=Path, default=Path(), metavar="DIR", help="folder for the figures"
+    )
 
 
 def figures(options: argparse.Namespace) -> int:
-    """Draw every figure that the sources allow, and those of the settings."""
+    """Draw every figure for which the sources have data, and the figures of the settings."""
     from drl_av.experiments.canvas import save_figure
     from drl_av.experiments.density_sweep import speed_figure
     from drl_av.experiments.experiment import draw_results

@@ -33,18 +33,18 @@ def add_train_options(parser: argparse.ArgumentParser) -> None:
         "--episodes",
         type=whole(1),
         metavar="N",
-        help=f"of at most 200 s each (default: the preset's, {numbers})",
+        help=f"episodes of at most 200 s (default: the preset's, {numbers})",
     )
     parser.add_argument(
-        "--seed", type=whole(0), metavar="S", help="of all that is random (default: the preset's)"
+        "--seed", type=whole(0), metavar="S", help="random seed (default: the preset's)"
     )
     parser.add_argument(
         "--replay", metavar="KIND", help=f"one of: {', '.join(REPLAYS)} (default: the preset's)"
     )
     driving(parser, "the preset's")
-    parser.add_argument("--resume", action="store_true", help="go on where the run was stopped")
+    parser.add_argument("--resume", action="store_true", help="continue a run that was stopped")
     parser.add_argument(
-        "--tensorboard", action="store_true", help="also write TensorBoard events into the run"
+        "--tensorboard", action="store_true", help="also write TensorBoard events into the folder"
     )
 
 
@@ -54,26 +54,26 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
         "run",
         nargs="?",
         metavar="RUN",
-        help="folder of the run to begin from (default: the driver that ships)",
+        help="folder of the run to start from (default: the shipped driver)",
     )
     parser.add_argument(
         "--out", type=Path, required=True, metavar="RUN2", help="the new run's folder; must be new"
     )
     parser.add_argument(
-        "--episodes", type=whole(1), metavar="N", help="of at most 200 s each (default: 30000)"
+        "--episodes", type=whole(1), metavar="N", help="episodes of at most 200 s (default: 30000)"
     )
     parser.add_argument(
         "--learning-rate",
         type=float,
         metavar="X",
-        help="Adam's step size; 0 learns nothing, on the same traffic (default: 1e-05)",
+        help="step size of Adam; 0 drives the same traffic without learning (default: 1e-05)",
     )
     parser.add_argument(
-        "--seed", type=whole(0), metavar="S", help="of all that is random (default: the RUN's)"
+        "--seed", type=whole(0), metavar="S", help="random seed (default: the RUN's)"
     )
     driving(parser, "the RUN's")
     parser.add_argument(
-        "--resume", action="store_true", help="go on where RUN2 was stopped; needs no RUN"
+        "--resume", action="store_true", help="continue RUN2 where it was stopped, without RUN"
     )
     parser.add_argument(
         "--tensorboard", action="store_true", help="also write TensorBoard events into RUN2"
@@ -81,7 +81,7 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
 
 
 def train(options: argparse.Namespace) -> int:
-    """Run Algorithm 1, and keep its results in a run folder."""
+    """Run Algorithm 1, and save its results in a run folder."""
     from drl_av.env.highway import HighwayEnv
     from drl_av.learning.assembly import make_training
     from drl_av.learning.run import Run
@@ -113,7 +113,7 @@ def adapt(options: argparse.Namespace) -> int:
     [spec] = find_drivers([word])
     if spec.run is None:
         raise ConfigError(
-            f"{word} drives by rule and cannot learn: give a run's folder, "
+            f"{word} is a rule-based driver and cannot learn: give a run's folder, "
             "or leave it out for the driver that ships with drl-av."
         )
     config = _adaptation_config(options, run, spec)
@@ -156,7 +156,7 @@ def _adaptation_config(options: argparse.Namespace, run: "Run", spec: "DriverSpe
 
 
 def _given(options: argparse.Namespace, *names: str) -> dict[str, Any]:
-    """The settings that were given on the command line, by name."""
+    """The values of those options that the user gave on the command line, by name."""
     return {name: getattr(options, name) for name in names if getattr(options, name) is not None}
 
 
@@ -193,7 +193,7 @@ def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, ri
 
 
 def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bool:
-    """Train until the last episode (True) or until the user asks to stop (False)."""
+    """Train until the last episode (returns True) or until the user stops it (returns False)."""
     from drl_av.cli.console import episode_line, evaluation_line, progress_bar, stop_request
     from drl_av.learning.run import train
     from drl_av.learning.tensorboard import tensorboard_writer

@@ -1,4 +1,4 @@
-"""The verb ``replay``: show a driver or a recorded episode in sumo-gui or as a film."""
+"""The verb ``replay``: show a driver or a recorded episode in sumo-gui, as a video or a page."""
 
 import argparse
 from pathlib import Path
@@ -22,12 +22,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "source",
         nargs="?",
         metavar="RUN | RECORDING",
-        help="a run's folder, or what --record kept (default: the driver that ships)",
+        help="folder of a run, or a file written by --record (default: the shipped driver)",
     )
     which.add_argument(
         "--driver", metavar="NAME", help=f"one of: {', '.join(driver_names())}, or module:factory"
     )
-    parser.add_argument("--seed", type=whole(0), metavar="S", help="of the traffic (default: 0)")
+    parser.add_argument("--seed", type=whole(0), metavar="S", help="traffic seed (default: 0)")
     parser.add_argument(
         "--vehicles", type=whole(0), metavar="N", help="vehicles around the ego (default: 15)"
     )
@@ -35,21 +35,25 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--decisions",
         type=whole(1),
         metavar="N",
-        help="at most so many, one a second (default: the RUN's, 200)",
+        help="largest number of decisions, one per second (default: the RUN's, 200)",
     )
     how = parser.add_mutually_exclusive_group()
-    how.add_argument("--gui", action="store_true", help="in sumo-gui (default)")
-    how.add_argument("--video", type=Path, metavar="FILE.mp4", help="as .mp4 or .gif, no screen")
+    how.add_argument("--gui", action="store_true", help="show it in sumo-gui (default)")
     how.add_argument(
-        "--html", type=Path, metavar="FILE.html", help="as one file that plays in a browser"
+        "--video", type=Path, metavar="FILE.mp4", help="write a .mp4 or .gif video; needs no screen"
     )
-    parser.add_argument("--rate", type=rate, default=2.0, metavar="X", help="times real time")
-    parser.add_argument("--record", type=Path, metavar="FILE.npz", help="keep the episode")
+    how.add_argument(
+        "--html", type=Path, metavar="FILE.html", help="write a page that plays in a browser"
+    )
+    parser.add_argument(
+        "--rate", type=rate, default=2.0, metavar="X", help="speed as a multiple of real time"
+    )
+    parser.add_argument("--record", type=Path, metavar="FILE.npz", help="save the episode")
     driving(parser, "the RUN's")
 
 
 def replay(options: argparse.Namespace) -> int:
-    """Drive one episode, and show or film it."""
+    """Drive one episode, and show it or write it to a file."""
     from drl_av.drawing.film import require_film
     from drl_av.evaluation.recording import load_recording
     from drl_av.evaluation.replay import Film, Pacer, Page, ReplaySession, replay_session

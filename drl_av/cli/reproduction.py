@@ -24,11 +24,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"{meanings} (default: all)",
     )
     numbers = {
-        "--seeds": (usual.seeds, "trainings of each variant; the paper's are 200"),
-        "--episodes": (usual.episodes, "of each training, of a schedule of 10000"),
+        "--seeds": (usual.seeds, "trainings of each variant; the paper has 200"),
+        "--episodes": (usual.episodes, "episodes of each training, of a schedule of 10000"),
         "--full-seeds": (usual.full_seeds, "trainings that continue to the schedule's end"),
         "--drives": (usual.drives, "evaluation episodes at each number of vehicles"),
-        "--jobs": (usual.jobs, "processes at once on this machine"),
+        "--jobs": (usual.jobs, "parallel processes on this machine"),
     }
     for option, (default, meaning) in numbers.items():
         low = 0 if option == "--full-seeds" else 1
@@ -39,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         choices=VARIANTS,
         default=VARIANTS,
         metavar="NAME",
-        help=f"trainings of the curves, of: {', '.join(VARIANTS)} (default: all)",
+        help=f"variants of the learning curves: {', '.join(VARIANTS)} (default: all)",
     )
     parser.add_argument(
         "--engine",
@@ -52,13 +52,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=usual.runs,
         metavar="DIR",
-        help="folder of the trainings, which continue from there; shared where a cluster works",
+        help="folder of the trainings, which continue from there; shared by the machines of a cluster",
     )
     parser.add_argument(
         "--out", type=Path, default=usual.out, metavar="DIR", help="folder of the results"
     )
     parser.add_argument(
-        "--config", metavar="FILE.toml", help="settings as TOML, laid over each experiment's"
+        "--config", metavar="FILE.toml", help="TOML settings that replace each experiment's"
     )
 
 
@@ -74,7 +74,7 @@ def _experiment(text: str) -> str:
 
 
 def reproduce(options: argparse.Namespace) -> int:
-    """Make the chosen experiments, one after the other."""
+    """Run the chosen experiments one after another."""
     from drl_av.cli.console import progress_bar
     from drl_av.experiments.experiment import reproduce as make
     from drl_av.experiments.registry import EXPERIMENTS

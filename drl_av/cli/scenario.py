@@ -1,4 +1,4 @@
-"""The verb ``scenario``: write a scenario folder, which plain SUMO opens too."""
+"""The verb ``scenario``: write a scenario folder, which SUMO alone can open too."""
 
 import argparse
 from pathlib import Path
@@ -10,11 +10,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder to write; must be new")
     parser.add_argument(
-        "--circumference-m", type=float, default=500.0, metavar="M", help="every lane's, in metres"
+        "--circumference-m", type=float, default=500.0, metavar="M", help="length of a lane, metres"
     )
     parser.add_argument("--lanes", type=whole(1), default=3, metavar="N", help="number of lanes")
     parser.add_argument(
-        "--lane-width-m", type=float, default=3.8, metavar="M", help="every lane's, in metres"
+        "--lane-width-m", type=float, default=3.8, metavar="M", help="width of a lane, metres"
     )
     parser.add_argument(
         "--barricade",
@@ -22,7 +22,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=(),
         metavar="LANE",
-        help="lanes to close, 0 the rightmost (default: none)",
+        help="lanes to close; 0 is the rightmost (default: none)",
     )
 
 

@@ -1,4 +1,4 @@
-"""The options that every driving verb shares, and the config that they select."""
+"""The options that all verbs with an environment share, and the config that they select."""
 
 import argparse
 
@@ -7,7 +7,7 @@ from drl_av.safety import CHECKS
 
 
 def driving(parser: argparse.ArgumentParser, whose: str) -> None:
-    """Add --scenario, --safety-check, --traffic and --config; ``whose`` are the defaults."""
+    """Add --scenario, --safety-check, --traffic and --config; ``whose`` names the defaults."""
     parser.add_argument(
         "--scenario",
         metavar="DIR",
@@ -23,9 +23,7 @@ def driving(parser: argparse.ArgumentParser, whose: str) -> None:
         metavar="KIND",
         help=f"one of: {', '.join(TRAFFIC_KINDS)} (default: {whose} [traffic])",
     )
-    parser.add_argument(
-        "--config", metavar="FILE.toml", help=f"settings as TOML, laid over {whose}"
-    )
+    parser.add_argument("--config", metavar="FILE.toml", help=f"TOML settings that replace {whose}")
 
 
 def overridden(config: Config, options: argparse.Namespace) -> Config:

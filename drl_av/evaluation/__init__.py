@@ -1,4 +1,4 @@
-"""What one does with a driver."""
+"""The evaluation of drivers: comparison, statistics, recording and replay."""
 
 DENSITIES = (1, 5, 10, 15, 20, 25, 30)
-"""Numbers of vehicles that the published tables use."""
+"""The numbers of vehicles in the published tables."""

@@ -1,4 +1,4 @@
-"""Drivers compared on the same seeded traffic."""
+"""Comparison of drivers in the same seeded traffic."""
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -23,7 +23,7 @@ def drive_all(
     vehicles: Sequence[int],
     seeds: Sequence[int],
 ) -> Iterator[EpisodeResult]:
-    """Drive every driver through every number of vehicles and every seed, a row an episode."""
+    """Drive one episode for each number of vehicles, seed and driver; yields one row for each."""
     for number, seed, name in product(vehicles, seeds, drivers):
         yield drive(env, drivers[name], name, seed, number)
 
@@ -65,10 +65,10 @@ class Evaluation:
         return len(self._specs) * len(self._vehicles) * len(self._seeds)
 
     def rows(self, jobs: int = 1) -> Generator[EpisodeResult, None, None]:
-        """Drive; yields a row an episode, the same rows for any number of processes.
+        """Drive all episodes; yields one row for each, equal for any number of processes ``jobs``.
 
         Raises:
-            SimulationError: SUMO ended on its own, and its process with it where there are several.
+            SimulationError: SUMO ended unexpectedly, or ended its worker process.
         """
         if jobs > 1:
             yield from self._rows_of_processes(min(jobs, len(self)))
@@ -100,7 +100,7 @@ class Evaluation:
 def _equipped(
     config: Config, specs: tuple[DriverSpec, ...]
 ) -> tuple[HighwayEnv, dict[str, Driver]]:
-    """The environment and the drivers of a worker process, which keeps them."""
+    """The environment and the drivers of a worker process, cached for its next episodes."""
     return HighwayEnv(config=config), make_drivers(specs, config)
 
 

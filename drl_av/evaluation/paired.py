@@ -1,4 +1,4 @@
-"""A driver against its baselines on the same seeded traffic, episode by episode."""
+"""Paired comparison of a driver with baselines in the same seeded traffic."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from drl_av.files import Row
 
 
 class Speed(NamedTuple):
-    """The mean speed of an episode."""
+    """The mean speed of one driver in one episode."""
 
     driver: str
     vehicles: int
@@ -24,7 +24,7 @@ class Paired(NamedTuple):
     driver: str
     baseline: str
     best: bool
-    """The baseline is the fastest of them at this density."""
+    """Whether the baseline is the fastest baseline at this density."""
     episodes: int
     difference_m_s: Mean
     """The driver's mean speed minus the baseline's in the same traffic."""
@@ -35,7 +35,7 @@ class Paired(NamedTuple):
         return self.difference_m_s.value - self.difference_m_s.half_width
 
     def row(self) -> Row:
-        """As a row of a CSV file."""
+        """The gain as a row of a CSV file."""
         mean, half = self.difference_m_s
         return {
             "vehicles": str(self.vehicles),
@@ -51,17 +51,18 @@ class Paired(NamedTuple):
 
 
 def paired(episodes: Iterable[Speed], driver: str, baselines: Sequence[str]) -> list[Paired]:
-    """The driver's gain over each baseline at each density, with Student's t interval.
+    """The driver's gain in mean speed over each baseline at each density, with a 95 % t interval.
 
     Raises:
-        DrlAvError: two drivers did not drive the same seeds, each once.
+        DrlAvError: the drivers did not drive the same seeds, or drove a seed twice.
     """
     speeds: dict[int, dict[str, dict[int, float]]] = {}
     for row in episodes:
         own = speeds.setdefault(row.vehicles, {}).setdefault(row.driver, {})
         if row.seed in own:
             raise DrlAvError(
-                f"{row.driver} drove seed {row.seed} among {row.vehicles} vehicles twice."
+                f"{row.driver} drove seed {row.seed} among {row.vehicles} vehicles twice: "
+                "remove one of the rows."
             )
         own[row.seed] = row.mean_speed_m_s
     return [

@@ -1,4 +1,4 @@
-"""Worker processes that drive or train, on joblib's loky."""
+"""Worker processes for evaluations and trainings, by joblib's loky."""
 
 import os
 import signal
@@ -23,17 +23,17 @@ LOOKS_FOR_PARENT_EVERY_S = 1.0
 def workers(processes: int) -> Iterator[Submit]:
     """Start worker processes, and yield the function that submits a call to them.
 
-    ``submit(function, *arguments)`` returns a future; where a worker was killed, the results of all
-    futures that are still open raise ``BrokenProcessPool``. The workers ignore Ctrl-C, which a
-    terminal sends to every process, use one thread each, and end with the block or with this
-    process, even where that is killed.
+    ``submit(function, *arguments)`` returns a future. If a worker is killed, the results of all
+    open futures raise ``BrokenProcessPool``. The workers use one thread each and ignore Ctrl-C,
+    which a terminal sends to every process. They end with the block, or with this process even if
+    it is killed.
     """
     pool = ProcessPoolExecutor(
         processes, env=SINGLE_THREADED, initializer=_end_with, initargs=(os.getpid(),)
     )
 
     def submit(function: Callable[..., Any], *arguments: Any) -> "Future[Any]":
-        with _interrupts_ignored():  # a process begun meanwhile ignores them for good
+        with _interrupts_ignored():  # a worker that starts here inherits this
             future: Future[Any] = pool.submit(function, *arguments)
         return future
 

@@ -1,4 +1,4 @@
-"""A recorded episode: written, read, and followed to the last bit."""
+"""A recorded episode: write it, read it, and compare a replay with it exactly."""
 
 import hashlib
 import io
@@ -23,7 +23,7 @@ from drl_av.traffic.snapshot import Snapshot
 
 @dataclass(frozen=True)
 class Recording:
-    """An episode: the settings that determine it, and each vehicle's state at each decision."""
+    """An episode: the settings that determine it, and the vehicles at each decision."""
 
     config: Config
     driver: str
@@ -32,16 +32,16 @@ class Recording:
     proposed: npt.NDArray[np.int64]
     """Proposed action of each decision, shape (T,)."""
     states: FloatArray
-    """Shape (T + 1, 1 + N, 4): s, y, speed and lateral speed, the ego in row 0."""
+    """Shape (T + 1, 1 + N, 4): s, y, speed and lateral speed of each vehicle, the ego in row 0."""
     ego_model: EgoModel | None = None
-    """By which SUMO drove the ego; None where the proposals did."""
+    """The model with which SUMO drove the ego; None if the proposed actions did."""
 
     def hash(self) -> str:
-        """SHA-256 over all positions and speeds."""
+        """SHA-256 of all positions and speeds."""
         return hashlib.sha256(np.ascontiguousarray(self.states).tobytes()).hexdigest()
 
     def save(self, path: Path) -> None:
-        """Write the recording whole or not at all; raises DrlAvError where the disk refuses."""
+        """Write the recording completely or not at all; raises DrlAvError on failure."""
         parts: dict[str, Any] = {
             "config": np.array(self.config.to_toml()),
             "driver": np.array(self.driver),
@@ -71,7 +71,7 @@ def _ego_model(numbers: FloatArray) -> EgoModel:
 
 
 def load_recording(path: Path) -> Recording:
-    """Read a recording; raises RecordingError where it is missing, damaged or none."""
+    """Read a recording; raises RecordingError if it is missing, damaged or another kind of file."""
     if not path.is_file():
         raise RecordingError(f"There is no recording {path}: check the path.")
     try:
@@ -87,7 +87,7 @@ def load_recording(path: Path) -> Recording:
             parts["states"],
             _ego_model(parts["ego_model"]) if "ego_model" in parts else None,
         )
-    except Exception as error:  # whatever the readers of zip, zlib and npy stumble over
+    except Exception as error:  # the readers of zip, zlib and npy raise many classes
         raise RecordingError(
             f"{path} is no recording of this version, or is damaged "
             f"({str(error).rstrip('.') or type(error).__name__}): record the episode again."
@@ -101,34 +101,34 @@ def load_recording(path: Path) -> Recording:
 
 
 class RecordedDriver:
-    """Proposes what was proposed when the episode was recorded."""
+    """A driver that proposes the recorded actions again."""
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
 
     def start(self, seed: int) -> None:
-        """Back to the first decision."""
+        """Return to the first decision."""
         self._next: Iterator[int] = iter(self._recording.proposed.tolist())
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The next recorded proposal; raises RecordingError when there is none left."""
+        """The next recorded proposal; raises RecordingError after the last one."""
         try:
             return ACTIONS[next(self._next)]
         except (StopIteration, IndexError) as error:
             raise RecordingError(
-                "The recording ended before the episode did: it was made with another version."
+                "The recording ends before the episode: it was made with another version."
             ) from error
 
 
 class Recorder:
-    """Keeps an episode, decision by decision."""
+    """Records an episode, decision by decision."""
 
     def __init__(self) -> None:
         self._states: list[FloatArray] = []
         self._proposed: list[int] = []
 
     def add(self, decision: Decision) -> None:
-        """Keep one more decision."""
+        """Record one more decision."""
         if not self._states:
             self._states.append(states_of(decision.scene.snapshot))
         self._states.append(states_of(decision.next_scene.snapshot))
@@ -137,7 +137,7 @@ class Recorder:
     def recording(
         self, config: Config, driver: str, seed: int, ego_model: EgoModel | None = None
     ) -> Recording:
-        """The episode so far, with what made it."""
+        """The recording of the episode so far, with the settings that determine it."""
         return Recording(
             config,
             driver,
@@ -163,7 +163,7 @@ class Follower:
         self._compare(decision.next_scene)
 
     def end(self) -> None:
-        """Raises RecordingError where the recording goes on after the episode's end."""
+        """Raises RecordingError if the recording has more decisions than the episode."""
         if self._compared < len(self._expected):
             raise self._left(self._compared - 1)
 
@@ -175,8 +175,8 @@ class Follower:
 
     def _left(self, decision: int) -> RecordingError:
         return RecordingError(
-            f"The replay left the recording at decision {decision}: it was made with another "
-            "scenario, another version of SUMO or of drl-av, or on another platform."
+            f"The replay differs from the recording at decision {decision}: it was made with "
+            "another scenario, another version of SUMO or of drl-av, or on another platform."
         )
 
 

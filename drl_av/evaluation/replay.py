@@ -1,4 +1,4 @@
-"""Watching an episode again: recorded, and followed to the last bit."""
+"""Replay of an episode: in sumo-gui, as a video or as a page; a recording is repeated exactly."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -28,14 +28,14 @@ Watcher = Callable[[Decision], None]
 
 
 class Pacer:
-    """Lets an episode run at ``rate`` times real time, for sumo-gui."""
+    """Slows an episode in sumo-gui down to ``rate`` times real time."""
 
     def __init__(self, rate: float) -> None:
         self._pause_s = 1.0 / rate
         self._due_s: float | None = None
 
     def __call__(self, decision: Decision) -> None:
-        """Show the scene after the decision for as long as it lasts."""
+        """Wait until the time for this decision is over."""
         now = time.monotonic()
         last_s = now if self._due_s is None else self._due_s
         self._due_s = max(now, last_s + self._pause_s)
@@ -43,14 +43,14 @@ class Pacer:
 
 
 class Film:
-    """Keeps an episode's scenes and captions, and writes a video of them."""
+    """Collects the scenes of an episode, and writes a video of them."""
 
     def __init__(self, driver: str, road: Road) -> None:
         self._driver, self._road = driver, road
         self._decisions: list[Decision] = []
 
     def __call__(self, decision: Decision) -> None:
-        """Keep one more decision."""
+        """Add one more decision."""
         self._decisions.append(decision)
 
     def write(self, path: Path, fps: int = 20, rate: float = 2.0) -> int:
@@ -68,7 +68,7 @@ class Film:
 
 
 class Page:
-    """Keeps an episode, and writes it as one HTML file that plays in a browser."""
+    """Collects an episode, and writes it as one HTML file that plays in a browser."""
 
     def __init__(self, title: str, road: Road, driver: Driver) -> None:
         self._title, self._road = title, road
@@ -77,7 +77,7 @@ class Page:
         self._decisions: list[PageDecision] = []
 
     def __call__(self, decision: Decision) -> None:
-        """Keep one more decision, with the driver's Q-values where it has any."""
+        """Add one more decision, with the driver's Q-values if it has any."""
         if not self._snapshots:
             self._snapshots.append(decision.scene.snapshot)
         self._snapshots.append(decision.next_scene.snapshot)
@@ -94,32 +94,32 @@ class Page:
         self._decisions.append(made)
 
     def write(self, path: Path) -> None:
-        """Write the page; raises DrlAvError where the file cannot be written."""
+        """Write the page; raises DrlAvError if the file cannot be written."""
         write_page(path, self._title, self._road, self._snapshots, self._decisions)
 
 
 @dataclass(frozen=True)
 class ReplaySession:
-    """An episode that can be watched; it follows ``recording`` to the last bit where it has one."""
+    """An episode to show; it must repeat ``recording`` exactly if there is one."""
 
     config: Config
     driver: Driver
     name: str
     seed: int
     vehicles: int | None
-    """None: as many as the scenario places, or 15."""
+    """Number of other vehicles; None is the number that the scenario places, or else 15."""
     recording: Recording | None = None
 
     @property
     def road(self) -> Road:
-        """The road of its scenario."""
+        """The road of the episode's scenario."""
         return load_scenario(find_scenario(self.config.simulation.scenario)).road
 
     def drive(self, render_mode: str | None, *watchers: Watcher) -> tuple[Recording, EpisodeResult]:
-        """Drive and record it; each watcher is called with each decision.
+        """Drive and record the episode; call each watcher with each decision.
 
         Raises:
-            RecordingError: it left the recording that it must follow.
+            RecordingError: the episode differs from the recording that it must repeat.
         """
         recorder, metrics = Recorder(), EpisodeMetrics()
         follower = None if self.recording is None else Follower(self.recording)
@@ -139,7 +139,7 @@ class ReplaySession:
 
 
 def replay_session(recording: Recording) -> ReplaySession:
-    """The recorded episode, to the last bit."""
+    """The session that repeats a recorded episode exactly."""
     model = recording.ego_model
     driver = RecordedDriver(recording) if model is None else SumoDriver(model)
     return ReplaySession(

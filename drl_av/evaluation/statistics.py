@@ -23,7 +23,7 @@ class Mean(NamedTuple):
 
 
 def mean_with_interval(values: Iterable[float]) -> Mean:
-    """Student's t interval over independent episodes; infinite half-width for a single one."""
+    """Mean and Student's t interval of independent values; infinite half-width for one value."""
     from scipy import stats
 
     sample = np.array(list(values), dtype=float)
@@ -35,7 +35,7 @@ def mean_with_interval(values: Iterable[float]) -> Mean:
 
 
 class Summary(NamedTuple):
-    """One driver at one density."""
+    """The statistics of one driver at one density."""
 
     driver: str
     safety_check: str
@@ -50,7 +50,7 @@ class Summary(NamedTuple):
 
 
 def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
-    """A summary for each driver and number of vehicles, in the order of their first row."""
+    """One summary for each driver and number of vehicles, in the order of their first rows."""
     groups: dict[tuple[int, str, str], list[EpisodeResult]] = {}
     for row in rows:
         groups.setdefault((row.vehicles, row.driver, row.safety_check), []).append(row)
@@ -72,7 +72,7 @@ def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
 
 
 def write_summaries(path: Path, summaries: Iterable[Summary]) -> None:
-    """Write a JSON list, an object a summary; raises DrlAvError where the disk refuses."""
+    """Write a JSON list with one object per summary; raises DrlAvError if it cannot be written."""
     objects = [
         {name: _plain(value) for name, value in summary._asdict().items()} for summary in summaries
     ]
@@ -80,7 +80,7 @@ def write_summaries(path: Path, summaries: Iterable[Summary]) -> None:
 
 
 def _plain(value: object) -> object:
-    """JSON has no infinity: the half-width of a single episode is null."""
+    """A value for JSON, which has no infinity: the half-width of a single episode is null."""
     if not isinstance(value, Mean):
         return value
     known = math.isfinite(value.half_width)

@@ -62,20 +62,20 @@ def test_equal_recordings_are_equal_bytes(recording: Recording, file: Path) -> N
 def test_position_that_differs_in_its_last_bit_is_noticed(recording: Recording) -> None:
     states = recording.states.copy()
     states[5, 9, 0] = np.nextafter(states[5, 9, 0], np.inf)
-    with pytest.raises(RecordingError, match="left the recording at decision 5"):
+    with pytest.raises(RecordingError, match="differs from the recording at decision 5"):
         replay_session(replace(recording, states=states)).drive(None)
 
 
 def test_other_actions_leave_the_recording(recording: Recording) -> None:
     accelerate, hard_brake = 1, 3
     other = np.where(recording.proposed == hard_brake, accelerate, hard_brake)
-    with pytest.raises(RecordingError, match="left the recording at decision 1"):
+    with pytest.raises(RecordingError, match="differs from the recording at decision 1"):
         replay_session(replace(recording, proposed=other)).drive(None)
 
 
 def test_recording_of_another_config_is_left(recording: Recording) -> None:
     other = SHORT.updated("ego", brake_m_s2=1.0, accelerate_m_s2=1.0)
-    with pytest.raises(RecordingError, match="left the recording at decision"):
+    with pytest.raises(RecordingError, match="differs from the recording at decision"):
         replay_session(replace(recording, config=other)).drive(None)
 
 
@@ -83,10 +83,10 @@ def test_recording_that_is_longer_or_shorter_than_the_episode_is_noticed(
     recording: Recording,
 ) -> None:
     shorter = SHORT.updated("simulation", decisions_per_episode=9)
-    with pytest.raises(RecordingError, match="left the recording at decision 9"):
+    with pytest.raises(RecordingError, match="differs from the recording at decision 9"):
         replay_session(replace(recording, config=shorter)).drive(None)
     longer = SHORT.updated("simulation", decisions_per_episode=13)
-    with pytest.raises(RecordingError, match="ended before the episode did"):
+    with pytest.raises(RecordingError, match="ends before the episode"):
         replay_session(replace(recording, config=longer)).drive(None)
 
 

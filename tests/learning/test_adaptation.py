@@ -271,7 +271,7 @@ def test_ctrl_c_saves_and_says_how_to_go_on(
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["idm"], "idm drives by rule and cannot learn"),
+        (["idm"], "idm is a rule-based driver and cannot learn"),
         (["imd"], "did you mean 'idm'"),
         (["."], "holds no trained driver"),
         (["--learning-rate", "2"], "learning.learning_rate is 2.0, but must be from 0 to 1"),
