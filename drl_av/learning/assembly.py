@@ -1,4 +1,4 @@
-"""A training put together from its settings, and begun anew or from a trained driver."""
+"""Builds a training from its settings, and starts it from a trained driver if requested."""
 
 from functools import partial
 from pathlib import Path
@@ -26,13 +26,13 @@ from drl_av.learning.training import Training, Variant, draw_seed, learner_names
 
 
 def make_training(env: HighwayEnv) -> Training:
-    """Algorithm 1 with the settings of the environment's config, before its first episode.
+    """A new training by Algorithm 1, with the settings of the environment's config.
 
-    Everything random in it is drawn from one generator, seeded with ``learning.seed``.
+    All its random numbers come from one generator, seeded with ``learning.seed``.
 
     Raises:
-        ConfigError: ``traffic.vehicles_max`` vehicles do not fit on the road; or the training is
-            to learn from mirrored scenes where the reward differs in the mirror.
+        ConfigError: ``traffic.vehicles_max`` vehicles do not fit on the road; or ``mirrored`` is
+            set, but the reward of a scene and of its mirror image differ.
     """
     env.require_room()
     require_symmetry(env.config, env.road)
@@ -54,7 +54,7 @@ def make_training(env: HighwayEnv) -> Training:
 
 
 def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
-    """The empty buffer that ``config.replay`` names; a single one takes rows of both kinds."""
+    """An empty experience buffer of the kind ``config.replay``."""
     capacity = config.safe_capacity + config.collision_capacity
     if config.replay == "uniform":
         return UniformBuffer(observation_size, capacity, config.discount)
@@ -77,7 +77,7 @@ def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
 
 
 def make_store(buffer: Buffer, env: HighwayEnv, rng: np.random.Generator) -> Store:
-    """How decisions go into the buffer under the environment's settings."""
+    """The function that stores a decision in the buffer, by the environment's settings."""
     config: Config = env.config
     store = (StoreWithPenalty if config.learning.unsafe_penalty else StoreDecision)(buffer, config)
     if config.learning.counterfactuals:
@@ -86,12 +86,11 @@ def make_store(buffer: Buffer, env: HighwayEnv, rng: np.random.Generator) -> Sto
 
 
 def warm_start(training: Training, policy_file: Path) -> bool:
-    """Begin a training from a trained driver, and return whether its experience came along.
+    """Start a training from a trained driver; returns whether its experience was available.
 
-    From a run's own ``policy.safetensors`` Algorithm 1 goes on where the run's checkpoint left
-    it: each network and its target, Adam's moments and the experience. Without a checkpoint, or
-    for a policy file of another name, each network and its target are the policy's, and the
-    buffers are empty.
+    If the policy file is the ``policy.safetensors`` of a run with a checkpoint, the training
+    continues with the checkpoint's networks, target networks, Adam moments and experience.
+    Otherwise the networks and target networks are those of the policy, and the buffers are empty.
 
     Raises:
         CheckpointError: a file is damaged, or does not fit the settings of this training.

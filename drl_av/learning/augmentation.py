@@ -1,4 +1,4 @@
-"""More experience from a decision: the mirrored scene, and actions that were not taken (ours)."""
+"""Data augmentation: mirrored scenes, and the outcomes of actions that were not taken (ours)."""
 
 from collections.abc import Iterable
 
@@ -18,7 +18,7 @@ from drl_av.traffic.road import Road
 
 
 def require_symmetry(config: Config, road: Road) -> None:
-    """Raise ConfigError where the reward differs in the mirror: y_des fixed, off the middle."""
+    """Raise ConfigError if the reward is not symmetric: a fixed y_des off the road's middle."""
     middle_m = road.center_m(len(road.open_lanes) - 1) / 2
     fixed = config.learning.mirrored and config.reward.desired == "fixed"
     if fixed and config.reward.desired_lateral_m != middle_m:
@@ -29,15 +29,15 @@ def require_symmetry(config: Config, road: Road) -> None:
 
 
 def unchanged(batch: Batch) -> Batch:
-    """The batch itself: Algorithm 1 learns from the road as it is."""
+    """Return the batch without a change, as in Algorithm 1."""
     return batch
 
 
 def mirror_half(batch: Batch, mirror: Mirror = MIRROR) -> Batch:
-    """Mirror every second row of a batch in place, left and right swapped, and return it.
+    """Exchange left and right in every second row of a batch, in place, and return the batch.
 
-    Rows of the safe and of the collision buffer lie together in a batch, so half of each is
-    mirrored. Rewards stay: the road is as good in the mirror.
+    The rows of the safe buffer precede those of the collision buffer, so half of each is mirrored.
+    The rewards do not change, because the reward is symmetric.
     """
     for s in (batch.s_t, batch.s_tp1):
         s[::2] = mirrored_observations(s[::2], mirror)
@@ -46,10 +46,10 @@ def mirror_half(batch: Batch, mirror: Mirror = MIRROR) -> Batch:
 
 
 class StoreCounterfactuals:
-    """Stores each decision, and beside it some of the actions that were not taken.
+    """Stores each decision, and the computed outcomes of some actions that were not taken.
 
-    ``learning.counterfactuals`` actions are drawn a decision; of these, the proposed and the
-    executed one are left out. After a collision no other outcome is known.
+    It draws ``learning.counterfactuals`` actions for each decision, and omits the proposed and the
+    executed one. After a collision it stores none, because their outcomes are not known.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class StoreCounterfactuals:
         self._store, self._buffer, self._env, self._rng = store, buffer, env, rng
 
     def __call__(self, decision: Decision) -> None:
-        """Store the decision, then the others."""
+        """Store the decision, then the outcomes of other actions."""
         self._store(decision)
         if decision.terminated:
             return
@@ -72,13 +72,13 @@ class StoreCounterfactuals:
 def store_counterfactuals(
     buffer: Buffer, env: HighwayEnv, decision: Decision, others: Iterable[Action]
 ) -> None:
-    """Store the outcomes of actions that were not taken, where they are known.
+    """Store the outcomes of actions that were not taken, if they are known.
 
-    An action that the check replaces goes into Buf_C, as in Algorithm 1, line 6, and so does one
-    that leaves the open lanes; the others lead where ``affordances_after`` puts the ego, among
-    the vehicles as they moved around the executed action. Under ``learning.unsafe_penalty`` an
-    action that the check replaces leads where its replacement would have led. Where the ego would
-    have collided with a vehicle the outcome is not known, and nothing is stored.
+    An action that the check replaces goes into Buf_C, as in Algorithm 1, line 6, and so does an
+    action that leaves the open lanes. For the others ``affordances_after`` computes the next state,
+    with the motion of the other vehicles as it was. With ``learning.unsafe_penalty`` an action that
+    the check replaces has the next state of its replacement. The outcome is not known if the ego
+    would have collided with a vehicle; nothing is stored then.
     """
     config, before, s_t = env.config, decision.scene, decision.observation
     after, penalty = decision.next_scene.affordances, config.learning.unsafe_penalty

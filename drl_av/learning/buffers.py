@@ -1,6 +1,6 @@
-"""Experience: the safe and the collision buffer of Algorithm 1, or a single buffer.
+"""Experience buffers: the safe and the collision buffer of Algorithm 1, and a single buffer.
 
-A terminal row has discount 0, any other row gamma.
+The discount of each row is stored: 0 for a terminal row with reward r_col, gamma for any other row.
 """
 
 from typing import NamedTuple, Protocol
@@ -14,10 +14,10 @@ from drl_av.errors import CheckpointError
 
 
 class Batch(NamedTuple):
-    """Rows to learn from, in arrays that the caller may change.
+    """A minibatch of transitions; its arrays are copies, which the caller may change.
 
-    ``weights`` (rows,) scales each row's squared error, None for 1; ``slots`` (rows,) says where
-    a prioritized buffer keeps the rows.
+    ``weights``, shape (rows,), scales the squared error of each row; None is 1. ``slots``, shape
+    (rows,), holds the places of the rows in a prioritized buffer.
     """
 
     s_t: Float32Array
@@ -30,9 +30,9 @@ class Batch(NamedTuple):
 
 
 class Ring:
-    """The newest ``capacity`` transitions, one float32 row each: s_t, s_tp1, a_t, r_tp1, discount.
+    """A ring buffer of the newest ``capacity`` transitions.
 
-    Memory is taken as rows come in.
+    Each is one float32 row: s_t, s_tp1, a_t, r_tp1, discount. Memory grows with the rows.
     """
 
     def __init__(self, capacity: int, observation_size: int) -> None:
@@ -52,7 +52,7 @@ class Ring:
         discount: float,
         s_tp1: Float32Array | float,
     ) -> int:
-        """Store a transition over the oldest one when full; returns its slot."""
+        """Store a transition, in place of the oldest one if the ring is full; returns its slot."""
         slot, n = self.next_slot, self.observation_size
         row = self.rows[slot]
         row[:n] = s_t
@@ -63,20 +63,20 @@ class Ring:
         return slot
 
     def draw(self, count: int, rng: np.random.Generator) -> Float32Array:
-        """``count`` of the stored rows, uniformly and with replacement."""
+        """Draw ``count`` stored rows uniformly, with replacement."""
         drawn: Float32Array = self.rows.take(rng.integers(0, self.filled, count), axis=0)
         return drawn
 
     def endings(self) -> int:
-        """How many of the stored rows have discount 0."""
+        """Number of stored rows with discount 0."""
         return self.filled - int(np.count_nonzero(self.rows[: self.filled, -1]))
 
     def state(self) -> State:
-        """A copy of the stored rows, slot by slot, and the slot that comes next."""
+        """A copy of the stored rows in the order of their slots, and the next slot."""
         return {"rows": self.rows[: self.filled].copy(), "next_slot": np.array(self.next_slot)}
 
     def restore(self, state: State) -> None:
-        """Go on from ``state`` exactly.
+        """Restore the ring exactly from the result of ``state``.
 
         Raises:
             CheckpointError: the rows do not fit a ring of this capacity and observation size.
@@ -101,7 +101,7 @@ class Ring:
 
 
 def batch_of(rows: Float32Array, observation_size: int) -> Batch:
-    """Rows of a ring, (rows, 2 n + 3), cut into the parts of a transition."""
+    """A batch of rows of a ring, shape (rows, 2 n + 3), where n is the observation size."""
     n = observation_size
     return Batch(
         s_t=rows[:, :n],
@@ -113,7 +113,7 @@ def batch_of(rows: Float32Array, observation_size: int) -> Batch:
 
 
 class Buffer(Protocol):
-    """What the training loop needs of an experience buffer."""
+    """The interface of an experience buffer."""
 
     def __len__(self) -> int: ...
     @property
@@ -125,20 +125,20 @@ class Buffer(Protocol):
     def restore(self, state: State) -> None: ...
 
     def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store an unsafe proposal that is not terminal, like any safe row (ours)."""
+        """Store an unsafe proposal with the outcome of the executed action; a safe row (ours)."""
         self.add_safe(s_t, a_t, r_tp1, s_tp1)
 
     def anneal(self, progress: float) -> None:
-        """Adjust to the progress of the training, from 0 to 1; does nothing unless overridden."""
+        """Adapt the buffer to the training's ``progress``, from 0 to 1; by default do nothing."""
         return None
 
     def update_priorities(self, batch: Batch, td_errors: Float32Array) -> None:
-        """Take note of the errors of a sampled batch, (rows,); does nothing unless overridden."""
+        """Take the TD errors of a sampled batch, shape (rows,); by default do nothing."""
         return None
 
 
 class TwoBuffers(Buffer):
-    """Buf_S and Buf_C; a batch takes a fixed share of its rows from each, once neither is empty."""
+    """Buf_S and Buf_C; a fixed share of each batch comes from Buf_C, if both have rows."""
 
     def __init__(
         self,
@@ -158,23 +158,23 @@ class TwoBuffers(Buffer):
 
     @property
     def collisions(self) -> int:
-        """Rows of Buf_C."""
+        """Number of rows in Buf_C."""
         return len(self.collision)
 
     def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Algorithm 1, line 11: (s_t, a_t, s_tp1, r_tp1) into Buf_S."""
+        """Store (s_t, a_t, s_tp1, r_tp1) in Buf_S. Algorithm 1, line 11."""
         self.safe.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
     def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
-        """Algorithm 1, lines 6 and 9: (s_t, a_t, *, r_col) into Buf_C."""
+        """Store (s_t, a_t, *, r_col) in Buf_C. Algorithm 1, lines 6 and 9."""
         self.collision.append(s_t, a_t, r_col, 0.0, 0.0)
 
     def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store an unsafe proposal that is not terminal in Buf_C (ours)."""
+        """Store an unsafe proposal with the outcome of the executed action in Buf_C (ours)."""
         self.collision.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
-        """Algorithm 1, line 13: a minibatch from Buf_S and Buf_C, the safe rows first.
+        """Draw a minibatch from Buf_S and Buf_C, the safe rows first. Algorithm 1, line 13.
 
         Raises:
             ValueError: both buffers are empty.
@@ -219,7 +219,7 @@ class UniformBuffer(Buffer):
 
     @property
     def collisions(self) -> int:
-        """Stored rows of discount 0."""
+        """Number of stored rows with discount 0."""
         return self.ring.endings()
 
     def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
@@ -231,7 +231,7 @@ class UniformBuffer(Buffer):
         self.ring.append(s_t, a_t, r_col, 0.0, 0.0)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
-        """A minibatch of any rows; raises ValueError when there are none."""
+        """Draw a minibatch; raises ValueError if the buffer is empty."""
         return batch_of(self.ring.draw(batch_size, rng), self.ring.observation_size)
 
     def state(self) -> State:

@@ -1,4 +1,4 @@
-"""Writing checkpoints and policies, whole or not at all, and the state of generators."""
+"""Writes checkpoints and policies atomically, and stores the state of random generators."""
 
 import contextlib
 import json
@@ -57,9 +57,9 @@ def _sync_folder(folder: Path) -> None:
 
 
 def save_policy(path: Path, networks: Sequence[QNetwork], config: Config) -> None:
-    """Write a network's named tensors and the config that built it; raises CheckpointError.
+    """Write the tensors of networks by name, and their config; raises CheckpointError.
 
-    The tensors of several networks are stacked along a new first axis.
+    The tensors of several networks have an additional first axis.
     """
     named = [network.tensors() for network in networks]
     tensors = {name: np.stack([own[name] for own in named]) for name in named[0]}
@@ -69,13 +69,13 @@ def save_policy(path: Path, networks: Sequence[QNetwork], config: Config) -> Non
 
 
 def rng_to_json(rng: np.random.Generator) -> dict[str, Any]:
-    """The state of a generator as JSON can hold it."""
+    """The state of a random generator as a JSON object."""
     state: dict[str, Any] = dict(rng.bit_generator.state)
     return state
 
 
 def restore_rng(rng: np.random.Generator, state: dict[str, Any]) -> None:
-    """Let a generator go on from the state that ``rng_to_json`` returned.
+    """Restore a random generator from the state that ``rng_to_json`` returned.
 
     Raises:
         CheckpointError: it is the state of another kind of generator.

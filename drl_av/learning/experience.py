@@ -1,4 +1,4 @@
-"""How each decision becomes experience: Algorithm 1, lines 6 and 8 to 12."""
+"""Stores each decision as experience: Algorithm 1, lines 6 and 8 to 12."""
 
 from collections.abc import Callable
 
@@ -8,14 +8,14 @@ from drl_av.env.reward import speed_bonus
 from drl_av.learning.buffers import Buffer
 
 Store = Callable[[Decision], None]
-"""Puts a decision into the buffers."""
+"""A function that stores a decision in the buffers."""
 
 
 class StoreDecision:
-    """Stores an unsafe proposal and a collision in Buf_C, every executed action in Buf_S.
+    """Stores unsafe proposals and collisions in Buf_C, and other executed actions in Buf_S.
 
-    An unsafe proposal is terminal with r_col, as in Algorithm 1. Ours: ``learning.speed_weight``
-    adds a bonus for speed to the stored reward.
+    An unsafe proposal is terminal with reward r_col, as in Algorithm 1. Ours: with
+    ``learning.speed_weight`` the stored reward has an additional bonus for speed.
     """
 
     def __init__(self, buffer: Buffer, config: Config) -> None:
@@ -24,7 +24,7 @@ class StoreDecision:
         self._speed_weight = config.learning.speed_weight
 
     def __call__(self, decision: Decision) -> None:
-        """Lines 6 and 8 to 12."""
+        """Store a decision. Algorithm 1, lines 6 and 8 to 12."""
         speed_m_s = decision.next_scene.affordances.ego_speed_m_s
         r_tp1 = decision.reward + speed_bonus(speed_m_s, self._ego, self._speed_weight)
         s_t, executed = decision.observation, decision.executed.number
@@ -36,14 +36,14 @@ class StoreDecision:
             self._buffer.add_safe(s_t, executed, r_tp1, decision.next_observation)
 
     def store_unsafe(self, decision: Decision, r_tp1: float) -> None:
-        """Line 6: the unsafe proposal is terminal with r_col."""
+        """Store an unsafe proposal as terminal with reward r_col. Algorithm 1, line 6."""
         self._buffer.add_collision(decision.observation, decision.proposed.number, self._r_col)
 
 
 class StoreWithPenalty(StoreDecision):
-    """An unsafe proposal leads where the action executed instead led, less a penalty (ours).
+    """Stores an unsafe proposal with the outcome of the executed action and a penalty (ours).
 
-    It is terminal with r_col only where the executed action collides.
+    It is terminal with reward r_col only if the executed action collides.
     """
 
     def __init__(self, buffer: Buffer, config: Config) -> None:
@@ -51,7 +51,7 @@ class StoreWithPenalty(StoreDecision):
         self._penalty = config.learning.unsafe_penalty
 
     def store_unsafe(self, decision: Decision, r_tp1: float) -> None:
-        """The proposal with the reward and the next state of what was executed."""
+        """Store the proposal with the next state and the reward of the executed action."""
         if decision.terminated:
             super().store_unsafe(decision, r_tp1)
             return

@@ -1,4 +1,4 @@
-"""Algorithm 1, line 5: how much the driver explores, and how."""
+"""Epsilon-greedy exploration and its schedule. Algorithm 1, line 5."""
 
 from collections.abc import Callable
 from functools import partial
@@ -15,10 +15,10 @@ from drl_av.driving.scene import Scene
 def linear_epsilon(
     episode: int, episodes: int, start: float = 1.0, end: float = 0.2, fraction: float = 0.7
 ) -> float:
-    """The share of random actions in an episode counted from 0.
+    """The probability of a random action in an episode; episodes are counted from 0.
 
-    Sec. IV-C: falls linearly from ``start`` to ``end`` over ``fraction`` of the episodes, and
-    stays there.
+    Sec. IV-C: it decreases linearly from ``start`` to ``end`` over ``fraction`` of the episodes,
+    and is constant afterwards.
     """
     progress = min(1.0, episode / (fraction * episodes))
     return (1.0 - progress) * start + progress * end
@@ -27,9 +27,9 @@ def linear_epsilon(
 def epsilon_greedy(
     epsilon: float, action_size: int, greedy: Callable[[], int], rng: np.random.Generator
 ) -> int:
-    """A random action with probability ``epsilon``, else the greedy one.
+    """A random action with probability ``epsilon``, else the greedy action.
 
-    Algorithm 1, line 5. ``greedy`` is called only if its action is taken.
+    Algorithm 1, line 5. The function is called for the greedy action only if it is needed.
     """
     if rng.random() < epsilon:
         return int(rng.integers(action_size))
@@ -37,21 +37,21 @@ def epsilon_greedy(
 
 
 class GreedyDriver(Driver, Protocol):
-    """A driver whose greedy action Algorithm 1 asks for."""
+    """A driver with a method for the greedy action, which Algorithm 1 needs."""
 
     def greedy(self, s_t: Float32Array) -> int:
-        """argmax_a Q(s_t, a) of a scaled observation, shape (27,)."""
+        """The greedy action argmax_a Q(s_t, a) for a scaled observation, shape (27,)."""
 
 
 class ExploringDriver:
-    """Epsilon-greedy around another driver; ``epsilon`` may be set before each episode."""
+    """Adds epsilon-greedy exploration to a driver; set ``epsilon`` before each episode."""
 
     def __init__(self, driver: GreedyDriver, rng: np.random.Generator) -> None:
         self._driver, self._rng = driver, rng
         self.epsilon = 1.0
 
     def start(self, seed: int) -> None:
-        """Draws go on from the generator of the training, whatever the seed of the traffic."""
+        """Do nothing; the random numbers come from the training's generator, not from ``seed``."""
 
     def act(self, scene: Scene, observation: Float32Array) -> Action:
         """A random action with probability ``epsilon``, else the greedy one."""

@@ -1,7 +1,7 @@
-"""One gradient step of Algorithm 1, lines 14 and 15.
+"""One gradient step of Algorithm 1, lines 14 and 15: pure functions, and the state of a learner.
 
-Both passes are written out in numpy because autograd costs more than the arithmetic of 64 rows;
-torch is there for its fused step of Adam.
+The forward and backward passes are written in numpy, because for 64 rows autograd and the calls of
+torch cost more time than the arithmetic.
 """
 
 from typing import NamedTuple
@@ -25,9 +25,10 @@ def double_q_target(
     q_next_online: Float32Array,
     q_next_target: Float32Array,
 ) -> Float32Array:
-    """r + discount * Q^(s', argmax_a Q(s', a)): the online network selects, the target values.
+    """The target of double Q-learning, r + discount * Q^(s', argmax_a Q(s', a)), shape (rows,).
 
-    Algorithm 1, line 14, sample from Buf_S. Shapes: (rows,), (rows,), and twice (rows, actions).
+    The online network Q selects the next action, and the target network Q^ evaluates it.
+    Algorithm 1, line 14. The arguments have shapes (rows,), (rows,) and twice (rows, actions).
     """
     a_next = q_next_online.argmax(axis=1)
     target: Float32Array = r_tp1 + discount * q_next_target[np.arange(len(a_next)), a_next]
@@ -35,7 +36,7 @@ def double_q_target(
 
 
 def td_error(target: Float32Array, q_t: Float32Array, a_t: NDArray[np.int64]) -> Float32Array:
-    """y - Q(s, a): how far the target lies above the value, (rows,).
+    """The TD error, target minus value, y - Q(s, a), shape (rows,).
 
     Algorithm 1, line 15. Shapes: (rows,), (rows, actions), (rows,).
     """
@@ -43,7 +44,7 @@ def td_error(target: Float32Array, q_t: Float32Array, a_t: NDArray[np.int64]) ->
 
 
 def q_gradient(weighted_td: Float32Array, a_t: NDArray[np.int64], action_size: int) -> Float32Array:
-    """The derivative of mean (y - Q(s, a))^2 by every Q(s, .): 0 except at the action taken.
+    """The derivative of mean (y - Q(s, a))^2 by Q(s, .); zero except for the action a.
 
     Algorithm 1, line 15. Shapes: (rows,), (rows,); returns (rows, action_size).
     """
@@ -55,9 +56,9 @@ def q_gradient(weighted_td: Float32Array, a_t: NDArray[np.int64], action_size: i
 def backward(
     layers: Layers, entered: list[Float32Array], dq: Float32Array, gradients: Layers
 ) -> None:
-    """Write the gradient of every weight and bias into ``gradients``, by the chain rule.
+    """Compute the gradient of all weights and biases, and write it into ``gradients``.
 
-    Shapes: ``entered`` as from ``forward``, ``dq`` (rows, actions).
+    ``entered`` is the result of ``forward``; ``dq`` has shape (rows, actions).
     """
     dz = dq
     for i in reversed(range(len(layers))):
@@ -70,7 +71,7 @@ def backward(
 
 
 class Update(NamedTuple):
-    """What a gradient step found, before it changed the network."""
+    """The result of a gradient step, computed before the step changes the network."""
 
     loss: float
     """The mean of the weighted squared errors."""
@@ -79,10 +80,10 @@ class Update(NamedTuple):
 
 
 class Learner:
-    """The online and the target network and Adam's moments; learns a batch at a time.
+    """The online network, the target network and the moments of Adam.
 
-    Sets numpy and torch to one thread for the whole process: at this size more threads are
-    slower, and one keeps the order of sums the same from run to run.
+    It sets numpy and torch to one thread permanently: more threads are slower for networks of this
+    size, and one thread adds numbers in the same order in each run.
     """
 
     def __init__(self, network: QNetwork, learning_rate: float = 1e-4) -> None:
@@ -106,9 +107,9 @@ class Learner:
         return int(self._step)
 
     def update(self, batch: Batch) -> Update:
-        """One step of Adam on the squared error of a batch.
+        """Make one step of Adam on the mean squared error of a batch.
 
-        Algorithm 1, lines 14 and 15. The next state of a row without a discount is never read.
+        Algorithm 1, lines 14 and 15. The next state of a row with discount 0 is not used.
         """
         rows = len(batch.a_t)
         goes_on = batch.discount.nonzero()[0]
@@ -129,7 +130,7 @@ class Learner:
         return Update(float(weighted_td.dot(td)) / rows, td)
 
     def _adam(self) -> None:
-        """The step of torch.optim.Adam(fused=True), by the function under it at half the cost."""
+        """The step of torch.optim.Adam(fused=True), without its overhead of half the time."""
         adam(
             [self._online],
             [self._gradient],
@@ -148,7 +149,7 @@ class Learner:
         )
 
     def sync_target(self) -> None:
-        """Q^ = Q. Algorithm 1, line 16."""
+        """Copy the online network to the target network, Q^ = Q. Algorithm 1, line 16."""
         self._target.copy_(self._online)
 
     def _tensors(self) -> dict[str, Tensor]:
@@ -161,14 +162,14 @@ class Learner:
         }
 
     def state(self) -> State:
-        """A copy of all that the next update depends on, except the batch."""
+        """A copy of the learner's state, on which the next update depends."""
         return {name: tensor.numpy().copy() for name, tensor in self._tensors().items()}
 
     def restore(self, state: State) -> None:
-        """Go on from ``state`` exactly.
+        """Restore the learner exactly from the result of ``state``.
 
         Raises:
-            CheckpointError: a tensor is missing, or of another shape or type than this network's.
+            CheckpointError: a tensor is missing, or its shape or type is wrong for this network.
         """
         for name, tensor in self._tensors().items():
             stored = state.get(name)

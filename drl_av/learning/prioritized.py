@@ -1,6 +1,6 @@
 """Prioritized experience replay (Schaul et al. 2015), the proportional variant.
 
-Rows with a large error are drawn more often, and weigh less each time they are.
+Rows with a large TD error are drawn more often, and importance weights correct for this.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ BLOCK = 64
 
 
 def importance_weights(probability: Numbers, count: int, exponent: float) -> Float32Array:
-    """(N P(i))^-beta, divided by the greatest of them.
+    """The importance weights (N P(i))^-beta, divided by the largest of them.
 
     Schaul 2015, sec. 3.4. Shapes: (rows,), returns (rows,); ``count`` is N.
     """
@@ -28,10 +28,10 @@ def importance_weights(probability: Numbers, count: int, exponent: float) -> Flo
 
 
 class SumTree:
-    """Weights of slots, to draw slots in proportion to them.
+    """The weights of slots, from which slots can be drawn in proportion to their weights.
 
-    Two levels, because a call of numpy costs more than a block's additions. The sums depend on
-    the weights alone, not on the order in which those were set.
+    The tree has two levels, because a numpy call costs more than adding up a block. The sums depend
+    on the weights alone, not on the order of their changes.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -39,23 +39,24 @@ class SumTree:
         self._leaves = np.zeros((blocks, BLOCK))
         self._sums = np.zeros(blocks)
         self.weights: Numbers = self._leaves.reshape(-1)[:capacity]
-        """(capacity,), 0 where none was set; to read only."""
+        """Weights by slot, shape (capacity,); 0 if not set; do not write to the array."""
 
     def set(self, slots: Slots, weights: Numbers | float) -> None:
-        """Replace the weights of some slots; of a slot named twice, the last one stays."""
+        """Set the weights of some slots; the last weight counts if a slot occurs twice."""
         self.weights[slots] = weights
         blocks = slots // BLOCK
         self._sums[blocks] = self._leaves.take(blocks, axis=0).cumsum(axis=1)[:, -1]
 
     def fill(self, weights: Numbers) -> None:
-        """Set the weights of the first slots, in a tree where none is set."""
+        """Set the weights of the first slots in an empty tree."""
         self.weights[: len(weights)] = weights
         self._sums[:] = self._leaves.cumsum(axis=1)[:, -1]
 
     def find(self, fractions: Numbers) -> tuple[Slots, Numbers]:
-        """The slot in which each fraction of the cumulative weight falls, and its probability.
+        """The slot at which the cumulative weight reaches each fraction, and its probability.
 
-        Shapes: (rows,), in [0, 1); returns (rows,) twice. No slot of weight 0 is ever found.
+        ``fractions`` has shape (rows,) and values in [0, 1); both results have shape (rows,). A
+        slot of weight 0 is never found.
         """
         edges = np.concatenate(([0.0], self._sums.cumsum()))
         values = _below(fractions * edges[-1], edges[-1])
@@ -68,16 +69,16 @@ class SumTree:
 
 
 def _below(values: Numbers, end: Numbers) -> Numbers:
-    """Values clipped below the end of their range, which rounding may have carried them past."""
+    """The values limited to less than ``end``, which rounding may have exceeded."""
     below: Numbers = np.minimum(values, np.nextafter(end, 0.0))
     return below
 
 
 class PrioritizedBuffer(Buffer):
-    """A single ring for safe and collision rows, drawn in proportion to their priority.
+    """A single ring for safe and collision rows, drawn by the priority of their TD errors.
 
-    P(i) = p_i^alpha / sum p^alpha with p_i = |td error| + floor; new rows have the greatest
-    priority so far. Sec. 3.3, and Algorithm 1 of Schaul 2015.
+    P(i) = p_i^alpha / sum p^alpha with p_i = |TD error| + floor. A new row has the largest priority
+    so far. Sec. 3.3 and Algorithm 1 of Schaul 2015.
     """
 
     def __init__(
@@ -103,7 +104,7 @@ class PrioritizedBuffer(Buffer):
 
     @property
     def collisions(self) -> int:
-        """Stored rows of discount 0."""
+        """Number of stored rows with discount 0."""
         return self.ring.endings()
 
     def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
@@ -118,9 +119,9 @@ class PrioritizedBuffer(Buffer):
         self.tree.set(np.array([slot]), self._greatest)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
-        """A minibatch, one row from each of ``batch_size`` equal shares of the summed priorities.
+        """Draw a minibatch, one row from each of ``batch_size`` equal parts of the priority sum.
 
-        Sec. 3.3 and app. B.2.1 of Schaul 2015. Raises ValueError when there are no rows.
+        Sec. 3.3 and app. B.2.1 of Schaul 2015. Raises ValueError if the buffer is empty.
         """
         if not self.ring:
             raise ValueError("There are no rows to sample.")
@@ -131,12 +132,12 @@ class PrioritizedBuffer(Buffer):
         return batch_of(rows, self.ring.observation_size)._replace(weights=weights, slots=slots)
 
     def anneal(self, progress: float) -> None:
-        """Let beta rise linearly to 1 at the end of the training. Sec. 3.4 of Schaul 2015."""
+        """Set beta, which rises linearly to 1 over the training. Sec. 3.4 of Schaul 2015."""
         start = self.importance_exponent_start
         self.importance_exponent = start + (1.0 - start) * progress
 
     def update_priorities(self, batch: Batch, td_errors: Float32Array) -> None:
-        """Set the priorities of a batch's rows from their errors before the gradient step."""
+        """Set the priorities of a batch's rows from their TD errors before the gradient step."""
         assert batch.slots is not None
         p = np.abs(td_errors, dtype=np.float64) + self.priority_floor
         weights = p**self.priority_exponent
@@ -144,7 +145,7 @@ class PrioritizedBuffer(Buffer):
         self._greatest = max(self._greatest, float(weights.max()))
 
     def state(self) -> State:
-        """The state of the ring, p^alpha of each row, and the greatest p^alpha so far."""
+        """The state of the ring, p^alpha of each row, and the largest one so far."""
         priorities = self.tree.weights[: len(self.ring)].copy()
         return self.ring.state() | {"priorities": priorities, "greatest": np.array(self._greatest)}
 

@@ -1,4 +1,4 @@
-"""A run's folder: settings, CSV files, checkpoint and policy, consistent at every moment."""
+"""The folder of a run: settings, tables, checkpoint and policy, each consistent at any time."""
 
 import csv
 import io
@@ -20,17 +20,17 @@ from drl_av.learning.training import EpisodeRow, EvaluationRow, Training
 
 
 class Progress(NamedTuple):
-    """The rows of one more episode: its own, and that of the evaluation after it, if any."""
+    """The results of one more episode."""
 
     episode: EpisodeRow
     evaluation: EvaluationRow | None
 
 
 class Run:
-    """A folder with ``config.toml, episodes.csv, evaluations.csv, checkpoint`` and ``policy``.
+    """The folder of a run: ``config.toml, episodes.csv, evaluations.csv, checkpoint``, ``policy``.
 
-    Every byte in it depends on the config and on the driver that the run began with only, however
-    often the training is interrupted.
+    Every byte in it depends only on the config and the initial state of the training, even if the
+    training was interrupted.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -42,11 +42,11 @@ class Run:
         self.policy_file = folder / "policy.safetensors"
 
     def create(self, config: Config, training: Training | None = None) -> None:
-        """Begin a run, which is on the disk as a whole; with the state of a training, if given.
+        """Create the folder atomically, with a checkpoint of ``training`` if it is given.
 
         Raises:
-            RunError: the folder exists already and is not empty, or cannot be written to.
-            CheckpointError: the disk refuses the checkpoint.
+            RunError: the folder exists and is not empty, or is not writable.
+            CheckpointError: the checkpoint cannot be written.
         """
         if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
             raise RunError(
@@ -70,19 +70,14 @@ class Run:
                 new.save(training)
 
     def read_config(self) -> Config:
-        """The settings of the run.
-
-        Raises:
-            RunError: there is no run in the folder.
-            ConfigError: its config.toml is not whole.
-        """
+        """The settings of the run; raises RunError if the folder holds no run."""
         if not self.config_file.is_file():
             raise RunError(f"{self.folder} is not a run: it has no config.toml; check the path.")
         return load_stored(self.config_file)
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Keep other trainings out of the folder meanwhile; raises RunError where one is in it."""
+        """Lock the folder against other trainings; raises RunError if one is already using it."""
         if os.name != "posix":
             yield
             return
@@ -100,9 +95,9 @@ class Run:
             os.close(descriptor)
 
     def restore(self, training: Training) -> None:
-        """Go on from the last checkpoint, or from the beginning before the first one.
+        """Restore a training from the last checkpoint; without one it starts at the beginning.
 
-        Rows written after it are cut off: they will be written again, the same.
+        Rows written after the checkpoint are removed; the training will write equal ones again.
 
         Raises:
             CheckpointError: the checkpoint is damaged or of another config, or rows are missing.
@@ -140,10 +135,11 @@ class Run:
                     os.truncate(file, size)
 
     def save(self, training: Training) -> None:
-        """Write policy and checkpoint, each whole or not at all.
+        """Write policy and checkpoint, each completely or not at all.
 
         Raises:
-            RunError, CheckpointError: the disk refuses.
+            RunError: a table cannot be written.
+            CheckpointError: the policy or the checkpoint cannot be written.
         """
         sizes = {}
         for file in (self.episodes_file, self.evaluations_file):
@@ -162,7 +158,7 @@ class Run:
 
 
 def _fits(stored: str, config: Config) -> bool:
-    """Whether stored settings are those of ``config``; missing ones have their older defaults."""
+    """Whether stored settings equal ``config``; missing settings get their old defaults."""
     try:
         return from_toml(stored, BEFORE) == config
     except ConfigError:
@@ -182,7 +178,10 @@ def _refusals_of(file: Path) -> Iterator[None]:
 
 
 def train(run: Run, training: Training) -> Iterator[Progress]:
-    """Algorithm 1 to its last episode; yields each episode's rows once they are on disk."""
+    """Train to the last episode, with evaluations and checkpoints; yields after each episode.
+
+    The rows of an episode are on the disk before it is yielded.
+    """
     config = training.config.learning
     while training.episodes_done < config.episodes:
         row, evaluation = training.run_episode(), None

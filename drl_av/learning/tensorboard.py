@@ -1,4 +1,4 @@
-"""TensorBoard events of a training, where they are asked for."""
+"""Writes TensorBoard events of a training."""
 
 import importlib.util
 from collections.abc import Callable, Iterator
@@ -11,7 +11,7 @@ from drl_av.learning.run import Progress
 
 
 def require_tensorboard() -> None:
-    """Raise DrlAvError where the package is not installed, before any training."""
+    """Raise DrlAvError if the package tensorboard is not installed."""
     if importlib.util.find_spec("tensorboard") is None:
         raise DrlAvError(
             "--tensorboard needs the package tensorboard: pip install 'drl-av[tensorboard]'."
@@ -22,10 +22,10 @@ def require_tensorboard() -> None:
 def tensorboard_writer(
     folder: Path | None, episodes_done: int
 ) -> Iterator[Callable[[Progress], None]]:
-    """A function that writes an episode's numbers as scalars; without a folder it writes nothing.
+    """A function that writes the numbers of an episode as scalars; does nothing without a folder.
 
-    The scalars are ``episode/COLUMN`` and ``evaluation/COLUMN``. Those of later episodes than
-    ``episodes_done``, which a stopped training wrote, are taken back.
+    The scalars are ``episode/COLUMN`` and ``evaluation/COLUMN``. Scalars of episodes after
+    ``episodes_done``, which a stopped training wrote, are purged.
     """
     if folder is None:
         yield lambda progress: None

@@ -1,4 +1,4 @@
-"""Algorithm 1, an episode at a time."""
+"""The training by Algorithm 1, episode by episode."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ from drl_av.learning.exploration import ExploringDriver, GreedyDriver, linear_ep
 from drl_av.learning.learner import Learner
 
 EVALUATION_SEEDS = 900_000
-"""First traffic seed of the evaluations within training, which never trains on it."""
+"""First traffic seed of the evaluations during training; training episodes never use it."""
 
 
 @dataclass(frozen=True)
 class EpisodeRow:
-    """A row of ``episodes.csv``."""
+    """A row of ``episodes.csv``: one training episode."""
 
     episode: int
     seed: int
@@ -43,7 +43,7 @@ class EpisodeRow:
 
 @dataclass(frozen=True)
 class EvaluationRow:
-    """A row of ``evaluations.csv``: the greedy driver on the same seeded traffic every time."""
+    """A row of ``evaluations.csv``: the greedy driver, always in the same seeded traffic."""
 
     episode: int
     mean_reward: float
@@ -60,9 +60,9 @@ class Variant(NamedTuple):
     """The parts of Algorithm 1 that a setting may replace."""
 
     store: Store
-    """Lines 6 and 8 to 12: puts a decision into the buffers."""
+    """Lines 6 and 8 to 12: stores a decision in the buffers."""
     augment: Callable[[Batch], Batch]
-    """Changes a minibatch before it is learned from."""
+    """Changes a minibatch before the gradient step."""
     turns: Sequence[Sequence[Learner]]
     """The learners of each gradient step, in turn; each episode begins with the first."""
     traffic_seed: Callable[[int], int]
@@ -80,21 +80,20 @@ def seed_of_episode(seed: int, episode: int) -> int:
 
 
 def learner_names(count: int) -> list[str]:
-    """What the tensors of each learner begin with in a checkpoint."""
+    """The prefix of each learner's tensors in a checkpoint."""
     return ["learner", *(f"learner{number}" for number in range(1, count))]
 
 
 class Training:
-    """Algorithm 1 at an episode boundary.
+    """A training by Algorithm 1, which can be saved and restored between two episodes.
 
     Args:
-        env: Where it drives; the schedules are in its config.
-        driver: Decides by the learners' networks: greedily with exploration here, and as it is
-            in evaluations.
-        learners: One for each network.
-        buffer: The experience, which ``variant`` stores and the learners sample.
-        rng: Draws all that is random here.
-        variant: The parts of the algorithm that settings replace.
+        env: The environment; its config holds the schedules.
+        driver: The driver of the learners' networks; training episodes add exploration.
+        learners: One learner for each network.
+        buffer: The experience, which ``variant`` stores and from which the learners sample.
+        rng: The source of all random numbers.
+        variant: The parts of the algorithm that depend on settings.
     """
 
     def __init__(
@@ -115,7 +114,7 @@ class Training:
 
     @property
     def epsilon(self) -> float:
-        """Exploration in the coming episode."""
+        """Probability of a random action in the next episode."""
         config = self._config
         return linear_epsilon(
             self.episodes_done,
@@ -127,12 +126,12 @@ class Training:
 
     @property
     def learning_rate(self) -> float:
-        """Adam's step size in the coming episode."""
+        """Step size of Adam in the next episode."""
         lost = 1 - self._config.learning_rate_end_fraction
         return self._config.learning_rate * (1 - lost * self.episodes_done / self._config.episodes)
 
     def run_episode(self) -> EpisodeRow:
-        """Lines 3 to 17: one episode, with learning after each decision."""
+        """Drive one episode and learn after each decision. Algorithm 1, lines 3 to 17."""
         self._explorer.epsilon = epsilon = self.epsilon
         for learner in self._learners:
             learner.learning_rate = self.learning_rate
@@ -177,7 +176,7 @@ class Training:
         return update.loss
 
     def evaluate(self) -> EvaluationRow:
-        """The greedy driver on fixed traffic, from the fewest vehicles to the most."""
+        """Evaluate the greedy driver in fixed traffic, from the fewest to the most vehicles."""
         traffic, count = self.config.traffic, self._config.evaluation_episodes
         placed = self._env.simulation.placed_vehicles
         numbers = np.linspace(traffic.vehicles_min, traffic.vehicles_max, count).round()
@@ -205,11 +204,11 @@ class Training:
 
     @property
     def networks(self) -> list[QNetwork]:
-        """The networks that learn."""
+        """The networks of the learners."""
         return [learner.network for learner in self._learners]
 
     def state(self) -> tuple[State, dict[str, Any]]:
-        """Tensors and numbers that the rest of the training depends on."""
+        """The tensors and numbers that determine the rest of the training."""
         parts = {name: learner.state() for name, learner in self._named_learners()}
         parts["buffer"] = self._buffer.state()
         tensors = {f"{part}.{k}": v for part, state in parts.items() for k, v in state.items()}
