@@ -114,7 +114,11 @@ def _over_seeds(rows: list[Row]) -> tuple[FloatArray, FloatArray]:
 
 
 def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> FloatArray:
-    """At each row the mean of the last ``over`` episodes, of rows that are wholly among them."""
+    """Moving average of the rows' values over the last ``over`` episodes, one value for each row.
+
+    ``episodes`` holds the last episode of each row. Only rows that lie completely within the last
+    ``over`` episodes count.
+    """
     counts = np.diff(episodes, prepend=0.0)
     sums = np.concatenate(([0.0], np.cumsum(values * counts)))
     ends = np.concatenate(([0.0], episodes))

@@ -43,12 +43,12 @@ class BarricadeEnv(HighwayEnv):
     """The environment, with what its metrics lack: proposals to enter the closed lane, and hits."""
 
     def reset(self, **arguments: Any) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode."""
+        """Start an episode; takes the arguments of ``HighwayEnv.reset``."""
         self.barricade_proposals, self.hit = 0, ""
         return super().reset(**arguments)
 
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Carry out one decision; ``hit`` then names the obstacle of a collision, or is empty."""
+        """Execute one decision; sets ``hit`` to the obstacle of a collision, or ""."""
         before = self.scene
         self.barricade_proposals += self._barricaded(target_lane(before, ACTIONS[action].lateral))
         done = super().step(action)
@@ -66,7 +66,7 @@ class BarricadeEnv(HighwayEnv):
 
 
 def barricade_config(check: str, seed: int, episodes: int) -> Config:
-    """The preset ``fast`` there, reduced to one network that learns the reward from experience."""
+    """The preset ``fast`` beside the closed lane, with one network and fewer of our additions."""
     plain = {"networks": 1, "batch_size": 64, "learning_rate": 2e-3, "counterfactuals": 0}
     plain |= {"discount": 0.9, "speed_weight": 0.0, "unsafe_penalty": 0.0, "lane_change_margin": 0}
     fast = preset("fast").updated("learning", seed=seed, episodes=episodes, **plain)
@@ -121,7 +121,7 @@ class BarricadeTraining:
 
 
 def barricade_plan(options: ReproduceOptions) -> Plan:
-    """Both checks on every seed; the size is the experiment's own, of minutes."""
+    """The plan: a training for each check and seed, with fixed numbers that take minutes."""
     configs = [
         options.laid_over(barricade_config(check, seed, EPISODES))
         .updated("simulation", scenario=SCENARIO)
@@ -140,7 +140,7 @@ def _place(row: Row) -> tuple[int, int, int, int]:
 
 
 def barricade_figure(rows: list[Row]) -> "Figure":
-    """Collisions with the barricade while learning, and what the trained drivers propose."""
+    """The figure: collisions with the barricade in training, and proposals of trained drivers."""
     figure, (learning, trained) = panels((9, 3.8), 1, 2, width_ratios=(3, 2))
     for place, check in enumerate(dict.fromkeys(row["safety_check"] for row in rows)):
         own = [row for row in rows if row["safety_check"] == check]

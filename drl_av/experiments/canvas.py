@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def panels(size: tuple[float, float], *shape: int, **options: Any) -> "tuple[Figure, Any]":
-    """A figure of so many inches, and its axes: one, or an array of rows and columns of them."""
+    """A figure of ``size`` inches, and its axes: one, or an array of shape ``shape``."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, layout="constrained")
@@ -21,7 +21,7 @@ def panels(size: tuple[float, float], *shape: int, **options: Any) -> "tuple[Fig
 
 
 def one_panel(x: str, y: str) -> "tuple[Figure, Axes]":
-    """A figure of one panel, and the labels of its axes."""
+    """A figure with one panel, whose axes have the labels ``x`` and ``y``."""
     figure, axes = panels((7, 4.2))
     lighten(axes, x, y)
     return figure, axes
@@ -35,7 +35,7 @@ def lighten(axes: "Axes", x: str = "", y: str = "") -> None:
 
 
 def save_figure(figure: "Figure", path: Path) -> None:
-    """Write a figure as PNG, whole or not at all; raises DrlAvError where the disk refuses."""
+    """Write a figure as PNG atomically; raises DrlAvError if it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

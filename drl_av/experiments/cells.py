@@ -21,7 +21,7 @@ from drl_av.files import Row
 
 @dataclass(frozen=True)
 class Drives:
-    """Episodes of some drivers among so many vehicles, on the traffic seeds from 0 on."""
+    """A cell of evaluation episodes: drivers, a number of vehicles, traffic seeds from 0."""
 
     config: Config
     drivers: tuple[str, ...]
@@ -41,7 +41,7 @@ class Drives:
         return {**dict(self.named), "vehicles": str(self.vehicles)}
 
     def check(self) -> None:
-        """Raise RunError where the training's folder has other settings, or later episodes."""
+        """Raise RunError if the training's folder has other settings, or too many episodes."""
         if self.training:
             self.training.require_same_settings()
             self.training.require_not_beyond()
@@ -74,7 +74,7 @@ def selected(result: EpisodeResult, *names: str) -> Row:
 
 @dataclass(frozen=True)
 class TrainingRows:
-    """The reports of a training up to its last episode."""
+    """A cell whose rows are the reports of a training, up to its last episode."""
 
     training: TrainingJob
     rows_of: Callable[[TrainingJob], list[Row]]
@@ -103,7 +103,7 @@ class TrainingRows:
         return self.rows_of(self.training)
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Raise DrlAvError: a training that has ended has reported all of its rows."""
+        """Raise DrlAvError, because ``reported`` must have returned all rows of the training."""
         raise DrlAvError(
             f"{self.training.folder} lacks rows of its training up to episode "
             f"{self.training.last_row}: put back its files, or give --runs a folder that all "

@@ -10,9 +10,9 @@ from drl_av.files import Row
 from drl_av.traffic.road import FloatArray
 
 SMOOTHED_OVER = 5
-"""Evaluations in the moving mean that convergence is looked for in."""
+"""Number of evaluations in the moving mean that determines convergence."""
 END = 0.1
-"""Share of a curve that is its end."""
+"""Fraction of a curve that counts as its end."""
 NEAR = 0.1
 """Share of the way from its first value to its end, within which a curve has converged."""
 COUNTED = ("collisions", "ego_hits")
@@ -20,11 +20,11 @@ COUNTED = ("collisions", "ego_hits")
 
 
 class Curve(NamedTuple):
-    """One column of one variant's evaluations, as far as every seed has got."""
+    """One column of a variant's evaluations, up to the last episode that all seeds have."""
 
     episodes: list[int]
     values: FloatArray
-    """A row a seed, a column an episode."""
+    """One row per seed and one column per episode."""
 
     @property
     def means(self) -> list[Mean]:
@@ -39,7 +39,7 @@ class Curve(NamedTuple):
 
 
 def curve(rows: Iterable[Row], variant: str, column: str) -> Curve:
-    """The curve of a variant; empty where there is none."""
+    """The curve of a variant; empty if the rows have none."""
     seeds: dict[str, dict[int, float]] = {}
     for row in rows:
         if row["variant"] == variant:
@@ -50,7 +50,7 @@ def curve(rows: Iterable[Row], variant: str, column: str) -> Curve:
 
 
 def _value(row: Row, column: str) -> float:
-    """A column of the table; those that count evaluation episodes, for one of them."""
+    """A value of the table; counts are divided by the number of evaluation episodes."""
     return float(row[column]) / (int(row["evaluation_episodes"]) if column in COUNTED else 1)
 
 
@@ -58,8 +58,8 @@ def converged_at(episodes: Sequence[int], values: Sequence[float]) -> int:
     """The first episode from which on the curve stays near its end.
 
     The curve is smoothed by a centred moving mean over five evaluations, fewer at its ends; its
-    end is the mean of its last tenth; near is within 10 % of the way from its first value to its
-    end. Only the last tenth may stray again: it makes up the end.
+    end is the mean of its last tenth. Near means within 10 % of the difference between its first
+    value and its end. Values in the last tenth may be farther away, because they define the end.
     """
     smooth = smoothed(values)
     count = _end_of(len(values))
@@ -70,7 +70,7 @@ def converged_at(episodes: Sequence[int], values: Sequence[float]) -> int:
 
 
 def smoothed(values: Sequence[float], over: int = SMOOTHED_OVER) -> FloatArray:
-    """Centred moving mean over an odd number of values, over those there are at the ends."""
+    """Centred moving mean over an odd number of values; over fewer values at both ends."""
     half = over // 2
     return np.array(
         [np.mean(values[max(0, place - half) : place + half + 1]) for place in range(len(values))]

@@ -27,7 +27,7 @@ CHANGES: dict[str, dict[str, dict[str, Any]]] = {
     "permit_all": {"safety": {"check": "permit_all"}},
     "prioritized": {"learning": {"replay": "prioritized"}},
 }
-"""What each variant changes in the config."""
+"""The settings that each variant changes."""
 PAPER_SEEDS, PAPER_EPISODES = 200, 10_000
 PAPER_REWARD = -0.025
 """Reward per decision of the paper's trained driver, Sec. IV-C."""
@@ -46,7 +46,7 @@ PANELS = {
 
 
 def curve_plan(options: ReproduceOptions) -> Plan:
-    """Every variant on every seed: all up to the shorter length, then some to the full schedule."""
+    """The plan: every variant on every seed up to ``episodes``, some to the full schedule."""
     config = options.laid_over(Config())
     configs = {variant: variant_config(config, variant) for variant in VARIANTS}
     goals = curve_jobs(options, config)
@@ -63,7 +63,7 @@ def variant_config(base: Config, variant: str, seed: int = 0) -> Config:
 
 
 def curve_jobs(options: ReproduceOptions, config: Config) -> list[TrainingJob]:
-    """Every training, up to its last episode."""
+    """The training jobs of the learning curves: every variant on every seed."""
     schedule = config.learning.episodes
     return [
         TrainingJob(
@@ -78,7 +78,7 @@ def curve_jobs(options: ReproduceOptions, config: Config) -> list[TrainingJob]:
 
 
 def convergence_table(results: Results) -> str:
-    """The final performance of each variant, and the episode since which it is near it."""
+    """The table: final performance of each variant, and its episode of convergence."""
     columns = {
         "reward per decision": ("reward", 3),
         "mean speed, m/s": ("mean_speed_m_s", 2),
@@ -98,7 +98,7 @@ def convergence_table(results: Results) -> str:
 
 
 def cost_table(results: Results) -> str:
-    """What the paper's 200 trainings of each variant would cost, at the pace of our whole ones."""
+    """The table: computing time of the paper's 200 trainings per variant, from our full ones."""
     seconds = results.made_by("curves.csv")["wall_time_s"]
     episodes: dict[str, dict[str, int]] = {}
     for row in results.rows("curves.csv"):

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 DRIVER, BASELINES = "pretrained", ("idm", "idm-mobil", "idm-sumo")
 DRIVERS = (DRIVER, *BASELINES)
 STEP = 5
-"""Vehicles by which the density rises beyond those of the other tables."""
+"""Step of the number of vehicles beyond the densities of the other tables."""
 STYLES = {
     "pretrained": ("#d55e00", "o"),
     "idm": ("#000000", "s"),
@@ -46,13 +46,13 @@ STYLES = {
 """Colour and mark of the drivers that have their own; the colour-blind can distinguish them."""
 OTHER_COLORS = ("#e69f00", "#cc79a7", "#56b4e9", "#f0e442")
 BESIDE = 0.15
-"""Vehicles by which the marks of two drivers are set apart, so that their intervals are seen."""
+"""Offset of the marks of two drivers, in vehicles, so that their intervals do not overlap."""
 
 
 def sweep_plan(options: ReproduceOptions) -> Plan:
-    """All drivers at the densities of the tables, and on while the driver's gain is significant.
+    """The plan: all drivers at the densities of the tables, then at higher densities.
 
-    It ends where the gain over the best baseline is no longer statistically significant, or where
+    It ends when the driver's gain over the best baseline is not statistically significant, or when
     the road is full.
     """
     config = options.laid_over(default_config(find_drivers(DRIVERS)))
@@ -114,7 +114,7 @@ def collision_table(results: Results) -> str:
 
 
 def driving_table(results: Results) -> str:
-    """How the shipped driver drives, by density and over those up to the paper's 30 vehicles."""
+    """The table: statistics of the shipped driver at each density and up to 30 vehicles."""
     driven = [row for row in results.rows(TABLE) if row["driver"] == DRIVER]
     densities = densities_of(driven)
     columns = [[r for r in driven if int(r["vehicles"]) == density] for density in densities]
@@ -152,7 +152,7 @@ def _gain(row: Row) -> str:
 
 
 def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
-    """Mean speed against the number of vehicles, a curve a driver, with 95 % intervals (Fig. 8).
+    """Mean speed against the number of vehicles, one curve per driver, 95 % intervals (Fig. 8).
 
     The rows have at least ``driver``, ``vehicles`` and ``mean_speed_m_s``.
     """

@@ -1,8 +1,8 @@
 """Existing engines that work through jobs in parallel, a process each, and outlive killed ones.
 
-An engine is called with a function, its jobs and the number of processes. About once a second it
-yields the jobs that have ended meanwhile, maybe none. A job whose process was killed is done
-again: the function must continue where it was, and do nothing where everything is done.
+An engine takes a function, its jobs and the number of processes. About once a second it yields the
+jobs that have ended since the last time, possibly none. A job whose process was killed starts
+again: the function must continue where it stopped, and do nothing if the job is complete.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ Job = TypeVar("Job")
 Ended = Generator[list[Job], None, None]
 Engine = Callable[[Callable[[Job], None], Sequence[Job], int], Ended[Job]]
 RETRIES = 3
-"""Times that work is begun again after a process was killed, before it is given up."""
+"""Number of new attempts after a process was killed."""
 TICK_S = 1.0
 JOIN_S = 20.0
 """Time that a cluster has to answer at the address in ``RAY_ADDRESS``."""

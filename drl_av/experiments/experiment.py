@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Results:
-    """A folder of results, as the tables of the documentation read it."""
+    """Reads a folder of results for the tables of the documentation."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -40,7 +40,7 @@ class Results:
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """A table of results: how its rows are made, and how they are shown."""
+    """An experiment: a table of results, the plan that makes it, its summaries and figures."""
 
     name: str
     """The table is ``<name>.csv``, with ``<name>.json`` beside it."""
@@ -71,11 +71,11 @@ class Experiment:
 
 
 def reproduce(experiment: Experiment, options: ReproduceOptions) -> Generator[Progress, None, None]:
-    """Make what the table in ``options.out`` lacks, and draw its figures.
+    """Make the missing rows of the table in ``options.out``, and draw its figures.
 
     Raises:
-        DrlAvError: the table was made with other settings or is damaged, a training's folder is of
-            another training, or the disk refuses.
+        DrlAvError: the table was made with other settings or is damaged, a training's folder
+            belongs to another training, or a file cannot be written.
         SimulationError: a training or an evaluation failed.
     """
     plan = experiment.plan(options)

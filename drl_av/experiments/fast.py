@@ -34,7 +34,7 @@ def fast_plan(options: ReproduceOptions) -> Plan:
 
 
 def fast_table(results: Results) -> str:
-    """Each training, and its paired gain over the first: the whole schedule."""
+    """The table: each training, and its paired gain over the paper's whole schedule."""
     seconds = results.made_by("fast.csv")["wall_time_s"]
     rows = results.rows("fast.csv")
     trainings = list(dict.fromkeys(row["training"] for row in rows))

@@ -6,13 +6,13 @@ from typing import NamedTuple
 from drl_av.config import Config, load_config, located
 
 ENGINES = ("loky", "ray")
-"""What spreads the trainings over processes."""
+"""The programs that distribute the trainings over processes."""
 VARIANTS = ("paper", "permit_all", "prioritized")
 """The trainings that the learning curves compare."""
 
 
 class ReproduceOptions(NamedTuple):
-    """How much of an experiment is made, with how many processes, and where its files go."""
+    """The size of an experiment, its number of processes, and the folders of its files."""
 
     variants: tuple[str, ...] = VARIANTS
     seeds: int = 5
@@ -31,15 +31,15 @@ class ReproduceOptions(NamedTuple):
     out: Path = Path("docs/results")
     """Folder of the tables, their provenance and the figures."""
     config: str | None = None
-    """TOML file of settings that are laid over those of each experiment."""
+    """TOML file with settings that replace those of each experiment."""
 
     def laid_over(self, config: Config) -> Config:
-        """An experiment's settings with those of the user's file laid over; raises ConfigError."""
+        """An experiment's settings, changed by the user's file; raises ConfigError."""
         return located(load_config(self.config, config))
 
 
 class Progress(NamedTuple):
-    """How far an experiment is."""
+    """The progress of an experiment."""
 
     done: int
     """Episodes."""

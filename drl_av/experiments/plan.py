@@ -15,27 +15,27 @@ from drl_av.files import Row
 
 
 class Cell(Protocol):
-    """Rows of a table that are made together."""
+    """A group of rows of a table that one training or one evaluation produces together."""
 
     @property
     def key(self) -> Row:
-        """The columns that they have in common."""
+        """The columns and values that all rows of the cell have in common."""
 
     @property
     def training(self) -> TrainingJob | None:
-        """The training that they need."""
+        """The training that the rows need, or None."""
 
     def check(self) -> None:
-        """Raise DrlAvError where they cannot be made; called before anything is trained."""
+        """Raise DrlAvError if the rows cannot be made; called before any training."""
 
     def missing(self, rows: Sequence[Row]) -> int:
-        """How many there are still to make; raises ValueError where those held are damaged."""
+        """Number of rows still to make; raises ValueError if the existing ``rows`` are damaged."""
 
     def reported(self) -> list[Row]:
-        """Those that the training has reported so far, without any driving."""
+        """The rows that the training's folder already holds, without an evaluation."""
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Drive the missing ones with so many processes."""
+        """Make the missing rows with ``jobs`` processes."""
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ Derived = Mapping[str, Callable[[list[Row]], list[Row]]]
 
 
 class MadeWith(NamedTuple):
-    """Everything that the rows of a table depend on, by the name of a training or variant.
+    """The settings and drivers with which rows were made, by the name of a training or variant.
 
-    A table whose rows share one config and one learned driver has them under the name "".
+    A table whose rows share one config and one learned driver uses the name "".
     """
 
     settings: Mapping[str, Config]
@@ -42,7 +42,7 @@ class MadeWith(NamedTuple):
         )
 
     def extended(self, other: "MadeWith") -> "MadeWith":
-        """Both together."""
+        """The settings and drivers of both, as one value."""
         return MadeWith(
             {**self.settings, **other.settings},
             {**self.policies, **other.policies},
@@ -82,22 +82,22 @@ class ResultStore:
         self.require(made_with)
 
     def of(self, key: Row) -> list[Row]:
-        """The rows that have these values."""
+        """The rows whose columns have the values in ``key``."""
         return [row for row in self.rows if key.items() <= row.items()]
 
     def require(self, made_with: MadeWith) -> None:
-        """Note these settings and drivers; raises DrlAvError where the rows are of others."""
+        """Record with what new rows are made; raises DrlAvError if it differs for existing rows."""
         if made_with.contradicts(self._made_with):
             raise settings_mismatch(self.path)
         self._made_with = self._made_with.extended(made_with)
 
     def require_columns(self, row: Row) -> None:
-        """Raise DrlAvError where the table has other columns than the row."""
+        """Raise DrlAvError if the columns of the table differ from those of the row."""
         if self.rows and row.keys() != self.rows[0].keys():
             raise settings_mismatch(self.path)
 
     def put(self, key: Row, rows: Sequence[Row]) -> bool:
-        """Replace the rows of a key by these where these are more; returns whether they are."""
+        """Replace the rows of a key if there are more new rows than old; returns whether it did."""
         if len(rows) <= len(self.of(key)):
             return False
         self.require_columns(rows[0])
@@ -106,7 +106,7 @@ class ResultStore:
         return True
 
     def save(self, options: ReproduceOptions) -> None:
-        """Write the sidecar, then the table, then the derived ones, each file atomically."""
+        """Write the sidecar, the table and the derived tables in this order, each atomically."""
         write_sidecar(self.path, self._facts(options))
         write_table(self.path, self.rows[0], self.rows)
         self.save_derived()
@@ -161,7 +161,7 @@ def _seconds(facts: dict[str, Any]) -> dict[str, float]:
 
 
 def stored_config(settings: dict[str, Any], name: str) -> Config:
-    """The config a table was made with; settings added since then have their former effect.
+    """The config with which a table was made; missing settings get their old defaults.
 
     Raises:
         ConfigError: it holds settings that this version does not know.
@@ -171,7 +171,7 @@ def stored_config(settings: dict[str, Any], name: str) -> Config:
 
 @contextmanager
 def report_corrupt_table(table: Path) -> Iterator[None]:
-    """Raise DrlAvError where the block fails on rows or facts that are not as they were written."""
+    """Turn errors that damaged rows or facts cause in the block into DrlAvError."""
     try:
         yield
     except (ValueError, LookupError, TypeError, AttributeError) as error:
@@ -182,7 +182,7 @@ def report_corrupt_table(table: Path) -> Iterator[None]:
 
 
 def settings_mismatch(table: Path) -> DrlAvError:
-    """The error that is raised instead of replacing other results."""
+    """The error for a table that was made with other settings or drivers."""
     return DrlAvError(
         f"{table} was made with other settings or another driver: choose another folder with "
         f"--out, or move it and {sidecar(table).name} away to make it anew."
@@ -190,15 +190,15 @@ def settings_mismatch(table: Path) -> DrlAvError:
 
 
 def read_rows(table: Path) -> list[Row]:
-    """The rows of a table as text, none where there is no file; raises as ``read_table``."""
+    """The rows of a table as text; empty if there is no file. Raises as ``read_table``."""
     return read_table(table) if table.exists() else []
 
 
 def seeds_held(rows: Iterable[Row], drivers: int = 1) -> int:
-    """The number of seeds, from 0 on, that the rows have of each of so many drivers.
+    """The number of seeds in the rows, which must be 0, 1, 2, ... for each of ``drivers`` drivers.
 
     Raises:
-        ValueError: one is missing among them, or there twice.
+        ValueError: a seed is missing or occurs twice.
     """
     seeds = sorted(int(row["seed"]) for row in rows)
     count = len(seeds) // drivers
@@ -213,16 +213,16 @@ def sidecar(table: Path) -> Path:
 
 
 def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
-    """Write the file whole or not at all; raises DrlAvError where the disk refuses."""
+    """Write the provenance of a table atomically; raises DrlAvError if it cannot be written."""
     write_whole(sidecar(table), json.dumps(facts, indent=2).encode() + b"\n")
 
 
 def read_sidecar(table: Path) -> dict[str, Any]:
-    """The provenance of the table; empty where there is neither a table nor a sidecar.
+    """The provenance of a table; empty if neither the table nor its sidecar exists.
 
     Raises:
-        DrlAvError: the sidecar cannot be read, or it is missing beside a table.
-        TypeError: what should have names in it has none.
+        DrlAvError: the sidecar cannot be read, or is missing beside a table.
+        TypeError: the sidecar is not a JSON object.
     """
     path = sidecar(table)
     if not path.exists() and not table.exists():

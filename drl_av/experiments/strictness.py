@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 COLUMNS = ("seed", "mean_speed_m_s", "collided", "ego_hit", "safety_triggers")
 VEHICLES = 15
-"""Density at which the bounds are changed, one at a time."""
+"""Number of vehicles with which the bounds are changed, one at a time."""
 BOUNDS: dict[str, tuple[float, ...]] = {
     "braking_m_s2": (6.0, 9.0),
     "acceleration_m_s2": (4.0,),
@@ -41,7 +41,7 @@ BOUNDS: dict[str, tuple[float, ...]] = {
     "follower_braking_m_s2": (3.0,),
     "clearance_m": (0.0, 2.0),
 }
-"""Other values of each bound than its default, which is what our traffic keeps to."""
+"""Values of each bound besides its default, to which our traffic keeps."""
 LABELS = {
     "braking_m_s2": "braking ahead",
     "acceleration_m_s2": "acceleration behind",
@@ -54,7 +54,7 @@ MARKS = "ov^sDP"
 
 
 def strict_plan(options: ReproduceOptions) -> Plan:
-    """The shipped driver under both checks at every density, then with each bound changed."""
+    """The plan: the shipped driver with both checks at every density, then with changed bounds."""
     config = options.laid_over(default_config(find_drivers([DRIVER])))
     keys = [(check, "", "", n) for n in DENSITIES for check in ("paper", "strict")]
     keys += [
@@ -111,7 +111,7 @@ def summary_table(results: Results) -> str:
 
 
 def strict_figure(rows: list[Row]) -> "Figure":
-    """Change of the mean speed under ``strict`` against ``paper``, paired by seed, in percent."""
+    """The figure: change of the mean speed from ``paper`` to ``strict`` on the same seeds, %."""
     figure, (by_density, by_bound) = panels((11.5, 4), 1, 2)
     plain = [row for row in rows if not row["bound"]]
     numbers = densities_of(row for row in plain if row["check"] == "strict")
@@ -132,10 +132,10 @@ def strict_figure(rows: list[Row]) -> "Figure":
 
 
 def change(rows: Iterable[Row], plain: Iterable[Row], vehicles: int) -> Mean:
-    """The change from the ``paper`` rows to the ``strict`` ones of the same seeds, in percent.
+    """Change of the mean speed from the rows ``plain`` to ``rows`` of the same seeds, percent.
 
     Raises:
-        DrlAvError: they are not of the same seeds.
+        DrlAvError: the seeds of both differ.
     """
     ours, paper = (
         {

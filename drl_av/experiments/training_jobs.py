@@ -14,7 +14,7 @@ from drl_av.files import Row, read_table
 
 @dataclass(frozen=True)
 class TrainingJob:
-    """A training that is driven up to an episode of its schedule."""
+    """A training of an experiment, up to an episode of its schedule."""
 
     variant: str
     config: Config
@@ -22,33 +22,33 @@ class TrainingJob:
     """Last episode to drive; the config's schedule may be longer."""
     folder: Path
     every: int
-    """Episodes that a row of its table sums up."""
+    """Number of episodes for each row of its table."""
     origin: "TrainingJob | None" = None
-    """The training whose driver continues to learn here; None for a fresh one."""
+    """The training whose driver this training continues; None for a new driver."""
 
     @property
     def name(self) -> str:
-        """Variant and seed, as its folder is called."""
+        """Variant and seed, the name of its folder."""
         return self.folder.name
 
     @property
     def key(self) -> Row:
-        """The columns that its rows have in common."""
+        """The columns and values that all its rows have in common."""
         return {"variant": self.variant, "seed": str(self.config.learning.seed)}
 
     @property
     def policy(self) -> Path:
-        """The driver of the training, as soon as it has saved one."""
+        """Path of the training's policy file, which exists after its first checkpoint."""
         return self.folder / "policy.safetensors"
 
     @property
     def begun(self) -> bool:
-        """Whether there is a folder to continue from."""
+        """Whether the folder of the training exists, so that it can continue."""
         return (self.folder / "config.toml").is_file()
 
     @property
     def last_row(self) -> int:
-        """Episode of its last row."""
+        """Episode of the last row in its table."""
         whole = self.stop == self.config.learning.episodes
         return self.stop if whole else self.stop // self.every * self.every
 
@@ -58,11 +58,11 @@ class TrainingJob:
         return self.folder.with_suffix(".seconds.csv")
 
     def until(self, stop: int) -> "TrainingJob":
-        """The same training up to another episode."""
+        """A copy of the job with another last episode."""
         return replace(self, stop=stop)
 
     def require_same_settings(self) -> None:
-        """Raise RunError where its folder, or its origin's, was begun with other settings."""
+        """Raise RunError if its folder, or its origin's folder, has other settings."""
         if self.origin:
             self.origin.require_same_settings()
         if self.begun and load_config(self.folder / "config.toml", BEFORE) != self.config:
@@ -72,7 +72,7 @@ class TrainingJob:
             )
 
     def require_not_beyond(self) -> None:
-        """Raise RunError where the training has continued beyond the episode of this job."""
+        """Raise RunError if the training has continued beyond the last episode of this job."""
         file = self.folder / "checkpoint.safetensors"
         done = policy_file.load(file)[1]["episodes_done"] if file.is_file() else 0
         if done > self.stop:
@@ -82,14 +82,14 @@ class TrainingJob:
             )
 
     def episodes_driven(self) -> int:
-        """Rows of the training's ``episodes.csv`` so far."""
+        """Number of episodes that the training has completed."""
         file = self.folder / "episodes.csv"
         return max(file.read_bytes().count(b"\n") - 1, 0) if file.is_file() else 0
 
     def wall_time_s(self) -> float | None:
-        """Seconds that the training took, each episode counted once; None where none was measured.
+        """Seconds that the training took, each episode counted once; None if not measured.
 
-        A line that was cut short when the process ended does not count.
+        An incomplete last line of the file does not count.
         """
         if not self.clock.is_file():
             return None
@@ -99,7 +99,7 @@ class TrainingJob:
 
 
 def train_job(job: TrainingJob) -> None:
-    """Train up to the job's last episode, from the last checkpoint on; nothing where it is done.
+    """Continue a training from its last checkpoint to the job's last episode, if necessary.
 
     Raises:
         RunError: the folder holds a training with other settings, or another process is in it.
@@ -140,7 +140,7 @@ def _note(clock: Path, episode: int, seconds: float) -> None:
 
 
 def blocks_of(job: TrainingJob) -> list[Row]:
-    """The training's rows so far: means of ``job.every`` episodes each."""
+    """The rows of a training so far: one mean for each ``job.every`` episodes."""
     episodes = read_table(job.folder / "episodes.csv", growing=True)[: job.stop]
     ends = range(job.every, len(episodes) + 1, job.every)
     last = [job.stop] if len(episodes) == job.stop == job.config.learning.episodes else []
@@ -155,10 +155,10 @@ def blocks_of(job: TrainingJob) -> list[Row]:
 
 
 def evaluations_of(job: TrainingJob) -> list[Row]:
-    """The training's rows so far, one an evaluation.
+    """The rows of a training so far, one for each evaluation.
 
-    Beside the means of the greedy driver stand those of the training episodes since the
-    evaluation before, which explored.
+    A row has the means of the greedy driver in the evaluation, and the means of the training
+    episodes since the previous evaluation, which include exploration.
     """
     evaluations = read_table(job.folder / "evaluations.csv", growing=True)
     episodes = read_table(job.folder / "episodes.csv", growing=True)  # written before those

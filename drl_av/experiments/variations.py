@@ -1,4 +1,4 @@
-"""The drivers of the density sweep in other settings than theirs, an experiment each."""
+"""The experiments that drive the drivers of the density sweep with other settings."""
 
 from functools import partial
 from typing import Any
@@ -29,7 +29,7 @@ CATCH_UP = {
     "acc_gap_gain_per_s": 1 / Config().reward.catch_up_time_s,
     "reference_standstill_gap_m": 0.0,
 }
-"""Adaptive cruise control at the pace of the reward's v_des, that follows at d_safe (ours)."""
+"""Adaptive cruise control that closes gaps as v_des of the reward does, and follows at d_safe."""
 
 
 def varied(
@@ -39,7 +39,7 @@ def varied(
     settings: dict[str, Any],
     densities: tuple[int, ...] = (),
 ) -> Plan:
-    """Some drivers with other settings in one section of the config; all densities by default."""
+    """The plan: drivers with other settings in one section; by default at all densities."""
     config = options.laid_over(default_config(find_drivers(drivers))).updated(section, **settings)
     numbers = densities or DENSITIES
     cells = [Drives(config, drivers, vehicles, options.drives) for vehicles in numbers]
@@ -51,7 +51,7 @@ def varied(
 
 
 def check_table(results: Results) -> str:
-    """Drivers with the check and without it, over the densities of those tables."""
+    """The table: drivers with and without the check, over all densities."""
     rows = results.rows(CHECK_PAPER.table) + results.rows(CHECK_PERMIT_ALL.table)
     densities = {row["vehicles"] for row in rows}
     rows += [
@@ -69,7 +69,7 @@ def check_table(results: Results) -> str:
 
 
 def reference_table(results: Results) -> str:
-    """Each driver with the accelerations of the paper's actions, and otherwise."""
+    """The table: each driver with the paper's accelerations and with the other references."""
     tables = {
         "the paper's accelerations": results.rows(density_sweep.TABLE),
         "the same, v_des exact": results.rows(EXACT_SPEED.table),
@@ -90,7 +90,7 @@ def reference_table(results: Results) -> str:
 
 
 def barricade_table(results: Results) -> str:
-    """How the shipped driver drives beside a closed lane, and on the open road."""
+    """The table: the shipped driver beside a closed lane and on the open road."""
     closed, swept = results.rows(BARRICADE_PRETRAINED.table), results.rows(density_sweep.TABLE)
     densities = {row["vehicles"] for row in closed}
     lines = []
