@@ -52,7 +52,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=usual.runs,
         metavar="DIR",
-        help="folder of the trainings, which continue from there; shared by the machines of a cluster",
+        help="folder of the trainings; all machines of a cluster must share it",
     )
     parser.add_argument(
         "--out", type=Path, default=usual.out, metavar="DIR", help="folder of the results"

@@ -1,7 +1,7 @@
-"""The drivers of the ego by name: those by rule, the shipped one, and learned ones by their run.
+"""The drivers of the ego by name: rule-based, shipped, learned and external drivers.
 
-To add a driver by rule, write its file and add a line to ``RULE_DRIVERS``. The command line's help
-is made from these lines.
+To add a rule-based driver, write its file and add a line to ``RULE_DRIVERS``, from which the help
+of the command line is built.
 """
 
 from collections import Counter
@@ -35,10 +35,10 @@ RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     ),
     "random": lambda config: RandomDriver(),
 }
-"""How a driver by rule is made from the config it drives with, by the driver's name.
+"""By name: the function that makes a rule-based driver from the config of the environment.
 
-Worker processes look names up in their own copy of this table, so a driver that a program adds to
-it while it runs is evaluated with one process.
+Each worker process has its own copy of this table. An evaluation with a driver that your program
+adds at run time can therefore use one process only.
 """
 
 DRIVER_FILES = (".safetensors", *LOADERS)
@@ -46,35 +46,34 @@ DRIVER_FILES = (".safetensors", *LOADERS)
 
 
 class DriverSpec(NamedTuple):
-    """A driver that was asked for, and where it comes from."""
+    """A requested driver: its name and its source."""
 
     name: str
-    """Its name in the results, unique among the drivers asked for together."""
+    """Name of the driver in the results, unique among the requested drivers."""
     run: Path | None
-    """A run's folder or a file; None for the rule-based driver or the factory of that name."""
+    """Folder of a run, or a file; None for a rule-based driver or a factory of this name."""
 
     @property
     def is_external(self) -> bool:
-        """Whether the file is one of another library, without a config of drl-av."""
+        """Whether the driver is a file of another library, which has no config of drl-av."""
         return self.run is not None and self.run.suffix in LOADERS
 
 
 def driver_names() -> tuple[str, ...]:
-    """Every name that ``find_drivers`` takes beside the paths of runs."""
+    """The names of the rule-based drivers and of the shipped driver."""
     return *RULE_DRIVERS, "pretrained"
 
 
 def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
-    """The drivers that the words name.
+    """The drivers that a user requests by words, without duplicates.
 
-    Each word is one of ``driver_names``, a run's folder, a policy file, a stable-baselines3 zip
-    file, an ONNX file, or a factory of the user's written as ``module:factory``.
-
-    Learned drivers are named by the last part of their path, or by the whole path where two would
-    have the same name.
+    Each word is one of ``driver_names``, the folder of a run, a policy file, a stable-baselines3
+    zip file, an ONNX file, or a factory of the user in the form ``module:factory``. The name of a
+    learned driver is the last part of its path, or the whole path if two drivers would have the
+    same name.
 
     Raises:
-        ConfigError: a word is neither; suggests the most similar name.
+        ConfigError: a word is none of these; the message suggests the most similar name.
     """
     runs: dict[str, Path | None] = {}
     for word in dict.fromkeys(words):
@@ -106,10 +105,10 @@ def _unknown(word: str) -> ConfigError:
 
 
 def default_config(specs: Sequence[DriverSpec]) -> Config:
-    """The config of the first learned driver, or the paper's where all drive by rule.
+    """The config of the first learned driver, or the paper's config without a learned driver.
 
     Raises:
-        RunError: there is no such run, or it has saved no policy yet.
+        RunError: the run does not exist, or has not saved a policy yet.
         CheckpointError: the policy file is damaged.
     """
     run = next((spec.run for spec in specs if spec.run and not spec.is_external), None)
@@ -117,14 +116,14 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
 
 
 def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Driver]:
-    """The drivers by name, for an environment of that config.
+    """The drivers by name, for an environment with this config.
 
-    A learned driver keeps its own margin for lane changes, unless the config has another one than
-    the first of them.
+    A learned driver uses its own margin for lane changes, unless the margin in ``config`` differs
+    from that of the first learned driver.
 
     Raises:
-        RunError, CheckpointError: as ``default_config``; or a learned driver was trained with
-            other observations.
+        RunError: as ``default_config``; or a learned driver was trained with another observation.
+        CheckpointError: as ``default_config``.
     """
     drivers: dict[str, Driver] = {}
     learned = {
@@ -152,14 +151,14 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
 
 
 def _observed_by(config: Config) -> tuple[object, ...]:
-    """The settings that the numbers of an observation depend on."""
+    """The settings on which the values of an observation depend."""
     return config.observation, config.ego.max_speed_m_s
 
 
 def rule_driver(name: str, config: Config) -> Driver:
-    """The rule-based driver or the factory's of that name; raises ConfigError.
+    """The rule-based driver of this name, or the driver of a factory; raises ConfigError.
 
-    A rule-based one passes on the right only where ``ego.overtake_right`` says that it may.
+    A rule-based driver passes on the right only if ``ego.overtake_right`` permits it.
     """
     if name not in RULE_DRIVERS and is_factory(name):
         return driver_of_factory(name, config)
@@ -172,7 +171,7 @@ def rule_driver(name: str, config: Config) -> Driver:
 
 
 def load_driver(path: Path) -> tuple[LearnedDriver, Config]:
-    """The driver of a run's folder or of a policy file, and the config that built it.
+    """The driver of a run's folder or of a policy file, and its config.
 
     Raises:
         RunError, CheckpointError: as ``policy_file.load_run``.

@@ -33,7 +33,10 @@ class Longitudinal(IntEnum):
 
 
 def nearest_action(acceleration_m_s2: float, ego: EgoConfig) -> Longitudinal:
-    """The action whose acceleration is nearest to a given one, m/s^2; the gentler one of two."""
+    """The action with the acceleration nearest to a given one, m/s^2.
+
+    If two actions are equally near, the gentler one.
+    """
     return min(Longitudinal, key=lambda one: abs(one.acceleration_m_s2(ego) - acceleration_m_s2))
 
 

@@ -39,9 +39,9 @@ def gap_condition(gap_m: Any, closing_m_s: Any, config: SafetyConfig) -> Any:
 def lane_change_is_safe(
     own_front: Approach, front: Approach, rear: Approach, config: SafetyConfig
 ) -> Any:
-    """Rule 3: eq. 2 holds for the vehicle ahead, and for front and rear of the target lane.
+    """Rule 3: whether eq. 2 holds for the vehicle ahead and for both vehicles in the target lane.
 
-    An absent vehicle has an infinite gap. For arrays an array.
+    An absent vehicle has an infinite gap. If the arguments hold arrays, the result is an array.
     """
     return (
         gap_condition(*own_front, config)

@@ -44,8 +44,9 @@ def motion(from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, road:
 def first_contact(
     ego: Motion, other: Motion, length_m: float, width_m: float, road: Road
 ) -> Contact | None:
-    """The first contact of two bodies in a step, or None; sizes are the means of the two.
+    """The first contact of two bodies in a step, or None.
 
+    ``length_m`` and ``width_m`` are the means of the sizes of both bodies.
     The axis on which the bodies begin to overlap last decides the kind. Along the road the faster
     body hit the other one. Across the road the ego hit the other body if it moved towards it.
     """

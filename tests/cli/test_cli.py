@@ -20,11 +20,17 @@ VERBS = {
     "scenario": ["metres", "default: 500", "default: 3)", "default: 3.8", "rightmost"],
     "train": ["paper 10000, fast", "two-buffer", "permit_all", "TOML", "--resume", "200 s"],
     "evaluate": ["default: 1 5 10 15 20 25 30", "default: 50", "default: 0", "default: 1)", "idm"],
-    "adapt": ["default: 30000", "default: 1e-05", "0 learns nothing", "default: the RUN's", "TOML"],
-    "replay": ["default: 15", "times real time (default: 2.0)", "one a second", "200"],
-    "export": ["pretrained (which ships)", "FILE.onnx"],
+    "adapt": [
+        "default: 30000",
+        "default: 1e-05",
+        "0 drives the same traffic without learning",
+        "default: the RUN's",
+        "TOML",
+    ],
+    "replay": ["default: 15", "multiple of real time (default: 2.0)", "one per second", "200"],
+    "export": ["pretrained (the shipped driver)", "FILE.onnx"],
     "config": ["simulation, traffic", "default: paper", "default: all"],
-    "figures": ["m/s", "default: ."],
+    "figures": ["tables of evaluate", "default: ."],
     "reproduce": ["learning curves", "default: 3000", "default: 5", "schedule", "ray", "TOML"],
 }
 PACKAGE = Path(cli.__file__).parent
