@@ -1,7 +1,8 @@
-"""Attempts to make the ego hit somebody: families of scenes, and an adversary that learns (CMA-ES).
+"""Falsification of a safety check: families of scenes, and an adversary that learns (CMA-ES).
 
-The adversary chooses the start, what every other vehicle does in each decision, and what the ego
-asks for; the world lets the others do it within the bounds of ``driving/strict.py``.
+The adversary chooses the start, the commands of every other vehicle in each decision, and the
+proposed actions of the ego. The simulator limits the other vehicles to the bounds of
+``safety/strict.py``.
 """
 
 from collections.abc import Callable, Iterator
@@ -24,31 +25,31 @@ from verification.kinematic_simulator import (
 )
 
 DECISIONS = 14
-"""Long enough to brake to a standstill, and for two lane changes."""
+"""Decisions of a scene: enough for braking to a standstill, and for two lane changes."""
 POPULATION, GENERATIONS = 100, 20
-"""Scenes in a generation, and generations until the adversary begins anew."""
+"""Scenes in a generation, and generations until the adversary starts again."""
 PLACED, RATES = 6, 2
-"""Genes of a start; and of each other vehicle, and of the ego, in each decision."""
+"""Number of genes for the start of each other vehicle, and for each vehicle in each decision."""
 
 
 BRAKES = 99.0
-"""As hard as the bounds let it; m/s^2."""
+"""Braking command that the bounds reduce to the hardest allowed one, m/s^2."""
 
 
 class Family(NamedTuple):
-    """Scenes of one kind."""
+    """A family of scenes: the function that creates its starts, and a scripted adversary."""
 
     others: int
     start: Callable[[FloatArray, Config], World]
-    """From numbers in (0, 1), shape (scenes, PLACED * others)."""
+    """Creates the starts from numbers in (0, 1), shape (scenes, PLACED * others)."""
     script: tuple[float, float, int]
-    """A plain adversary: the others' acceleration and side, and what the ego proposes."""
+    """The scripted adversary: acceleration and side of the others, proposal of the ego."""
 
 
 def needed_gap(speed: FloatArray, other: FloatArray, config: Config) -> FloatArray:
-    """Gap behind a vehicle ahead from which on a scene is safe by the check's own measure.
+    """Smallest gap to the vehicle ahead with which the start is safe by the check's own criterion.
 
-    ``strict``: the way out is free. Any other: eq. 2 holds.
+    The criterion of ``strict`` is a free fallback maneuver; that of any other check is eq. 2.
     """
     if config.safety.check == "strict":
         strict, sim = config.strict, config.simulation
@@ -147,13 +148,13 @@ FAMILIES: dict[str, Family] = {
 
 
 class Tally(NamedTuple):
-    """What came of some scenes."""
+    """The results of some scenes."""
 
     scenes: int
     ego_hits: int
     was_hit: int
     least_m: float
-    """Smallest separation from anybody in all of them, metres; negative where bodies overlap."""
+    """Smallest separation of the ego in all scenes, metres; negative if bodies overlap."""
 
 
 def genes(family: Family) -> int:
@@ -162,16 +163,17 @@ def genes(family: Family) -> int:
 
 
 def orders(genome: FloatArray, family: Family, config: Config) -> Iterator[Orders]:
-    """What a genome, shape (scenes, genes), tells everybody, decision by decision.
+    """The commands of all vehicles that a genome, shape (scenes, genes), encodes, by decision.
 
-    Half-way between the bounds at 0 and at them beyond 1; sideways beyond 0.7.
+    A gene of 0 is half-way between the bounds, and a gene beyond 1 is at a bound. A gene beyond 0.7
+    commands a lateral movement.
     """
     strict, n = config.strict, family.others
-    told = genome[:, PLACED * n :].reshape(len(genome), DECISIONS, RATES, n + 1)
+    commands = genome[:, PLACED * n :].reshape(len(genome), DECISIONS, RATES, n + 1)
     span = (strict.acceleration_m_s2 + strict.braking_m_s2) / 2
     middle = (strict.acceleration_m_s2 - strict.braking_m_s2) / 2
     for decision in range(DECISIONS):
-        rate, side = told[:, decision, 0], told[:, decision, 1]
+        rate, side = commands[:, decision, 0], commands[:, decision, 1]
         wish = np.where(rate[:, 0] > -0.7, 1, np.where(rate[:, 0] > -1.2, 0, 3))
         lateral = np.where(side[:, 0] > 0.5, 2, np.where(side[:, 0] < -0.5, 1, 0))
         yield Orders(
@@ -182,7 +184,7 @@ def orders(genome: FloatArray, family: Family, config: Config) -> Iterator[Order
 
 
 def scripted(family: Family, scenes: int) -> Iterator[Orders]:
-    """The plain adversary's orders."""
+    """The commands of the scripted adversary."""
     rate, side, proposal = family.script
     shape = (scenes, family.others)
     for _ in range(DECISIONS):
@@ -190,14 +192,14 @@ def scripted(family: Family, scenes: int) -> Iterator[Orders]:
 
 
 def play(
-    world: World, told: Iterator[Orders], judge: BatchCheck, mover: Mover
+    world: World, commands: Iterator[Orders], check: BatchCheck, mover: Mover
 ) -> tuple[FloatArray, IntArray]:
-    """Drive scenes to their end: the least separation of each, and how each ended.
+    """Drive scenes to their end; returns the smallest separation and the result of each.
 
-    0: no collision, 1: the ego hit somebody, 2: it was hit.
+    The result is 0 without a collision, 1 if the ego hit a vehicle, 2 if a vehicle hit the ego.
     """
-    for order in told:
-        mover.decision(world, judge(world, order.proposal), order)
+    for order in commands:
+        mover.decision(world, check(world, order.proposal), order)
     ended = np.zeros(len(world.x_m), dtype=np.int64)
     for row, collision in world.collisions.items():
         ended[row] = 1 if collision.kind.ego_hit else 2
@@ -205,9 +207,9 @@ def play(
 
 
 def search(
-    family: Family, config: Config, judge: BatchCheck, mover: Mover, scenes: int, seed: int
+    family: Family, config: Config, check: BatchCheck, mover: Mover, scenes: int, seed: int
 ) -> Iterator[Tally]:
-    """Let the adversary learn; a tally a generation."""
+    """Run the learning adversary; yields one tally for each generation."""
     import cma
 
     left, restart = scenes, 0
@@ -218,7 +220,7 @@ def search(
         learner = cma.CMAEvolutionStrategy(start, 0.7, options)
         for _ in range(min(GENERATIONS, -(-left // POPULATION))):
             asked = learner.ask()
-            tally, losses = _generation(np.array(asked), family, config, judge, mover)
+            tally, losses = _generation(np.array(asked), family, config, check, mover)
             learner.tell(asked, losses.tolist())
             left -= tally.scenes
             yield tally
@@ -226,11 +228,11 @@ def search(
 
 
 def _generation(
-    genome: FloatArray, family: Family, config: Config, judge: BatchCheck, mover: Mover
+    genome: FloatArray, family: Family, config: Config, check: BatchCheck, mover: Mover
 ) -> tuple[Tally, FloatArray]:
     placing = genome[:, : PLACED * family.others]
     world = family.start(1 / (1 + np.exp(-1.7 * placing)), config)
-    least_m, ended = play(world, orders(genome, family, config), judge, mover)
+    least_m, ended = play(world, orders(genome, family, config), check, mover)
     losses = np.where(ended == 2, 1.0, least_m)
     tally = Tally(
         len(genome), int((ended == 1).sum()), int((ended == 2).sum()), float(least_m.min())

@@ -1,12 +1,13 @@
-"""Look for a way round a safety check: what makes the ego hit somebody who keeps to the bounds?
+"""Search for scenes in which a safety check lets the ego hit a vehicle that keeps to the bounds.
 
     python -m verification.falsify                      # the envelope of the paper's check
     python -m verification.falsify --check strict --scenes 100000   # an adversary that learns
     python -m verification.falsify --check strict --sumo --scenes 50  # the same scenes in SUMO
 
-The envelope: a plain adversary for each kind of scene, on the plain equations, over closing speed,
-integration and step length. The search: CMA-ES chooses the start, what every other vehicle does
-and what the ego asks for. Ends with status 1 if the ego hit somebody under ``strict``.
+The envelope uses a scripted adversary for each family of scenes, in the kinematic simulator, by
+closing speed, integration and step length. The search uses CMA-ES, which chooses the start, the
+motion of all other vehicles and the proposed actions of the ego. The exit status is 1 if the ego
+hit a vehicle under ``strict``.
 """
 
 import argparse
@@ -35,14 +36,14 @@ CLOSING_M_S = (0.0, 5.0, 10.0, 15.0, 20.0, 30.0)
 STEPS_S = (1.0, 0.5, 0.1)
 
 
-def judge_of(config: Config) -> BatchCheck:
+def check_of(config: Config) -> BatchCheck:
     """The check that a config names, for many scenes."""
     strict = config.safety.check == "strict"
     return BatchStrict(config) if strict else one_by_one(named_check(config))
 
 
 def envelope(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
-    """Share of starts from which the ego hits somebody, by family, plant and closing speed."""
+    """Share of starts that lead to a collision by the ego, by family, plant and closing speed."""
     rows = []
     for name in names:
         family = FAMILIES[name]
@@ -53,8 +54,8 @@ def envelope(config: Config, names: list[str], scenes: int, seed: int) -> list[d
                 world = family.start(rng.random((scenes, PLACED * family.others)), plant)
                 closing = world.speed_m_s[:, 0] - world.speed_m_s[:, 1]
                 closing = -closing if name == "overtaker" else closing
-                told = scripted(family, scenes)
-                _, ended = play(world, told, judge_of(plant), Mover(plant, ballistic))
+                commands = scripted(family, scenes)
+                _, ended = play(world, commands, check_of(plant), Mover(plant, ballistic))
                 for low, high in pairwise(CLOSING_M_S):
                     inside = (closing >= low) & (closing < high)
                     rows.append(
@@ -72,10 +73,10 @@ def envelope(config: Config, names: list[str], scenes: int, seed: int) -> list[d
 
 
 def search(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
-    """What the learning adversary achieves in each family."""
+    """The results of the search with CMA-ES in each family."""
     rows = []
     for name in names:
-        tallies = list(learn(FAMILIES[name], config, judge_of(config), Mover(config), scenes, seed))
+        tallies = list(learn(FAMILIES[name], config, check_of(config), Mover(config), scenes, seed))
         rows.append(summed(name, tallies))
         print(rows[-1], file=sys.stderr)
     return rows
@@ -92,12 +93,12 @@ def summed(name: str, tallies: list[Tally]) -> dict[str, Any]:
 
 
 def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
-    """Drive scenes of a random adversary in SUMO and beside it on the plain equations."""
+    """Drive the scenes of a random adversary in SUMO and in the kinematic simulator."""
     from verification.in_sumo import SumoWorld
 
     rows, sumo = [], SumoWorld(config)
     for name in names:
-        family, judge, mover = FAMILIES[name], judge_of(config), Mover(config)
+        family, check, mover = FAMILIES[name], check_of(config), Mover(config)
         rng = np.random.default_rng(seed)
         ends: list[tuple[Collision | None, Collision | None, float]] = []
         while len(ends) < scenes:
@@ -105,7 +106,7 @@ def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[di
             placing = 1 / (1 + np.exp(-1.7 * genome[:, : PLACED * family.others]))
             world = family.start(placing, config)
             try:
-                ends.append(sumo.play(world, orders(genome, family, config), judge, mover))
+                ends.append(sumo.play(world, orders(genome, family, config), check, mover))
             except ScenarioError:
                 continue  # two of the others would start in one place
         rows.append(
@@ -122,7 +123,7 @@ def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[di
 
 
 def show(rows: list[dict[str, Any]]) -> None:
-    """A table."""
+    """Print the rows as a table."""
     names = list(rows[0])
     texts = [
         [

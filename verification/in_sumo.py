@@ -1,4 +1,4 @@
-"""One scene of the falsifier in SUMO: every vehicle is told where to be by the plain equations."""
+"""One scene of the falsifier in SUMO, where each vehicle follows the kinematic simulator."""
 
 import tempfile
 from collections.abc import Iterator
@@ -21,11 +21,11 @@ from verification.kinematic_simulator import BatchCheck, Mover, Orders, World
 
 LAP_M = 2000.0
 START_M = 500.0
-"""Of the ego's front bumper; the others are placed around it."""
+"""Position of the ego's front bumper; the other vehicles are placed around the ego."""
 
 
 class SumoWorld:
-    """SUMO as the plant beside the plain equations."""
+    """SUMO as a second plant beside the kinematic simulator."""
 
     def __init__(self, config: Config) -> None:
         folder = Path(tempfile.mkdtemp()) / "loop"
@@ -35,13 +35,13 @@ class SumoWorld:
         self._config = replace(config, traffic=traffic)
 
     def play(
-        self, world: World, told: Iterator[Orders], judge: BatchCheck, mover: Mover
+        self, world: World, commands: Iterator[Orders], check: BatchCheck, mover: Mover
     ) -> tuple[Collision | None, Collision | None, float]:
-        """The ego's collision in SUMO, that by the equations, and how far SUMO strays, metres."""
+        """The ego's collision in SUMO and in the simulator, and the largest deviation, metres."""
         simulation = self._start(world)
         apart_m, ego_x_m = 0.0, float(world.x_m[0, 0])
-        for order in told:
-            executed = judge(world, order.proposal)
+        for order in commands:
+            executed = check(world, order.proposal)
             for speeds, places_m in mover.steps(world, executed, order):
                 self._tell(speeds[0], places_m[0])
                 command = Command(float(speeds[0, 0]), float(places_m[0, 0]), 0.0)

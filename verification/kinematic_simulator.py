@@ -1,7 +1,7 @@
-"""Many scenes at once on the plain equations: an ego under a check, others within stated bounds.
+"""A kinematic simulator of many scenes: an ego under a check, other vehicles within bounds.
 
-The others do what they are told as far as the bounds of ``driving/strict.py`` let them; an
-adversary tells them. Arrays have shape (scenes,) for the ego and (scenes, others) for the others.
+An adversary commands the other vehicles, which obey within the bounds of ``safety/strict.py``.
+Arrays have shape (scenes,) for the ego and (scenes, others) for the other vehicles.
 """
 
 from collections.abc import Callable, Iterator
@@ -30,37 +30,36 @@ NONE = -9
 """Origin and target of an ego that changes no lane."""
 FASTEST_M_S = 40.0
 TOUCHING_M = 1e-9
-"""Bodies that overlap by no more do so by rounding."""
+"""An overlap of bodies up to this is a rounding error."""
 SIGN = np.array([0, -1, 1])
-"""Of a lateral action."""
+"""Direction of a lateral action: left +1, right -1."""
 
 
 @dataclass
 class World:
-    """Where everybody is; changed in place."""
+    """The state of all vehicles in many scenes; the simulator changes it in place."""
 
     x_m: FloatArray
-    """Centres along the road; shape (scenes, 1 + others), the ego's first, as all of these."""
+    """Centres along the road; shape (scenes, 1 + others) as the next arrays, the ego's first."""
     y_m: FloatArray
     speed_m_s: FloatArray
     lateral_m_s: FloatArray
     origin: IntArray
     target: IntArray
     lane_s: FloatArray
-    """For how long the ego's body has been over each lane; shape (scenes, lanes)."""
+    """Time for which the ego's body has overlapped each lane, seconds; shape (scenes, lanes)."""
     collisions: dict[int, Collision] = field(default_factory=dict)
-    """The collision of each scene in which the ego has had one; such a scene has ended."""
+    """The ego's collision by scene; a scene with a collision has ended."""
 
     def __post_init__(self) -> None:
         self.least_m = np.full(self.x_m[:, 1:].shape, np.inf)
-        """The smallest separation of each from the ego so far, shape (scenes, others).
+        """The smallest separation of each other vehicle from the ego, shape (scenes, others).
 
-        It is the larger of the gaps lengthwise and sideways; negative where bodies overlap
-        anywhere on their way.
+        Separation is the larger of the gaps along and across the road, negative if bodies overlap.
         """
 
     def scene(self, row: int) -> Scene:
-        """One of the scenes, as a safety check gets it."""
+        """One of the scenes, as the input of a safety check."""
         names = tuple(f"vehicle{other}" for other in range(1, self.x_m.shape[1]))
         size = np.ones(self.x_m.shape[1])
         shot = Snapshot(
@@ -79,28 +78,28 @@ class World:
 
 
 class Orders(NamedTuple):
-    """What the adversary tells everybody for one decision."""
+    """The commands of the adversary for one decision."""
 
     proposal: IntArray
-    """The ego's, 0 to 11; shape (scenes,)."""
+    """The proposed actions of the ego, 0 to 11; shape (scenes,)."""
     acceleration_m_s2: FloatArray
-    """Of the others; shape (scenes, others)."""
+    """Acceleration of the other vehicles; shape (scenes, others)."""
     side: FloatArray
-    """Which way they are to move, and how fast: from -1, as fast as may be to the right, to 1."""
+    """Lateral speed of the others as a fraction of its bound: -1 is to the right, 1 to the left."""
 
 
 BatchCheck = Callable[[World, IntArray], IntArray]
-"""The actions executed, 0 to 11, for those proposed; shape (scenes,)."""
+"""A function from a world and proposed actions to the executed actions, 0 to 11; (scenes,)."""
 
 
 def one_by_one(check: SafetyCheck) -> BatchCheck:
-    """The very check, asked for each scene."""
+    """A safety check that is called for each scene separately."""
 
-    def judge(world: World, proposal: IntArray) -> IntArray:
+    def checked(world: World, proposal: IntArray) -> IntArray:
         verdicts = (check(world.scene(row), ACTIONS[n]) for row, n in enumerate(proposal.tolist()))
         return np.array([verdict.action.number for verdict in verdicts])
 
-    return judge
+    return checked
 
 
 class Mover:
@@ -111,14 +110,14 @@ class Mover:
         self.step_s = config.simulation.step_length_s
 
     def decision(self, world: World, executed: IntArray, orders: Orders) -> None:
-        """One decision; a scene with a collision stays as it is from that SUMO step on."""
+        """Simulate one decision; a scene stops at the SUMO step of its collision."""
         for _ in self.steps(world, executed, orders):
             pass
 
     def steps(
         self, world: World, executed: IntArray, orders: Orders
     ) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """One decision, SUMO step by SUMO step; speeds and lateral positions after each."""
+        """Simulate one decision; yields speeds and lateral positions after each SUMO step."""
         lateral, longitudinal = executed // 4, executed % 4
         self._steer(world, SIGN[lateral])
         ego = self._config.ego
@@ -160,7 +159,7 @@ class Mover:
     def _collide(
         self, world: World, from_x_m: FloatArray, from_y_m: FloatArray, going: BoolArray
     ) -> None:
-        """Note the collisions on the way from there, off the road first."""
+        """Record the collisions of a step; leaving the road counts first."""
         sizes_m = (LENGTH_M, WIDTH_M)
         least_m = swept_separation((from_x_m, from_y_m), (world.x_m, world.y_m), *sizes_m)
         world.least_m = np.minimum(world.least_m, least_m)
@@ -174,7 +173,7 @@ class Mover:
             world.collisions[row] = first_collision(starts, ends, *sizes_m)
 
     def _permitted_side(self, world: World, side: FloatArray, rate: FloatArray) -> FloatArray:
-        """Bound 3: the sides to which the others may move now, 0 where they may not."""
+        """Bound 3: the permitted sides of the others' commands, 0 if a movement is forbidden."""
         strict, ego = self._config.strict, self._config.ego
         y_m, width_m = world.y_m[:, 1:], ROAD.lane_width_m
         lane = _bound_for(y_m, side)
@@ -184,7 +183,7 @@ class Mover:
         goes_on = (np.sign(world.lateral_m_s[:, 1:]) == np.sign(side)) & (off_m > ARRIVED_M)
         goes_on &= _bound_for(earlier_m, side) == lane
         is_in = (lowest[:, 1:] <= lane) & (lane <= highest[:, 1:])
-        # everybody (axis 1) that stands in the lane which another one (axis 2) would move into
+        # each vehicle (axis 1) that is in the lane which another one (axis 2) would move into
         there = (lowest[:, :, None] <= lane[:, None]) & (lane[:, None] <= highest[:, :, None])
         n = y_m.shape[1]
         there[:, np.arange(1, n + 1), np.arange(n)] = False
@@ -212,7 +211,7 @@ class Mover:
         return result
 
     def _staying_behind(self, world: World, wanted: FloatArray) -> FloatArray:
-        """Bound 4: the accelerations of the others, braking where the ego ahead asks for it."""
+        """Bound 4: the accelerations of the others, which brake behind the ego if necessary."""
         strict, ego = self._config.strict, self._config.ego
         gap_m = world.x_m[:, :1] - world.x_m[:, 1:] - LENGTH_M
         must = (gap_m >= 0) & (self._shared_s(world) >= strict.follower_response_s - 1e-9)
@@ -227,9 +226,9 @@ class Mover:
         return result
 
     def _shared_s(self, world: World) -> FloatArray:
-        """For how long the ego has been in a lane that each other one is in or moves into.
+        """Time for which the ego has been in a lane that each other vehicle is in or moves into.
 
-        Also counts this SUMO step; -1 where they share no lane.
+        It includes this SUMO step; -1 if they share no lane.
         """
         lowest, highest = lanes_under(world.y_m[:, :1], WIDTH_M, ROAD.lane_width_m)
         lanes = np.arange(len(ROAD.open_lanes))

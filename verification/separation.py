@@ -1,6 +1,6 @@
-"""How near others come to the ego on straight ways, many scenes at once; and who hits whom.
+"""Smallest separation from the ego on straight paths, and the kind of collision, for many scenes.
 
-Found in another manner than by ``traffic/collisions.py``, so that either checks the other.
+The method differs from that of ``traffic/collisions.py``, so that each can check the other.
 """
 
 import numpy as np
@@ -12,15 +12,15 @@ from drl_av.traffic.snapshot import Collision
 Places = tuple[FloatArray, FloatArray]
 """Centres along and across the road; the last axis is of the ego and the others."""
 STRAIGHT = Road(1e9, 1.0, (True,))
-"""Without an end, as far as a scene can tell."""
+"""A road that is practically endless for a scene."""
 
 
 def swept_separation(starts: Places, ends: Places, length_m: float, width_m: float) -> FloatArray:
-    """The smallest separation from the ego on straight ways; shape (scenes, others).
+    """The smallest separation from the ego on straight paths; shape (scenes, others).
 
-    Separation is the larger of the gaps lengthwise and sideways, negative where bodies overlap.
-    Over time it is the largest of four straight lines, so that it is smallest where two of them
-    meet, or at an end.
+    Separation is the larger of the gaps along and across the road, negative if bodies overlap. Over
+    time it is the maximum of four linear functions, so that its minimum is at an intersection of
+    two of them, or at the start or the end.
     """
     ahead_m, left_m = (at[:, 1:] - at[:, :1] for at in starts)
     forward_m, aside_m = (

@@ -68,10 +68,10 @@ def append(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> Non
 
 
 def remove_cut_line(path: Path, error: type[DrlAvError] = DrlAvError) -> None:
-    """Remove the last line of a file where it has no line end; nothing where there is no file.
+    """Remove the last line of a file if it has no line end; do nothing if the file is missing.
 
     Raises:
-        error: the file may not be written to.
+        error: the file is not writable.
     """
     try:
         with path.open("rb+") as file:

@@ -87,11 +87,11 @@ class Level1:
 
 
 def load_level_1(road: Road, folder: Path = LEVEL_1) -> Level1:
-    """The policy of a run's folder as a driver of the traffic on that road.
+    """The level-1 driver of the background traffic, from the policy in a run's folder.
 
     Raises:
-        CheckpointError: the policy is missing or damaged, holds several networks or none, or
-            does not belong to the config beside it.
+        CheckpointError: the policy is missing or damaged, does not hold exactly one network, or
+            does not belong to the config in the folder.
     """
     try:
         networks, config = load_run(folder)
