@@ -106,6 +106,11 @@ def load_policy(
             f"{path} does not fit a network of {' -> '.join(map(str, networks[0].sizes))}: its "
             f"tensors are {found}, not {expected}; take a policy trained for this observation."
         )
+    if not all(np.isfinite(tensor).all() for tensor in tensors.values()):
+        raise CheckpointError(
+            f"{path} has weights that are no finite numbers, by which nothing can drive: take an "
+            "older copy or train again."
+        )
     for number, network in enumerate(networks):
         for name, view in network.tensors().items():
             view[...] = tensors[name][number] if axis else tensors[name]

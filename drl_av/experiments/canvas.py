@@ -1,6 +1,7 @@
 """Panels to draw on, and figures as PNG files; the only module that imports matplotlib."""
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +33,16 @@ def lighten(axes: "Axes", x: str = "", y: str = "") -> None:
     axes.set(**{name: label for name, label in (("xlabel", x), ("ylabel", y)) if label})
     axes.grid(alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def legend_of_names(axes: "Axes", curves: Mapping[str, Any]) -> None:
+    """A legend of the curves by names of the user's, as they are: a ``$`` begins no formula.
+
+    matplotlib alone leaves out a name that begins with ``_``.
+    """
+    legend = axes.legend(list(curves.values()), ["name"] * len(curves), frameon=False)
+    for text, name in zip(legend.get_texts(), curves, strict=True):
+        text.set(text=name, parse_math=False)
 
 
 def save_figure(figure: "Figure", path: Path) -> None:

@@ -12,7 +12,7 @@ from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.paired import Paired, Speed, paired
 from drl_av.evaluation.statistics import Mean, mean_with_interval
-from drl_av.experiments.canvas import one_panel
+from drl_av.experiments.canvas import legend_of_names, one_panel
 from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import (
@@ -158,7 +158,7 @@ def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
     """
     figure, axes = one_panel("vehicles on the loop", "mean speed of the ego, m/s")
     drivers = list(dict.fromkeys(row["driver"] for row in rows))
-    other_colors = cycle(OTHER_COLORS)
+    other_colors, curves = cycle(OTHER_COLORS), {}
     for place, driver in enumerate(drivers):
         speeds: dict[int, list[float]] = {}
         for row in rows:
@@ -167,16 +167,16 @@ def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
         means = {number: mean_with_interval(speeds[number]) for number in sorted(speeds)}
         color, mark = STYLES[driver] if driver in STYLES else (next(other_colors), "D")
         aside = BESIDE * (place - (len(drivers) - 1) / 2)
-        axes.errorbar(
+        curves[driver] = axes.errorbar(
             [number + aside for number in means],
             [mean.value for mean in means.values()],
             yerr=[m.half_width if np.isfinite(m.half_width) else 0.0 for m in means.values()],
-            label=driver,
             color=color,
             marker=mark,
             capsize=3,
         )
-    axes.legend(frameon=False)
+        curves[driver].set_label(driver)
+    legend_of_names(axes, curves)
     return figure
 
 

@@ -8,28 +8,26 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.env.reward import gap_reward, lateral_reward, safe_gap, speed_reward
-from drl_av.experiments.canvas import one_panel, panels
+from drl_av.experiments.canvas import legend_of_names, one_panel, panels
 from drl_av.files import read_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-EPISODE_COLUMNS = {"driver": str, "vehicles": int, "mean_speed_m_s": float}
-EVALUATION_COLUMNS = {"episode": int, "mean_reward": float}
+EPISODE_COLUMNS = {"driver": str, "vehicles": float, "mean_speed_m_s": float}
+EVALUATION_COLUMNS = {"episode": float, "mean_reward": float}
 
 
 def learning_figure(runs: Sequence[Path]) -> "Figure":
     """Mean reward a decision of the greedy driver against training episodes (Fig. 7)."""
     figure, axes = one_panel("training episode", "mean reward a decision")
+    curves = {}
     for run in runs:
         rows = read_table(run / "evaluations.csv", EVALUATION_COLUMNS)
-        axes.plot(
-            [row["episode"] for row in rows],
-            [row["mean_reward"] for row in rows],
-            marker=".",
-            label=run.name,
-        )
-    axes.legend(frameon=False)
+        episodes, rewards = ([row[name] for row in rows] for name in EVALUATION_COLUMNS)
+        [curve] = axes.plot(episodes, rewards, marker=".")
+        curves[run.name if run.name not in curves else str(run)] = curve
+    legend_of_names(axes, curves)
     return figure
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drl_av.drivers.network import Float32Array
 from drl_av.drivers.policy_file import State
-from drl_av.errors import CheckpointError
+from drl_av.errors import CheckpointError, ConfigError
 
 
 class Batch(NamedTuple):
@@ -33,11 +33,20 @@ class Ring:
     """A ring buffer of the newest ``capacity`` transitions.
 
     Each is one float32 row: s_t, s_tp1, a_t, r_tp1, discount. Memory grows with the rows.
+
+    Raises:
+        ConfigError: this machine's memory cannot hold as many rows.
     """
 
     def __init__(self, capacity: int, observation_size: int) -> None:
         self.observation_size = observation_size
-        self.rows: Float32Array = np.empty((capacity, 2 * observation_size + 3), np.float32)
+        try:
+            self.rows: Float32Array = np.empty((capacity, 2 * observation_size + 3), np.float32)
+        except MemoryError as error:
+            raise ConfigError(
+                f"The memory of this machine cannot hold a buffer of {capacity} rows: lower "
+                "learning.safe_capacity and learning.collision_capacity."
+            ) from error
         self.filled = 0
         self.next_slot = 0
 

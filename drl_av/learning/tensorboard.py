@@ -1,12 +1,13 @@
 """Writes TensorBoard events of a training."""
 
 import importlib.util
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
-from drl_av.errors import DrlAvError
+from drl_av.errors import DrlAvError, RunError
 from drl_av.learning.run import Progress
 
 
@@ -32,14 +33,41 @@ def tensorboard_writer(
         return
     from torch.utils.tensorboard import SummaryWriter
 
-    writer = SummaryWriter(str(folder), purge_step=episodes_done + 1)
+    hook = threading.excepthook
+    _quiet_refusal(hook)
+    with _refused(folder):
+        writer = SummaryWriter(str(folder), purge_step=episodes_done + 1)
 
     def write(progress: Progress) -> None:
         for group, row in (("episode", progress.episode), ("evaluation", progress.evaluation)):
             for name, value in asdict(row).items() if row else ():
-                writer.add_scalar(f"{group}/{name}", value, progress.episode.episode)
+                with _refused(folder):
+                    writer.add_scalar(f"{group}/{name}", value, progress.episode.episode)
 
     try:
         yield write
     finally:
-        writer.close()
+        with _refused(folder):
+            writer.close()
+        threading.excepthook = hook
+
+
+def _quiet_refusal(hook: Callable[[threading.ExceptHookArgs], object]) -> None:
+    """Report no refusal in TensorBoard's thread: ``add_scalar`` raises it again."""
+
+    def report(problem: threading.ExceptHookArgs) -> None:
+        if not isinstance(problem.exc_value, OSError):
+            hook(problem)
+
+    threading.excepthook = report
+
+
+@contextmanager
+def _refused(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise RunError(
+            f"The TensorBoard events in {folder} cannot be written ({error.strerror or error}): "
+            "free some space, or continue with --resume and without --tensorboard."
+        ) from error

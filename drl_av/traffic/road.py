@@ -7,6 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+ROUNDING = 1e-9
+"""Share of a lane by which a body may lie beyond a line, because numbers are rounded."""
 CENTERED_M = 0.1
 """A vehicle this near its lane's centre is in no lane change, and may request one (ours)."""
 ARRIVED_M = 0.05
@@ -44,8 +46,8 @@ class Road:
     def holds(self, y_m: float, width_m: float) -> bool:
         """Whether a body of width ``width_m`` with its centre at ``y_m`` is on open lanes only."""
         half = self.lane_width_m / 2
-        right = math.floor((y_m - width_m / 2 + half) / self.lane_width_m)
-        left = math.ceil((y_m + width_m / 2 + half) / self.lane_width_m) - 1
+        right = math.floor((y_m - width_m / 2 + half) / self.lane_width_m + ROUNDING)
+        left = math.ceil((y_m + width_m / 2 + half) / self.lane_width_m - ROUNDING) - 1
         return all(map(self.is_open, range(right, left + 1)))
 
     def ahead_m(self, s_from_m: float | FloatArray, s_to_m: FloatArray) -> FloatArray:

@@ -51,6 +51,41 @@ def test_learning_figure_follows_the_evaluations_of_a_run(tmp_path: Path) -> Non
     assert axes.lines[0].get_ydata().tolist() == [-0.4, -0.1]
 
 
+NAMES = ["_mine", "$x", r"$\frac{$", "a_$b_$", "__"]
+
+
+def test_names_are_in_the_legend_as_they_are(tmp_path: Path) -> None:
+    speeds = rows_of(HEADER + "".join(f"{name},5,20\n" for name in NAMES))
+    runs = [tmp_path / name for name in NAMES]
+    for run in runs:
+        run.mkdir()
+        # a table that a spreadsheet saved begins with a byte-order mark
+        (run / "evaluations.csv").write_text("\ufeffepisode,mean_reward\n100,-0.4\n")
+    for figure in (speed_figure(speeds), learning_figure(runs)):
+        [axes] = figure.axes
+        legend = axes.get_legend()
+        assert legend is not None
+        assert [text.get_text() for text in legend.get_texts()] == NAMES
+        save_figure(figure, tmp_path / "figure.png")
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e400", "9" * 400])
+def test_a_number_that_cannot_be_drawn_is_one_sentence(
+    number: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, text in (
+        ("table.csv", f"{HEADER}idm,5,{number}\n"),
+        ("table.csv", f"{HEADER}idm,{number},20\n"),
+        ("evaluations.csv", f"episode,mean_reward\n{number},-0.4\n"),
+    ):
+        (tmp_path / name).write_text(text)
+        source = tmp_path if name == "evaluations.csv" else tmp_path / name
+        assert main(["figures", str(source), "--out", str(tmp_path / "out")]) == 1
+        told = capsys.readouterr().err
+        assert told.count("\n") == 1
+        assert "must be a finite number" in told
+
+
 def test_reward_figure_has_three_panels_with_their_best_at_the_desired_values(
     tmp_path: Path,
 ) -> None:

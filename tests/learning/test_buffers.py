@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drl_av.config import LearningConfig
-from drl_av.errors import CheckpointError
+from drl_av.errors import CheckpointError, ConfigError
 from drl_av.learning.assembly import make_buffer
 from drl_av.learning.buffers import Ring, TwoBuffers, UniformBuffer, batch_of
 
@@ -139,3 +139,8 @@ def test_experience_that_does_not_fit_is_refused(other):
         other["rows"] = np.zeros((0, 9), np.float32)
     with pytest.raises(CheckpointError, match="does not fit a buffer of 100 rows"):
         UniformBuffer(2, 100, 0.9).restore(other)
+
+
+def test_a_capacity_that_no_memory_holds_is_one_sentence() -> None:
+    with pytest.raises(ConfigError, match=r"buffer of 1000000000000000 rows: lower"):
+        Ring(10**15, 27)

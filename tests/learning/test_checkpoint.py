@@ -1,4 +1,5 @@
 import errno
+import json
 import os
 import signal
 import subprocess
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import safetensors.numpy
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,7 +17,7 @@ from hypothesis.extra import numpy as hnp
 
 from drl_av.config.presets import preset
 from drl_av.drivers.network import QNetwork
-from drl_av.drivers.policy_file import load, load_policy
+from drl_av.drivers.policy_file import FORMAT, load, load_policy
 from drl_av.errors import CheckpointError
 from drl_av.learning.checkpoint import restore_rng, rng_to_json, save, save_policy
 
@@ -230,3 +232,21 @@ def test_a_generator_goes_on_where_it_was(tmp_path):
     assert np.array_equal(twin.integers(1000, size=50), rng.integers(1000, size=50))
     with pytest.raises(CheckpointError, match="random generator"):
         restore_rng(twin, {"bit_generator": "MT19937"})
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_weights_that_are_no_numbers_are_refused(tmp_path, number):
+    network = QNetwork(np.random.default_rng(0))
+    network.layers[1][0][3, 4] = number
+    save_policy(tmp_path / "policy.safetensors", [network], preset("paper"))
+    with pytest.raises(CheckpointError, match="no finite numbers") as error:
+        load_policy(tmp_path / "policy.safetensors")
+    assert one_sentence(error)
+
+
+def test_metadata_nested_too_deep_is_refused(saved):
+    header = json.dumps({"metadata": "[" * 100_000, "sha256": ""})
+    safetensors.numpy.save_file(TENSORS, saved, {FORMAT: header})
+    with pytest.raises(CheckpointError, match="damaged") as error:
+        load(saved)
+    assert one_sentence(error)

@@ -416,3 +416,21 @@ def test_missing_tensorboard_is_told_before_a_run_is_begun(
     assert main(command(tmp_path / "run", "--tensorboard")) == 1
     assert "pip install 'drl-av[tensorboard]'" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
+
+
+FULL_DISK = """
+from tensorboard.summary.writer.record_writer import RecordWriter
+def full(): raise OSError(28, "No space left on device")
+at_call(RecordWriter, "write", 9, full)
+"""
+
+
+def test_tensorboard_events_that_find_the_disk_full_are_one_sentence(
+    settings: str, left_alone: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
+    ended = trained(FULL_DISK, command(folder, "--config", settings, "--tensorboard"))
+    assert ended.returncode == 1
+    assert "without --tensorboard" in one_sentence(ended.stderr)
+    assert trained("", command(folder, "--resume")).returncode == 0
+    assert files_of(folder) == files_of(left_alone)

@@ -106,3 +106,9 @@ def test_body_is_held_where_both_its_sides_and_all_between_are(y_m: float, width
     for road in (ROAD, BARRICADED_ROAD):
         everywhere = all(road.is_open(road.lane_of(side)) for side in sides.tolist())
         assert road.holds(y_m, width_m) is everywhere
+
+
+def test_a_body_as_wide_as_its_lane_is_held_by_each_open_lane() -> None:
+    road = Road(500.0, 3.8, (True, True, True))
+    assert all(road.holds(road.center_m(lane), 3.8) for lane in range(3))
+    assert not road.holds(7.61, 3.8)
