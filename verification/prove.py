@@ -18,7 +18,7 @@ from drl_av.config import Config, load_config
 from drl_av.errors import DrlAvError
 from verification.proofs import followers, following, lane_changes
 from verification.proofs.argument import Argument, argument
-from verification.proofs.lemma import Model, counterexample
+from verification.proofs.lemma import Lemma, Model, UndecidedError, counterexample
 from verification.proofs.rounding import rounding_m
 
 LEMMAS = (*following.LEMMAS, *followers.LEMMAS, *lane_changes.LEMMAS)
@@ -40,14 +40,32 @@ class Result(NamedTuple):
 
 
 def prove(config: Config) -> Iterator[Result]:
-    """The lemmas in order; raises ConfigError where they do not describe the settings."""
+    """The lemmas in order.
+
+    Raises:
+        ConfigError: the lemmas do not describe the settings.
+        UndecidedError: Z3 neither proves nor refutes one of them in time.
+    """
     numbers = argument(config)
     for lemma in LEMMAS:
         begun_s = time.monotonic()
-        models = (counterexample(claim) for claim in lemma.claims(numbers))
-        model = next((model for model in models if model is not None), None)
+        model = refuted(lemma, numbers)
         yield Result(lemma.name, lemma.says, time.monotonic() - begun_s, model)
     yield rounding(config, numbers)
+
+
+def refuted(lemma: Lemma, numbers: Argument) -> Model | None:
+    """A counterexample to a lemma; raises UndecidedError, naming the lemma."""
+    undecided = None
+    for claim in lemma.claims(numbers):
+        try:
+            if (model := counterexample(claim)) is not None:
+                return model
+        except UndecidedError as error:
+            undecided = error
+    if undecided is not None:
+        raise UndecidedError(f"The lemma {lemma.name} stays open: {undecided}")
+    return None
 
 
 def rounding(config: Config, numbers: Argument) -> Result:

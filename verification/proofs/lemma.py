@@ -99,8 +99,8 @@ def counterexample(claim: Claim, *also: Term) -> Model | None:
         return None
     if answer == z3.unknown:
         raise UndecidedError(
-            f"Z3 neither proves nor refutes a claim in {TIMEOUT_S} s ({solver.reason_unknown()}): "
-            "take a longer simulation.step_length_s, which makes fewer cases."
+            f"Z3 neither proves nor refutes a claim in {TIMEOUT_S} s: take a longer "
+            "simulation.step_length_s, which makes fewer cases."
         )
     model = solver.model()
     return {

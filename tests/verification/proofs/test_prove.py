@@ -15,7 +15,7 @@ from verification.proofs.argument import argument
 from verification.proofs.following import decision_claims
 from verification.proofs.lane_changes import is_over, places
 from verification.proofs.lemma import Lemma, Problem, UndecidedError, counterexample
-from verification.prove import LEMMAS
+from verification.prove import LEMMAS, refuted
 
 DEFAULTS = argument(Config())
 
@@ -98,13 +98,15 @@ def test_a_decision_finds_the_ego_in_its_lane_at_0_and_at_1_s() -> None:
 
 
 def test_what_z3_does_not_decide_is_no_proof(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Fermat's last theorem for cubes, and a claim that is wrong
     p = Problem()
     n, m, k = (z3.FreshInt() for _ in range(3))
     p.assume(n > 2, m > 2, k > 2)
-    claim = p.follows(n * n * n + m * m * m != k * k * k)
+    hard, wrong = p.follows(n * n * n + m * m * m != k * k * k), p.follows(n > 3)
     monkeypatch.setattr(machine, "TIMEOUT_S", 1)
-    with pytest.raises(UndecidedError, match="neither proves nor refutes a claim in 1 s"):
-        counterexample(claim)
+    with pytest.raises(UndecidedError, match="The lemma cubes stays open: Z3 neither proves nor"):
+        refuted(Lemma("cubes", "", lambda _: iter([hard])), DEFAULTS)
+    assert refuted(Lemma("cubes", "", lambda _: iter([hard, wrong])), DEFAULTS) is not None
 
 
 def test_the_claims_on_a_decision_are_as_many_as_actions_times_steps() -> None:

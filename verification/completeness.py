@@ -1,0 +1,207 @@
+"""How often ``strict`` refuses what a search shows to be safe, by family of the falsifier's scenes.
+
+    python -m verification.completeness                # minutes
+    python -m verification.completeness --scenes 400 --adversaries 200
+
+The states are those that the falsifier's random adversary leads to. A refused acceleration counts
+as safe if, after a decision with it, braking hard meets no collision under any of the adversaries
+tried. A refused maneuver counts as safe if the ego, which then goes on to its end, braking hard or
+at the speed that the check permits, meets none. More adversaries find more collisions, so the
+shares of safe ones are upper bounds. Ends with status 1 if in some state no action is permitted.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drl_av.cli.arguments import whole
+from drl_av.config import Config
+from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
+from drl_av.experiments.provenance import made_by
+from verification.batch_check import BatchStrict
+from verification.falsification import FAMILIES, PLACED, Family, genes, orders, play
+from verification.falsify import show
+from verification.kinematic_simulator import (
+    NONE,
+    ROAD,
+    SIGN,
+    BoolArray,
+    IntArray,
+    Mover,
+    Orders,
+    World,
+)
+
+DECISIONS = 10
+"""Long enough to come to rest."""
+ACCELERATE, HARD_BRAKE = (
+    Action(Lateral.KEEP, how).number for how in (Longitudinal.ACCELERATE, Longitudinal.HARD_BRAKE)
+)
+RATES_M_S2, SIDES = (-4.0, 0.0, 2.0), (-1.0, 0.0, 1.0)
+"""What an adversary tells another vehicle to do."""
+SCRIPTS = np.array([(rate, side) for rate in RATES_M_S2 for side in SIDES])
+CHANGES = 0.3
+"""Chance that a vehicle is told something else in a decision."""
+
+
+class Refusals(NamedTuple):
+    """States and actions that the check refuses there, one a row."""
+
+    world: World
+    proposal: IntArray
+    is_maneuver: BoolArray
+    """Whether the maneuver is refused; else only the acceleration."""
+
+    def at(self, rows: IntArray) -> "Refusals":
+        """Copies of some rows."""
+        return Refusals(rows_of(self.world, rows), self.proposal[rows], self.is_maneuver[rows])
+
+
+STATE = ("x_m", "y_m", "speed_m_s", "lateral_m_s", "origin", "target", "lane_s")
+"""The arrays of a world."""
+
+
+def rows_of(world: World, rows: IntArray) -> World:
+    """Copies of some scenes of a world."""
+    arrays: Any = [getattr(world, name)[rows].copy() for name in STATE]
+    return World(*arrays)
+
+
+def visited(family: Family, config: Config, scenes: int, seed: int) -> World:
+    """The states of some scenes at each decision, under the check and a random adversary."""
+    rng, judge, mover = np.random.default_rng(seed), BatchStrict(config), Mover(config)
+    world = family.start(rng.random((scenes, PLACED * family.others)), config)
+    states = []
+    for order in orders(rng.normal(size=(scenes, genes(family))), family, config):
+        states.append(rows_of(world, np.arange(scenes)))
+        mover.decision(world, judge(world, order.proposal), order)
+    arrays: Any = [np.concatenate([getattr(each, name) for each in states]) for name in STATE]
+    return World(*arrays)
+
+
+def on_road(world: World, proposal: IntArray) -> BoolArray:
+    """Whether there is a lane where the action leads."""
+    lane = np.round(world.y_m[:, 0] / ROAD.lane_width_m) + SIGN[proposal // 4]
+    result: BoolArray = (world.target != NONE) | ((lane >= 0) & (lane < len(ROAD.open_lanes)))
+    return result
+
+
+def refusals(world: World, judge: BatchStrict) -> tuple[Refusals, BoolArray]:
+    """What the check refuses in each state; and whether it permits anything there."""
+    scenes, rows, found = np.arange(len(world.x_m)), [], np.zeros(len(world.x_m), dtype=np.bool_)
+    for number in range(len(ACTIONS)):
+        proposal = np.full(len(scenes), number)
+        executed = judge(world, proposal)
+        found |= executed == proposal
+        refused = scenes[(executed != proposal) & on_road(world, proposal)]
+        is_maneuver = executed[refused] // 4 != number // 4
+        rows.append(np.column_stack([refused, proposal[refused], is_maneuver]))
+    table = np.concatenate(rows)
+    return Refusals(rows_of(world, table[:, 0]), table[:, 1], table[:, 2] > 0), found
+
+
+def adversary(
+    number: int, shape: tuple[int, int], proposal: IntArray, rng: np.random.Generator
+) -> Iterator[Orders]:
+    """One of the adversaries: the first ones tell everybody the same for ever, the others vary."""
+    script = np.full(shape, number % len(SCRIPTS))
+    if number >= len(SCRIPTS):
+        script = rng.integers(0, len(SCRIPTS), shape)
+    for _ in range(DECISIONS):
+        yield Orders(proposal, SCRIPTS[script, 0], SCRIPTS[script, 1])
+        if number >= 2 * len(SCRIPTS):
+            other = rng.integers(0, len(SCRIPTS), shape)
+            script = np.where(rng.random(shape) < CHANGES, other, script)
+
+
+Response = Callable[[World, IntArray], IntArray]
+
+
+class Forced:
+    """Executes the first actions as they are, and answers as it is told to afterwards."""
+
+    def __init__(self, response: Response) -> None:
+        self._response, self._begun = response, False
+
+    def __call__(self, world: World, proposal: IntArray) -> IntArray:
+        if self._begun:
+            return self._response(world, np.full(len(proposal), HARD_BRAKE))
+        self._begun = True
+        return proposal
+
+
+def responses(config: Config, is_maneuver: bool) -> tuple[Response, ...]:
+    """What the ego may do after a refused action, for the action to count as safe."""
+    check = BatchStrict(config)
+
+    def goes_on(world: World, brakes: IntArray) -> IntArray:
+        return brakes
+
+    def goes_on_as_fast(world: World, brakes: IntArray) -> IntArray:
+        result: IntArray = check(world, np.full_like(brakes, ACCELERATE)) % 4
+        return result
+
+    return (goes_on, goes_on_as_fast) if is_maneuver else (check, goes_on)
+
+
+def safe(pairs: Refusals, config: Config, adversaries: int, seed: int) -> BoolArray:
+    """Whether no adversary makes the ego collide, by one of its ways of going on."""
+    result = np.zeros(len(pairs.proposal), dtype=np.bool_)
+    for is_maneuver in (False, True):
+        for response in responses(config, is_maneuver):
+            left = np.flatnonzero(~result & (pairs.is_maneuver == is_maneuver))
+            for number in range(adversaries):
+                some, rng = pairs.at(left), np.random.default_rng([seed, number])
+                shape = some.world.x_m[:, 1:].shape
+                told = adversary(number, shape, some.proposal, rng)
+                _, ended = play(some.world, told, Forced(response), Mover(config))
+                left = left[ended == 0]
+            result[left] = True
+    return result
+
+
+def share(of: BoolArray) -> float | None:
+    """Of the true ones; None without any."""
+    return float(of.mean()) if len(of) else None
+
+
+def measured(name: str, config: Config, scenes: int, adversaries: int, seed: int) -> dict[str, Any]:
+    """A row of the table."""
+    judge, world = BatchStrict(config), visited(FAMILIES[name], config, scenes, seed)
+    pairs, found = refusals(world, judge)
+    every = [np.full(len(found), number) for number in range(len(ACTIONS))]
+    proposals = sum(int(on_road(world, proposal).sum()) for proposal in every)
+    is_safe, maneuver = safe(pairs, config, adversaries, seed), pairs.is_maneuver
+    return {
+        "family": name,
+        "states": len(found),
+        "without_action": int((~found).sum()),
+        "fallback_not_free": int((~judge.free(world)).sum()),
+        "refused_acceleration": float((~maneuver).sum() / proposals),
+        "safe_of_these": share(is_safe[~maneuver]),
+        "refused_maneuver": float(maneuver.sum() / proposals),
+        "safe_of_those": share(is_safe[maneuver]),
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--family", nargs="+", choices=FAMILIES, help="default: all")
+    parser.add_argument("--scenes", type=whole(1), default=100, help="a family (default: 100)")
+    parser.add_argument("--adversaries", type=whole(1), default=60, help="default: 60")
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    config, begun_s = Config().updated("safety", check="strict"), time.monotonic()
+    sizes = arguments.scenes, arguments.adversaries, arguments.seed
+    rows = [measured(name, config, *sizes) for name in arguments.family or FAMILIES]
+    show(rows)
+    print(made_by(time.monotonic() - begun_s))
+    return 1 if any(row["without_action"] for row in rows) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
