@@ -59,6 +59,8 @@ results: setup
 	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
 	$(call text,falsified_strict.txt,-m verification.falsify --check strict)
 	$(call text,falsified_paper.txt,-m verification.falsify --check paper)
+	$(call text,proved_strict.txt,-m verification.prove)
+	$(call text,completeness_strict.txt,-m verification.completeness)
 	$(call text,speed_bound.txt,tools/bound_speeds.py)
 	$(call text,background_traffic.txt,tools/check_background_traffic.py)
 	$(call text,long_run.txt,-m verification.long_run --episodes 5000 --out runs/long_run.csv)
