@@ -1,0 +1,148 @@
+"""Mutations of every kind of input: each is refused in one sentence, or is used; none crashes.
+
+Run longer with: python -m verification.fuzz --inputs 20000 --seed 1
+"""
+
+import argparse
+import contextlib
+import io
+import random
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from drl_av.cli import main
+from drl_av.config import Config, from_toml
+from drl_av.config.stored import load_stored
+from drl_av.drivers.policy_file import PRETRAINED, load_policy
+from drl_av.errors import DrlAvError
+from drl_av.evaluation.recording import Recording, load_recording
+from drl_av.experiments.figures import EPISODE_COLUMNS
+from drl_av.files import read_table
+from drl_av.traffic.scenario import find_scenario, load_scenario
+
+Attempt = Callable[[random.Random, Path], None]
+ABSURD = (b"nan", b"inf", b"-1", b"1e400", b"9" * 5000, b"\0", b"\xff\xfe", b"[" * 3000, b"'", b"$")
+TABLE = b"driver,vehicles,mean_speed_m_s\nidm,5,20.5\nmine,30,19.25\n"
+WORDS = (
+    *("evaluate", "figures", "config", "export", "--out", "--seed", "--episodes", "--jobs", "-1"),
+    *("--driver", "idm", "nan", "1e999", "", "--vehicles", "--config", "/dev/null", "--nonsense"),
+)
+
+
+def mutated(data: bytes, rng: random.Random) -> bytes:
+    """The data cut, flipped, repeated, or with something absurd in it, at one to four places."""
+    found = bytearray(data)
+    for _ in range(rng.randint(1, 4)):
+        start = rng.randrange(len(found) + 1)
+        end = min(len(found), start + rng.choice((0, 1, 4, 40)))
+        kind = rng.randrange(4)
+        if kind == 0:
+            del found[start : end if rng.random() < 0.8 else len(found)]
+        elif kind == 1 and start < len(found):
+            found[start] ^= 1 << rng.randrange(8)
+        elif kind == 2:
+            found[start:start] = found[start:end] * rng.choice((1, 2, 100))
+        else:
+            found[start:end] = rng.choice(ABSURD)
+    return bytes(found)
+
+
+def _config(rng: random.Random, folder: Path) -> None:
+    file = folder / "config.toml"
+    file.write_bytes(mutated(Config().to_toml().encode(), rng))
+    found = load_stored(file)
+    assert from_toml(found.to_toml()) == found
+
+
+def _scenario(rng: random.Random, folder: Path) -> None:
+    for file in find_scenario().iterdir():
+        (folder / file.name).write_bytes(file.read_bytes())
+    (folder / "SHA256SUMS").unlink()
+    file = rng.choice(sorted(folder.iterdir()))
+    file.write_bytes(mutated(file.read_bytes(), rng))
+    assert np.isfinite(load_scenario(folder).road.circumference_m)
+
+
+def _policy(rng: random.Random, folder: Path) -> None:
+    file = folder / "policy.safetensors"
+    file.write_bytes(mutated((PRETRAINED / file.name).read_bytes(), rng))
+    networks, _ = load_policy(file)
+    assert all(np.isfinite(network.flat).all() for network in networks)
+
+
+def _recording(rng: random.Random, folder: Path) -> None:
+    file = folder / "recording.npz"
+    states = np.zeros((3, 2, 4))
+    Recording(Config(), "idm", 7, 1, np.array([0, 1]), states).save(file)
+    file.write_bytes(mutated(file.read_bytes(), rng))
+    assert np.array_equal(load_recording(file).states, states)
+
+
+def _table(rng: random.Random, folder: Path) -> None:
+    file = folder / "table.csv"
+    file.write_bytes(mutated(TABLE, rng))
+    for row in read_table(file, EPISODE_COLUMNS):
+        assert np.isfinite([row["vehicles"], row["mean_speed_m_s"]]).all()
+
+
+def _command_line(rng: random.Random, folder: Path) -> None:
+    words = [rng.choice(WORDS) for _ in range(rng.randint(0, 5))]
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+        try:
+            status = main([rng.choice(("figures", "config", "nonsense")), *words])
+        except SystemExit as ended:
+            status = int(ended.code or 0)
+    assert status in (0, 1, 2)
+    assert status != 1 or said.getvalue().count("\n") == 1
+
+
+KINDS: dict[str, Attempt] = {
+    "config": _config,
+    "scenario": _scenario,
+    "policy": _policy,
+    "recording": _recording,
+    "table": _table,
+    "command line": _command_line,
+}
+
+
+def fuzz(kind: str, inputs: int, seed: int) -> int:
+    """Try so many inputs of a kind; returns how many were refused, each in one sentence.
+
+    Raises:
+        AssertionError: an input led to nonsense, a traceback or a poor sentence; its number is
+            named, by which the same input is made again.
+    """
+    refused = 0
+    for number in range(inputs):
+        with tempfile.TemporaryDirectory() as home:
+            folder = Path(home, "input")
+            folder.mkdir()
+            try:
+                KINDS[kind](random.Random(f"{seed} {kind} {number}"), folder)
+            except DrlAvError as error:
+                refused += 1
+                if "\n" in str(error).strip() or not str(error).endswith("."):
+                    raise AssertionError(f"{kind} {number} of seed {seed}: {error!r}") from error
+            except Exception as error:
+                raise AssertionError(f"{kind} {number} of seed {seed}: {error!r}") from error
+    return refused
+
+
+def run() -> None:
+    """Try the inputs that the command line asks for, kind by kind."""
+    parser = argparse.ArgumentParser(description="Try mutated inputs of every kind.")
+    parser.add_argument("--inputs", type=int, default=20_000, help="in all")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    for kind in KINDS:
+        inputs = -(-options.inputs // len(KINDS))
+        print(f"{kind}: {fuzz(kind, inputs, options.seed)} of {inputs} refused", flush=True)
+
+
+if __name__ == "__main__":
+    run()
