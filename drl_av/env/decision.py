@@ -18,6 +18,7 @@ class Decision(NamedTuple):
     observation: Observation
     """The scaled observation of that scene, shape (27,)."""
     proposed: Action
+    """The driver's action; while SUMO drives the ego, the action nearest to what it did."""
     reward: float
     next_scene: Scene
     next_observation: Observation

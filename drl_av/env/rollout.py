@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.sumo import SumoDriver
+from drl_av.driving.actions import ACTIONS
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
@@ -31,8 +32,9 @@ def rollout(
         action = driver.act(scene, before)
         observation, reward, terminated, truncated, info = env.step(action.number)
         over = terminated or truncated
+        proposed = ACTIONS[info["proposed_action"]]
         yield Decision(
-            scene, before, action, reward, env.scene, observation, terminated, truncated, info
+            scene, before, proposed, reward, env.scene, observation, terminated, truncated, info
         )
 
 

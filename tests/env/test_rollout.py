@@ -1,6 +1,7 @@
 """The rollout of an episode: its order, what it hands on, and how it ends."""
 
 import itertools
+from contextlib import closing
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,11 +12,13 @@ from worlds import scene
 
 from drl_av.config import Config
 from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.sumo import SumoDriver
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive, rollout
 from drl_av.errors import ConfigError
+from drl_av.traffic.ego_model import EgoModel
 
 
 class ScriptedEnv:
@@ -39,7 +42,8 @@ class ScriptedEnv:
         self._done += 1
         self._tape.append(f"step {action}")
         terms = {"r_v": 0.0, "r_y": 0.0, "r_x": 0.0}
-        info = {"executed_action": action, "rule": "none", "rewards": terms, "collision": None}
+        made = {"proposed_action": action, "executed_action": action, "rule": "none"}
+        info = made | {"rewards": terms, "collision": None}
         over = self._done == self._decisions
         ends = (over and self._terminated, over and not self._terminated)
         return self._show(), -0.1 * self._done, *ends, info
@@ -122,6 +126,14 @@ def test_on_the_real_road_the_next_scene_is_the_scene_of_the_next_decision() -> 
     last = decisions[-1]
     assert last.info["vehicles"] == len(last.next_scene.snapshot.ids) - 1 == 12
     assert last.proposed.number == last.info["proposed_action"]
+
+
+def test_an_ego_that_sumo_drives_proposes_what_it_did() -> None:
+    config = Config().updated("simulation", decisions_per_episode=30)
+    with closing(HighwayEnv(config=config)) as env:
+        decisions = list(rollout(env, SumoDriver(EgoModel()), 800_002, 20))
+    assert {each.proposed == each.executed for each in decisions} == {True}
+    assert len({each.proposed for each in decisions}) > 1
 
 
 def test_what_the_environment_refuses_is_raised_at_the_first_decision() -> None:
