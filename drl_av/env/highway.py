@@ -21,7 +21,7 @@ from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.episode import number_of_vehicles, traffic_seed
 from drl_av.env.reward import Rewards, desired, rewards
 from drl_av.errors import ConfigError
-from drl_av.safety import ActionMask, action_mask, named_check
+from drl_av.safety import ActionMask, action_mask, named_check, starts_unsafe
 from drl_av.safety.check import Rule, SafetyCheck, Verdict
 from drl_av.traffic.ego_model import EgoModel
 from drl_av.traffic.scenario import find_scenario, load_scenario
@@ -79,6 +79,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
     `proposed_action, executed_action, rule, rewards, collision, speed_m_s, indicators, seed,
     vehicles, action_mask`. The mask has shape (12,) and type int8. It is 1 for each action that the
     safety check would execute now as proposed; `action_space.sample(mask)` accepts it.
+    The info of a reset also holds `unsafe_start`: whether the check `strict` can no longer keep the
+    ego from a collision there.
 
     ## Several at Once
     Each environment has its own SUMO, also within one process. The first environment uses the
@@ -123,10 +125,11 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             else config.safety.check
         )
         loaded = load_scenario(find_scenario(config.simulation.scenario))
-        types = loaded.vehicle_types
-        self.safety_check = safety_check if callable(safety_check) else named_check(config, types)
+        types, self.road = loaded.vehicle_types, loaded.road
+        self.safety_check = (
+            safety_check if callable(safety_check) else named_check(config, types, self.road)
+        )
         self.simulation = Simulation(loaded, config, gui=render_mode == "human")
-        self.road = loaded.road
         level_1 = load_level_1(self.road) if config.traffic.level_1_share else None
         self.traffic_drivers = TrafficDrivers(config, self.road, types, level_1)
         self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
@@ -177,6 +180,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             self.simulation.kinds, self.simulation.desired_speed_m_s, self.seed
         )
         observation, info = self._observe(snapshot, None), self._info()
+        info["unsafe_start"] = starts_unsafe(self.safety_check, self.scene)
         self._renderer.reset(snapshot, info)
         self._over = False
         return observation, info

@@ -26,7 +26,8 @@ hits no vehicle ahead.
 **Base case.** The invariant must hold at the first decision. It does for the random starts of our
 scenarios under the default bounds: each vehicle starts at the centre of a lane, and slowly enough
 to stop behind the vehicle ahead with half of the hard braking of the ego. A scenario that places
-its vehicles exactly must provide the same.
+its vehicles exactly must provide the same; ``info["unsafe_start"]`` of a reset says where it does
+not.
 
 **One number for each action.** A vehicle ahead comes to rest no earlier than after its stopping
 distance (bound 1), and the ego does not brake harder than this vehicle. Therefore the gap shrinks
@@ -65,8 +66,12 @@ the check compares with the vehicles ahead. It covers at least the reach of hard
 check compares with the vehicles behind.
 
 **Limits.** The ego may hit a vehicle that breaks a bound. A vehicle that does not stay behind the
-ego may hit the ego. The check refuses the steering plant, with which an aborted lane change drifts
-on before it turns back.
+ego may hit the ego. SUMO's own drivers keep bound 4 but for rare cases, which
+``docs/results/long_run.txt`` counts. ``safety/assumptions.py`` refuses the rest: the steering
+plant, with which an aborted lane change drifts on before it turns back; lane changes in which no
+decision falls between the body and the centre of the ego on their way over a line; lanes in which
+two vehicles fit beside each other; loops so short that a vehicle behind the ego is too near ahead
+of it; vehicle types that exceed a bound, or that SUMO drives by another model than ours.
 """
 
 import math

@@ -271,7 +271,7 @@ MIXES = {
     "level-0": {"level_0_share": 1.0},
     "level-1": {"level_1_share": 1.0},
     "mixed": {"finite_state_share": 0.25, "level_0_share": 0.25, "level_1_share": 0.25},
-    "eager": {"speed_gain_max": 5.0, "random_lane_changes_per_s": 0.05},
+    "eager": {"speed_gain_max": 5.0, "random_lane_changes_per_s": 0.01},
 }
 
 

@@ -1,0 +1,134 @@
+"""What the argument of ``strict`` assumes of the settings, the vehicle types and the road.
+
+A combination that breaks an assumption is refused in one sentence that names the setting.
+"""
+
+from dataclasses import asdict
+
+from drl_av.config import Config
+from drl_av.errors import ConfigError
+from drl_av.safety.reachability import ON_LINE_M
+from drl_av.safety.stopping import cut_in_gap
+from drl_av.traffic.road import Road
+from drl_av.traffic.vehicle_types import AS_WRITTEN, VehicleType, VehicleTypes
+
+ROAD_AS_WRITTEN = Road(500.0, 3.8, (True, True, True))
+"""The road of a scenario that is written with the default numbers."""
+AT_MOST = {
+    "traffic.acceleration_max_m_s2": "strict.acceleration_m_s2",
+    "the decel of the vehicle type traffic": "strict.braking_m_s2",
+    "the emergencyDecel of the vehicle type traffic": "strict.braking_m_s2",
+    "the maxSpeedLat of the vehicle type traffic": "strict.lateral_speed_m_s",
+    "strict.follower_braking_m_s2": "the decel of the vehicle type traffic",
+    "simulation.step_length_s": "strict.follower_response_s",
+    "ego.accelerate_m_s2": "the accel of the vehicle type ego",
+    "the decel of the vehicle type ego": "ego.hard_brake_m_s2",
+}
+"""Each name must not exceed the other, so that the vehicles keep to the bounds of ``strict``."""
+LATERAL_GAP_M = 0.6
+"""SUMO's minGapLat: vehicles in one lane drive beside each other where they keep that."""
+RANDOM_LANE_CHANGES_PER_S = 0.01
+"""The most that our kinds of traffic have."""
+
+
+def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
+    """Raise ConfigError if the argument of ``strict`` does not hold for a combination."""
+    _require_bounds(config, vehicle_types)
+    for name in ("traffic", "ego"):
+        _require_model(name, getattr(vehicle_types, name), getattr(AS_WRITTEN, name))
+    _require_one_vehicle_abreast(config, vehicle_types, road)
+    _require_a_decision_on_the_line(config, vehicle_types.ego, road)
+    _require_a_long_loop(config, vehicle_types, road)
+    most, found = RANDOM_LANE_CHANGES_PER_S, config.traffic.random_lane_changes_per_s
+    if found > most:
+        raise _refusal(
+            "traffic.random_lane_changes_per_s",
+            f"at most {most:g}, and not {found:g}",
+            "a vehicle that is asked again in the middle of a lane change goes on with it even "
+            "into a vehicle beside it",
+        )
+
+
+def _refusal(name: str, bound: str, reason: str) -> ConfigError:
+    return ConfigError(
+        f"Under the check strict {name} must be {bound}, because {reason}: change it, or take "
+        "the check paper."
+    )
+
+
+def _require_bounds(config: Config, vehicle_types: VehicleTypes) -> None:
+    traffic, ego = vehicle_types.traffic, vehicle_types.ego
+    facts = {
+        "the decel of the vehicle type traffic": traffic.braking_m_s2,
+        "the emergencyDecel of the vehicle type traffic": traffic.emergency_braking_m_s2,
+        "the maxSpeedLat of the vehicle type traffic": traffic.lateral_speed_m_s,
+        "the accel of the vehicle type ego": ego.acceleration_m_s2,
+        "the decel of the vehicle type ego": ego.braking_m_s2,
+    }
+    for section in ("traffic", "strict", "ego", "simulation"):
+        settings = asdict(getattr(config, section))
+        facts |= {f"{section}.{name}": value for name, value in settings.items()}
+    for name, limit in AT_MOST.items():
+        if facts[name] > facts[limit]:
+            raise ConfigError(
+                f"Under the check strict {name} must be at most {limit}, {facts[limit]:g}, and "
+                f"not {facts[name]:g}: change one of them, or take the check paper."
+            )
+
+
+def _require_model(name: str, found: VehicleType, written: VehicleType) -> None:
+    changed = sorted(set(found.model) ^ set(written.model))
+    if changed:
+        key = changed[0][0]
+        values = [dict(kind.model).get(key, "the default of SUMO") for kind in (written, found)]
+        raise ConfigError(
+            f"Under the check strict the {key} of the vehicle type {name} must be {values[0]}, "
+            f"and not {values[1]}: undo the change, or take the check paper."
+        )
+
+
+def _require_one_vehicle_abreast(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
+    """Each vehicle keeps to the centre of its lane, except in a lane change."""
+    resolution_m, lane_m = config.simulation.lateral_resolution_m, road.lane_width_m
+    if resolution_m < lane_m:
+        raise _refusal(
+            "simulation.lateral_resolution_m",
+            f"at least the lane width, {lane_m:g}, and not {resolution_m:g}",
+            "vehicles drive beside each other in a lane of several strips",
+        )
+    widest_m = 2 * min(vehicle_types.traffic.width_m, vehicle_types.ego.width_m) + LATERAL_GAP_M
+    if lane_m > widest_m:
+        raise _refusal(
+            "the scenario's lane_width_m",
+            f"at most {widest_m:g}, and not {lane_m:g}",
+            "two vehicles fit beside each other in a wider lane",
+        )
+
+
+def _require_a_decision_on_the_line(config: Config, ego: VehicleType, road: Road) -> None:
+    """A decision falls between the ego's body and its centre on their way over a lane's line."""
+    duration_s = config.ego.lane_change_duration_s
+    stride_m = road.lane_width_m * config.simulation.decision_interval_s
+    least_s = stride_m / (ego.width_m / 2 - ON_LINE_M)
+    if duration_s <= least_s:
+        raise _refusal(
+            "ego.lane_change_duration_s",
+            f"above {least_s:.2f}, and not {duration_s:g}",
+            "the centre of a faster ego may cross a lane's line in the decision in which its body "
+            "does, too late to turn back",
+        )
+
+
+def _require_a_long_loop(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
+    """A vehicle that moves in behind the ego is far enough ahead of it round the loop."""
+    ego = config.ego
+    farthest = (ego.max_speed_m_s, ego.accelerate_m_s2, 0.0)
+    gap_m = float(cut_in_gap(*farthest, config.strict, ego, config.simulation))
+    least_m = gap_m + vehicle_types.traffic.length_m + vehicle_types.ego.length_m
+    if road.circumference_m < least_m:
+        raise _refusal(
+            "the scenario's circumference_m",
+            f"at least {least_m:.1f}, and not {road.circumference_m:g}",
+            f"the ego may need {gap_m:.1f} m behind a vehicle that moves in behind it, and round a "
+            "shorter loop this vehicle is ahead of it",
+        )

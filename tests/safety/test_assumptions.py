@@ -1,0 +1,126 @@
+"""Settings and roads for which the argument of ``strict`` does not hold: refused by their names.
+
+A lane is 3.8 m wide, the ego 1.8 m: 0.9 m from its middle to its side, of which 0.05 m are on the
+line. It decides once a second.
+"""
+
+import re
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drl_av.config import Config
+from drl_av.driving.actions import Longitudinal
+from drl_av.env.highway import HighwayEnv
+from drl_av.errors import ConfigError
+from drl_av.safety import named_check
+from drl_av.safety.assumptions import ROAD_AS_WRITTEN
+from drl_av.traffic.road import Road
+from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
+from drl_av.traffic.vehicle_types import AS_WRITTEN
+from verification.batch_check import BatchStrict
+from verification.falsification import FAMILIES, PLACED, genes, orders, play
+from verification.kinematic_simulator import Mover
+
+STRICT = Config().updated("safety", check="strict")
+PAPER = Config()
+ROAD = ROAD_AS_WRITTEN
+
+
+@pytest.mark.parametrize(
+    ("section", "settings", "road", "sentence"),
+    [
+        # 3.8 m a lane change, at most 0.85 m a second: 4.47 s
+        ("ego", {"lane_change_duration_s": 4.4}, ROAD, "lane_change_duration_s must be above 4.47"),
+        ("ego", {"lane_change_duration_s": 1.0}, ROAD, "and not 1, because the centre of a faster"),
+        ("traffic", {"random_lane_changes_per_s": 0.3}, ROAD, "must be at most 0.01, and not 0.3"),
+        (
+            "simulation",
+            {"lateral_resolution_m": 0.95},
+            ROAD,
+            "simulation.lateral_resolution_m must be at least the lane width, 3.8, and not 0.95",
+        ),
+        # two vehicles of 1.8 m and SUMO's 0.6 m between them
+        (
+            "simulation",
+            {"lateral_resolution_m": 5.0},
+            replace(ROAD, lane_width_m=5.0),
+            "the scenario's lane_width_m must be at most 4.2, and not 5",
+        ),
+        # 30 m in a second and 105 m to brake, 0.5 m to spare, two vehicles of 5 m
+        ("ego", {}, replace(ROAD, circumference_m=145.4), "circumference_m must be at least 145.5"),
+        # at 20 m/s, 22 m in the next second, rounded up to steps: 10.5 + 11 + 55 m
+        (
+            "ego",
+            {"max_speed_m_s": 22.0},
+            replace(ROAD, circumference_m=80.0),
+            "because the ego may need",
+        ),
+    ],
+)
+def test_what_the_argument_does_not_cover_is_refused_in_one_sentence(
+    section: str, settings: dict[str, float], road: Road, sentence: str
+) -> None:
+    moved = {**settings}
+    with pytest.raises(ConfigError, match=re.escape(sentence)) as refusal:
+        named_check(STRICT.updated(section, **moved), road=road)
+    assert str(refusal.value).startswith("Under the check strict ")
+    assert str(refusal.value).endswith(": change it, or take the check paper.")
+    named_check(PAPER.updated(section, **moved), road=road)
+
+
+def test_what_it_just_covers_is_accepted() -> None:
+    named_check(STRICT.updated("ego", lane_change_duration_s=4.5))
+    named_check(STRICT.updated("traffic", random_lane_changes_per_s=0.01))
+    named_check(STRICT, road=replace(ROAD, circumference_m=145.5))
+    wide = STRICT.updated("simulation", lateral_resolution_m=4.2)
+    named_check(wide, road=replace(ROAD, lane_width_m=4.2))
+    # a wider ego is longer on the line: 3.8 m at 1.15 m a second
+    ego = replace(AS_WRITTEN, ego=replace(AS_WRITTEN.ego, width_m=2.4))
+    named_check(STRICT.updated("ego", lane_change_duration_s=3.5), ego)
+
+
+def test_an_environment_hands_its_road_over(tmp_path: Path) -> None:
+    write_scenario(tmp_path / "short", ScenarioDescription(circumference_m=120.0))
+    with pytest.raises(ConfigError, match=r"circumference_m must be at least 145\.5, and not 120"):
+        HighwayEnv(tmp_path / "short", config=STRICT)
+
+
+@pytest.mark.parametrize("duration_s", [4.5, 20.0])
+@pytest.mark.parametrize("name", ["cut-in", "both-sides", "anything"])
+def test_a_random_adversary_finds_no_way_round_the_shortest_and_the_longest_lane_change(
+    name: str, duration_s: float
+) -> None:
+    config = STRICT.updated("ego", lane_change_duration_s=duration_s)
+    family, rng = FAMILIES[name], np.random.default_rng(4242)
+    world = family.start(rng.random((600, PLACED * family.others)), config)
+    genome = rng.normal(size=(600, genes(family)))
+    _, ended = play(world, orders(genome, family, config), BatchStrict(config), Mover(config))
+    assert not (ended == 1).any()
+
+
+def test_a_start_from_which_braking_hard_does_not_help_is_reported(tmp_path: Path) -> None:
+    # from 30 m/s it takes 105 m; the standing vehicle is 104.0 m or 105.6 m ahead, 0.5 m to spare
+    for gap_m, unsafe in ((105.6, False), (104.0, True)):
+        ego = PlacedVehicle("ego", 1, 10.0, 30.0, 30.0)
+        standing = PlacedVehicle("standing", 1, 15.0 + gap_m, 0.0, 0.1)
+        folder = tmp_path / str(gap_m)
+        write_scenario(folder, ScenarioDescription(vehicles=(ego, standing)))
+        with closing(HighwayEnv(folder, config=STRICT)) as env:
+            assert env.reset(seed=0)[1]["unsafe_start"] is unsafe
+            over = False
+            while not over and env.scene.affordances.ego_speed_m_s > 0:
+                over = env.step(Longitudinal.HARD_BRAKE)[2]
+            assert over is unsafe
+        with closing(HighwayEnv(folder, safety_check="paper")) as env:
+            assert env.reset(seed=0)[1]["unsafe_start"] is False
+
+
+def test_random_starts_of_every_density_are_safe() -> None:
+    with closing(HighwayEnv(config=STRICT)) as env:
+        for seed in range(60):
+            info = env.reset(seed=seed, options={"vehicles": 1 + seed % 40})[1]
+            assert info["unsafe_start"] is False
