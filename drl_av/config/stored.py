@@ -10,6 +10,10 @@ from drl_av.errors import ConfigError
 
 YOUNGER = {
     ("traffic", "overtake_right"),
+    ("traffic", "keep_stopping_distance"),
+    *(("traffic", f"truck_{name}") for name in ("share", "length_m", "width_m")),
+    *(("traffic", f"truck_speed_{end}_m_s") for end in ("min", "max")),
+    ("traffic", "truck_acceleration_m_s2"),
     *(("traffic", f"{kind}_share") for kind in ("standing", "crawling", "fast", "hard_braking")),
     *(("traffic", f"fast_{name}") for name in ("speed_m_s", "speed_gain")),
     ("traffic", "crawling_speed_max_m_s"),

@@ -59,6 +59,12 @@ class TrafficConfig(Section):
     level_1_share: float = setting(
         0.0, "Sec. IV-B", "chance that a vehicle is a level-1 driver", low=0, high=1
     )
+    keep_stopping_distance: bool = setting(
+        False,
+        "ours",
+        "whether SUMO's drivers never drive faster than they can stop behind the vehicle ahead, as "
+        "they do beside drivers of other kinds; IDM brakes too late where it accelerates weakly",
+    )
     overtake_right: bool = setting(
         False, "SUMO", "whether SUMO's drivers may pass on the right above 60 km/h"
     )
@@ -92,9 +98,23 @@ class TrafficConfig(Section):
         3, "ours", "duration of its hard braking, decisions", low=1, high=60
     )
 
+    truck_share: float = setting(0.0, "ours", "chance that a vehicle is a truck", low=0, high=1)
+    truck_length_m: float = setting(12.0, "ours", "length of a truck", low=1, high=25)
+    truck_width_m: float = setting(2.5, "ours", "width of a truck", low=0.5, high=5)
+    truck_speed_min_m_s: float = setting(
+        22.0, "ours", "slowest desired speed of a truck", low=0, high=60
+    )
+    truck_speed_max_m_s: float = setting(
+        27.0, "ours", "fastest desired speed of a truck", low=0.1, high=60
+    )
+    truck_acceleration_m_s2: float = setting(
+        0.7, "ours", "acceleration of a truck", low=0.1, high=10
+    )
+
     def __post_init__(self) -> None:
         super().__post_init__()
         self.ordered("vehicles_min", "vehicles_max")
+        self.ordered("truck_speed_min_m_s", "truck_speed_max_m_s")
         self.ordered("desired_speed_min_m_s", "desired_speed_max_m_s")
         self.ordered("headway_min_s", "headway_max_s")
         self.ordered("acceleration_min_m_s2", "acceleration_max_m_s2")
@@ -109,6 +129,10 @@ class TrafficConfig(Section):
                 "traffic: standing_share + crawling_share + fast_share is "
                 f"{sum(self.unusual_shares):g}, but must be at most 1."
             )
+
+    def longest_m(self, length_m: float) -> float:
+        """Length of the longest vehicle that is drawn where cars have ``length_m``."""
+        return max(length_m, self.truck_length_m) if self.truck_share else length_m
 
     @property
     def shares(self) -> tuple[float, ...]:

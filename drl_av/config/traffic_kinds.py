@@ -18,6 +18,10 @@ class TrafficKind(NamedTuple):
 
 _EQUAL_PARTS = 0.25, "Sec. IV-B names these drivers; equal parts are ours"
 _BY_SUMO = 1.0, "SUMO's default lcSpeedGain"
+_KUSARI = "Kusari, arXiv:2109.11620: 1.19 +- 0.26, two standard deviations to each side"
+_TRUCK_LIMIT = "ours: about 60 mph, a limit for trucks in the United States"
+_FITTED = "fitted to speed, time gap and range of the SPMD and IVBSS studies"
+"""By ``verification/traffic_moments.py``, which compares; no driver of the ego was looked at."""
 
 TRAFFIC_KINDS: dict[str, TrafficKind] = {
     "calm": TrafficKind("lane changes are random only; no driver overtakes", {}),
@@ -33,6 +37,28 @@ TRAFFIC_KINDS: dict[str, TrafficKind] = {
         "SUMO's drivers change lanes to get ahead",
         {"speed_gain_min": _BY_SUMO, "speed_gain_max": _BY_SUMO},
     ),
+    "naturalistic": TrafficKind(
+        "speeds, gaps and lane changes near those of people on US highways, and trucks",
+        {
+            "desired_speed_min_m_s": (34.0, f"{_FITTED}; 35.5 on I-24, CorridorCalibration 3b"),
+            "desired_speed_max_m_s": (40.0, "the road's speed limit"),
+            "headway_min_s": (0.5, "SUMO's step; IDM keeps more near its desired speed"),
+            "headway_max_s": (0.87, _FITTED),
+            "acceleration_min_m_s2": (0.67, _KUSARI),
+            "acceleration_max_m_s2": (1.71, _KUSARI),
+            "speed_gain_min": (0.6, "fitted to highD's 0.12 lane changes a vehicle-km"),
+            "speed_gain_max": (0.6, "the same"),
+            "random_lane_changes_per_s": (0.0, "every lane change is there to get ahead"),
+            "overtake_right": (True, "usual on US highways, where the rest was measured"),
+            "keep_stopping_distance": (True, "ours"),
+            "truck_share": (0.1, "10 to 20 % of the vehicles on highways"),
+            "truck_length_m": (12.0, "ours"),
+            "truck_width_m": (2.5, "ours"),
+            "truck_speed_min_m_s": (25.0, _TRUCK_LIMIT),
+            "truck_speed_max_m_s": (28.0, _TRUCK_LIMIT),
+            "truck_acceleration_m_s2": (0.67, "ours: as the weakest car"),
+        },
+    ),
     "hazards": TrafficKind(
         "standing and crawling vehicles, hard brakers, fast overtakers, two into one lane",
         {
@@ -47,6 +73,7 @@ TRAFFIC_KINDS: dict[str, TrafficKind] = {
             "hard_braking_share": (0.15, "ours"),
             "hard_brakes_per_s": (0.02, "ours: once in 50 s"),
             "hard_brake_s": (3, "ours: at strict's bound, from 30 m/s down to 18"),
+            "keep_stopping_distance": (True, "ours"),
             "random_lane_changes_per_s": (0.01, "ours: five times calm's, from both sides"),
         },
     ),

@@ -48,6 +48,7 @@ class Population:
     acceleration_m_s2: FloatArray
     speed_gain: FloatArray
     """Lane-change eagerness, SUMO's lcSpeedGain."""
+    is_truck: npt.NDArray[np.bool_]
 
 
 def require_speed_limit(config: Config, description: ScenarioDescription) -> None:
@@ -55,6 +56,8 @@ def require_speed_limit(config: Config, description: ScenarioDescription) -> Non
     fastest = {"ego.max_speed_m_s": config.ego.max_speed_m_s}
     if not description.vehicles:
         fastest["traffic.desired_speed_max_m_s"] = config.traffic.desired_speed_max_m_s
+        if config.traffic.truck_share:
+            fastest["traffic.truck_speed_max_m_s"] = config.traffic.truck_speed_max_m_s
         if config.traffic.fast_share:
             fastest["traffic.fast_speed_m_s"] = config.traffic.fast_speed_m_s
     for name, speed in fastest.items():
@@ -64,6 +67,16 @@ def require_speed_limit(config: Config, description: ScenarioDescription) -> Non
                 f"{description.speed_limit_m_s:g}: lower the setting, or write a scenario with a "
                 "higher limit."
             )
+
+
+def require_truck_width(config: Config, description: ScenarioDescription) -> None:
+    """Raise ConfigError where trucks are wider than a lane."""
+    width_m, lane_m = config.traffic.truck_width_m, description.lane_width_m
+    if config.traffic.truck_share and width_m > lane_m:
+        raise ConfigError(
+            f"traffic.truck_width_m is {width_m:g}, but the scenario's lane_width_m is {lane_m:g}: "
+            "lower the setting, or write a scenario with wider lanes."
+        )
 
 
 def capacity(road: Road, length_m: float, start_gap_m: float) -> int:
@@ -82,24 +95,34 @@ def draw_population(
 ) -> Population:
     """Draw the ego and ``vehicles`` other vehicles within 250 m, each with its own parameters.
 
+    Cars have ``length_m``. Trucks and unusual vehicles are drawn from streams of their own, so that
+    the others stay as they are.
+
     Raises:
         ScenarioError: the vehicles do not fit on the open lanes.
     """
     n = vehicles + 1
-    room = capacity(road, length_m, traffic.start_gap_m)
+    room = capacity(road, traffic.longest_m(length_m), traffic.start_gap_m)
     if n > room:
         raise ScenarioError(
             f"{vehicles} vehicles do not fit on this road: its {sum(road.open_lanes)} open lanes "
             f"take {max(room - 1, 0)} besides the ego; ask for fewer or make the loop longer."
         )
+    unusual, trucks = rng.spawn(2)
+    is_truck = trucks.random(n) < traffic.truck_share
+    is_truck[0] = False
     lane = _lanes(rng, n, road, room, traffic.lane_evenness)
-    front_m, gap_m, leader = _places(rng, lane, road, length_m, traffic.start_gap_m)
+    pitch_m = np.where(is_truck, traffic.truck_length_m, length_m) + traffic.start_gap_m
+    front_m, gap_m, leader = _places(rng, lane, road, pitch_m, traffic.start_gap_m)
     desired = rng.uniform(traffic.desired_speed_min_m_s, traffic.desired_speed_max_m_s, n)
     desired[0] = ego.max_speed_m_s
     headway = rng.uniform(traffic.headway_min_s, traffic.headway_max_s, n)
     acceleration = rng.uniform(traffic.acceleration_min_m_s2, traffic.acceleration_max_m_s2, n)
     speed_gain = rng.uniform(traffic.speed_gain_min, traffic.speed_gain_max, n)
-    _make_some_unusual(rng.spawn(1)[0], desired, speed_gain, traffic)
+    truck_speeds = trucks.uniform(traffic.truck_speed_min_m_s, traffic.truck_speed_max_m_s, n)
+    desired[is_truck] = truck_speeds[is_truck]
+    acceleration[is_truck] = traffic.truck_acceleration_m_s2
+    _make_some_unusual(unusual, desired, speed_gain, traffic)
     return Population(
         ids=(EGO_ID, *(f"vehicle{i}" for i in range(1, n))),
         lane=lane,
@@ -109,6 +132,7 @@ def draw_population(
         headway_s=headway,
         acceleration_m_s2=acceleration,
         speed_gain=speed_gain,
+        is_truck=is_truck,
     )
 
 
@@ -118,10 +142,7 @@ def _make_some_unusual(
     speed_gain: FloatArray,
     traffic: TrafficConfig,
 ) -> None:
-    """Make some vehicles stand, crawl or overtake fast, by the shares of the config; not the ego.
-
-    The draws use a separate random stream, so that the other vehicles do not change.
-    """
+    """Make some vehicles but the ego stand, crawl or overtake fast, by the config's shares."""
     draws, places = rng.random((2, len(desired_m_s)))
     which = np.searchsorted(np.cumsum(traffic.unusual_shares), draws, side="right")
     which[0] = len(traffic.unusual_shares)
@@ -157,6 +178,7 @@ def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig)
             n, (traffic.acceleration_min_m_s2 + traffic.acceleration_max_m_s2) / 2
         ),
         speed_gain=np.full(n, (traffic.speed_gain_min + traffic.speed_gain_max) / 2),
+        is_truck=np.zeros(n, dtype=np.bool_),
     )
 
 
@@ -210,18 +232,17 @@ def _places(
     rng: np.random.Generator,
     lane: npt.NDArray[np.intp],
     road: Road,
-    length_m: float,
+    pitch_m: FloatArray,
     start_gap_m: float,
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.intp]]:
     """Positions of the front bumpers, net gaps to the vehicle ahead, and that vehicle's row."""
     n = len(lane)
     ring_m = min(road.circumference_m, 2 * SPREAD_M)
-    pitch_m = length_m + start_gap_m
     front_m, gap_m, leader = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.intp)
     for index in np.unique(lane):
         members = np.flatnonzero(lane == index)
-        spare_m = rng.dirichlet(np.ones(len(members))) * (ring_m - pitch_m * len(members))
-        ends = np.cumsum(spare_m + pitch_m)
+        spare_m = rng.dirichlet(np.ones(len(members))) * (ring_m - pitch_m[members].sum())
+        ends = np.cumsum(spare_m + pitch_m[members])
         front_m[members] = (rng.uniform(0, ring_m) + ends) % ring_m
         leader[members] = np.roll(members, -1)
         gap_m[members] = np.roll(spare_m, -1) + start_gap_m

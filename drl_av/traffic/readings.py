@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from drl_av.traffic.connection import getters
+from drl_av.traffic.road import FloatArray
 from drl_av.traffic.scenario import Scenario
 
 STATE = ("getLaneID", "getLanePosition", "getLateralLanePosition", "getSpeed", "getLateralSpeed")
@@ -12,12 +13,13 @@ STATE = ("getLaneID", "getLanePosition", "getLateralLanePosition", "getSpeed", "
 class Readings:
     """Reads the state of the vehicles of an episode; one row for each, the ego's first."""
 
-    def __init__(self, sumo: ModuleType, scenario: Scenario, ids: Sequence[str]) -> None:
+    def __init__(
+        self, sumo: ModuleType, scenario: Scenario, ids: Sequence[str], length_m: FloatArray
+    ) -> None:
         self._sumo, self._ids = sumo, ids
         self._lane_positions = scenario.lane_positions
         self._lap_m, self._lane_m = scenario.road.circumference_m, scenario.road.lane_width_m
-        types = scenario.vehicle_types
-        self._half_m = [types.ego.length_m / 2, *[types.traffic.length_m / 2] * (len(ids) - 1)]
+        self._half_m = (length_m / 2).tolist()
         self._lane, self._at, self._aside, *self._speeds = getters(sumo, STATE)
 
     def place(self, row: int) -> tuple[float, float]:

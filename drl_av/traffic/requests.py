@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from drl_av.config import SimulationConfig
+from drl_av.config import Config, SimulationConfig
 from drl_av.traffic.road import CENTERED_M
 from drl_av.traffic.snapshot import EGO, TrafficCommand
 
@@ -49,7 +49,7 @@ def ask_for_speeds(
     vehicle: Any,
     ids: Sequence[str],
     traffic_commands: Sequence[TrafficCommand],
-    timing: SimulationConfig,
+    config: Config,
 ) -> None:
     """Request speeds for the end of the next SUMO step; SUMO brakes by itself when it must.
 
@@ -57,8 +57,8 @@ def ask_for_speeds(
     level-0 drivers do, SUMO's IDM alone would need harder braking than the vehicle has. The speeds
     of SUMO's own drivers in such traffic are therefore limited too.
     """
-    step_s = timing.step_length_s
-    if traffic_commands:
+    step_s = config.simulation.step_length_s
+    if traffic_commands or config.traffic.keep_stopping_distance:
         ours = {EGO, *(wish.row for wish in traffic_commands)}
         _hold_back(vehicle, [ids[row] for row in range(len(ids)) if row not in ours], step_s)
     for row, acceleration_m_s2, _ in traffic_commands:

@@ -11,8 +11,9 @@ from drl_av.config import Config
 from drl_av.errors import SimulationError
 from drl_av.traffic.collisions import LATERAL_SPEED_M_S, Motion, bodies, motion
 from drl_av.traffic.connection import connection, require_display, start
-from drl_av.traffic.ego_model import EgoModel, hand_over, take_control
+from drl_av.traffic.ego_model import EgoModel, hand_over
 from drl_av.traffic.instances import acquire
+from drl_av.traffic.placement import place
 from drl_av.traffic.population import (
     EGO_ID,
     Kind,
@@ -23,6 +24,7 @@ from drl_av.traffic.population import (
     placed_population,
     random_lane_changes,
     require_speed_limit,
+    require_truck_width,
 )
 from drl_av.traffic.readings import Readings
 from drl_av.traffic.requests import (
@@ -49,6 +51,7 @@ class Simulation:
 
     def __init__(self, scenario: Scenario, config: Config, gui: bool = False) -> None:
         require_speed_limit(config, scenario.description)
+        require_truck_width(config, scenario.description)
         if gui:
             require_display()
         self.scenario = scenario
@@ -85,8 +88,11 @@ class Simulation:
         self.desired_speed_m_s = population.desired_speed_m_s
         types = self.scenario.vehicle_types
         sizes = (types.ego, *[types.traffic] * (len(self._ids) - 1))
+        traffic, is_truck = self._config.traffic, population.is_truck
         self._length_m = np.array([kind.length_m for kind in sizes])
         self._width_m = np.array([kind.width_m for kind in sizes])
+        self._length_m[is_truck] = traffic.truck_length_m
+        self._width_m[is_truck] = traffic.truck_width_m
         try:
             self._put_on_the_road(population, seed)
         except BaseException as error:
@@ -100,7 +106,7 @@ class Simulation:
             ) from error
         if self._gui:
             self._follow_ego()
-        self._readings = Readings(self._sumo, self.scenario, self._ids)
+        self._readings = Readings(self._sumo, self.scenario, self._ids, self._length_m)
         self._steps = 0
         self._ego_y_m = self.road.center_m(int(population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
@@ -142,7 +148,7 @@ class Simulation:
                     self._s_m, self._y_m, self._speed_m_s, commands, timing.step_length_s
                 )
             for command in commands:
-                ask_for_speeds(self._sumo.vehicle, self._ids, traffic_commands, timing)
+                ask_for_speeds(self._sumo.vehicle, self._ids, traffic_commands, self._config)
                 collision = self._step(command, near)
                 if collision is not None:
                     break
@@ -175,8 +181,9 @@ class Simulation:
     @property
     def capacity(self) -> int:
         """Largest number of other vehicles that can be placed at random."""
-        length_m = self.scenario.description.vehicle_length_m
-        return capacity(self.road, length_m, self._config.traffic.start_gap_m) - 1
+        traffic = self._config.traffic
+        length_m = traffic.longest_m(self.scenario.description.vehicle_length_m)
+        return capacity(self.road, length_m, traffic.start_gap_m) - 1
 
     @property
     def placed_vehicles(self) -> int | None:
@@ -220,32 +227,11 @@ class Simulation:
         self._sumo.simulationStep()  # frees the names of the vehicles
 
     def _populate(self, population: Population) -> None:
-        vehicle = self._sumo.vehicle
-        for row, name in enumerate(self._ids):
-            speed = float(population.speed_m_s[row])
-            kind = EGO_ID if row == EGO else "traffic"
-            lane_id, position_m = self._berth(population.lane[row], population.front_m[row])
-            vehicle.add(name, "loop", kind, "now", departSpeed="0")
-            vehicle.moveTo(name, lane_id, position_m)
-            vehicle.setPreviousSpeed(name, speed)
-            if row == EGO:
-                take_control(vehicle, name)
-            else:
-                vehicle.setTau(name, float(population.headway_s[row]))
-                vehicle.setAccel(name, float(population.acceleration_m_s2[row]))
-                gain = repr(float(population.speed_gain[row]))
-                vehicle.setParameter(name, "laneChangeModel.lcSpeedGain", gain)
-                if self.kinds[row] != Kind.SUMO:
-                    leave_to_commands(vehicle, name)
-            vehicle.setMaxSpeed(name, float(population.desired_speed_m_s[row]))
-
-    def _berth(self, lane: int, front_m: float) -> tuple[str, float]:
-        best = max(
-            (start_m, lane_id)
-            for lane_id, (index, start_m) in self.scenario.lane_positions.items()
-            if index == lane and start_m <= front_m
-        )
-        return best[1], float(front_m - best[0])
+        traffic = self._config.traffic
+        for row in range(len(self._ids)):
+            place(self._sumo.vehicle, row, population, self.scenario, traffic)
+            if self.kinds[row] != Kind.SUMO:
+                leave_to_commands(self._sumo.vehicle, self._ids[row])
 
     def _step(self, command: Command, near: Sequence[int]) -> Collision | None:
         """Execute one SUMO step; returns the ego's collision with one of the rows ``near``."""

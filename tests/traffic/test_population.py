@@ -22,6 +22,7 @@ from drl_av.traffic.population import (
     placed_population,
     random_lane_changes,
     require_speed_limit,
+    require_truck_width,
 )
 from drl_av.traffic.road import Road
 
@@ -220,6 +221,7 @@ def test_shares_change_neither_places_nor_characters() -> None:
         assert np.array_equal(getattr(first, name), getattr(mixed, name))
 
 
+WIDE = ScenarioDescription(lane_width_m=3.8)
 UNUSUAL = TrafficConfig(
     standing_share=0.1,
     crawling_share=0.2,
@@ -252,6 +254,51 @@ def test_some_vehicles_stand_crawl_or_overtake_fast_and_the_others_stay_as_they_
             assert np.array_equal(getattr(plain, name), getattr(unusual, name))
 
 
+TRUCKS = TrafficConfig(
+    truck_share=0.2,
+    truck_length_m=16.0,
+    truck_speed_min_m_s=22.0,
+    truck_speed_max_m_s=24.0,
+    truck_acceleration_m_s2=0.6,
+)
+
+
+def test_trucks_come_in_their_share_with_their_own_parameters_and_cars_stay_as_they_are() -> None:
+    pairs = [(draw(15, seed), draw(15, seed, traffic=TRUCKS)) for seed in range(400)]
+    is_truck = np.array([mixed.is_truck for _, mixed in pairs])
+    assert not is_truck[:, 0].any()
+    assert is_truck[:, 1:].mean() == pytest.approx(0.2, abs=0.02)
+    for cars, mixed in pairs:
+        truck = mixed.is_truck
+        desired = mixed.desired_speed_m_s
+        assert ((desired[truck] >= 22.0) & (desired[truck] <= 24.0)).all()
+        assert (mixed.acceleration_m_s2[truck] == 0.6).all()
+        assert not cars.is_truck.any()
+        for name in ("desired_speed_m_s", "acceleration_m_s2", "headway_s"):
+            assert np.array_equal(getattr(mixed, name)[~truck], getattr(cars, name)[~truck])
+
+
+@given(st.integers(0, 30), st.integers(0, 2**32))
+def test_trucks_too_have_the_start_gap_around_them(vehicles: int, seed: int) -> None:
+    mixed = draw(vehicles, seed, traffic=TRUCKS)
+    length_m = np.where(mixed.is_truck, 16.0, LENGTH_M)
+    for a, b in itertools.permutations(range(vehicles + 1), 2):
+        if mixed.lane[a] == mixed.lane[b]:
+            # from a's front to b's rear, the way that a drives
+            gap_m = (mixed.front_m[b] - length_m[b] - mixed.front_m[a]) % 500.0
+            assert TRUCKS.start_gap_m - 1e-9 <= gap_m <= 500.0 - length_m[[a, b]].sum()
+
+
+def test_a_road_has_room_for_so_many_trucks() -> None:
+    assert TRUCKS.longest_m(LENGTH_M) == 16.0
+    assert TRUCKS.longest_m(20.0) == 20.0
+    assert TRAFFIC.longest_m(LENGTH_M) == LENGTH_M
+    # 500 m take 20 trucks of 16 m and 8 m in front of them in each of three lanes
+    draw(59, traffic=TRUCKS)
+    with pytest.raises(ScenarioError, match=r"take 59 besides the ego"):
+        draw(60, traffic=TRUCKS)
+
+
 def test_all_can_be_unusual_but_no_more_than_all() -> None:
     everybody = draw(30, traffic=TrafficConfig(standing_share=0.5, crawling_share=0.5))
     assert everybody.desired_speed_m_s[1:].max() <= 8.0
@@ -263,6 +310,14 @@ def test_shares_of_more_than_all_are_refused_and_of_all_are_not() -> None:
     assert sum(shares(0.7, 0.2, 0.1).shares) == pytest.approx(1.0)
     with pytest.raises(ConfigError, match=r"^traffic: finite_state_share .* is 1.1, but must be"):
         shares(0.5, 0.3, 0.3)
+
+
+def test_trucks_wider_than_a_lane_are_refused_where_there_are_any() -> None:
+    config = Config().updated("traffic", truck_width_m=3.9)
+    require_truck_width(config, ScenarioDescription())
+    require_truck_width(config.updated("traffic", truck_width_m=3.8, truck_share=1.0), WIDE)
+    with pytest.raises(ConfigError, match=r"^traffic.truck_width_m is 3.9, but .* is 3.8: lower"):
+        require_truck_width(config.updated("traffic", truck_share=0.1), WIDE)
 
 
 def test_fast_overtakers_keep_to_the_speed_limit_where_there_are_any() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from drl_av.config import Config
+from drl_av.traffic.ego_model import EgoModel
 from drl_av.traffic.scenario import (
     PlacedVehicle,
     ScenarioDescription,
@@ -69,3 +70,36 @@ def test_on_the_right_sumo_passes_a_vehicle_of_22_m_s_only_where_that_is_allowed
     assert (ahead_m > 400) == passed
     assert ahead_m > -60
     assert shot.speed_m_s[fast_row] == pytest.approx(32.0 if passed else 22.0, abs=0.01)
+
+
+def test_a_truck_is_as_long_and_wide_in_sumo_as_in_the_snapshot_and_cars_stop_behind_it() -> None:
+    # they accelerate weakly, so that SUMO's IDM alone would hit the vehicle ahead
+    sizes = {"truck_share": 0.5, "truck_length_m": 16.0, "truck_width_m": 2.5}
+    config = Config().updated("traffic", keep_stopping_distance=True, **sizes)
+    with closing(Simulation(load_scenario(find_scenario()), config)) as simulation:
+        shot = simulation.reset(seed=5, vehicles=30)
+        assert set(shot.length_m.tolist()) == {5.0, 16.0}
+        assert shot.length_m[0] == 5.0
+        trucks = np.flatnonzero(shot.length_m == 16.0)
+        assert (shot.width_m[trucks] == 2.5).all()
+        vehicle = simulation._sumo.vehicle
+        for row, name in enumerate(shot.ids):
+            assert vehicle.getLength(name) == shot.length_m[row]
+            assert vehicle.getWidth(name) == shot.width_m[row]
+            # a centre is half a length behind the front bumper
+            lane, start_m = simulation.scenario.lane_positions[vehicle.getLaneID(name)]
+            front_m = start_m + vehicle.getLanePosition(name)
+            assert (front_m - shot.s_m[row]) % 500.0 == pytest.approx(shot.length_m[row] / 2)
+            assert shot.y_m[row] == pytest.approx(3.8 * lane)
+        simulation.hand_over(EgoModel())
+        for _ in range(150):
+            shot, hit = simulation.advance([Command(0.0, 0.0, 0.0)] * 2)
+            assert hit is None
+            between_m = np.abs(shot.s_m[:, None] - shot.s_m)
+            apart_m = np.minimum(between_m, 500.0 - between_m)
+            halves_m = (shot.length_m[:, None] + shot.length_m) / 2
+            beside_m = np.abs(shot.y_m[:, None] - shot.y_m)
+            touching = (apart_m < halves_m) & (
+                beside_m < (shot.width_m[:, None] + shot.width_m) / 2
+            )
+            assert touching.sum() == len(shot.ids)  # each with itself

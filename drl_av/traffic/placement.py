@@ -1,0 +1,42 @@
+"""A vehicle of a population put on the road of a running SUMO."""
+
+from typing import Any
+
+from drl_av.config import TrafficConfig
+from drl_av.traffic.ego_model import take_control
+from drl_av.traffic.population import EGO_ID, Population
+from drl_av.traffic.scenario import Scenario
+from drl_av.traffic.snapshot import EGO
+
+
+def place(
+    vehicle: Any, row: int, population: Population, scenario: Scenario, traffic: TrafficConfig
+) -> None:
+    """Add the vehicle of a row where it starts, with its own parameters."""
+    name, speed = population.ids[row], float(population.speed_m_s[row])
+    lane_id, position_m = _berth(scenario, population.lane[row], population.front_m[row])
+    vehicle.add(name, "loop", EGO_ID if row == EGO else "traffic", "now", departSpeed="0")
+    if population.is_truck[row]:
+        vehicle.setLength(name, traffic.truck_length_m)
+        vehicle.setWidth(name, traffic.truck_width_m)
+        vehicle.setShapeClass(name, "truck")
+    vehicle.moveTo(name, lane_id, position_m)
+    vehicle.setPreviousSpeed(name, speed)
+    if row == EGO:
+        take_control(vehicle, name)
+    else:
+        vehicle.setTau(name, float(population.headway_s[row]))
+        vehicle.setAccel(name, float(population.acceleration_m_s2[row]))
+        gain = repr(float(population.speed_gain[row]))
+        vehicle.setParameter(name, "laneChangeModel.lcSpeedGain", gain)
+    vehicle.setMaxSpeed(name, float(population.desired_speed_m_s[row]))
+
+
+def _berth(scenario: Scenario, lane: int, front_m: float) -> tuple[str, float]:
+    """The lane id and the position on it of a place on the loop."""
+    best = max(
+        (start_m, lane_id)
+        for lane_id, (index, start_m) in scenario.lane_positions.items()
+        if index == lane and start_m <= front_m
+    )
+    return best[1], float(front_m - best[0])

@@ -1,0 +1,167 @@
+"""How traffic drives by itself, beside published measurements of real highways.
+
+    python -m verification.traffic_moments --traffic calm naturalistic
+
+SUMO drives the ego too, and it is left out. The moments are those of all decisions after the first
+30 s and of all vehicles together: speed, and behind a vehicle of the same lane at most 120 m ahead
+the range (net gap), the time gap (range by speed) and the relative speed.
+"""
+
+import argparse
+import math
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from typing import NamedTuple
+
+import numpy as np
+
+from drl_av.config import TRAFFIC_KINDS, Config
+from drl_av.drivers.background.level_k import load_level_1
+from drl_av.drivers.background.traffic import TrafficDrivers
+from drl_av.traffic.ego_model import EgoModel
+from drl_av.traffic.road import FloatArray, Road
+from drl_av.traffic.scenario import find_scenario, load_scenario
+from drl_av.traffic.simulation import Simulation
+from drl_av.traffic.snapshot import EGO, Command, Snapshot
+
+SEEDS = 840_000
+WARM_UP_DECISIONS = 30
+RANGE_M = 120.0
+SHORT_GAP_S = 1.3
+VEHICLES = (10, 15, 20, 25, 30, 35)
+TOLERANCE = 0.1
+IGNORED = Command(0.0, 0.0, 0.0)
+
+
+class Moments(NamedTuple):
+    """Of the traffic of some episodes, or of a published data set (NaN where it tells none)."""
+
+    speed_m_s: float = math.nan
+    speed_sd_m_s: float = math.nan
+    median_time_gap_s: float = math.nan
+    share_below_1_3_s: float = math.nan
+    range_p10_m: float = math.nan
+    range_p50_m: float = math.nan
+    range_p90_m: float = math.nan
+    relative_speed_sd_m_s: float = math.nan
+    lane_changes_per_km: float = math.nan
+
+
+US_NATURALISTIC = Moments(30.05, 3.48, 1.12, 0.59, 18, 34, 77, 1.3)
+"""Highway driving of the Safety Pilot Model Deployment and IVBSS studies, Michigan."""
+HIGHD = Moments(lane_changes_per_km=0.12)
+"""The highD data set, Germany."""
+
+
+class Following(NamedTuple):
+    """Vehicles behind another one of their lane at one moment; arrays of shape (F,)."""
+
+    range_m: FloatArray
+    time_gap_s: FloatArray
+    relative_speed_m_s: FloatArray
+
+
+def following(shot: Snapshot, road: Road) -> Following:
+    """Who follows whom, by the lanes that their centres are in; the ego follows nobody."""
+    lane = lanes(shot, road)
+    ahead_m = (shot.s_m - shot.s_m[:, None]) % road.circumference_m
+    gap_m = ahead_m - (shot.length_m + shot.length_m[:, None]) / 2
+    gap_m[(lane != lane[:, None]) | np.eye(len(lane), dtype=bool)] = np.inf
+    rows, leader = np.arange(len(lane)), gap_m.argmin(axis=1)
+    found = (gap_m[rows, leader] <= RANGE_M) & (rows != EGO) & (shot.speed_m_s > 0)
+    range_m = np.maximum(gap_m[rows, leader], 0.0)[found]
+    return Following(
+        range_m,
+        range_m / shot.speed_m_s[found],
+        (shot.speed_m_s[leader] - shot.speed_m_s)[found],
+    )
+
+
+def lanes(shot: Snapshot, road: Road) -> FloatArray:
+    """The lane of each vehicle."""
+    found: FloatArray = np.floor(shot.y_m / road.lane_width_m + 0.5)
+    return found
+
+
+def moments(config: Config, episodes: int, vehicles: Sequence[int] = VEHICLES) -> Moments:
+    """Drive the episodes of a traffic, the numbers of vehicles in turn."""
+    shots = [drive(config, SEEDS + n, vehicles[n % len(vehicles)]) for n in range(episodes)]
+    road = load_scenario(find_scenario(config.simulation.scenario)).road
+    speed = np.concatenate([shot.speed_m_s[1:] for episode in shots for shot in episode])
+    columns = zip(*(following(shot, road) for episode in shots for shot in episode), strict=True)
+    range_m, time_gap_s, relative_m_s = map(np.concatenate, columns)
+    changes = sum(
+        np.count_nonzero(np.diff([lanes(shot, road)[1:] for shot in episode], axis=0))
+        for episode in shots
+    )
+    driven_km = speed.sum() * config.simulation.decision_interval_s / 1000
+    p10_m, p50_m, p90_m = np.quantile(range_m, (0.1, 0.5, 0.9)).tolist()
+    return Moments(
+        speed_m_s=float(speed.mean()),
+        speed_sd_m_s=float(speed.std()),
+        median_time_gap_s=float(np.median(time_gap_s)),
+        share_below_1_3_s=float((time_gap_s < SHORT_GAP_S).mean()),
+        range_p10_m=p10_m,
+        range_p50_m=p50_m,
+        range_p90_m=p90_m,
+        relative_speed_sd_m_s=float(relative_m_s.std()),
+        lane_changes_per_km=float(changes / driven_km),
+    )
+
+
+def drive(config: Config, seed: int, vehicles: int) -> list[Snapshot]:
+    """The snapshots of an episode after its start."""
+    scenario = load_scenario(find_scenario(config.simulation.scenario))
+    level_1 = load_level_1(scenario.road) if config.traffic.level_1_share else None
+    drivers = TrafficDrivers(config, scenario.road, scenario.vehicle_types, level_1)
+    shots = []
+    with closing(Simulation(scenario, config)) as simulation:
+        shot = simulation.reset(seed, vehicles)
+        simulation.hand_over(EgoModel(overtake_right=config.traffic.overtake_right))
+        drivers.start(simulation.kinds, simulation.desired_speed_m_s, seed)
+        for decision in range(config.simulation.decisions_per_episode):
+            commands = [IGNORED] * config.simulation.steps_per_decision
+            shot, _ = simulation.advance(commands, drivers(shot))
+            if decision >= WARM_UP_DECISIONS:
+                shots.append(shot)
+    return shots
+
+
+def table(columns: dict[str, Moments]) -> str:
+    """A row a moment, a column a traffic, then the measured ones; ``*`` within 10 % of these."""
+    measured = {"US naturalistic": US_NATURALISTIC, "highD": HIGHD}
+    lines = ["".join(f"{word:>22}" for word in ("", *columns, *measured))]
+    for name in Moments._fields:
+        values = [getattr(column, name) for column in columns.values()]
+        ours = [f"{value:.2f}{mark(name, value)}" for value in values]
+        theirs = [f"{getattr(one, name):.2f} ".replace("nan", "-") for one in measured.values()]
+        lines.append("".join(f"{word:>22}" for word in (name, *ours, *theirs)))
+    return "\n".join(lines)
+
+
+def mark(name: str, value: float) -> str:
+    """``*`` within 10 % of the number that either data set gives."""
+    known = [getattr(one, name) for one in (US_NATURALISTIC, HIGHD)]
+    near = any(abs(value - one) <= TOLERANCE * one for one in known if not math.isnan(one))
+    return "*" if near else " "
+
+
+def main() -> None:
+    """Drive each kind of traffic and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--episodes", type=int, default=60, help="a kind (default: 60)")
+    parser.add_argument("--vehicles", type=int, nargs="+", default=VEHICLES, metavar="N")
+    parser.add_argument("--traffic", nargs="+", default=tuple(TRAFFIC_KINDS), metavar="KIND")
+    options = parser.parse_args()
+    begun_s = time.monotonic()
+    found = {
+        kind: moments(Config().with_traffic(kind), options.episodes, options.vehicles)
+        for kind in options.traffic
+    }
+    print(table(found))
+    print(f"* within 10 % of a measured number; {time.monotonic() - begun_s:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
