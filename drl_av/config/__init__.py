@@ -82,7 +82,11 @@ class Config:
         return replace(self, **{section: replace(getattr(self, section), **settings)})
 
     def with_traffic(self, kind: object) -> "Config":
-        """A copy with another kind of traffic, but as many vehicles; raises ConfigError."""
+        """A copy with another kind of traffic and the same numbers of vehicles.
+
+        Raises:
+            ConfigError: there is no such kind.
+        """
         return replace(self, traffic=traffic_of_kind(kind, self.traffic))
 
     def to_toml(self) -> str:

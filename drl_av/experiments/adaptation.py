@@ -63,7 +63,7 @@ def _job(
 
 
 def adaptation_table(results: Results) -> str:
-    """Both variants in steps of 10,000 episodes, as far as both are driven."""
+    """The table: both variants for each 10,000 episodes, up to the last that both have driven."""
     rows = results.rows("adaptation.csv")
     last = {row["variant"]: int(row["episode"]) for row in rows}
     lines = []
