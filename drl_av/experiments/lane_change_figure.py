@@ -40,7 +40,7 @@ class Track(NamedTuple):
 
 
 def track(ego: EgoConfig, speed_m_s: float, laterals: Sequence[Lateral]) -> Track:
-    """The motion of the ego that executes ``laterals`` at a constant speed, computed by ``plan``."""
+    """The motion of the ego that executes ``laterals`` at a constant speed, by ``plan``."""
     loop = ScenarioDescription()
     road = Road(loop.circumference_m, loop.lane_width_m, (True,) * loop.lanes)
     at, running = Command(speed_m_s, road.center_m(0), 0.0), None

@@ -36,6 +36,24 @@ To add a check, write its file and add a line here; the command line's help is m
 """
 
 
+def named_check(
+    config: Config, vehicle_types: VehicleTypes = AS_WRITTEN, road: Road = ROAD_AS_WRITTEN
+) -> SafetyCheck:
+    """The safety check that a config names, for a scenario with these vehicle types and this road.
+
+    Raises:
+        ConfigError: there is no check of that name; or it is ``strict``, and an assumption of its
+            argument does not hold.
+    """
+    name = config.safety.check
+    if name not in CHECKS:
+        raise ConfigError(
+            f"safety.check is {name!r}{did_you_mean(name, CHECKS)}, but must be one of: "
+            f"{', '.join(CHECKS)}."
+        )
+    return CHECKS[name](config, vehicle_types, road)
+
+
 def starts_unsafe(check: SafetyCheck, scene: Scene) -> bool:
     """Whether a check already cannot keep the ego from a collision in a first scene.
 

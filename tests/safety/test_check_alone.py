@@ -122,7 +122,7 @@ def test_a_check_from_outside_the_package_is_one_line_of_the_registry(
         executed = Action(Lateral.KEEP, Longitudinal.BRAKE)
         return Verdict(executed, Rule.NONE if executed == proposed else Rule.IN_LANE)
 
-    monkeypatch.setitem(CHECKS, "timid", lambda config, vehicle_types: timid)
+    monkeypatch.setitem(CHECKS, "timid", lambda config, vehicle_types, road: timid)
     with closing(HighwayEnv(safety_check="timid")) as env:
         env.reset(seed=1, options={"vehicles": 3})
         info = env.step(5)[4]
