@@ -233,7 +233,7 @@ def test_place_that_is_a_file_is_no_run(settings: Path, capsys: pytest.CaptureFi
     assert main(["train", "--out", str(settings)]) == 1
     assert "exists already" in told(capsys)
     assert main(["train", "--out", str(settings / "run"), "--config", str(settings)]) == 1
-    assert "run cannot be written (" in told(capsys)
+    assert "run cannot be made (File exists)" in told(capsys)
     assert settings.read_text() == TINY
 
 
