@@ -145,6 +145,8 @@ FAMILIES: dict[str, Family] = {
     "overtaker": Family(2, overtaker, (2.0, 0, 9)),
     "anything": Family(4, anything, (-BRAKES, 1, 9)),
 }
+CONSTANT_SPEED = Family(1, lead_brakes, (0.0, 0, 0))
+"""The plainest case: the vehicle ahead keeps its speed, and the ego asks for "maintain"."""
 
 
 class Tally(NamedTuple):

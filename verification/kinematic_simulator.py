@@ -6,6 +6,7 @@ Arrays have shape (scenes,) for the ego and (scenes, others) for the other vehic
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -102,11 +103,28 @@ def one_by_one(check: SafetyCheck) -> BatchCheck:
     return checked
 
 
-class Mover:
-    """Moves a world by SUMO steps: semi-implicit Euler, or ballistic."""
+class Integration(Enum):
+    """How far a vehicle moves in a step in which its speed changes."""
 
-    def __init__(self, config: Config, ballistic: bool = False) -> None:
-        self._config, self._ballistic = config, ballistic
+    EULER = "euler"
+    """Semi-implicit, as SUMO does by default: at the speed after the step."""
+    BALLISTIC = "ballistic"
+    """At the mean of both speeds."""
+    EXPLICIT = "explicit"
+    """Explicit Euler, eq. 5 of the paper: at the speed before the step."""
+
+    def mean_speed(self, before: FloatArray, after: FloatArray) -> FloatArray:
+        """The speed at which a vehicle moves in a step, m/s."""
+        if self is Integration.BALLISTIC:
+            return (before + after) / 2
+        return after if self is Integration.EULER else before
+
+
+class Mover:
+    """Moves a world by SUMO steps."""
+
+    def __init__(self, config: Config, integration: Integration = Integration.EULER) -> None:
+        self._config, self._integration = config, integration
         self.step_s = config.simulation.step_length_s
 
     def decision(self, world: World, executed: IntArray, orders: Orders) -> None:
@@ -149,7 +167,7 @@ class Mover:
         )
         wanted = self._staying_behind(world, wanted)
         speed[:, 1:] = np.clip(speed[:, 1:] + wanted * self.step_s, 0.0, FASTEST_M_S)
-        moved = (speed + world.speed_m_s) / 2 if self._ballistic else speed
+        moved = self._integration.mean_speed(world.speed_m_s, speed)
         x_m, y_m = world.x_m, world.y_m
         world.x_m = np.where(going[:, None], world.x_m + moved * self.step_s, world.x_m)
         world.speed_m_s = np.where(going[:, None], speed, world.speed_m_s)
