@@ -16,12 +16,35 @@ The packages, each importing only from those before it:
     cli              the ``drl-av`` command
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from gymnasium.envs.registration import register
 
+if TYPE_CHECKING:
+    from drl_av.drivers.registry import load_driver as load_driver
+    from drl_av.evaluation.evaluate import evaluate as evaluate
+
 __version__ = "0.1.0"
+
+_FUNCTIONS = {
+    "evaluate": "drl_av.evaluation.evaluate",
+    "load_driver": "drl_av.drivers.registry",
+}
+"""The module of each public function; the first use imports it, and with it SUMO."""
 
 register(
     id="drl_av/Highway-v0",
     entry_point="drl_av.env:HighwayEnv",
     kwargs={"action_mask": True},
 )
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _FUNCTIONS:
+        raise AttributeError(f"module 'drl_av' has no attribute {name!r}")
+    return getattr(import_module(_FUNCTIONS[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_FUNCTIONS])

@@ -9,7 +9,7 @@ from drl_av.config import load_config
 from drl_av.config.presets import preset
 from drl_av.drivers.background.level_k import LEVEL_1
 from drl_av.drivers.policy_file import PRETRAINED, load, load_policy
-from drl_av.drivers.registry import load_driver
+from drl_av.drivers.registry import load_learned
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
@@ -38,7 +38,7 @@ def test_a_shipped_policy_has_the_settings_beside_it_and_comes_through_being_wri
 
 
 def test_it_overtakes_the_rule_based_driver_on_the_same_traffic_without_hitting_anything() -> None:
-    driver, config = load_driver(PRETRAINED)
+    driver, config = load_learned(PRETRAINED)
     env = HighwayEnv(config=config)
     seeds = range(700_000, 700_008)
     learned = [drive(env, driver, "pretrained", seed, 10) for seed in seeds]

@@ -22,7 +22,7 @@ from benchmark_drives import commanded, drive, recorded, step_bare
 from drl_av.config import Config
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.policy_file import PRETRAINED
-from drl_av.drivers.registry import load_driver
+from drl_av.drivers.registry import load_learned
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv, Observation
 from drl_av.learning.assembly import make_buffer, make_training
@@ -59,7 +59,7 @@ def crowded(vehicles: int = VEHICLES) -> Config:
 def env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     """Decisions a second."""
     env = stack.enter_context(closing(HighwayEnv(config=crowded())))
-    actions = recorded(env, load_driver(PRETRAINED)[0], seeds)
+    actions = recorded(env, load_learned(PRETRAINED)[0], seeds)
     ours, bare = partial(drive, env, actions), partial(step_bare, env, commanded(env, actions))
     return [Row("environment | bare libsumo", ours, bare, 0.75, 2_000)]
 

@@ -41,13 +41,15 @@ def preset(name: str) -> Config:
     return PRESETS[name]
 
 
-def as_config(given: Config | Mapping[str, Any] | str | Path | None) -> Config:
+def as_config(
+    given: Config | Mapping[str, Any] | str | Path | None, base: Config | None = None
+) -> Config:
     """Convert the argument ``config`` of the Python interface to a Config.
 
     Args:
         given: A Config, the name of a preset, the path of a TOML file, or ``{section: {key:
-            value}}``. The file and the dictionary change the paper's settings. None is the
-            paper's settings.
+            value}}``. The file and the dictionary change ``base``. None is ``base``.
+        base: The settings to change; by default the paper's settings.
 
     Raises:
         ConfigError: ``given`` is none of these, or a setting is unknown, has a wrong type or is out
@@ -56,12 +58,12 @@ def as_config(given: Config | Mapping[str, Any] | str | Path | None) -> Config:
     if isinstance(given, Config):
         return given
     if isinstance(given, Mapping):
-        return from_sections(given)
+        return from_sections(given, base)
     if isinstance(given, str) and given in PRESETS:
         return PRESETS[given]
     is_file = isinstance(given, Path) or (isinstance(given, str) and Path(given).exists())
     if given is None or is_file:
-        return load_config(given)
+        return load_config(given, base)
     raise ConfigError(
         f"config is {given!r}{did_you_mean(given, PRESETS)}, but must be a preset "
         f"({', '.join(PRESETS)}), a TOML file that exists, sections as in "

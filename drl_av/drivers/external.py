@@ -56,12 +56,17 @@ def driver_of_factory(word: str, config: Config) -> Driver:
             "a module in the working directory or an installed one."
         ) from error
     driver: Driver = factory(config)
-    if not callable(getattr(driver, "start", None)) or not callable(getattr(driver, "act", None)):
+    if not is_driver(driver):
         raise ConfigError(
             f"The factory {word!r} made a {type(driver).__name__}, which is no driver: return an "
             "object with start(seed) and act(scene, observation)."
         )
     return driver
+
+
+def is_driver(made: object) -> bool:
+    """Whether an object has the methods of a driver, ``start`` and ``act``."""
+    return callable(getattr(made, "start", None)) and callable(getattr(made, "act", None))
 
 
 @contextmanager

@@ -5,11 +5,12 @@ of the command line is built.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from drl_av.config import Config
+from drl_av.config.presets import as_config
 from drl_av.config.schema import did_you_mean
 from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
@@ -52,6 +53,8 @@ class DriverSpec(NamedTuple):
     """Name of the driver in the results, unique among the requested drivers."""
     run: Path | None
     """Folder of a run, or a file; None for a rule-based driver or a factory of this name."""
+    own: Driver | None = None
+    """A driver that the user's program made, or None."""
 
     @property
     def is_external(self) -> bool:
@@ -112,7 +115,7 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
         CheckpointError: the policy file is damaged.
     """
     run = next((spec.run for spec in specs if spec.run and not spec.is_external), None)
-    return load_driver(run)[1] if run else Config()
+    return load_learned(run)[1] if run else Config()
 
 
 def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Driver]:
@@ -127,14 +130,14 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
     """
     drivers: dict[str, Driver] = {}
     learned = {
-        spec.name: load_driver(spec.run) for spec in specs if spec.run and not spec.is_external
+        spec.name: load_learned(spec.run) for spec in specs if spec.run and not spec.is_external
     }
     margins = [own.learning.lane_change_margin for _, own in learned.values()]
     margin = config.learning.lane_change_margin
     for spec in specs:
-        name, run = spec
+        name, run, made = spec
         if run is None:
-            drivers[name] = rule_driver(name, config)
+            drivers[name] = rule_driver(name, config) if made is None else made
             continue
         if spec.is_external:
             drivers[name] = LOADERS[run.suffix](run)
@@ -170,7 +173,31 @@ def rule_driver(name: str, config: Config) -> Driver:
     return NoPassingOnTheRight(driver, config.ego)
 
 
-def load_driver(path: Path) -> tuple[LearnedDriver, Config]:
+def load_driver(
+    driver: str | Path, config: Config | Mapping[str, Any] | str | Path | None = None
+) -> Driver:
+    """The driver of a name, a file or a folder; it drives an environment.
+
+    ``driver.start(seed)`` prepares it for an episode; then ``driver.act(env.unwrapped.scene,
+    observation).number`` is the action for ``env.step``.
+
+    Args:
+        driver: ``"pretrained"``, the name of a rule-based driver, a run's folder, a policy file, a
+            stable-baselines3 zip file, an ONNX file, or a factory as ``module:factory``.
+        config: The argument ``config`` of the environment. A dictionary or a file changes the
+            settings of the driver, which are the default.
+
+    Raises:
+        ConfigError: there is no such driver, or a setting is wrong.
+        RunError, CheckpointError: the file or folder cannot be used, or the driver was trained
+            with another observation.
+    """
+    specs = find_drivers([str(driver)])
+    [loaded] = make_drivers(specs, as_config(config, default_config(specs))).values()
+    return loaded
+
+
+def load_learned(path: Path) -> tuple[LearnedDriver, Config]:
     """The driver of a run's folder or of a policy file, and its config.
 
     Raises:

@@ -10,7 +10,7 @@ from worlds import ROAD, scene
 
 from drl_av.cli import main
 from drl_av.drivers.policy_file import PRETRAINED
-from drl_av.drivers.registry import find_drivers, load_driver, make_drivers
+from drl_av.drivers.registry import find_drivers, load_learned, make_drivers
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS, ObservationScale
 from drl_av.driving.scene import LaneChange
@@ -27,7 +27,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_it_decides_as_the_shipped_driver_on_10_000_observations(exported: Path) -> None:
-    driver, config = load_driver(PRETRAINED)
+    driver, config = load_learned(PRETRAINED)
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, ROAD)
     rng = np.random.default_rng(0)
     s = rng.uniform(-1.2, 1.2, (10_000, len(INDICATORS))) * scale.bounds  # some are clipped
@@ -59,14 +59,14 @@ def test_a_lane_change_begins_only_above_the_margin_and_goes_on_without_one(expo
 
 
 def shipped_episode() -> list[Decision]:
-    driver, config = load_driver(PRETRAINED)
+    driver, config = load_learned(PRETRAINED)
     with closing(HighwayEnv(config=config)) as env:
         return list(rollout(env, driver, 800_001, 15))
 
 
 def test_the_exported_driver_drives_the_same_episode(exported: Path) -> None:
     specs = find_drivers(["pretrained"])
-    _, config = load_driver(PRETRAINED)
+    _, config = load_learned(PRETRAINED)
     config = config.updated("simulation", decisions_per_episode=40)
     [own] = make_drivers(specs, config).values()
     [other] = make_drivers(find_drivers([str(exported)]), config).values()

@@ -12,7 +12,7 @@ from worlds import ALONE
 from drl_av.config import Config
 from drl_av.drivers.learned import network_values
 from drl_av.drivers.policy_file import load
-from drl_av.drivers.registry import load_driver
+from drl_av.drivers.registry import load_learned
 from drl_av.driving.mirror import MIRROR, mirrored_observations
 from drl_av.env.episode import TRAINING_SEEDS
 from drl_av.env.highway import HighwayEnv
@@ -95,7 +95,7 @@ def test_a_training_on_mirrored_scenes_decides_alike_on_both_sides_then_and_ever
     env.config = Config().updated("learning", mirrored=mirrored, batch_size=8)
     training = make_training(env)
     save_policy(tmp_path / "policy.safetensors", training.networks, env.config)
-    driver, _ = load_driver(tmp_path / "policy.safetensors")
+    driver, _ = load_learned(tmp_path / "policy.safetensors")
     states = np.random.default_rng(1).standard_normal((50, 27)).astype(np.float32)
     alike = [
         each.act(ALONE, mirrored_observations(s)).number
@@ -140,7 +140,7 @@ def test_what_is_saved_drives_as_the_training_did_and_goes_on_as_it_was(
     training, run = make_training(env), Run(tmp_path / "run")
     training.run_episode()
     run.create(TOGETHER, training)
-    driver, config = load_driver(run.folder)
+    driver, config = load_learned(run.folder)
     assert config == TOGETHER
     states: Any = np.random.default_rng(1).standard_normal((200, 27)).astype(np.float32)
     decided = [training.driver.act(ALONE, s_t).number for s_t in states]

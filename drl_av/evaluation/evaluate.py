@@ -1,0 +1,98 @@
+"""The evaluation of drivers from a program, ``drl_av.evaluate``."""
+
+from collections.abc import Iterable, Mapping
+from contextlib import closing
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from drl_av.config import Config, located
+from drl_av.config.presets import as_config
+from drl_av.drivers.driver import Driver
+from drl_av.drivers.external import is_driver
+from drl_av.drivers.registry import DriverSpec, default_config, find_drivers
+from drl_av.env.metrics import EpisodeResult
+from drl_av.errors import ConfigError
+from drl_av.evaluation.comparison import Evaluation
+
+Word = str | Path
+"""A driver as on the command line."""
+
+
+def evaluate(
+    drivers: Word | Iterable[Word] = (),
+    *,
+    own: Mapping[str, Driver] = MappingProxyType({}),
+    vehicles: int | Iterable[int] = (),
+    episodes: int = 50,
+    seed: int = 0,
+    jobs: int = 1,
+    config: Config | Mapping[str, Any] | str | Path | None = None,
+    scenario: str | Path | None = None,
+    safety_check: str | None = None,
+    traffic: str | None = None,
+) -> list[EpisodeResult]:
+    """Drive each driver through the same traffic, as ``drl-av evaluate`` does.
+
+    Args:
+        drivers: One driver or several, named as for ``load_driver``; without any driver, the
+            shipped one.
+        own: Further drivers by name: objects with ``start(seed)`` and ``act(scene, observation)``.
+        vehicles: Numbers of other vehicles; by default those of the published tables, or the
+            number that the scenario places.
+        episodes: Number of episodes for each driver and number of vehicles.
+        seed: Traffic seed of the first episode; the following episodes have the next seeds, which
+            must be below 1,000,000.
+        jobs: Number of processes, on which the results do not depend; ``own`` needs 1.
+        config: Settings. A dictionary or a file changes those of the first trained driver, which
+            are the default; without a trained driver, those of the paper.
+        scenario: Folder of a scenario, or the name of a shipped one.
+        safety_check: ``"permit_all"``, ``"paper"`` or ``"strict"``.
+        traffic: The name of a kind of traffic, whose settings ``config`` may change.
+
+    Returns:
+        One row for each episode, in order of number of vehicles, seed and driver.
+
+    Raises:
+        ConfigError, ScenarioError: an argument is wrong, or the vehicles do not fit on the road.
+        RunError, CheckpointError: a driver cannot be loaded.
+        SimulationError: SUMO ended unexpectedly.
+    """
+    numbers = [vehicles] if isinstance(vehicles, int) else list(vehicles)
+    counts = [("episodes", episodes, 1), ("seed", seed, 0), ("jobs", jobs, 1)]
+    for name, value, least in [*counts, *(("vehicles", number, 0) for number in numbers)]:
+        _require_whole(name, value, least)
+    if own and jobs > 1:
+        raise ConfigError(
+            "The drivers in own are objects and drive in one process: name a factory as "
+            "'module:factory' among the drivers instead, or use jobs=1."
+        )
+    specs = _specs([drivers] if isinstance(drivers, str | Path) else drivers, own)
+    base = default_config(specs)
+    settings = as_config(config, base if traffic is None else base.with_traffic(traffic))
+    if scenario is not None:
+        settings = settings.updated("simulation", scenario=str(scenario))
+    if safety_check is not None:
+        settings = settings.updated("safety", check=safety_check)
+    evaluation = Evaluation(located(settings), specs, numbers, range(seed, seed + episodes))
+    with closing(evaluation.rows(jobs)) as rows:
+        return list(rows)
+
+
+def _specs(words: Iterable[Word], own: Mapping[str, Driver]) -> list[DriverSpec]:
+    specs = list(find_drivers(map(str, words) if own else map(str, [*words] or ["pretrained"])))
+    for name, driver in own.items():
+        if not is_driver(driver):
+            raise ConfigError(
+                f"The driver {name!r} in own is a {type(driver).__name__}, but must be an object "
+                "with start(seed) and act(scene, observation)."
+            )
+        if name in [spec.name for spec in specs]:
+            raise ConfigError(f"Two drivers are called {name!r}: rename the one in own.")
+        specs.append(DriverSpec(name, None, driver))
+    return specs
+
+
+def _require_whole(name: str, value: object, least: int) -> None:
+    if type(value) is not int or value < least:
+        raise ConfigError(f"{name} is {value!r}, but must be a whole number from {least} on.")

@@ -1,0 +1,131 @@
+"""``drl_av.evaluate`` and ``drl_av.load_driver``: the command line's results in a program."""
+
+import csv
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import drl_av
+from drl_av.cli import main
+from drl_av.config import Config
+from drl_av.drivers.registry import default_config, find_drivers
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.scene import Scene
+from drl_av.errors import ConfigError, DrlAvError, RunError
+
+SHORT: dict[str, Any] = {"simulation": {"decisions_per_episode": 6}}
+SEED = 800_000
+
+
+class Brakes:
+    """A driver of the user's own."""
+
+    def start(self, seed: int) -> None:
+        """Stateless and deterministic."""
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """Brake."""
+        return ACTIONS[2]
+
+
+def test_its_rows_are_those_of_the_command_line(tmp_path: Path) -> None:
+    settings, table = tmp_path / "short.toml", tmp_path / "rows.csv"
+    settings.write_text("[simulation]\ndecisions_per_episode = 6\n")
+    words = ["evaluate", "pretrained", "idm", "--vehicles", "3", "8", "--episodes", "2"]
+    words += ["--seed", str(SEED), "--safety-check", "strict", "--traffic", "overtaking"]
+    assert main([*words, "--config", str(settings), "--out", str(table)]) == 0
+    rows = drl_av.evaluate(
+        ["pretrained", "idm"],
+        vehicles=[3, 8],
+        episodes=2,
+        seed=SEED,
+        safety_check="strict",
+        traffic="overtaking",
+        config=SHORT,
+    )
+    written = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
+    assert [(row.vehicles, row.seed, row.driver) for row in rows[:3]] == [
+        (3, SEED, "pretrained"),
+        (3, SEED, "idm"),
+        (3, SEED + 1, "pretrained"),
+    ]
+    assert len(rows) == len(written) == 8
+    for row, line in zip(rows, written, strict=True):
+        found = {key: str(value) for key, value in asdict(row).items()}
+        assert {key: found[key] for key in line} == line
+
+
+def test_an_object_of_the_program_drives_beside_the_shipped_driver() -> None:
+    settings = {"vehicles": 0, "episodes": 1, "seed": SEED, "config": SHORT}
+    [shipped] = drl_av.evaluate(**settings)
+    [same, mine] = drl_av.evaluate("pretrained", own={"mine": Brakes()}, **settings)
+    assert same == shipped
+    assert (mine.driver, mine.decisions) == ("mine", 6)
+    assert mine.mean_speed_m_s < shipped.mean_speed_m_s
+    assert drl_av.evaluate(own={"mine": Brakes()}, **settings) == [mine]
+
+
+def test_a_dictionary_changes_the_settings_of_the_trained_driver_and_not_the_paper_s() -> None:
+    # the shipped driver decides with a margin; the paper's settings have none
+    own = drl_av.load_driver("pretrained")
+    changed = drl_av.load_driver("pretrained", {"traffic": {"vehicles_max": 5}})
+    bare = drl_av.load_driver("pretrained", Config())
+    margins = [driver._margin for driver in (own, changed, bare)]  # type: ignore[attr-defined]
+    assert margins == [0.04, 0.04, 0.0]
+
+
+def test_a_loaded_driver_drives_the_environment_as_its_evaluation_does() -> None:
+    config = default_config(find_drivers(["pretrained"]))
+    config = config.updated("simulation", decisions_per_episode=6)
+    driver, speeds = drl_av.load_driver("pretrained"), []
+    env = gymnasium.make("drl_av/Highway-v0", config=config)
+    observation, _ = env.reset(seed=SEED, options={"vehicles": 8})
+    driver.start(SEED)
+    for _ in range(6):
+        action = driver.act(env.unwrapped.scene, observation)  # type: ignore[attr-defined]
+        observation, *_, info = env.step(action.number)  # type: ignore[arg-type]
+        speeds.append(info["speed_m_s"])
+    env.close()
+    [row] = drl_av.evaluate(vehicles=8, episodes=1, seed=SEED, config=SHORT)
+    assert row.mean_speed_m_s == sum(speeds) / 6
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"episodes": 0}, "episodes is 0, but must be a whole number from 1 on"),
+        ({"vehicles": [3, 2.5]}, "vehicles is 2.5, but must be a whole number from 0 on"),
+        ({"vehicles": True}, "vehicles is True"),
+        ({"seed": -1}, "seed is -1"),
+        ({"seed": 999_999}, "those from 1000000 on belong to training"),
+        ({"jobs": "two"}, "jobs is 'two'"),
+        ({"drivers": "pretraind"}, "did you mean 'pretrained'"),
+        ({"own": {"mine": 3}}, "'mine' in own is a int, but must be an object with start"),
+        ({"drivers": "idm", "own": {"idm": Brakes()}}, "Two drivers are called 'idm'"),
+        ({"own": {"mine": Brakes()}, "jobs": 2}, "drive in one process: name a factory"),
+        ({"traffic": "calmm"}, "did you mean 'calm'"),
+        ({"safety_check": "strickt"}, "did you mean 'strict'"),
+        ({"config": {"trafic": {}}}, "did you mean 'traffic'"),
+        ({"scenario": "nowhere"}, "There is no scenario 'nowhere'"),
+    ],
+)
+def test_a_wrong_argument_is_refused_in_one_sentence(
+    arguments: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(DrlAvError, match=message) as caught:
+        drl_av.evaluate(**({"vehicles": 1, "episodes": 2} | arguments))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_driver_that_does_not_exist_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no driver or run folder 'runs/none'"):
+        drl_av.load_driver("runs/none")
+    with pytest.raises(RunError, match="holds no trained driver"):
+        drl_av.load_driver(tmp_path)
+    with pytest.raises(AttributeError, match="no attribute 'evaluat'"):
+        drl_av.evaluat  # noqa: B018
