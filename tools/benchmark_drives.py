@@ -7,25 +7,24 @@ from functools import partial
 from typing import Any
 from unittest.mock import patch
 
-import libsumo
-
 from drl_av.env.highway import HighwayEnv
 
-COMMANDS = (
-    (libsumo.vehicle, "setSpeed"),
-    (libsumo.vehicle, "changeSublane"),
-    (libsumo.vehicle, "changeLaneRelative"),
-    (libsumo, "simulationStep"),
-)
-"""What the environment moves SUMO with."""
+COMMANDS = ("setSpeed", "changeSublane", "changeLaneRelative")
+"""The functions of ``sumo.vehicle`` with which the environment moves SUMO."""
+STEP = "simulationStep"
 Call = partial[Any]
+
+
+def start(env: HighwayEnv, seed: int) -> tuple[Any, dict[str, Any]]:
+    """Start the episode of a traffic seed with as many vehicles as every episode has."""
+    return env.reset(seed=seed, options={"vehicles": env.config.traffic.vehicles_min})
 
 
 def recorded(env: HighwayEnv, driver: Any, seeds: Sequence[int]) -> dict[int, list[int]]:
     """What the driver does by the episode's seed, so that the driver itself is not timed."""
     actions: dict[int, list[int]] = {}
     for seed in seeds:
-        observation, _ = env.reset(seed=seed)
+        observation, _ = start(env, seed)
         actions[seed], over = [], False
         while not over:
             actions[seed].append(driver.act(env.scene, observation).number)
@@ -38,7 +37,7 @@ def drive(env: HighwayEnv, actions: dict[int, list[int]]) -> float:
     """Decisions a second of the environment."""
     begun = time.perf_counter()
     for seed, row in actions.items():
-        env.reset(seed=seed)
+        start(env, seed)
         for action in row:
             env.step(action)
     return sum(map(len, actions.values())) / (time.perf_counter() - begun)
@@ -48,10 +47,12 @@ def commanded(env: HighwayEnv, actions: dict[int, list[int]]) -> dict[int, list[
     """Every call with which the environment moves SUMO in these episodes, by the episode's seed."""
     calls: dict[int, list[Call]] = {}
     for seed, row in actions.items():
-        env.reset(seed=seed)
+        start(env, seed)
+        sumo = env.simulation._sumo
+        functions = [(sumo.vehicle, name) for name in COMMANDS] + [(sumo, STEP)]
         calls[seed] = []
         with ExitStack() as stack:
-            for owner, name in COMMANDS:
+            for owner, name in functions:
                 noting = partial(note, calls[seed], getattr(owner, name))
                 stack.enter_context(patch.object(owner, name, noting))
             for action in row:
@@ -73,5 +74,5 @@ def step_bare(env: HighwayEnv, calls: dict[int, list[Call]]) -> float:
         env.simulation.reset(seed, config.traffic.vehicles_min)
         for call in row:
             call()
-        steps += sum(call.func is libsumo.simulationStep for call in row)
+        steps += sum(call.func.__name__ == STEP for call in row)
     return steps / config.simulation.steps_per_decision / (time.perf_counter() - begun)

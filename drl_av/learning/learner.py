@@ -4,7 +4,8 @@ The forward and backward passes are written in numpy, because for 64 rows autogr
 torch cost more time than the arithmetic.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -17,6 +18,18 @@ from drl_av.drivers.network import LEAK, Float32Array, Layers, QNetwork, forward
 from drl_av.drivers.policy_file import State
 from drl_av.errors import CheckpointError
 from drl_av.learning.buffers import Batch
+
+ADAM: dict[str, Any] = {
+    "amsgrad": False,
+    "beta1": 0.9,
+    "beta2": 0.999,
+    "weight_decay": 0.0,
+    "eps": 1e-8,
+    "maximize": False,
+}
+"""The arguments of Adam besides the learning rate: torch's defaults."""
+FUSED_ADAM: Callable[..., None] | None = getattr(torch, "_fused_adam_", None)
+"""The kernel of torch's fused Adam; None if this version of torch has no such function."""
 
 
 def double_q_target(
@@ -130,23 +143,18 @@ class Learner:
         return Update(float(weighted_td.dot(td)) / rows, td)
 
     def _adam(self) -> None:
-        """The step of torch.optim.Adam(fused=True), without its overhead of half the time."""
-        adam(
-            [self._online],
-            [self._gradient],
-            [self._first_moment],
-            [self._second_moment],
-            [],
-            [self._step],
-            fused=True,
-            amsgrad=False,
-            beta1=0.9,
-            beta2=0.999,
-            lr=self.learning_rate,
-            weight_decay=0.0,
-            eps=1e-8,
-            maximize=False,
-        )
+        """The step of torch.optim.Adam(fused=True).
+
+        The kernel is called directly where torch has it under this name: the public function
+        around it takes more time than the step.
+        """
+        parameters = [self._online], [self._gradient]
+        state = [self._first_moment], [self._second_moment], list[Tensor](), [self._step]
+        if FUSED_ADAM is None:
+            adam(*parameters, *state, fused=True, lr=self.learning_rate, **ADAM)
+        else:
+            self._step.add_(1)
+            FUSED_ADAM(*parameters, *state, lr=self.learning_rate, **ADAM)
 
     def sync_target(self) -> None:
         """Copy the online network to the target network, Q^ = Q. Algorithm 1, line 16."""

@@ -110,7 +110,9 @@ def test_single_precision_stays_with_autograd_for_50_steps():
         assert np.allclose(mine, theirs.detach().numpy(), atol=1e-5)
 
 
-def test_a_step_has_the_bits_of_torchs_fused_adam():
+@pytest.mark.parametrize("kernel", [torch._fused_adam_, None], ids=["kernel", "public"])
+def test_a_step_has_the_bits_of_torchs_fused_adam(kernel, monkeypatch):
+    monkeypatch.setattr("drl_av.learning.learner.FUSED_ADAM", kernel)
     # all rows are terminal, so that the target is the reward, whatever the networks are
     ours, rng = learner(), np.random.default_rng(5)
     flat = torch.nn.Parameter(torch.from_numpy(ours.network.flat.copy()))
