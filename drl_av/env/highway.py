@@ -216,7 +216,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         verdict = self.safety_check(scene, proposed)
         commands, lane_change = plan(scene, verdict.action, config.ego, config.simulation)
         traffic_commands = self.traffic_drivers(scene.snapshot)
-        self._over = True  # where SUMO ends in the middle
+        self._over = True  # if SUMO ends during the decision
         snapshot, collision = self.simulation.advance(commands, traffic_commands)
         if self.ego_model is not None:
             proposed, lane_change = observed(scene, snapshot, self.road, config)

@@ -1,4 +1,4 @@
-"""What is shown of an episode: its captions, its pictures, and nothing where nobody asked."""
+"""The renderers: captions, pictures, the line in sumo-gui, and no work without a render mode."""
 
 from collections.abc import Callable
 from typing import Any

@@ -47,7 +47,7 @@ def row(*decisions: Decision) -> EpisodeResult:
     metrics = EpisodeMetrics()
     for each in decisions:
         metrics.add(each)
-    return metrics.result("somebody", "paper", 7, 42)
+    return metrics.result("idm", "paper", 7, 42)
 
 
 def through(*scenes: Scene, actions: Iterable[int]) -> EpisodeResult:
@@ -76,7 +76,7 @@ def test_a_row_of_three_decisions_worked_out_by_hand() -> None:
         ),
     )
     assert asdict(done) == {
-        "driver": "somebody",
+        "driver": "idm",
         "safety_check": "paper",
         "vehicles": 7,
         "seed": 42,

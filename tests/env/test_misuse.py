@@ -1,4 +1,4 @@
-"""What a gymnasium user does by mistake is told, and what one may do works."""
+"""Mistakes of gymnasium users are refused in one sentence; what is allowed works."""
 
 import copy
 import pickle
