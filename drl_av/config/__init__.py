@@ -24,8 +24,8 @@ from drl_av.config.traffic_kinds import TRAFFIC_KINDS, traffic_of_kind
 from drl_av.errors import ConfigError
 
 __all__ = [
-    "BEFORE",
     "DESIRED_VALUES",
+    "OLD_DEFAULTS",
     "REPLAYS",
     "TRAFFIC_KINDS",
     "Config",
@@ -94,9 +94,8 @@ class Config:
         return tomli_w.dumps(asdict(self))
 
 
-BEFORE = Config().updated("reward", speed_tolerance_m_s=0.0)
+OLD_DEFAULTS = Config().updated("reward", speed_tolerance_m_s=0.0)
 """Defaults of settings that are missing from the files of older versions."""
-
 
 RENAMED = {("learning", "networks_take_turns"): "round_robin"}
 """New names of settings, by section and the name under which older files store them."""

@@ -4,7 +4,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from drl_av.config import BEFORE, RENAMED, Config, load_config
+from drl_av.config import OLD_DEFAULTS, RENAMED, Config, load_config
 from drl_av.config.reference import settings
 from drl_av.errors import ConfigError
 
@@ -30,7 +30,7 @@ def load_stored(path: Path) -> Config:
     Raises:
         ConfigError: the file cannot be read or is no config, was cut short, or lacks a setting.
     """
-    config = load_config(path, BEFORE)
+    config = load_config(path, OLD_DEFAULTS)
     text = path.read_text(encoding="utf-8-sig")
     document: dict[str, Any] = tomllib.loads(text)
     stored = {(section, key) for section, part in document.items() for key in part}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import BEFORE, Config, from_toml
+from drl_av.config import OLD_DEFAULTS, Config, from_toml
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.env.decision import Decision
@@ -79,7 +79,7 @@ def load_recording(path: Path) -> Recording:
             parts = dict(data)
         expected = str(parts.pop("sha256"))
         recording = Recording(
-            from_toml(str(parts["config"]), BEFORE, "its config"),
+            from_toml(str(parts["config"]), OLD_DEFAULTS, "its config"),
             str(parts["driver"]),
             int(parts["seed"]),
             int(parts["vehicles"]),

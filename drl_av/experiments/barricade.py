@@ -7,22 +7,26 @@ without. Then the trained drivers drive greedily.
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drl_av.config import Config
 from drl_av.config.presets import preset
-from drl_av.driving.actions import ACTIONS
+from drl_av.driving.actions import Action
 from drl_av.driving.maneuver import target_lane
-from drl_av.env.highway import HighwayEnv, Observation
-from drl_av.env.rollout import drive
+from drl_av.driving.scene import Scene
+from drl_av.env.decision import Decision
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.metrics import EpisodeMetrics
+from drl_av.env.rollout import rollout
 from drl_av.experiments.canvas import lighten, panels
 from drl_av.experiments.experiment import Experiment
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
 from drl_av.experiments.store import MadeWith
 from drl_av.files import Row
+from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import CollisionKind
 
 if TYPE_CHECKING:
@@ -39,30 +43,29 @@ PHASES = ("training", "trained")
 STYLES = {"permit_all": ("#c2185b", "without a check"), "paper": ("#1976d2", "with the check")}
 
 
-class BarricadeEnv(HighwayEnv):
-    """The environment, with what its metrics lack: proposals to enter the closed lane, and hits."""
+class BarricadeMetrics(EpisodeMetrics):
+    """The metrics of an episode, with the proposals to enter the closed lane."""
 
-    def reset(self, **arguments: Any) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode; takes the arguments of ``HighwayEnv.reset``."""
-        self.barricade_proposals, self.hit = 0, ""
-        return super().reset(**arguments)
+    def __init__(self, road: Road) -> None:
+        super().__init__()
+        self._road = road
+        self.barricade_proposals = 0
+        self.hit = ""
+        """The obstacle of the ego's collision, or "by vehicle" if it was hit; "" without one."""
 
-    def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Execute one decision; sets ``hit`` to the obstacle of a collision, or ""."""
-        before = self.scene
-        self.barricade_proposals += self._barricaded(target_lane(before, ACTIONS[action].lateral))
-        done = super().step(action)
-        collision = done[4]["collision"]
-        if collision is not None:
-            executed = ACTIONS[done[4]["executed_action"]]
-            barricaded = self._barricaded(target_lane(before, executed.lateral))
-            edge = "barricade" if barricaded else "road edge"
-            vehicle = "vehicle" if collision.kind.ego_hit else "by vehicle"
-            self.hit = edge if collision.kind is CollisionKind.HIT_EDGE else vehicle
-        return done
+    def add(self, decision: Decision) -> None:
+        """Add the next decision of the episode."""
+        super().add(decision)
+        self.barricade_proposals += self._enters_closed_lane(decision.scene, decision.proposed)
+        if decision.collision is not None:
+            closed = self._enters_closed_lane(decision.scene, decision.executed)
+            edge = "barricade" if closed else "road edge"
+            vehicle = "vehicle" if decision.collision.kind.ego_hit else "by vehicle"
+            self.hit = edge if decision.collision.kind is CollisionKind.HIT_EDGE else vehicle
 
-    def _barricaded(self, lane: int) -> bool:
-        return 0 <= lane < len(self.road.open_lanes) and not self.road.is_open(lane)
+    def _enters_closed_lane(self, scene: Scene, action: Action) -> bool:
+        lane = target_lane(scene, action.lateral)
+        return 0 <= lane < len(self._road.open_lanes) and not self._road.is_open(lane)
 
 
 def barricade_config(check: str, seed: int, episodes: int) -> Config:
@@ -105,18 +108,21 @@ class BarricadeTraining:
         """Train with the check of the config, a row an episode; then drive the trained driver."""
         from drl_av.learning.assembly import make_training
 
-        with closing(BarricadeEnv(config=self.config)) as env:
+        with closing(HighwayEnv(config=self.config)) as env:
             training = make_training(env)
             for episode in range(1, self.config.learning.episodes + 1):
-                decisions = training.run_episode().decisions
-                yield self._row(env, "training", episode, decisions)
+                metrics = BarricadeMetrics(env.road)
+                training.run_episode(metrics)
+                yield self._row("training", episode, metrics)
             for seed in range(self.trained_episodes):
-                result = drive(env, training.driver, "trained", seed, TRAINED_VEHICLES)
-                yield self._row(env, "trained", seed + 1, result.decisions)
+                metrics = BarricadeMetrics(env.road)
+                for decision in rollout(env, training.driver, seed, TRAINED_VEHICLES):
+                    metrics.add(decision)
+                yield self._row("trained", seed + 1, metrics)
 
-    def _row(self, env: BarricadeEnv, phase: str, episode: int, decisions: int) -> Row:
-        values = {"phase": phase, "episode": episode, "decisions": decisions}
-        values |= {"barricade_proposals": env.barricade_proposals, "hit": env.hit}
+    def _row(self, phase: str, episode: int, metrics: BarricadeMetrics) -> Row:
+        values = {"phase": phase, "episode": episode, "decisions": metrics.decisions}
+        values |= {"barricade_proposals": metrics.barricade_proposals, "hit": metrics.hit}
         return self.key | {name: str(value) for name, value in values.items()}
 
 

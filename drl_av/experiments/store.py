@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from drl_av.config import BEFORE, Config, from_toml
+from drl_av.config import OLD_DEFAULTS, Config, from_toml
 from drl_av.errors import DrlAvError
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.provenance import provenance
@@ -130,7 +130,7 @@ class ResultStore:
             "engine": options.engine,
             "processes": options.jobs,
             "seeds": f"{seeds[0]} to {seeds[-1]}",
-            "wall_time_s": times.get("", times),
+            "wall_time_s": times[""] if times.keys() == {""} else times,
         }
         if "" not in policies and policies:
             facts["policies_sha256"] = dict(policies)
@@ -166,7 +166,7 @@ def stored_config(settings: dict[str, Any], name: str) -> Config:
     Raises:
         ConfigError: it holds settings that this version does not know.
     """
-    return from_toml(tomli_w.dumps(settings), BEFORE, name)
+    return from_toml(tomli_w.dumps(settings), OLD_DEFAULTS, name)
 
 
 @contextmanager

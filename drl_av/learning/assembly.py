@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drl_av.config import BEFORE, Config, LearningConfig, from_toml
+from drl_av.config import OLD_DEFAULTS, Config, LearningConfig, from_toml
 from drl_av.drivers.learned import learned_driver
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.policy_file import load, load_policy
@@ -104,7 +104,7 @@ def warm_start(training: Training, policy_file: Path) -> bool:
         if found.get("kind") != "training":
             raise CheckpointError(f"{checkpoint_file} is not a training's: put back the run's own.")
         source = f"the config in {checkpoint_file}"
-        trained_with = from_toml(str(found.get("config")), BEFORE, source)
+        trained_with = from_toml(str(found.get("config")), OLD_DEFAULTS, source)
     else:
         networks, trained_with = load_policy(policy_file)
         for name, network in zip(learner_names(len(networks)), networks, strict=True):

@@ -1,8 +1,6 @@
 """Writes checkpoints and policies atomically, and stores the state of random generators."""
 
-import contextlib
 import json
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ from drl_av.config import Config
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.policy_file import FORMAT, State, checksum
 from drl_av.errors import CheckpointError
+from drl_av.files import write_whole
 
 
 def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
@@ -27,33 +26,7 @@ def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
     tensors = {name: np.asarray(tensor, order="C") for name, tensor in tensors.items()}
     text = json.dumps(metadata, sort_keys=True)
     header = json.dumps({"metadata": text, "sha256": checksum(tensors, text)}, sort_keys=True)
-    temporary = path.with_name(f"{path.name}.tmp")
-    try:
-        try:
-            with temporary.open("wb") as file:
-                file.write(safetensors.numpy.save(tensors, {FORMAT: header}))
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, path)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
-        _sync_folder(path.parent)
-    except OSError as error:
-        raise CheckpointError(
-            f"The checkpoint {path} cannot be written ({error.strerror or error}): free some "
-            "space or choose a folder that may be written to; what was there before is unchanged."
-        ) from error
-
-
-def _sync_folder(folder: Path) -> None:
-    """Flush a folder's entries to the disk, where the file system supports it."""
-    with contextlib.suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+    write_whole(path, safetensors.numpy.save(tensors, {FORMAT: header}), CheckpointError)
 
 
 def save_policy(path: Path, networks: Sequence[QNetwork], config: Config) -> None:

@@ -9,7 +9,7 @@ from dataclasses import astuple, fields
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import BEFORE, Config, from_toml
+from drl_av.config import OLD_DEFAULTS, Config, from_toml
 from drl_av.config.reference import annotated_toml
 from drl_av.config.stored import load_stored
 from drl_av.drivers.policy_file import load
@@ -160,7 +160,7 @@ class Run:
 def _fits(stored: str, config: Config) -> bool:
     """Whether stored settings equal ``config``; missing settings get their old defaults."""
     try:
-        return from_toml(stored, BEFORE) == config
+        return from_toml(stored, OLD_DEFAULTS) == config
     except ConfigError:
         return False
 

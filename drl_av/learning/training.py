@@ -130,15 +130,20 @@ class Training:
         lost = 1 - self._config.learning_rate_end_fraction
         return self._config.learning_rate * (1 - lost * self.episodes_done / self._config.episodes)
 
-    def run_episode(self) -> EpisodeRow:
-        """Drive one episode and learn after each decision. Algorithm 1, lines 3 to 17."""
+    def run_episode(self, metrics: EpisodeMetrics | None = None) -> EpisodeRow:
+        """Drive one episode and learn after each decision. Algorithm 1, lines 3 to 17.
+
+        Args:
+            metrics: New metrics of the episode, if the caller needs more than the row.
+        """
+        metrics = metrics or EpisodeMetrics()
         self._explorer.epsilon = epsilon = self.epsilon
         for learner in self._learners:
             learner.learning_rate = self.learning_rate
         self._buffer.anneal(self.episodes_done / self._config.episodes)
         seed = self._variant.traffic_seed(self.episodes_done + 1)
         turns, gradient_steps = cycle(self._variant.turns), self._gradient_steps
-        metrics, losses = EpisodeMetrics(), []
+        losses: list[float] = []
         for decision in rollout(self._env, self._explorer, seed):
             self._variant.store(decision)
             for learners in islice(turns, gradient_steps):

@@ -1,14 +1,20 @@
 """The barricaded lane: learning without a check costs collisions that the check prevents."""
 
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.scene import Scene
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import rollout
 from drl_av.errors import DrlAvError
 from drl_av.experiments import barricade
 from drl_av.experiments.barricade import (
     BARRICADE,
-    BarricadeEnv,
+    BarricadeMetrics,
     BarricadeTraining,
     barricade_config,
     barricade_figure,
@@ -16,32 +22,42 @@ from drl_av.experiments.barricade import (
 from drl_av.experiments.experiment import Results, reproduce
 from drl_av.experiments.options import ReproduceOptions
 
-KEEP, RIGHT, LEFT = 0, 4, 8
+RIGHT, LEFT = 4, 8
 
 
-def test_the_barricade_is_told_from_the_road_edge() -> None:
-    env = BarricadeEnv(config=barricade_config("permit_all", 0, 1))
-    found = {}
-    for side in (RIGHT, LEFT):
-        env.reset(seed=0, options={"vehicles": 0})
-        decisions, terminated = 0, False
-        while not terminated:
-            terminated, decisions = env.step(side)[2], decisions + 1
-        found[side] = (env.hit, env.barricade_proposals, decisions)
-    env.close()
-    assert found[RIGHT][0] == "barricade"
-    assert found[RIGHT][1] >= 2  # the body crosses the line in the second of them
-    assert found[LEFT][:2] == ("road edge", 0)
+class Insistent:
+    """A driver that always proposes to change the lane in one direction."""
+
+    def __init__(self, direction: int) -> None:
+        self._action = ACTIONS[direction]
+
+    def start(self, seed: int) -> None: ...
+
+    def act(self, scene: Scene, observation: Any) -> Action:
+        return self._action
 
 
-def test_the_check_stops_proposals_that_are_counted_all_the_same() -> None:
-    env = BarricadeEnv(config=barricade_config("paper", 0, 1))
-    env.reset(seed=0, options={"vehicles": 0})
-    for _ in range(12):
-        assert not env.step(RIGHT)[2]
-    env.close()
-    assert env.hit == ""
-    assert env.barricade_proposals >= 6
+def driven(check: str, direction: int) -> BarricadeMetrics:
+    """An episode of 12 decisions at most, alone on the road."""
+    config = barricade_config(check, 0, 1).updated("simulation", decisions_per_episode=12)
+    with closing(HighwayEnv(config=config)) as env:
+        metrics = BarricadeMetrics(env.road)
+        for decision in rollout(env, Insistent(direction), 0, 0):
+            metrics.add(decision)
+    return metrics
+
+
+def test_a_collision_with_the_barricade_is_distinguished_from_one_with_the_road_edge() -> None:
+    right, left = driven("permit_all", RIGHT), driven("permit_all", LEFT)
+    assert (right.hit, left.hit) == ("barricade", "road edge")
+    assert right.barricade_proposals >= 2  # the body crosses the line in the second of them
+    assert left.barricade_proposals == 0
+
+
+def test_proposals_that_the_check_replaces_are_counted() -> None:
+    metrics = driven("paper", RIGHT)
+    assert (metrics.hit, metrics.decisions) == ("", 12)
+    assert metrics.barricade_proposals >= 6
 
 
 def test_only_the_unchecked_training_runs_into_the_barricade() -> None:

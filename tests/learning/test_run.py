@@ -232,7 +232,7 @@ def test_full_disk_keeps_what_was_saved(
     assert "cannot be written (File too large)" in one_sentence(ended.stderr)
     assert (folder / "checkpoint.safetensors").read_bytes() == saved["checkpoint.safetensors"]
     assert load_policy(folder / "policy.safetensors")
-    assert not list(folder.glob("*.tmp"))
+    assert not list(folder.glob(".*unfinished*"))
     assert trained("", command(folder, "--resume")).returncode == 0
     assert files_of(folder) == files_of(left_alone)
 
