@@ -55,14 +55,14 @@ text = $(BIN)/python $(2) > runs/$(1) && mv runs/$(1) docs/results/$(1)
 results: setup
 	$(BIN)/drl-av reproduce curves final_policies --seeds 10 --jobs 2
 	$(BIN)/drl-av reproduce --jobs 2
-	$(BIN)/python tools/compare_step_lengths.py --out docs/results/step_length.csv
+	$(BIN)/python -m verification.step_lengths --out docs/results/step_length.csv
 	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
 	$(call text,falsified_strict.txt,-m verification.falsify --check strict)
 	$(call text,falsified_paper.txt,-m verification.falsify --check paper)
 	$(call text,proved_strict.txt,-m verification.prove)
 	$(call text,completeness_strict.txt,-m verification.completeness)
 	$(call text,speed_bound.txt,tools/bound_speeds.py)
-	$(call text,background_traffic.txt,tools/check_background_traffic.py)
+	$(call text,background_traffic.txt,-m verification.background_traffic)
 	$(call text,long_run.txt,-m verification.long_run --episodes 5000 --out runs/long_run.csv)
 	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
 	$(BIN)/python tools/draw_drive.py docs/drive.gif

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from drl_av.drivers.network import Float32Array
 from drl_av.drivers.policy_file import State
 from drl_av.errors import CheckpointError
-from drl_av.learning.buffers import Batch, Buffer, Ring, batch_of
+from drl_av.learning.buffers import Batch, UniformBuffer, batch_of
 
 Numbers = NDArray[np.float64]
 Slots = NDArray[np.int64]
@@ -74,7 +74,7 @@ def _below(values: Numbers, end: Numbers) -> Numbers:
     return below
 
 
-class PrioritizedBuffer(Buffer):
+class PrioritizedBuffer(UniformBuffer):
     """A single ring for safe and collision rows, drawn by the priority of their TD errors.
 
     P(i) = p_i^alpha / sum p^alpha with p_i = |TD error| + floor. A new row has the largest priority
@@ -90,22 +90,13 @@ class PrioritizedBuffer(Buffer):
         importance_exponent_start: float,
         priority_floor: float,
     ) -> None:
-        self.ring = Ring(capacity, observation_size)
-        self.discount = discount
+        super().__init__(observation_size, capacity, discount)
         self.priority_exponent = priority_exponent
         self.importance_exponent_start = importance_exponent_start
         self.importance_exponent = importance_exponent_start
         self.priority_floor = priority_floor
         self.tree = SumTree(capacity)
         self._greatest = 1.0
-
-    def __len__(self) -> int:
-        return len(self.ring)
-
-    @property
-    def collisions(self) -> int:
-        """Number of stored rows with discount 0."""
-        return self.ring.endings()
 
     def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
         """Store (s_t, a_t, s_tp1, r_tp1) with discount gamma."""

@@ -284,10 +284,14 @@ def test_evaluate_drives_in_a_mix(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_traffic_alone_never_collides_in_a_mix() -> None:
-    tool = TESTS.parent / "tools" / "check_background_traffic.py"
+    tool = "verification.background_traffic"
     words = ("--episodes", "20", "--vehicles", "30", "10", "--mix", "0.3,0.3,0.4")
     done = subprocess.run(
-        [sys.executable, str(tool), *words], capture_output=True, text=True, check=False
+        [sys.executable, "-m", tool, *words],
+        cwd=TESTS.parent,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     # 10 episodes of 30 vehicles and 10 of 10, of 200 decisions each

@@ -1,7 +1,7 @@
 """Whether the background traffic collides with itself, and how it drives, mix by mix.
 
-    python tools/check_background_traffic.py --episodes 500
-    python tools/check_background_traffic.py --episodes 200 --vehicles 30 --mix calm paper
+    python -m verification.background_traffic --episodes 500
+    python -m verification.background_traffic --episodes 200 --vehicles 30 --mix calm paper
 
 SUMO drives the ego too, like the vehicles around it. A line a mix: shares of finite-state machine,
 level 0 and level 1 (the rest is SUMO's IDM) or a kind of traffic, episodes, decisions of vehicles,
@@ -15,15 +15,15 @@ import time
 from collections.abc import Sequence
 from contextlib import closing
 
-from traffic_tally import TrafficTally
-
 from drl_av.config import TRAFFIC_KINDS, Config
+from drl_av.drivers.driver import Driver
 from drl_av.drivers.sumo import SumoDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.experiments.provenance import made_by
 from drl_av.traffic.collisions import bodies, motions
 from drl_av.traffic.ego_model import EgoModel
 from drl_av.traffic.snapshot import Snapshot
+from verification.traffic_tally import TrafficTally
 
 MIXES = (
     "0,0,0",
@@ -46,7 +46,7 @@ class SweptTally(TrafficTally):
         self.overlaps = 0
         self._before: Snapshot | None = None
 
-    def drive(self, driver: SumoDriver, seed: int, vehicles: int) -> None:
+    def drive(self, driver: Driver, seed: int, vehicles: int) -> None:
         """Add an episode."""
         self._before = None
         super().drive(driver, seed, vehicles)

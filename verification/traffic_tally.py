@@ -1,4 +1,4 @@
-"""How the traffic around the ego drives: its speed, lane changes and collisions."""
+"""Statistics of the background traffic: its speed, lane changes and collisions."""
 
 import numpy as np
 
@@ -7,6 +7,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.traffic.population import EGO_ID
 from drl_av.traffic.snapshot import Snapshot
+from verification.traffic_moments import lanes
 
 
 class TrafficTally:
@@ -24,30 +25,29 @@ class TrafficTally:
     def drive(self, driver: Driver, seed: int, vehicles: int) -> None:
         """Add an episode."""
         self._colliding: set[str] = set()
-        scenes = []
+        scenes: list[Snapshot] = []
         for decision in rollout(self._env, driver, seed, vehicles):
             scenes += [decision.scene.snapshot] if not scenes else []
             scenes.append(decision.next_scene.snapshot)
-        lane_width_m = self._env.road.lane_width_m
-        lanes = [np.floor(shot.y_m[1:] / lane_width_m + 0.5) for shot in scenes]
+        found = [lanes(shot, self._env.road)[1:] for shot in scenes]
         self.speeds_m_s += [float(shot.speed_m_s[1:].mean()) for shot in scenes]
-        self.lane_changes += int(np.count_nonzero(np.diff(lanes, axis=0)))
+        self.lane_changes += int(np.count_nonzero(np.diff(found, axis=0)))
         self.vehicle_decisions += (len(scenes) - 1) * vehicles
         self.colliding += len(self._colliding)
 
     def after_step(self, shot: Snapshot) -> None:
-        """Look at a SUMO step."""
+        """Record the collisions that SUMO reports in a step."""
         for record in self._env.simulation._sumo.simulation.getCollisions():
             if EGO_ID not in (record.collider, record.victim):
                 self._colliding |= {record.collider, record.victim}
 
     @property
     def mean_speed_m_s(self) -> float:
-        """Mean over the scenes."""
+        """Mean speed of the vehicles."""
         return float(np.mean(self.speeds_m_s))
 
     @property
     def lane_changes_a_minute(self) -> float:
-        """Of a vehicle."""
+        """Lane changes of a vehicle in a minute."""
         seconds = self.vehicle_decisions * self._env.config.simulation.decision_interval_s
         return 60 * self.lane_changes / seconds

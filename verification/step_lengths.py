@@ -1,6 +1,6 @@
 """What the SUMO step length changes in the traffic, and what it costs.
 
-    python tools/compare_step_lengths.py --out docs/results/step_length.csv
+    python -m verification.step_lengths --out docs/results/step_length.csv
 
 For each step length the same seeded episodes with 30 vehicles, the ego driven by ``idm``: mean
 speed of the traffic, lane changes a vehicle, vehicles that SUMO reports in a collision, and, in a
@@ -12,8 +12,6 @@ from contextlib import closing
 from pathlib import Path
 from time import perf_counter as now
 
-from traffic_tally import TrafficTally
-
 from drl_av.config import Config
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv
@@ -21,6 +19,7 @@ from drl_av.env.rollout import drive
 from drl_av.experiments.provenance import provenance
 from drl_av.experiments.store import write_sidecar
 from drl_av.files import write_table
+from verification.traffic_tally import TrafficTally
 
 STEP_LENGTHS_S = (1.0, 0.5, 0.25, 0.2, 0.1)
 SEEDS = 2_000
