@@ -18,6 +18,7 @@ from drl_av.config import Config
 from drl_av.config.reference import SECTIONS, section_meaning, settings, written
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS, SLOTS
+from drl_av.env.observation import GROUPS
 
 MEANINGS = {
     "d_x": "net gap, bumper to bumper, m",
@@ -78,7 +79,19 @@ def indicators() -> str:
     return table(["place", "name", "meaning"], rows)
 
 
-TABLES: dict[str, Callable[[], str]] = {"actions": actions, "indicators": indicators}
+def groups() -> str:
+    """The groups of indicators that an observation may name."""
+    rows = [
+        [f"`{group}`", ", ".join(f"`{name}`" for name in names)] for group, names in GROUPS.items()
+    ]
+    return table(["group", "indicators"], rows)
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "actions": actions,
+    "groups": groups,
+    "indicators": indicators,
+}
 
 
 def settings_page() -> str:

@@ -1,6 +1,7 @@
 """Wrappers that make drivers: a driver with its own safety check, and a policy function."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -37,17 +38,27 @@ class CheckedDriver:
 
 
 class PolicyDriver:
-    """A driver made of a function from an observation, shape (27,), to an action number.
+    """A driver made of a function from an observation to an action number.
 
     An example is ``lambda o: model.predict(o, deterministic=True)[0]`` with stable-baselines3.
+
+    Args:
+        policy: The function from an observation to an action number.
+        observe: The function from a scene to the observation, for a policy that was trained with an
+            observation of its own; without it the policy takes the 27 scaled indicators.
     """
 
-    def __init__(self, policy: Callable[[npt.NDArray[np.float32]], int | np.integer]) -> None:
-        self._policy = policy
+    def __init__(
+        self,
+        policy: Callable[[Any], int | np.integer],
+        observe: Callable[[Scene], Any] | None = None,
+    ) -> None:
+        self._policy, self._observe = policy, observe
 
     def start(self, seed: int) -> None:
         """Do nothing; the function itself must handle any randomness."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """The action that the function returns."""
-        return ACTIONS[int(self._policy(observation))]
+        observed = observation if self._observe is None else self._observe(scene)
+        return ACTIONS[int(self._policy(observed))]

@@ -1,12 +1,14 @@
 """``drl_av/Highway-v0``: the ego vehicle on SUMO's circular highway, as a gymnasium environment."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 import numpy.typing as npt
+from gymnasium.envs.registration import EnvSpec
 
 from drl_av.config import Config
 from drl_av.config.presets import as_config
@@ -14,12 +16,19 @@ from drl_av.drawing.renderer import GuiRenderer, PictureRenderer, Renderer
 from drl_av.drivers.background.level_k import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.actions import ACTIONS, Action
-from drl_av.driving.affordances import INDICATORS, ObservationScale, compute_affordances
+from drl_av.driving.affordances import ObservationScale, compute_affordances
 from drl_av.driving.maneuver import plan
 from drl_av.driving.observed import observed
 from drl_av.driving.scene import LaneChange, Scene
+from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode import number_of_vehicles, traffic_seed
-from drl_av.env.reward import Rewards, desired, rewards
+from drl_av.env.observation import (
+    GROUPS,
+    ObservationFunction,
+    observation_function,
+    require_inside,
+)
+from drl_av.env.reward import RewardFunction, Rewards, Transition, desired, own_reward, rewards
 from drl_av.errors import ConfigError
 from drl_av.safety import ActionMask, action_mask, named_check, starts_unsafe
 from drl_av.safety.check import Rule, SafetyCheck, Verdict
@@ -32,68 +41,13 @@ Observation = npt.NDArray[np.float32]
 
 
 class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle):
-    """The ego on a highway with other vehicles, one decision a second (Fig. 3 of the paper).
-
-    ## Description
-    A circular highway of three lanes represents an infinite straight highway. SUMO drives the other
-    vehicles. A safety check examines each action of the agent before the ego executes it.
-
-    ## Action Space
-    `Discrete(12)`, `4 * lateral + longitudinal`:
-
-    {actions}
-
-    ## Observation Space
-    `Box` of shape (27,), float32: the affordance indicators, scaled by the constants of
-    `config.observation` and clipped to the box. `info["indicators"]` holds them in SI units.
-
-    {indicators}
-
-    ## Rewards
-    The mean of r_v, r_y and r_x (eq. 6 to 8), each in [-1, 0]; `config.reward.collision_reward`
-    for the decision in which the ego collides.
-
-    ## Starting State
-    The other vehicles are at random positions within 250 m of the ego. Their number is
-    `options={{"vehicles": n}}`, or is drawn from the range in the config.
-
-    `reset(seed=7, options={{"vehicles": 30}})` always starts the same episode, which is also that
-    of `drl-av evaluate` for these numbers. A seed below 1,000,000 without `vehicles`, which clients
-    pass to their first reset, seeds the random choice of episodes for this reset and the following
-    resets without a seed. These episodes have seeds of at least 1,000,000, so that no training uses
-    an episode of the evaluation. `info["seed"]` holds the seed of the episode; pass it to `reset`
-    to start the episode again. Changes that your own program makes in SUMO, such as the permissions
-    of a lane, remain until `close`.
-
-    ## Episode End
-    The episode terminates when the ego collides. It is truncated after
-    `config.simulation.decisions_per_episode` decisions.
-
-    ## Arguments
-    `scenario` (folder or name), `safety_check` (name or function), `config` (a preset's name, a
-    TOML file, `{{"traffic": {{"vehicles_max": 5}}}}` or a Config),
-    `render_mode` ("human" is sumo-gui, "rgb_array" needs no screen), `action_mask` (whether `info`
-    contains the mask; True by `gymnasium.make`, False by default in this class).
-
-    ## Information
-    `proposed_action, executed_action, rule, rewards, collision, speed_m_s, indicators, seed,
-    vehicles, action_mask`. The mask has shape (12,) and type int8. It is 1 for each action that the
-    safety check would execute now as proposed; `action_space.sample(mask)` accepts it.
-    The info of a reset also holds `unsafe_start`: whether the check `strict` can no longer keep the
-    ego from a collision there.
-
-    ## Several at Once
-    Each environment has its own SUMO, also within one process. The first environment uses the
-    installed libsumo. Each further one loads a copy of the library (30 ms, 17 MiB), which later
-    environments reuse after `close`. All environments of one process share one core. To use several
-    cores, call `make_vec(..., vectorization_mode="async", vector_kwargs={{"context": "spawn"}})`.
-    sumo-gui shows only one environment of a process at a time.
-    """
+    __doc__ = DOCSTRING
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (gymnasium declares it so)
         "render_modes": ["human", "rgb_array"],
         "render_fps": 1,
     }
+    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -102,10 +56,11 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         config: Config | Mapping[str, Any] | str | Path | None = None,
         render_mode: str | None = None,
         action_mask: bool = False,
+        reward: RewardFunction | None = None,
+        observation: str | Iterable[str] | ObservationFunction | None = None,
     ) -> None:
-        gymnasium.utils.EzPickle.__init__(
-            self, scenario, safety_check, config, render_mode, action_mask
-        )
+        given = scenario, safety_check, config, render_mode, action_mask, reward, observation
+        gymnasium.utils.EzPickle.__init__(self, *given)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(
                 f"render_mode is {render_mode!r}, but must be None, 'human' or 'rgb_array'."
@@ -132,14 +87,29 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.simulation = Simulation(loaded, config, gui=render_mode == "human")
         level_1 = load_level_1(self.road) if config.traffic.level_1_share else None
         self.traffic_drivers = TrafficDrivers(config, self.road, types, level_1)
+        if reward is not None and not callable(reward):
+            raise ConfigError(f"reward is {reward!r}, but must be a function of a Transition.")
+        self._own_reward = reward
         self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
-        bounds = self.scale.bounds
-        self.observation_space = gymnasium.spaces.Box(-bounds, bounds, dtype=np.float32)
+        groups = tuple(GROUPS)[:7] if observation is None else observation
+        self.observe = observation_function(groups, self.scale)
+        self.observation_space = self.observe.space
+        self._own_observation = observation is not None
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
         self._masked = action_mask
         self._renderer = self._renderer_of(render_mode)
         self.ego_model: EgoModel | None = None
         self._over = True
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The specification from gymnasium, with the config's length of an episode."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        most = self.config.simulation.decisions_per_episode
+        self._spec = None if spec is None else replace(spec, max_episode_steps=most)
 
     @property
     def check_name(self) -> str:
@@ -180,6 +150,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             self.simulation.kinds, self.simulation.desired_speed_m_s, self.seed
         )
         observation, info = self._observe(snapshot, None), self._info()
+        require_inside(observation, self.observation_space)
         info["unsafe_start"] = starts_unsafe(self.safety_check, self.scene)
         self._renderer.reset(snapshot, info)
         self._over = False
@@ -223,7 +194,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             verdict = Verdict(proposed, Rule.NONE)
         self.decisions += 1
         observation = self._observe(snapshot, lane_change)
-        reward, terms = self._reward(collision)
+        reward, terms = self._reward(scene, proposed, verdict, collision)
         terminated = collision is not None
         truncated = self.decisions >= config.simulation.decisions_per_episode
         self._over = terminated or truncated
@@ -262,13 +233,20 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         affordances = compute_affordances(snapshot, self.road, self.config.observation.range_m)
         self.scene = Scene(snapshot, affordances, lane_change)
         self.indicators = affordances.vector()
-        return self.scale(self.indicators)
+        return self.observe(self.scene) if self._own_observation else self.scale(self.indicators)
 
-    def _reward(self, collision: Collision | None) -> tuple[float, Rewards]:
+    def _reward(
+        self, scene: Scene, proposed: Action, verdict: Verdict, collision: Collision | None
+    ) -> tuple[float, Rewards]:
         config, affordances = self.config, self.scene.affordances
         target = desired(affordances, config.reward, config.safety)
         terms = rewards(affordances, target, config.reward, config.safety.minimum_gap_m)
-        return terms.total if collision is None else config.reward.collision_reward, terms
+        reward = terms.total if collision is None else config.reward.collision_reward
+        if self._own_reward is not None:
+            decided = scene, proposed, verdict.action, verdict.rule
+            outcome = Transition(*decided, self.scene, collision, terms, reward)
+            reward = own_reward(self._own_reward, outcome)
+        return reward, terms
 
     def _renderer_of(self, render_mode: str | None) -> Renderer:
         if render_mode == "rgb_array":
@@ -285,15 +263,3 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         if self._masked:
             info["action_mask"] = self.action_masks()
         return info
-
-
-HighwayEnv.__doc__ = str(HighwayEnv.__doc__).format(
-    actions="\n    ".join(
-        ["| action | meaning |", "| --- | --- |"]
-        + [f"| {action.number} | {action} |" for action in ACTIONS]
-    ),
-    indicators="\n    ".join(
-        ["| place | indicator |", "| --- | --- |"]
-        + [f"| {place} | {name} |" for place, name in enumerate(INDICATORS)]
-    ),
-)

@@ -1,11 +1,19 @@
 """The reward of a decision: eq. 6, 7 and 8 of the paper, and their desired values."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
+import numpy as np
+
 from drl_av.config import EgoConfig, RewardConfig, SafetyConfig
+from drl_av.driving.actions import Action
 from drl_av.driving.affordances import Affordances
+from drl_av.driving.scene import Scene
+from drl_av.errors import ConfigError
+from drl_av.safety.check import Rule
 from drl_av.safety.paper import lane_is_clear
+from drl_av.traffic.snapshot import Collision
 
 
 class Desired(NamedTuple):
@@ -26,6 +34,37 @@ class Rewards(NamedTuple):
     def total(self) -> float:
         """The mean of the three terms, in [-1, 0]."""
         return (self.r_v + self.r_y + self.r_x) / 3
+
+
+class Transition(NamedTuple):
+    """The input of a reward function of the user's own: one decision and its outcome."""
+
+    scene: Scene
+    """The scene before the decision."""
+    proposed: Action
+    executed: Action
+    """The action after the safety check."""
+    rule: Rule
+    """The rules of the safety check that changed the action; ``Rule.NONE`` without a change."""
+    next_scene: Scene
+    """The scene after the decision."""
+    collision: Collision | None
+    """The ego's collision within this decision, or None."""
+    rewards: Rewards
+    """The three terms of the paper in the next scene."""
+    reward: float
+    """The reward of the paper: the mean of the terms, or that of a collision."""
+
+
+RewardFunction = Callable[[Transition], float]
+
+
+def own_reward(function: RewardFunction, transition: Transition) -> float:
+    """The reward by a function of the user's own; raises ConfigError if it is no finite number."""
+    reward = function(transition)
+    if isinstance(reward, int | float | np.number) and math.isfinite(reward):
+        return float(reward)
+    raise ConfigError(f"The reward function returned {reward!r}, but must return a finite number.")
 
 
 def speed_reward(speed_m_s: float, desired_m_s: float) -> float:

@@ -44,8 +44,8 @@ def test_made_by_its_id_it_takes_the_arguments_of_its_docstring() -> None:
 
 def table(heading: str) -> list[tuple[str, str]]:
     """Rows of the table under a heading of the docstring."""
-    section = str(HighwayEnv.__doc__).split(f"## {heading}")[1].split("\n    ## ")[0]
-    return re.findall(r"^    \| (\d+) \| (.+) \|$", section, re.MULTILINE)
+    section = str(HighwayEnv.__doc__).split(f"## {heading}")[1].split("\n## ")[0]
+    return re.findall(r"^\| (\d+) \| (.+) \|$", section, re.MULTILINE)
 
 
 def test_docstring_lists_the_12_actions_and_the_27_indicators() -> None:

@@ -1,0 +1,78 @@
+"""The docstring of ``HighwayEnv``, with gymnasium's headings and tables made from the code."""
+
+from drl_av.driving.actions import ACTIONS
+from drl_av.driving.affordances import INDICATORS
+from drl_av.env.observation import GROUPS
+
+TEXT = """The ego on a highway with other vehicles, one decision a second (Fig. 3 of the paper).
+
+## Description
+A circular highway of three lanes represents an infinite straight highway. SUMO drives the other
+vehicles. A safety check examines each action of the agent before the ego executes it.
+
+## Action Space
+`Discrete(12)`, `4 * lateral + longitudinal`:
+
+{actions}
+
+## Observation Space
+`Box` of shape (27,), float32: the affordance indicators, scaled by the constants of
+`config.observation` and clipped to the box. `info["indicators"]` holds them in SI units.
+
+{indicators}
+
+## Rewards
+The mean of r_v, r_y and r_x (eq. 6 to 8), each in [-1, 0]; `config.reward.collision_reward`
+for the decision in which the ego collides.
+
+## Starting State
+The other vehicles are at random positions within 250 m of the ego. Their number is
+`options={{"vehicles": n}}`, or is drawn from the range in the config.
+
+`reset(seed=7, options={{"vehicles": 30}})` always starts the same episode, which is also that
+of `drl-av evaluate` for these numbers. A seed below 1,000,000 without `vehicles`, which clients
+pass to their first reset, seeds the random choice of episodes for this reset and the following
+resets without a seed. These episodes have seeds of at least 1,000,000, so that no training uses
+an episode of the evaluation. `info["seed"]` holds the seed of the episode; pass it to `reset`
+to start the episode again. Changes that your own program makes in SUMO, such as the permissions
+of a lane, remain until `close`.
+
+## Episode End
+The episode terminates when the ego collides. It is truncated after
+`config.simulation.decisions_per_episode` decisions, which is `env.spec.max_episode_steps`. The
+environment does this itself, without gymnasium's `TimeLimit`.
+
+## Arguments
+`scenario` (folder or name), `safety_check` (name or function), `config` (a preset's name, a
+TOML file, `{{"traffic": {{"vehicles_max": 5}}}}` or a Config),
+`render_mode` ("human" is sumo-gui, "rgb_array" needs no screen), `action_mask` (whether `info`
+contains the mask; True by `gymnasium.make`, False by default in this class),
+`reward` (a function of a `Transition` that replaces the reward; `info["rewards"]` stays),
+`observation` (names of groups of indicators, {groups};
+or an object with an attribute `space` that is called with the scene).
+
+## Information
+`proposed_action, executed_action, rule, rewards, collision, speed_m_s, indicators, seed,
+vehicles, action_mask`. The mask has shape (12,) and type int8. It is 1 for each action that the
+safety check would execute now as proposed; `action_space.sample(mask)` accepts it.
+The info of a reset also holds `unsafe_start`: whether the check `strict` can no longer keep the
+ego from a collision there.
+
+## Several at Once
+Each environment has its own SUMO, also within one process. The first environment uses the
+installed libsumo. Each further one loads a copy of the library (30 ms, 17 MiB), which later
+environments reuse after `close`. All environments of one process share one core. To use several
+cores, call `make_vec(..., vectorization_mode="async", vector_kwargs={{"context": "spawn"}})`.
+sumo-gui shows only one environment of a process at a time.
+"""
+DOCSTRING = TEXT.format(
+    actions="\n".join(
+        ["| action | meaning |", "| --- | --- |"]
+        + [f"| {action.number} | {action} |" for action in ACTIONS]
+    ),
+    indicators="\n".join(
+        ["| place | indicator |", "| --- | --- |"]
+        + [f"| {place} | {name} |" for place, name in enumerate(INDICATORS)]
+    ),
+    groups=", ".join(f"`{group}`" for group in GROUPS),
+)

@@ -1,0 +1,135 @@
+"""An observation made of named groups of indicators, or by an object of the user's own."""
+
+import pickle
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from drives import ID, KEEP, RIGHT, start
+from gymnasium.utils.env_checker import check_env
+from worlds import CENTER, ROAD, Car, ahead, behind, changing, scene
+from worlds import LEFT as LEFT_LANE
+from worlds import RIGHT as RIGHT_LANE
+
+from drl_av.config import ObservationConfig
+from drl_av.drivers.checked import PolicyDriver
+from drl_av.driving.affordances import INDICATORS, ObservationScale
+from drl_av.driving.mirror import MIRROR, mirror_of, mirrored_observations
+from drl_av.driving.scene import Scene
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.observation import GROUPS, GroupObservation
+from drl_av.errors import ConfigError
+
+SCALE = ObservationScale(ObservationConfig(), 30.0, ROAD)
+EVERY = tuple(GROUPS)
+
+
+class Speed:
+    """The ego's speed alone."""
+
+    space = gymnasium.spaces.Box(0, 40, shape=(1,), dtype=np.float32)
+
+    def __call__(self, scene: Scene) -> np.ndarray[Any, Any]:
+        return np.array([scene.affordances.ego_speed_m_s], np.float32)
+
+
+def test_the_first_seven_groups_are_the_indicators_of_the_paper() -> None:
+    observe = GroupObservation(EVERY[:7], SCALE)
+    world = scene(ahead(20), behind(30, LEFT_LANE))
+    assert observe.names == INDICATORS
+    assert np.array_equal(observe(world), SCALE(world.affordances.vector()))
+    for made, found in zip(MIRROR, observe.mirror, strict=True):
+        assert np.array_equal(made, found)
+
+
+def test_groups_are_taken_in_the_order_of_their_names() -> None:
+    observe = GroupObservation(("ego", "left_front"), SCALE)
+    found = observe(scene(ahead(50, LEFT_LANE, 10.0), speed_m_s=30.0))
+    assert observe.names[:4] == ("ego_v_x", "ego_d_y", "ego_v_y", "left_front_d_x")
+    assert observe.space.shape == found.shape == (7,)
+    # 30 m/s is the top of [0, 30], the centre lane is the middle, 50 m of a scale, 20 m/s slower
+    config = ObservationConfig()
+    expected = [1, 0, 0, 50 / config.gap_scale_m, -20 / config.speed_scale_m_s]
+    assert found[:5] == pytest.approx(expected)
+
+
+def test_lanes_and_lane_change_are_indicators_too() -> None:
+    observe = GroupObservation(("lanes", "lane_change"), SCALE)
+    assert observe.names == ("right_lane", "left_lane", "lane_change")
+    assert observe(scene(y_m=RIGHT_LANE)).tolist() == [0, 1, 0]
+    assert observe(changing(origin=1, target=2, seconds=2)).tolist() == [1, 1, 1]
+    assert observe(changing(origin=1, target=0, seconds=2)).tolist() == [1, 1, -1]
+
+
+def test_the_mirror_of_groups_exchanges_left_and_right() -> None:
+    observe = GroupObservation(EVERY[::-1], SCALE)
+    one = changing(ahead(30, LEFT_LANE, 10.0), behind(9, CENTER), origin=1, target=2, seconds=1)
+    other = changing(ahead(30, RIGHT_LANE, 10.0), behind(9, CENTER), origin=1, target=0, seconds=1)
+    reflected = mirrored_observations(observe(one), observe.mirror)
+    assert not np.array_equal(observe(one), observe(other))
+    assert reflected == pytest.approx(observe(other), abs=1e-6)
+    outermost = scene(Car(40.0, CENTER), y_m=LEFT_LANE), scene(Car(40.0, CENTER), y_m=RIGHT_LANE)
+    seen = [observe(world) for world in outermost]
+    assert mirrored_observations(seen[0], observe.mirror) == pytest.approx(seen[1], abs=1e-6)
+
+
+def test_one_side_alone_has_no_mirror_image() -> None:
+    observe = GroupObservation(("own_front", "left_rear"), SCALE)
+    with pytest.raises(ConfigError, match="name the groups of both sides or of neither"):
+        _ = observe.mirror
+    assert mirror_of(("ego_v_y",)).observation_sign.tolist() == [-1]
+
+
+def test_an_environment_of_groups_is_one_to_gymnasium_and_drives_as_before() -> None:
+    made = gymnasium.make(ID, observation=EVERY)
+    check_env(made.unwrapped, skip_render_check=True)
+    env, plain = pickle.loads(pickle.dumps(made.unwrapped)), HighwayEnv()
+    assert isinstance(env, HighwayEnv)
+    for one in (env, plain):
+        start(one, 2, seed=1)
+    for action in (RIGHT, RIGHT, KEEP):
+        observation, reward, *_ = env.step(action)
+        expected, same, *_ = plain.step(action)
+        assert np.array_equal(observation[:27], expected)
+        assert reward == same
+        assert env.scene.lane_change is not None
+        assert observation[-1] == -1
+    for one in (made, env, plain):
+        one.close()
+
+
+def test_an_object_observes_by_itself_and_its_policy_drives_anywhere() -> None:
+    env = HighwayEnv(observation=Speed())
+    observation, info = env.reset(seed=2)
+    assert observation.tolist() == pytest.approx([info["speed_m_s"]])
+    assert env.observation_space == Speed.space
+    driver = PolicyDriver(lambda speed: 2 if speed[0] > 20 else 1, Speed())
+    unseen = np.zeros(27, np.float32)
+    assert driver.act(scene(speed_m_s=21.0), unseen).number == 2
+    assert driver.act(scene(speed_m_s=19.0), unseen).number == 1
+    env.close()
+
+
+class Wrong(Speed):
+    """Two numbers where its space has one."""
+
+    def __call__(self, scene: Scene) -> np.ndarray[Any, Any]:
+        return np.zeros(2, np.float32)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("own_frnt", r"no group of indicators 'own_frnt' \(did you mean 'own_front'"),
+        (("ego", "ego"), "'ego' is named 2 times"),
+        ((), "observation names no group; the groups are: own_front"),
+        (3, "observation is 3, but must be names of groups"),
+        (np.mean, "an object with a gymnasium space"),
+        (Wrong(), r"has the shape \(2,\) and the type float32"),
+    ],
+)
+def test_what_is_no_observation_is_refused_in_one_sentence(given: Any, message: str) -> None:
+    with pytest.raises(ConfigError, match=message) as caught:
+        HighwayEnv(observation=given).reset(seed=1)
+    assert "\n" not in str(caught.value)
