@@ -4,6 +4,7 @@ Distances between vehicles are net gaps, as in the stories that the tests tell: 
 20 m between the ego's front bumper and its rear bumper.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.traffic.road import Road
+from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
 from drl_av.traffic.snapshot import Snapshot
 
 LENGTH_M, WIDTH_M, LANE_M = 5.0, 1.8, 3.8
@@ -20,6 +21,13 @@ RIGHT, CENTER, LEFT = 0.0, 3.8, 7.6
 ROAD = Road(500.0, LANE_M, (True, True, True))
 LONG_ROAD = Road(2000.0, LANE_M, (True, True, True))
 BARRICADED_ROAD = Road(500.0, LANE_M, (False, True, True))
+
+MERGE = Road(OPEN_LAP_M, LANE_M, (True,) * 4, 1500.0, (PartialLane(0, 400.0, 800.0, 550.0, 800.0),))
+"""An on-ramp from 400 m joins three lanes at 550 m, and its lane ends at 800 m."""
+EXIT = Road(
+    OPEN_LAP_M, LANE_M, (True,) * 4, 1500.0, (PartialLane(0, 900.0, math.inf, 900.0, 1150.0),)
+)
+"""A lane begins at 900 m beside three others, and parts from them at 1,150 m as an off-ramp."""
 
 
 class Car(NamedTuple):
@@ -58,7 +66,7 @@ def snapshot(
     return Snapshot(
         time_s=0.0,
         ids=("ego", *(f"vehicle{row}" for row in range(1, len(cars)))),
-        s_m=(s_m + offset_m) % road.circumference_m,
+        s_m=(s_m + offset_m) % road.lap_m,
         y_m=y,
         speed_m_s=speed,
         lateral_speed_m_s=lateral,

@@ -77,7 +77,7 @@ class Auditor:
 
     def _ahead_m(self, shot: Snapshot) -> FloatArray:
         """How far ahead of the ego everybody is, round the loop; from 0 to its length."""
-        ahead_m: FloatArray = (shot.s_m - shot.s_m[EGO]) % self._road.circumference_m
+        ahead_m: FloatArray = (shot.s_m - shot.s_m[EGO]) % self._road.lap_m
         return ahead_m
 
     def _watch_sides(self, before: Snapshot, after: Snapshot) -> None:
@@ -111,7 +111,7 @@ class Auditor:
     def _judge_entry(self, after: Snapshot, row: int, there: BoolArray) -> None:
         """One that begins to move into the ego's lane, in which others are there."""
         lengths_m = (after.length_m[row] + after.length_m[EGO]) / 2
-        ahead_m, lap_m = self._ahead_m(after), self._road.circumference_m
+        ahead_m, lap_m = self._ahead_m(after), self._road.lap_m
         gap_m, behind_m = ahead_m[row] - lengths_m, lap_m - ahead_m[row] - lengths_m
         if min(gap_m, behind_m) <= 0:
             self._tell_one(after, row, BESIDE)
@@ -150,7 +150,7 @@ class Auditor:
         theirs = (lowest[1:, None] <= lanes) & (lanes <= highest[1:, None])
         shared_s = np.where(theirs & over, self._lane_s, -1.0).max(axis=1)
         self._lane_s = np.where(over, self._lane_s + step_s, 0.0)
-        behind_m = -self._ahead_m(after) % self._road.circumference_m
+        behind_m = -self._ahead_m(after) % self._road.lap_m
         gap_m = behind_m - (after.length_m + after.length_m[EGO]) / 2
         near = (gap_m > -after.length_m) & (gap_m < 100.0)
         late = (self._must_hit(after, gap_m) & near)[1:]

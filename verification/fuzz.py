@@ -63,7 +63,7 @@ def _scenario(rng: random.Random, folder: Path) -> None:
     (folder / "SHA256SUMS").unlink()
     file = rng.choice(sorted(folder.iterdir()))
     file.write_bytes(mutated(file.read_bytes(), rng))
-    assert np.isfinite(load_scenario(folder).road.circumference_m)
+    assert np.isfinite(load_scenario(folder).road.lap_m)
 
 
 def _policy(rng: random.Random, folder: Path) -> None:

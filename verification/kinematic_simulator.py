@@ -66,7 +66,7 @@ class World:
         shot = Snapshot(
             0.0,
             ("ego", *names),
-            self.x_m[row] % ROAD.circumference_m,
+            self.x_m[row] % ROAD.lap_m,
             self.y_m[row],
             self.speed_m_s[row],
             self.lateral_m_s[row],

@@ -65,7 +65,7 @@ class Following(NamedTuple):
 def following(shot: Snapshot, road: Road) -> Following:
     """Who follows whom, by the lanes that their centres are in; the ego follows nobody."""
     lane = lanes(shot, road)
-    ahead_m = (shot.s_m - shot.s_m[:, None]) % road.circumference_m
+    ahead_m = (shot.s_m - shot.s_m[:, None]) % road.lap_m
     gap_m = ahead_m - (shot.length_m + shot.length_m[:, None]) / 2
     gap_m[(lane != lane[:, None]) | np.eye(len(lane), dtype=bool)] = np.inf
     rows, leader = np.arange(len(lane)), gap_m.argmin(axis=1)

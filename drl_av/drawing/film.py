@@ -27,11 +27,11 @@ def interpolated(a: Snapshot, b: Snapshot, fraction: float, road: Road) -> Snaps
     a, b = _rows(a, b.ids), _rows(b, a.ids)
     expected_m = (a.speed_m_s + b.speed_m_s) / 2 * (b.time_s - a.time_s)
     travel_m = expected_m + road.ahead_m(0.0, b.s_m - a.s_m - expected_m)
-    s_m = (a.s_m + fraction * travel_m) % road.circumference_m
+    s_m = (a.s_m + fraction * travel_m) % road.lap_m
     return replace(
         a,
         time_s=a.time_s + fraction * (b.time_s - a.time_s),
-        s_m=np.where(s_m < road.circumference_m, s_m, 0.0),
+        s_m=np.where(s_m < road.lap_m, s_m, 0.0),
         y_m=_between(a.y_m, b.y_m, fraction),
         speed_m_s=_between(a.speed_m_s, b.speed_m_s, fraction),
         lateral_speed_m_s=_between(a.lateral_speed_m_s, b.lateral_speed_m_s, fraction),

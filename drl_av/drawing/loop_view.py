@@ -38,7 +38,7 @@ def lay_ring(sheet: Sheet, road: Road) -> None:
     sheet.arc(_CENTER, _RADIUS, (0, 360), BRIGHT, 1.5)
     sheet.arc(_CENTER, _RADIUS - _LANES_PX, (0, 360), AMBER, 1.5)
     x, y = _CENTER
-    sheet.text((x, y - 4), f"{road.circumference_m:g} m", 24, BRIGHT, "ms")
+    sheet.text((x, y - 4), f"{road.lap_m:g} m", 24, BRIGHT, "ms")
     sheet.text((x, y + 18), "loop", 14, DIM, "ms")
     sheet.arc(_CENTER, 74, (240, 300), DIM, 2)
     sheet.polygon([(x - 44, y - 59), (x - 32, y - 61), (x - 38, y - 71)], DIM)
@@ -47,7 +47,7 @@ def lay_ring(sheet: Sheet, road: Road) -> None:
 def draw_ring(sheet: Sheet, snapshot: Snapshot, road: Road) -> None:
     """Draw all vehicles as dots, and the arc of the road that the overview shows."""
     lane_px = _LANES_PX / len(road.open_lanes)
-    turn = math.tau / road.circumference_m
+    turn = math.tau / road.lap_m
     ego = -math.degrees(float(snapshot.s_m[EGO]) * turn)
     reach = [min(180.0, math.degrees(m * turn)) for m in (OVERVIEW.ahead_m, OVERVIEW.behind_m)]
     sheet.arc(_CENTER, _RADIUS + 8, (ego - reach[0], ego + reach[1]), RULE, 3)

@@ -53,7 +53,7 @@ def write_page(
     episode = {
         "title": title,
         "road": {
-            "circumference_m": road.circumference_m,
+            "circumference_m": road.lap_m,
             "lane_width_m": road.lane_width_m,
             "open_lanes": road.open_lanes,
         },

@@ -85,7 +85,7 @@ def draw_band(sheet: Sheet, band: Band, snapshot: Snapshot, road: Road) -> None:
     _draw_markings(sheet, band, float(snapshot.s_m[EGO]), road)
     ahead = road.ahead_m(float(snapshot.s_m[EGO]), snapshot.s_m)
     for row in reversed(range(len(snapshot.ids))):
-        for lap_m in (-road.circumference_m, 0.0, road.circumference_m):
+        for lap_m in (-road.lap_m, 0.0, road.lap_m):
             ahead_m = float(ahead[row]) + lap_m
             if -band.behind_m - 10 < ahead_m < band.ahead_m + 10:
                 _draw_vehicle(sheet, band, snapshot, road, row, ahead_m)
@@ -106,7 +106,7 @@ def _frame_close_up(sheet: Sheet) -> None:
 
 def _every(spacing_m: float, ego_s_m: float, road: Road, band: Band) -> Iterator[float]:
     """Distances ahead of the ego, m, of marks about ``spacing_m`` apart on the loop."""
-    pitch_m = road.circumference_m / max(1, round(road.circumference_m / spacing_m))
+    pitch_m = road.lap_m / max(1, round(road.lap_m / spacing_m))
     mark_m = -band.behind_m - (ego_s_m - band.behind_m) % pitch_m
     while mark_m < band.ahead_m:
         yield mark_m

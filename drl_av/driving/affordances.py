@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import ObservationConfig
-from drl_av.traffic.road import FloatArray, Road
+from drl_av.traffic.road import Barrier, FloatArray, Road
 from drl_av.traffic.snapshot import EGO, Snapshot
 
 SLOTS = ("own_front", "own_rear", "right_front", "right_rear", "left_front", "left_rear")
@@ -28,7 +28,7 @@ class Neighbor(NamedTuple):
     """The nearest vehicle in one direction of one lane, relative to the ego, SI units."""
 
     vehicle: int
-    """Its row in the snapshot."""
+    """Its row in the snapshot; the end of a lane has a row after the last one."""
     gap_m: float
     """Net gap, bumper to bumper, never negative."""
     relative_speed_m_s: float
@@ -59,6 +59,8 @@ class Affordances(NamedTuple):
     ego_lateral_speed_m_s: float
     circumference_m: float = 0.0
     """Length of the loop; 0 for a road of unlimited length."""
+    barriers: tuple[Barrier, ...] = ()
+    """The barriers ahead of the ego; ``s_m`` is the net gap to each."""
 
     def front(self, sign: int) -> Neighbor | None:
         """Nearest vehicle ahead in the ego's own (0), left (+1) or right (-1) lane."""
@@ -95,7 +97,8 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     """The nearest vehicle ahead of the ego and behind it in each of three lanes (Sec. III).
 
     A vehicle occupies every lane that its body overlaps. On the loop it is either ahead or behind,
-    whichever way is shorter. A vehicle exactly beside the ego counts as ahead.
+    whichever way is shorter. A vehicle exactly beside the ego counts as ahead. The end of a lane
+    counts as a vehicle that stands there.
     """
     s_m, y_m, speed, lateral, length_m, width_m = (
         values.tolist()  # numpy takes twice as long with so few vehicles
@@ -110,7 +113,7 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     )
     lane = road.lane_of(y_m[EGO])
     own_m, right_m, left_m = (road.center_m(lane) + road.lane_width_m * sign for sign in SIDES)
-    lap_m, half_lap_m = road.circumference_m, road.circumference_m / 2
+    lap_m, half_lap_m = road.lap_m, road.lap_m / 2
     ego_s_m, ego_length_m, half_lane_m = s_m[EGO], length_m[EGO], road.lane_width_m / 2
     gaps_m, rows = [math.inf] * len(SLOTS), [EGO] * len(SLOTS)
     for row in range(1, len(s_m)):
@@ -124,6 +127,15 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
             gaps_m[2 + rear], rows[2 + rear] = gap_m, row
         if abs(y_m[row] - left_m) < reach_m and gap_m < gaps_m[4 + rear]:
             gaps_m[4 + rear], rows[4 + rear] = gap_m, row
+    partial, front_m = road.partial_lanes, ego_s_m + ego_length_m / 2
+    if partial:
+        for slot, sign in ((0, 0), (2, -1), (4, 1)):
+            gap_m = road.lane_end_m(lane + sign, ego_s_m) - front_m
+            if gap_m < gaps_m[slot] and (sign == 0 or road.is_beside(lane, lane + sign, ego_s_m)):
+                gaps_m[slot], rows[slot] = gap_m, len(y_m)
+                y_m.append(road.center_m(lane + sign))
+                speed.append(0.0)
+                lateral.append(0.0)
     own_front, own_rear, right_front, right_rear, left_front, left_rear = (
         None
         if gap_m > range_m
@@ -143,8 +155,8 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
         right_rear,
         left_front,
         left_rear,
-        right_lane=road.is_open(lane - 1),
-        left_lane=road.is_open(lane + 1),
+        right_lane=road.is_beside(lane, lane - 1, ego_s_m) if partial else road.is_open(lane - 1),
+        left_lane=road.is_beside(lane, lane + 1, ego_s_m) if partial else road.is_open(lane + 1),
         lane=lane,
         lane_center_m=road.center_m(lane),
         lane_width_m=road.lane_width_m,
@@ -152,8 +164,14 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
         ego_speed_m_s=speed[EGO],
         ego_y_m=y_m[EGO],
         ego_lateral_speed_m_s=lateral[EGO],
-        circumference_m=road.circumference_m,
+        circumference_m=road.lap_m if road.is_loop else 0.0,
+        barriers=_ahead(road, front_m) if partial else (),
     )
+
+
+def _ahead(road: Road, front_m: float) -> tuple[Barrier, ...]:
+    gaps = (barrier._replace(s_m=barrier.s_m - front_m) for barrier in road.barriers)
+    return tuple(gap for gap in gaps if gap.s_m >= 0.0)
 
 
 class ObservationScale:

@@ -125,10 +125,10 @@ def _require_a_long_loop(config: Config, vehicle_types: VehicleTypes, road: Road
     farthest = (ego.max_speed_m_s, ego.accelerate_m_s2, 0.0)
     gap_m = float(cut_in_gap(*farthest, config.strict, ego, config.simulation))
     least_m = gap_m + vehicle_types.traffic.length_m + vehicle_types.ego.length_m
-    if road.circumference_m < least_m:
+    if road.is_loop and road.lap_m < least_m:
         raise _refusal(
             "the scenario's circumference_m",
-            f"at least {least_m:.1f}, and not {road.circumference_m:g}",
+            f"at least {least_m:.1f}, and not {road.lap_m:g}",
             f"the ego may need {gap_m:.1f} m behind a vehicle that moves in behind it, and round a "
             "shorter loop this vehicle is ahead of it",
         )

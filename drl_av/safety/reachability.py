@@ -4,6 +4,7 @@ Which vehicles can come into the ego's way, and how far the ego may or must trav
 of them. Distances and speeds broadcast over many scenes at once.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy.typing as npt
 
 from drl_av.config import StrictConfig
 from drl_av.safety.stopping import stopping_distance
-from drl_av.traffic.road import ARRIVED_M, FloatArray
+from drl_av.traffic.road import ARRIVED_M, Barrier, FloatArray
 
 LINE_M = 0.01
 """A body is in a lane if it is at least this far over the line of that lane."""
@@ -80,6 +81,18 @@ class Others(NamedTuple):
     """
     is_held: npt.NDArray[np.bool_]
     """Whether the vehicle, if it is behind the ego, must stay behind it (bound 4)."""
+
+
+def with_barriers(others: Others, barriers: Sequence[Barrier], clearance_m: float) -> Others:
+    """The vehicles of a scene and its barriers, each as a vehicle of no length that stands.
+
+    ``s_m`` of a barrier is the net gap from the ego to it.
+    """
+    gap_m, right_m, left_m = np.array(barriers).T
+    standing = np.zeros(len(barriers))
+    most_m = np.where(gap_m > 0, gap_m - clearance_m, -np.inf)
+    rows = (right_m, left_m, gap_m, standing == 0, standing, most_m, standing > 0)
+    return Others(*map(np.append, others, rows))
 
 
 def may_reach(

@@ -94,6 +94,7 @@ from drl_av.safety.reachability import (
     may_reach,
     met,
     must_reach,
+    with_barriers,
 )
 from drl_av.safety.stopping import reach
 from drl_av.traffic.snapshot import EGO
@@ -212,7 +213,8 @@ class Strict:
     def others(self, scene: Scene) -> Others:
         """The other vehicles of a scene in the terms of the check.
 
-        On a loop each vehicle has two entries: one ahead of the ego and one behind it.
+        On a loop each vehicle has two entries: one ahead of the ego and one behind it. A barrier,
+        as the end of a lane, is a vehicle of no length that stands there.
         """
         shot, affordances = scene.snapshot, scene.affordances
         ahead_m, rows = shot.s_m[1:] - shot.s_m[EGO], np.arange(1, len(shot.ids))
@@ -229,7 +231,9 @@ class Strict:
         )
         facts = gap_m, ahead_m >= 0, shot.speed_m_s[rows]
         may_m = may_reach(*facts, self._strict, self._simulation.step_length_s)
-        return Others(*ends_m, *facts, may_m, held)
+        others = Others(*ends_m, *facts, may_m, held)
+        barriers, clearance_m = affordances.barriers, self._strict.clearance_m
+        return with_barriers(others, barriers, clearance_m) if barriers else others
 
     def fallback_is_free(self, scene: Scene) -> bool:
         """The invariant: whether the ego hits no vehicle ahead in its fallback maneuver."""

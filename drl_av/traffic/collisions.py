@@ -37,7 +37,7 @@ class Contact(NamedTuple):
 
 def motion(from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, road: Road) -> Motion:
     """The motion of a body between two places: forward, and by less than a lap."""
-    forward_m = (to_s_m - from_s_m + BACKWARD_M) % road.circumference_m - BACKWARD_M
+    forward_m = (to_s_m - from_s_m + BACKWARD_M) % road.lap_m - BACKWARD_M
     return from_s_m, from_y_m, forward_m, to_y_m - from_y_m
 
 
@@ -55,9 +55,9 @@ def first_contact(
         return None
     ahead_m, faster_m = other[0] - ego[0], other[2] - ego[2]
     if faster_m < 0.0:  # on a loop the ego comes upon it from behind
-        ahead_m = (ahead_m + length_m) % road.circumference_m - length_m
+        ahead_m = (ahead_m + length_m) % road.lap_m - length_m
     else:
-        ahead_m = length_m - (length_m - ahead_m) % road.circumference_m
+        ahead_m = length_m - (length_m - ahead_m) % road.lap_m
     if _stays_apart(ahead_m, faster_m, length_m):
         return None
     across, cleared = _overlap(left_m, moved_m, width_m)
@@ -133,7 +133,7 @@ class Bodies:
         rows = []
         for row in beside[1:]:
             behind_m = length_m + max(speed_m_s[row] * time_s + gained_m, 0.0)
-            ahead_m = (s_m[row] - s_m[EGO] + behind_m) % self.road.circumference_m
+            ahead_m = (s_m[row] - s_m[EGO] + behind_m) % self.road.lap_m
             if ahead_m < behind_m + length_m + rolled_m:
                 rows.append(row)
         return rows

@@ -81,7 +81,7 @@ def require_truck_width(config: Config, description: ScenarioDescription) -> Non
 
 def capacity(road: Road, length_m: float, start_gap_m: float) -> int:
     """Largest number of vehicles, including the ego, that can start on the road."""
-    ring_m = min(road.circumference_m, 2 * SPREAD_M)
+    ring_m = min(road.lap_m, 2 * SPREAD_M)
     return sum(road.open_lanes) * int(ring_m // (length_m + start_gap_m))
 
 
@@ -237,7 +237,7 @@ def _places(
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.intp]]:
     """Positions of the front bumpers, net gaps to the vehicle ahead, and that vehicle's row."""
     n = len(lane)
-    ring_m = min(road.circumference_m, 2 * SPREAD_M)
+    ring_m = min(road.lap_m, 2 * SPREAD_M)
     front_m, gap_m, leader = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.intp)
     for index in np.unique(lane):
         members = np.flatnonzero(lane == index)
@@ -247,8 +247,8 @@ def _places(
         leader[members] = np.roll(members, -1)
         gap_m[members] = np.roll(spare_m, -1) + start_gap_m
     around_ego = (front_m - front_m[0] + ring_m / 2) % ring_m - ring_m / 2
-    start_m = rng.uniform(0, road.circumference_m)
-    return (start_m + around_ego) % road.circumference_m, gap_m, leader
+    start_m = rng.uniform(0, road.lap_m)
+    return (start_m + around_ego) % road.lap_m, gap_m, leader
 
 
 def _safe_speeds(

@@ -18,7 +18,7 @@ class Readings:
     ) -> None:
         self._sumo, self._ids = sumo, ids
         self._lane_positions = scenario.lane_positions
-        self._lap_m, self._lane_m = scenario.road.circumference_m, scenario.road.lane_width_m
+        self._lap_m, self._lane_m = scenario.road.lap_m, scenario.road.lane_width_m
         self._half_m = (length_m / 2).tolist()
         self._lane, self._at, self._aside, *self._speeds = getters(sumo, STATE)
 

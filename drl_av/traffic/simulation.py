@@ -217,7 +217,7 @@ class Simulation:
         files = (self.scenario.network_file, *self.scenario.additional_files)
         view = self.scenario.view_file if self._gui else None
         start(self._sumo, files, seed, self._config, view)
-        laps = 2 + round(1e5 / self.road.circumference_m)
+        laps = 2 + round(1e5 / self.road.lap_m)
         self._sumo.route.add("loop", list(self.scenario.edges) * laps)
         self._populate(population)
 

@@ -37,7 +37,7 @@ def mirrored(world: Scene) -> Scene:
     running = world.lane_change
     if running is not None:
         running = LaneChange(2 - running.origin, 2 - running.target)
-    road = Road(ROAD.circumference_m, ROAD.lane_width_m, open_lanes(world)[::-1])
+    road = Road(ROAD.lap_m, ROAD.lane_width_m, open_lanes(world)[::-1])
     return Scene(swapped, compute_affordances(swapped, road, 250.0), running)
 
 

@@ -43,7 +43,7 @@ class Witness:
     def look(self, after: Snapshot) -> None:
         """Note how deep the ego is in another body in this step, negative for the way to it."""
         before, self._before = self._before, after
-        lap_m = self.env.road.circumference_m
+        lap_m = self.env.road.lap_m
         near = np.abs(after.y_m - after.y_m[0]) < 4.0
         moved_m = (after.s_m - before.s_m) % lap_m
         moved_m = np.where(moved_m > lap_m / 2, 0.0, moved_m)  # a rounding error backward

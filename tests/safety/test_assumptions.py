@@ -51,12 +51,12 @@ ROAD = ROAD_AS_WRITTEN
             "the scenario's lane_width_m must be at most 4.2, and not 5",
         ),
         # 30 m in a second and 105 m to brake, 0.5 m to spare, two vehicles of 5 m
-        ("ego", {}, replace(ROAD, circumference_m=145.4), "circumference_m must be at least 145.5"),
+        ("ego", {}, replace(ROAD, lap_m=145.4), "circumference_m must be at least 145.5"),
         # at 20 m/s, 22 m in the next second, rounded up to steps: 10.5 + 11 + 55 m
         (
             "ego",
             {"max_speed_m_s": 22.0},
-            replace(ROAD, circumference_m=80.0),
+            replace(ROAD, lap_m=80.0),
             "because the ego may need",
         ),
     ],
@@ -75,7 +75,7 @@ def test_what_the_argument_does_not_cover_is_refused_in_one_sentence(
 def test_what_it_just_covers_is_accepted() -> None:
     named_check(STRICT.updated("ego", lane_change_duration_s=4.5))
     named_check(STRICT.updated("traffic", random_lane_changes_per_s=0.01))
-    named_check(STRICT, road=replace(ROAD, circumference_m=145.5))
+    named_check(STRICT, road=replace(ROAD, lap_m=145.5))
     wide = STRICT.updated("simulation", lateral_resolution_m=4.2)
     named_check(wide, road=replace(ROAD, lane_width_m=4.2))
     # a wider ego is longer on the line: 3.8 m at 1.15 m a second

@@ -21,7 +21,7 @@ SMALL_ROAD = Road(100.0, 3.8, (True, True, True))
 
 def moved(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> dict[int, Motion]:
     """How everybody of a snapshot moves in a step at the speeds of the snapshot."""
-    s_m = (shot.s_m + shot.speed_m_s * step_s) % road.circumference_m
+    s_m = (shot.s_m + shot.speed_m_s * step_s) % road.lap_m
     after = replace(shot, s_m=s_m, y_m=shot.y_m + shot.lateral_speed_m_s * step_s)
     return motions(shot, after, road)
 
@@ -218,7 +218,7 @@ def test_left_and_right_are_told_apart_alike(car: Car, speed: float, v_y: float)
 
 def approaches(rng: np.random.Generator, n: int, step_s: float) -> np.ndarray:
     """Rows of ego and other: s, y, speed, lateral speed each; they come near in the step."""
-    lap_m = ROAD.circumference_m
+    lap_m = ROAD.lap_m
     speed, lateral = rng.uniform(0, 40, (n, 2)), rng.choice([-0.76, -0.3, 0.0, 0.3, 0.76], (n, 2))
     middle_m = rng.uniform(0, lap_m, n)
     meet_s = rng.uniform(-0.5, 1.5, n) * step_s

@@ -47,7 +47,7 @@ def draw(
 def net_gap_m(population: Population, a: int, b: int, road: Road) -> float:
     """Worked out from the two ways round, without the ring's own arithmetic."""
     between_m = abs(population.front_m[a] - population.front_m[b])
-    return float(min(between_m, road.circumference_m - between_m) - LENGTH_M)
+    return float(min(between_m, road.lap_m - between_m) - LENGTH_M)
 
 
 @given(ROADS, st.integers(0, 30), st.integers(0, 2**32))
@@ -59,7 +59,7 @@ def test_everyone_is_on_an_open_lane_with_the_start_gap_around_it(
     n = vehicles + 1
     assert population.ids == ("ego", *(f"vehicle{i}" for i in range(1, n)))
     assert all(road.is_open(lane) for lane in population.lane.tolist())
-    assert ((population.front_m >= 0) & (population.front_m <= road.circumference_m)).all()
+    assert ((population.front_m >= 0) & (population.front_m <= road.lap_m)).all()
     for a, b in itertools.combinations(range(n), 2):
         if population.lane[a] == population.lane[b]:
             assert net_gap_m(population, a, b, road) >= TRAFFIC.start_gap_m - 1e-9
@@ -94,7 +94,7 @@ def test_everyone_can_still_stop_behind_its_leader(road: Road, vehicles: int, se
         others = members[members != follower]
         if not len(others):
             continue
-        way_m = (population.front_m[others] - population.front_m[follower]) % road.circumference_m
+        way_m = (population.front_m[others] - population.front_m[follower]) % road.lap_m
         leader, gap_m = others[way_m.argmin()], float(way_m.min()) - LENGTH_M
         # 2 m/s2 for both: what the follower needs, less what the leader still covers
         needed_m = (population.speed_m_s[follower] ** 2 - population.speed_m_s[leader] ** 2) / 4

@@ -93,7 +93,7 @@ def test_barricade_is_drawn_along_the_outer_lane() -> None:
 def test_default_scenario_is_the_papers_loop() -> None:
     scenario = load_scenario(find_scenario())
     assert scenario.folder.name == "circular_three_lane"
-    assert scenario.road.circumference_m == 500.0
+    assert scenario.road.lap_m == 500.0
     assert scenario.road.open_lanes == (True, True, True)
     assert scenario.edges == ("e0", "e1", "e2", "e3")
     assert scenario.lane_positions["e2_1"] == (1, 250.0)
@@ -134,7 +134,7 @@ def test_every_lane_is_exactly_the_circumference_long(
         assert abs(total_m - circumference_m) < 1e-6
     scenario = load_scenario(folder)
     assert scenario.description == wanted
-    assert abs(scenario.road.circumference_m - circumference_m) < 1e-6
+    assert abs(scenario.road.lap_m - circumference_m) < 1e-6
 
 
 def test_network_tells_nothing_about_the_machine_or_the_day() -> None:
@@ -309,7 +309,7 @@ def test_empty_folder_is_filled_and_parents_are_made(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     for place in ("empty", "a/b/new"):
         write_scenario(tmp_path / place, ScenarioDescription())
-        assert load_scenario(tmp_path / place).road.circumference_m == 500.0
+        assert load_scenario(tmp_path / place).road.lap_m == 500.0
 
 
 def test_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:

@@ -1,0 +1,46 @@
+"""The end of a lane in the indicators: a vehicle that stands there."""
+
+import pytest
+from worlds import CENTER, EXIT, LANE_M, MERGE, RIGHT, Car, scene
+
+from drl_av.traffic.road import Barrier
+
+
+def test_ego_on_the_ramp_sees_the_end_of_its_lane_as_a_standing_vehicle() -> None:
+    found = scene(s_m=597.5, y_m=RIGHT, speed_m_s=20.0, road=MERGE).affordances
+    assert found.own_front is not None
+    assert found.own_front[1:] == (200.0, -20.0, 0.0, 0.0)  # from its front bumper at 600 m
+    assert found.barriers == (Barrier(200.0, pytest.approx(-1.9), pytest.approx(1.9)),)
+
+
+def test_a_vehicle_before_the_end_of_the_lane_is_the_one_ahead() -> None:
+    found = scene(Car(50.0, RIGHT, 12.0), s_m=597.5, y_m=RIGHT, road=MERGE).affordances
+    assert found.own_front is not None
+    assert found.own_front.vehicle == 1
+    assert found.own_front.gap_m == 45.0
+
+
+def test_end_of_the_lane_beyond_the_range_is_not_seen_but_is_a_barrier() -> None:
+    found = scene(s_m=500.0, y_m=RIGHT, road=MERGE, range_m=250.0).affordances
+    assert found.own_front is None
+    assert [barrier.s_m for barrier in found.barriers] == [297.5]
+
+
+def test_ego_beside_a_lane_that_ends_sees_its_end_there() -> None:
+    found = scene(s_m=700.0, y_m=LANE_M, road=MERGE).affordances
+    assert found.right_lane
+    assert found.own_front is None
+    assert found.right_front is not None
+    assert found.right_front[1:] == (97.5, -20.0, -LANE_M, 0.0)
+
+
+@pytest.mark.parametrize(("s_m", "there"), [(549.0, False), (551.0, True), (800.0, False)])
+def test_lane_beside_counts_only_where_it_is_joined(s_m: float, there: bool) -> None:
+    assert scene(s_m=s_m, y_m=CENTER, road=MERGE).affordances.right_lane is there
+
+
+def test_what_lies_behind_is_no_barrier_and_the_gore_is_no_vehicle() -> None:
+    assert scene(s_m=900.0, road=MERGE).affordances.barriers == ()
+    found = scene(s_m=1000.0, y_m=RIGHT, road=EXIT).affordances
+    assert found.own_front is None
+    assert [barrier.s_m for barrier in found.barriers] == [147.5]
