@@ -1,29 +1,32 @@
-"""The description of a scenario: the loop, its lanes, and vehicles with exact places."""
+"""The description of a scenario: the road, its lanes, and vehicles with exact places."""
 
 import math
 import re
 import tomllib
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from functools import partial
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import tomli_w
 
-from drl_av.config.schema import did_you_mean
+from drl_av.config.schema import did_you_mean, setting
 from drl_av.errors import ScenarioError
 
 BOUNDS: dict[str, tuple[float, float]] = {
-    "circumference_m": (100, 50_000),
-    "lanes": (1, 10),
-    "lane_width_m": (2, 10),
-    "speed_limit_m_s": (1, 100),
-    "vehicle_length_m": (1, 25),
-    "vehicle_width_m": (0.5, 5),
     "lane": (0, 9),
     "position_m": (0, 50_000),
     "speed_m_s": (0, 100),
     "desired_speed_m_s": (0.1, 100),
 }
+"""Bounds of the numbers of a placed vehicle."""
+LANES = partial(setting, 3, "ours", "number of lanes", low=1, high=10)
+LANE_WIDTH_M = partial(setting, 3.8, "Table I", "width of a lane, metres", low=2, high=10)
+SPEED_LIMIT_M_S = partial(setting, 40.0, "ours", "speed limit, m/s", low=1, high=100)
+VEHICLE_LENGTH_M = partial(setting, 5.0, "ours", "length of a vehicle, metres", low=1, high=25)
+VEHICLE_WIDTH_M = partial(setting, 1.8, "ours", "width of a vehicle, metres", low=0.5, high=5)
+"""The settings that the roads of all kinds have."""
 INNER_RADIUS_M = 5.0
 """The innermost lane keeps at least this distance from the middle of the loop."""
 VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]+")
@@ -62,20 +65,22 @@ class ScenarioDescription:
             overlap.
     """
 
-    circumference_m: float = 500.0
-    """Length of every lane."""
-    lanes: int = 3
-    lane_width_m: float = 3.8
-    speed_limit_m_s: float = 40.0
-    vehicle_length_m: float = 5.0
-    vehicle_width_m: float = 1.8
-    barricaded_lanes: tuple[int, ...] = ()
-    """Lanes closed along the whole loop."""
+    circumference_m: float = setting(
+        500.0, "ours", "length of every lane of the loop, metres", low=100, high=50_000
+    )
+    lanes: int = LANES()
+    lane_width_m: float = LANE_WIDTH_M()
+    speed_limit_m_s: float = SPEED_LIMIT_M_S()
+    vehicle_length_m: float = VEHICLE_LENGTH_M()
+    vehicle_width_m: float = VEHICLE_WIDTH_M()
+    barricaded_lanes: tuple[int, ...] = field(
+        default=(), metadata={"meaning": "lanes to close along the loop; 0 is the rightmost"}
+    )
     vehicles: tuple[PlacedVehicle, ...] = ()
 
     def __post_init__(self) -> None:
-        _check_numbers(self, "The scenario's ")
-        self._check_widths()
+        check_sizes(self)
+        self._check_radius()
         self._check_barricades()
         self._check_vehicles()
 
@@ -88,12 +93,7 @@ class ScenarioDescription:
         """The description as TOML text; ``from_toml`` reads it back to an equal one."""
         return tomli_w.dumps(asdict(self))
 
-    def _check_widths(self) -> None:
-        if self.vehicle_width_m > self.lane_width_m:
-            raise ScenarioError(
-                f"The scenario's vehicle_width_m is {self.vehicle_width_m:g}, but must be at most "
-                f"lane_width_m, {self.lane_width_m:g}."
-            )
+    def _check_radius(self) -> None:
         least_m = 2 * math.pi * (INNER_RADIUS_M + self.lanes * self.lane_width_m / 2)
         if self.circumference_m < least_m:
             raise ScenarioError(
@@ -128,29 +128,62 @@ class ScenarioDescription:
                     f"Vehicle {vehicle.id!r} is placed at {vehicle.position_m:g} m, but must be "
                     f"on the loop of {self.circumference_m:g} m."
                 )
-            if vehicle.speed_m_s > self.speed_limit_m_s:
-                raise ScenarioError(
-                    f"Vehicle {vehicle.id!r} starts at {vehicle.speed_m_s:g} m/s, but must not be "
-                    f"faster than the scenario's speed_limit_m_s, {self.speed_limit_m_s:g}."
-                )
+            check_speed(vehicle, self.speed_limit_m_s)
             for other in checked:
-                self._check_pair(vehicle, other)
+                ahead_m = abs(vehicle.position_m - other.position_m)
+                apart_m = min(ahead_m, self.circumference_m - ahead_m)
+                check_pair(vehicle, other, apart_m, self.vehicle_length_m)
             checked.append(vehicle)
 
-    def _check_pair(self, vehicle: PlacedVehicle, other: PlacedVehicle) -> None:
-        if vehicle.id == other.id:
-            raise ScenarioError(f"Two vehicles are called {vehicle.id!r}: rename one.")
-        ahead_m = abs(vehicle.position_m - other.position_m)
-        apart_m = min(ahead_m, self.circumference_m - ahead_m)
-        if vehicle.lane == other.lane and apart_m < self.vehicle_length_m:
-            raise ScenarioError(
-                f"Vehicles {other.id!r} and {vehicle.id!r} overlap on lane {vehicle.lane}: place "
-                f"them at least {self.vehicle_length_m:g} m apart, front bumper to front bumper."
-            )
+
+def check_sizes(description: Any) -> None:
+    """Check the numbers of a description, which become floats where they must be.
+
+    Raises:
+        ScenarioError: a number has a wrong type or is out of bounds, or vehicles are too wide.
+    """
+    _check_numbers(description, "The scenario's ")
+    if description.vehicle_width_m > description.lane_width_m:
+        raise ScenarioError(
+            f"The scenario's vehicle_width_m is {description.vehicle_width_m:g}, but must be at "
+            f"most lane_width_m, {description.lane_width_m:g}."
+        )
 
 
-def from_toml(text: str, name: str = "scenario.toml") -> ScenarioDescription:
+def check_speed(vehicle: PlacedVehicle, speed_limit_m_s: float) -> None:
+    """Raise ScenarioError if a placed vehicle starts faster than the speed limit."""
+    if vehicle.speed_m_s > speed_limit_m_s:
+        raise ScenarioError(
+            f"Vehicle {vehicle.id!r} starts at {vehicle.speed_m_s:g} m/s, but must not be "
+            f"faster than the scenario's speed_limit_m_s, {speed_limit_m_s:g}."
+        )
+
+
+def check_pair(vehicle: PlacedVehicle, other: PlacedVehicle, apart_m: float, long_m: float) -> None:
+    """Raise ScenarioError if two placed vehicles overlap or have one name.
+
+    ``apart_m`` is the distance between their front bumpers, and ``long_m`` their length.
+    """
+    if vehicle.id == other.id:
+        raise ScenarioError(f"Two vehicles are called {vehicle.id!r}: rename one.")
+    if vehicle.lane == other.lane and apart_m < long_m:
+        raise ScenarioError(
+            f"Vehicles {other.id!r} and {vehicle.id!r} overlap on lane {vehicle.lane}: place "
+            f"them at least {long_m:g} m apart, front bumper to front bumper."
+        )
+
+
+def from_toml(
+    text: str,
+    name: str = "scenario.toml",
+    kinds: Mapping[str, type[Any]] = MappingProxyType({"loop": ScenarioDescription}),
+) -> Any:
     """Read a description from TOML text; keys left out keep their defaults.
+
+    Args:
+        text: The TOML text; its key ``kind`` selects the kind of scenario, "loop" by default.
+        name: The name of the text in error messages.
+        kinds: The class that describes each kind of scenario.
 
     Raises:
         ScenarioError: the text is not valid TOML, a key is unknown or missing, or a value has a
@@ -161,13 +194,25 @@ def from_toml(text: str, name: str = "scenario.toml") -> ScenarioDescription:
     except (ValueError, RecursionError) as error:
         raise ScenarioError(f"{name} is not valid TOML: {error}.") from error
     try:
+        kind = values.pop("kind", "loop")
+        if kind not in kinds:
+            raise unknown_kind(kind, kinds)
         if isinstance(values.get("barricaded_lanes"), list):
             values["barricaded_lanes"] = tuple(values["barricaded_lanes"])
         if "vehicles" in values:
             values["vehicles"] = _placed_vehicles(values["vehicles"])
-        return _build(ScenarioDescription, values, "a scenario")
+        return _build(kinds[kind], values, "a scenario")
     except ScenarioError as error:
         raise ScenarioError(f"{name}: {error}") from error
+
+
+def unknown_kind(kind: object, kinds: Iterable[str]) -> ScenarioError:
+    """The error of a kind of scenario that does not exist."""
+    names = list(kinds)
+    return ScenarioError(
+        f"There is no kind of scenario {kind!r}{did_you_mean(kind, names)}; the kinds are: "
+        f"{', '.join(names)}."
+    )
 
 
 def _placed_vehicles(tables: Any) -> tuple[PlacedVehicle, ...]:
@@ -176,11 +221,11 @@ def _placed_vehicles(tables: Any) -> tuple[PlacedVehicle, ...]:
     return tuple(_build(PlacedVehicle, table, "a placed vehicle") for table in tables)
 
 
-Described = TypeVar("Described", ScenarioDescription, PlacedVehicle)
+Described = TypeVar("Described")
 
 
 def _build(kind: type[Described], values: Mapping[str, Any], what: str) -> Described:
-    known = [field.name for field in fields(kind)]
+    known = [field.name for field in fields(kind)]  # type: ignore[arg-type]
     for key in values:
         if key not in known:
             hint = did_you_mean(key, known)
@@ -194,15 +239,16 @@ def _build(kind: type[Described], values: Mapping[str, Any], what: str) -> Descr
 
 
 def _check_numbers(described: Any, prefix: str) -> None:
-    for field in fields(described):
-        if field.name not in BOUNDS:
+    for item in fields(described):
+        bounds = (item.metadata.get("low"), item.metadata.get("high"))
+        low, high = BOUNDS.get(item.name, bounds)
+        if low is None or high is None:
             continue
-        value = getattr(described, field.name)
-        low, high = BOUNDS[field.name]
-        whole = field.type is int
+        value = getattr(described, item.name)
+        whole = item.type is int
         if type(value) not in ((int,) if whole else (int, float)) or not low <= value <= high:
             kind = "a whole number" if whole else "a number"
             raise ScenarioError(
-                f"{prefix}{field.name} is {value!r}, but must be {kind} from {low:g} to {high:g}."
+                f"{prefix}{item.name} is {value!r}, but must be {kind} from {low:g} to {high:g}."
             )
-        object.__setattr__(described, field.name, value if whole else float(value))
+        object.__setattr__(described, item.name, value if whole else float(value))
