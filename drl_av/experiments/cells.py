@@ -21,7 +21,7 @@ from drl_av.files import Row
 
 @dataclass(frozen=True)
 class Drives:
-    """A cell of evaluation episodes: drivers, a number of vehicles, traffic seeds from 0."""
+    """A cell of evaluation episodes: drivers, a number of vehicles, traffic seeds in a row."""
 
     config: Config
     drivers: tuple[str, ...]
@@ -34,6 +34,8 @@ class Drives:
     """Columns and values of the key besides ``vehicles``."""
     training: TrainingJob | None = None
     """The training whose driver is driven."""
+    first_seed: int = 0
+    """Traffic seed of the first episode."""
 
     @property
     def key(self) -> Row:
@@ -49,7 +51,7 @@ class Drives:
     def missing(self, rows: Sequence[Row]) -> int:
         """Episodes still to drive; raises ValueError where the rows lack a seed among others."""
         drivers = len(self.drivers)
-        return max(0, self.seeds - seeds_held(rows, drivers)) * drivers
+        return max(0, self.seeds - seeds_held(rows, drivers, self.first_seed)) * drivers
 
     def reported(self) -> list[Row]:
         """No rows: all of them are driven."""
@@ -57,7 +59,8 @@ class Drives:
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
         """Drive the missing seeds; raises what ``Evaluation`` raises."""
-        seeds = range(seeds_held(rows, len(self.drivers)), self.seeds)
+        held = seeds_held(rows, len(self.drivers), self.first_seed)
+        seeds = range(self.first_seed + held, self.first_seed + self.seeds)
         drivers = find_drivers(self.drivers)
         evaluation = Evaluation(self.config, drivers, [self.vehicles], seeds)
         with closing(evaluation.rows(jobs)) as results:

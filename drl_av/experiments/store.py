@@ -194,15 +194,15 @@ def read_rows(table: Path) -> list[Row]:
     return read_table(table) if table.exists() else []
 
 
-def seeds_held(rows: Iterable[Row], drivers: int = 1) -> int:
-    """The number of seeds in the rows, which must be 0, 1, 2, ... for each of ``drivers`` drivers.
+def seeds_held(rows: Iterable[Row], drivers: int = 1, first: int = 0) -> int:
+    """Count the traffic seeds, which must be first, first + 1, ... for each of ``drivers`` drivers.
 
     Raises:
         ValueError: a seed is missing or occurs twice.
     """
     seeds = sorted(int(row["seed"]) for row in rows)
     count = len(seeds) // drivers
-    if seeds != sorted([*range(count)] * drivers):
+    if seeds != sorted([*range(first, first + count)] * drivers):
         raise ValueError("a seed is missing, or there twice")
     return count
 

@@ -132,26 +132,35 @@ def strict_figure(rows: list[Row]) -> "Figure":
 
 
 def change(rows: Iterable[Row], plain: Iterable[Row], vehicles: int) -> Mean:
-    """Change of the mean speed from the rows ``plain`` to ``rows`` of the same seeds, percent.
+    """The change of the mean speed from ``paper`` in ``plain`` to ``strict`` in ``rows``, percent.
 
     Raises:
-        DrlAvError: the seeds of both differ.
+        DrlAvError: the traffic seeds of both differ.
     """
     ours, paper = (
-        {
-            row["seed"]: float(row["mean_speed_m_s"])
-            for row in some
-            if row["check"] == check and int(row["vehicles"]) == vehicles
-        }
+        [row for row in some if row["check"] == check and int(row["vehicles"]) == vehicles]
         for some, check in ((rows, "strict"), (plain, "paper"))
     )
-    if not ours or ours.keys() != paper.keys():
+    return speed_change(ours, paper)
+
+
+def speed_change(changed: Iterable[Row], plain: Iterable[Row]) -> Mean:
+    """The change of the mean speed between rows of the same traffic, in percent of ``plain``.
+
+    Raises:
+        DrlAvError: the traffic seeds of both differ.
+    """
+    after, before = (
+        {(row["vehicles"], row["seed"]): float(row["mean_speed_m_s"]) for row in rows}
+        for rows in (changed, plain)
+    )
+    if not after or after.keys() != before.keys():
         raise DrlAvError(
-            f"The drives under strict and paper among {vehicles} vehicles are not of the same "
-            "seeds: make them anew with drl-av reproduce strict."
+            "The drives under strict and paper are not of the same seeds: make them anew with "
+            "drl-av reproduce."
         )
-    speed = sum(paper.values()) / len(paper)
-    return mean_with_interval(100 * (ours[seed] - paper[seed]) / speed for seed in ours)
+    speed = sum(before.values()) / len(before)
+    return mean_with_interval(100 * (after[seed] - before[seed]) / speed for seed in after)
 
 
 def _bound(axes: "Axes", rows: Sequence[Row], bound: str, mark: str) -> None:
