@@ -1,7 +1,9 @@
-"""Every number of the paper and of our own choices, as frozen dataclasses that read and write TOML.
+"""The settings of drl-av: frozen dataclasses that are read from and written to TOML files.
 
-Each setting names its source: a table or equation of the paper ("Table I", "eq. 2", "Sec. IV-B"),
-or "ours" where the paper is silent. Units stand in the names; bounds are inclusive.
+"The paper" is Nageshrao, Tseng and Filev, *Autonomous Highway Driving using Deep Reinforcement
+Learning* (2019). Each setting names the source of its default: a table, equation or section of the
+paper ("Table I", "eq. 2", "Sec. IV-B"), another publication, or "ours" if the paper does not state
+it. The end of a setting's name is its unit; upper and lower bounds are inclusive.
 """
 
 import tomllib
@@ -63,7 +65,7 @@ _SECTIONS: dict[str, type[Section]] = {
 
 @dataclass(frozen=True)
 class Config:
-    """All settings of a run, in sections; immutable, compared by value."""
+    """All settings of a run, one attribute for each section; immutable, compared by value."""
 
     simulation: SimulationConfig = SimulationConfig()
     traffic: TrafficConfig = TrafficConfig()
@@ -78,11 +80,17 @@ class Config:
     learning: LearningConfig = LearningConfig()
 
     def updated(self, section: str, **settings: Any) -> "Config":
-        """A copy of this config with some settings of one section replaced; raises ConfigError."""
+        """Return a copy of this config in which some settings of one section are replaced.
+
+        Raises:
+            ConfigError: a value has a wrong type or is out of bounds.
+        """
         return replace(self, **{section: replace(getattr(self, section), **settings)})
 
     def with_traffic(self, kind: object) -> "Config":
-        """A copy with another kind of traffic and the same numbers of vehicles.
+        """Return a copy with the traffic settings of ``kind``, a key of ``TRAFFIC_KINDS``.
+
+        The smallest and the largest number of vehicles do not change.
 
         Raises:
             ConfigError: there is no such kind.
@@ -90,22 +98,25 @@ class Config:
         return replace(self, traffic=traffic_of_kind(kind, self.traffic))
 
     def to_toml(self) -> str:
-        """All settings as TOML text; ``from_toml`` reads it back to an equal config."""
+        """Return all settings as TOML text; ``from_toml`` converts it back to an equal config."""
         return tomli_w.dumps(asdict(self))
 
 
 OLD_DEFAULTS = Config().updated("reward", speed_tolerance_m_s=0.0)
-"""Defaults of settings that are missing from the files of older versions."""
+"""The config whose values replace settings that are missing from the files of older versions."""
 
 RENAMED = {("learning", "networks_take_turns"): "round_robin"}
-"""New names of settings, by section and the name under which older files store them."""
+"""New names of renamed settings; the key is (section, name in the files of older versions)."""
 
 
 def from_toml(text: str, base: Config | None = None, name: str = "config") -> Config:
-    """A copy of ``base`` (default: the paper's config) with the settings of a TOML text.
+    """Return a copy of ``base`` (default: the paper's config) with the settings of a TOML text.
+
+    Settings that the text does not contain keep their values. Error messages contain ``name``.
 
     Raises:
-        ConfigError: the text is not valid TOML, or as ``from_sections``.
+        ConfigError: the text is not valid TOML, a section or key is unknown, or a value has a wrong
+            type or is out of bounds.
     """
     try:
         document = tomllib.loads(text)
@@ -117,9 +128,11 @@ def from_toml(text: str, base: Config | None = None, name: str = "config") -> Co
 def from_sections(
     sections: Mapping[str, Any], base: Config | None = None, name: str = "config"
 ) -> Config:
-    """A copy of ``base`` (default: the paper's config) with ``{section: {key: value}}`` replaced.
+    """Return a copy of ``base`` (default: the paper's config) with the settings of a dictionary.
 
-    The key ``kind`` of [traffic] selects a kind of traffic; the other keys then change it.
+    ``sections`` is ``{section: {key: value}}``. The key ``kind`` of the section ``traffic`` sets
+    all traffic settings of that kind; the other keys of the section then change single settings.
+    Error messages contain ``name``.
 
     Raises:
         ConfigError: a section or key is unknown, or a value has a wrong type or is out of bounds.
@@ -150,7 +163,10 @@ def from_sections(
 
 
 def located(config: Config) -> Config:
-    """The config with the absolute path of its scenario, if the scenario is an existing folder."""
+    """Return the config with an absolute scenario path if the scenario is an existing folder.
+
+    Otherwise, for example for the name of a shipped scenario, return the config unchanged.
+    """
     folder = Path(config.simulation.scenario)
     if not folder.is_dir():
         return config
@@ -158,10 +174,13 @@ def located(config: Config) -> Config:
 
 
 def load_config(path: str | Path | None, base: Config | None = None) -> Config:
-    """A copy of ``base`` with the settings of a TOML file, or ``base`` itself without a file.
+    """Return a copy of ``base`` with the settings of a TOML file, or ``base`` if ``path`` is None.
+
+    The default of ``base`` is the paper's config.
 
     Raises:
-        ConfigError: the file cannot be read, or as ``from_toml``; the message names the file.
+        ConfigError: the file cannot be read or is not valid TOML, a section or key is unknown, or a
+            value has a wrong type or is out of bounds; the message contains the path.
     """
     if path is None:
         return base or Config()

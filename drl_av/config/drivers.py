@@ -1,4 +1,4 @@
-"""Settings of the rule-based drivers of the ego and of the traffic."""
+"""Settings of the rule-based drivers of the ego and of the background traffic."""
 
 from dataclasses import dataclass
 
@@ -8,27 +8,35 @@ from drl_av.config.traffic import STANDSTILL_GAP_M
 
 @dataclass(frozen=True)
 class MobilConfig(Section):
-    """MOBIL's lane-change criteria in ``idm-mobil``, and the IDM that evaluates them."""
+    """The ego's driver ``idm-mobil``: MOBIL's lane-change criteria, and the IDM that they use."""
 
     politeness: float = setting(0.2, "Kesting 2007, Table 1", "p, politeness", low=0, high=1)
     threshold_m_s2: float = setting(
         0.1,
         "Kesting 2007, Table 1",
-        "delta a_th, the gain that a lane change must exceed",
+        "delta a_th, threshold that the gain of a lane change must exceed",
         low=0,
         high=10,
     )
     safe_braking_m_s2: float = setting(
-        4.0, "Kesting 2007, Table 1", "b_safe, hardest braking of the new follower", low=0, high=10
+        4.0,
+        "Kesting 2007, Table 1",
+        "b_safe, hardest braking that a lane change may require of the new follower",
+        low=0,
+        high=10,
     )
     headway_s: float = setting(
-        1.1, "ours", "T, time gap; the mean of the traffic's", low=0.1, high=10
+        1.1, "ours", "T, time gap of the IDM; the mean headway of the traffic", low=0.1, high=10
     )
     standstill_gap_m: float = setting(
         STANDSTILL_GAP_M, "ours", "s_0, gap at standstill; SUMO's minGap", low=0, high=20
     )
     acceleration_m_s2: float = setting(
-        1.5, "ours", "a, acceleration; the mean of the traffic's", low=0.1, high=10
+        1.5,
+        "ours",
+        "a, acceleration of the IDM; the mean acceleration of the traffic",
+        low=0.1,
+        high=10,
     )
     comfortable_braking_m_s2: float = setting(
         2.0, "Kesting 2007, Table 1", "b, comfortable braking", low=0.1, high=10
@@ -37,29 +45,45 @@ class MobilConfig(Section):
 
 @dataclass(frozen=True)
 class FiniteStateConfig(Section):
-    """State changes and control of the finite-state machine (states of Zhang et al. 2017).
+    """The finite-state machine that drives background vehicles (states of Zhang et al. 2017).
 
-    The numbers are ours; Zhang et al. optimize theirs numerically.
+    The values are ours, because Zhang et al. find theirs by numerical optimization.
     """
 
     follow_headway_s: float = setting(
-        2.0, "ours", "cruise -> follow below this time gap", low=0.1, high=20
+        2.0,
+        "ours",
+        "time gap below which the state changes from cruise to follow",
+        low=0.1,
+        high=20,
     )
     cruise_headway_s: float = setting(
-        3.0, "ours", "follow -> cruise above this time gap", low=0.1, high=20
+        3.0,
+        "ours",
+        "time gap above which the state changes from follow to cruise",
+        low=0.1,
+        high=20,
     )
     slow_leader_m_s: float = setting(
         1.0,
         "ours",
-        "a vehicle ahead is slow if it drives this much below the desired speed",
+        "a vehicle ahead is slow if it is slower than the desired speed by more than this",
         low=0,
         high=30,
     )
     worthwhile_gain_m_s: float = setting(
-        1.0, "ours", "a lane is better if its vehicle ahead is this much faster", low=0, high=30
+        1.0,
+        "ours",
+        "a lane is better if the vehicle ahead in it is faster by at least this",
+        low=0,
+        high=30,
     )
     lane_change_gap_m: float = setting(
-        8.0, "ours", "gap that a lane change needs at equal speeds", low=0, high=250
+        8.0,
+        "ours",
+        "gap ahead and behind that a lane change needs at equal speeds",
+        low=0,
+        high=250,
     )
     lane_change_time_s: float = setting(
         3.0,
@@ -71,10 +95,14 @@ class FiniteStateConfig(Section):
     headway_s: float = setting(1.2, "ours", "time gap in the state follow", low=0.1, high=10)
     standstill_gap_m: float = setting(STANDSTILL_GAP_M, "ours", "gap at standstill", low=0, high=20)
     gap_gain_per_s2: float = setting(
-        0.1, "ours", "acceleration per metre of gap above the wanted gap", low=0, high=10
+        0.1, "ours", "acceleration per metre of gap above the desired gap", low=0, high=10
     )
     speed_gain_per_s: float = setting(
-        0.6, "ours", "acceleration per m/s of relative speed", low=0, high=10
+        0.6,
+        "ours",
+        "acceleration per m/s of difference to the desired speed or to the vehicle ahead",
+        low=0,
+        high=10,
     )
     acceleration_m_s2: float = setting(
         2.0, "Sec. IV-A", "strongest acceleration, a_1", low=0.1, high=10
@@ -88,13 +116,24 @@ class FiniteStateConfig(Section):
 
 @dataclass(frozen=True)
 class Level0Config(Section):
-    """How a level-0 driver classifies the vehicle ahead (Albaba and Yildiz 2020)."""
+    """How a level-0 driver (Albaba and Yildiz 2020) classifies the vehicle ahead in its lane.
 
-    close_m: float = setting(11.0, "Albaba 2020", "gaps up to this are close", low=0, high=250)
-    nominal_m: float = setting(
-        27.0, "Albaba 2020", "gaps up to this are nominal, beyond it far", low=0, high=250
+    It distinguishes three classes of gaps, and whether the relative speed is about 0.
+    """
+
+    close_m: float = setting(
+        11.0, "Albaba 2020", "largest gap that counts as close", low=0, high=250
     )
-    stable_m_s: float = setting(0.5, "ours", "relative speeds up to this count as stable", low=0)
+    nominal_m: float = setting(
+        27.0,
+        "Albaba 2020",
+        "largest gap that counts as nominal; a larger gap counts as far",
+        low=0,
+        high=250,
+    )
+    stable_m_s: float = setting(
+        0.5, "ours", "largest absolute relative speed that counts as stable", low=0
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

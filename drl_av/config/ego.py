@@ -1,4 +1,4 @@
-"""Settings of the ego: its motion and its observation."""
+"""Settings of the ego: its limits, its actions and its observation."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ LONGITUDINAL_REFERENCES = ("acceleration", "idm", "acc")
 
 @dataclass(frozen=True)
 class EgoConfig(Section):
-    """Limits of the ego, its actions and how it carries them out."""
+    """The ego: its limits, the accelerations of its actions, and how it executes an action."""
 
     max_speed_m_s: float = setting(30.0, "ours", "highest speed of the ego", low=1, high=60)
     accelerate_m_s2: float = setting(
@@ -29,38 +29,62 @@ class EgoConfig(Section):
     lateral_plant: str = setting(
         "kinematic",
         "Sec. IV-A",
-        "lateral plant: constant lateral speed (kinematic), or curvature feedback (Sec. III)",
+        "lateral motion: constant lateral speed (kinematic), or curvature feedback of Sec. III "
+        "(steering)",
         choices=LATERAL_PLANTS,
     )
     max_curvature_per_m: float = setting(
-        0.2, "ours", "steering: largest curvature, a radius of 5 m", low=0.01, high=1
+        0.2,
+        "ours",
+        "lateral_plant steering: largest curvature of the path; 0.2 is a radius of 5 m",
+        low=0.01,
+        high=1,
     )
     max_lateral_acceleration_m_s2: float = setting(
-        2.0, "ours", "steering: largest lateral acceleration of an abort", low=0.1, high=10
+        2.0,
+        "ours",
+        "lateral_plant steering: largest lateral acceleration, which an abort may reach",
+        low=0.1,
+        high=10,
     )
     steering_interval_s: float = setting(
-        0.05, "ours", "steering: longest time between two curvature commands", low=0.001, high=0.1
+        0.05,
+        "ours",
+        "lateral_plant steering: longest time between two curvature commands",
+        low=0.001,
+        high=0.1,
     )
     longitudinal_reference: str = setting(
         "acceleration",
         "Sec. III",
-        "reference of maintain and accelerate: the numbers above, IDM, or cruise control",
+        "how maintain and accelerate set the speed: constant acceleration (acceleration), IDM "
+        "(idm), or adaptive cruise control (acc)",
         choices=LONGITUDINAL_REFERENCES,
     )
     reference_headway_s: float = setting(
-        1.3, "ours", "idm, acc: time gap; equal to the headway of d_safe", low=0.1, high=10
+        1.3,
+        "ours",
+        "longitudinal_reference idm or acc: time gap; the same as in d_safe",
+        low=0.1,
+        high=10,
     )
     reference_standstill_gap_m: float = setting(
-        STANDSTILL_GAP_M, "ours", "idm, acc: gap at standstill, SUMO's minGap", low=0, high=20
+        STANDSTILL_GAP_M,
+        "ours",
+        "longitudinal_reference idm or acc: gap at standstill, SUMO's minGap",
+        low=0,
+        high=20,
     )
     acc_gap_gain_per_s: float = setting(
-        0.4, "ours", "acc: lambda, gain on the error of the gap", low=0.01, high=10
+        0.4, "ours", "longitudinal_reference acc: lambda, gain on the gap error", low=0.01, high=10
     )
     acc_speed_gain_per_s: float = setting(
-        0.4, "ours", "acc: gain on the error of the speed", low=0.01, high=10
+        0.4, "ours", "longitudinal_reference acc: gain on the speed error", low=0.01, high=10
     )
     overtake_right: bool = setting(
-        True, "ours", "whether rule-based drivers of the ego may pass on the right above 60 km/h"
+        True,
+        "ours",
+        "whether the ego's rule-based drivers may pass another vehicle on the right above 60 km/h",
     )
 
     def __post_init__(self) -> None:
@@ -70,20 +94,20 @@ class EgoConfig(Section):
 
 @dataclass(frozen=True)
 class ObservationConfig(Section):
-    """Constants that scale the 27 indicators to about [-1, 1]."""
+    """The observation: the sensor range, and the divisors that scale the 27 indicators."""
 
     range_m: float = setting(
         250.0, "Sec. IV-B", "range within which the ego observes other vehicles", low=10, high=2000
     )
     gap_scale_m: float = setting(
-        100.0, "ours", "gap that the observation scales to 1", low=1, high=2000
+        100.0, "ours", "gap that becomes 1 in the observation", low=1, high=2000
     )
     speed_scale_m_s: float = setting(
-        10.0, "ours", "relative velocity that scales to 1", low=0.1, high=60
+        10.0, "ours", "relative velocity that becomes 1 in the observation", low=0.1, high=60
     )
     lateral_scale_m: float = setting(
-        3.8, "ours", "lateral offset that scales to 1", low=0.1, high=50
+        3.8, "ours", "lateral offset that becomes 1 in the observation", low=0.1, high=50
     )
     lateral_speed_scale_m_s: float = setting(
-        0.76, "ours", "lateral velocity that the observation scales to 1", low=0.01, high=10
+        0.76, "ours", "lateral velocity that becomes 1 in the observation", low=0.01, high=10
     )

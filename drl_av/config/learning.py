@@ -1,4 +1,4 @@
-"""Settings of Algorithm 1."""
+"""Settings of the training."""
 
 from dataclasses import dataclass
 
@@ -10,9 +10,9 @@ REPLAYS = ("two-buffer", "prioritized", "uniform")
 
 @dataclass(frozen=True)
 class LearningConfig(Section):
-    """Algorithm 1."""
+    """The training by Algorithm 1 of the paper: double deep Q-learning with two replay buffers."""
 
-    seed: int = setting(0, "ours", "seed of everything random in a training", low=0, high=2**32)
+    seed: int = setting(0, "ours", "seed of all random numbers of a training", low=0, high=2**32)
     episodes: int = setting(
         10_000, "Sec. IV-C", "N_e, episodes of a training", low=1, high=10_000_000
     )
@@ -21,7 +21,11 @@ class LearningConfig(Section):
         1e-4, "Sec. IV-C", "step size of Adam; 0 learns nothing", low=0, high=1
     )
     learning_rate_end_fraction: float = setting(
-        1.0, "ours", "share of the learning rate in the last episode; falls linearly", low=0, high=1
+        1.0,
+        "ours",
+        "learning rate in the last episode as a share of the first; it falls linearly",
+        low=0,
+        high=1,
     )
     hidden_units: int = setting(100, "Sec. IV-C", "units in each hidden layer", low=1, high=10_000)
     epsilon_start: float = setting(
@@ -40,68 +44,98 @@ class LearningConfig(Section):
     networks: int = setting(
         1,
         "ours",
-        "number of networks; each learns from its own batches; their mean value decides",
+        "number of Q-networks; each learns from its own minibatches; the driver uses their mean",
         low=1,
         high=100,
     )
     round_robin: bool = setting(
-        False, "ours", "whether the networks take turns: each gradient step trains one of them"
+        False, "ours", "whether each gradient step trains only one of the networks, in turn"
     )
     replay: str = setting("two-buffer", "Alg. 1", "kind of experience replay", choices=REPLAYS)
-    batch_size: int = setting(64, "ours", "rows in a minibatch", low=2, high=100_000)
+    batch_size: int = setting(64, "ours", "transitions in a minibatch", low=2, high=100_000)
     collision_fraction: float = setting(
         0.25, "ours", "share of a minibatch from the collision buffer", low=0, high=1
     )
     safe_capacity: int = setting(
-        100_000, "ours", "capacity of Buf_S, the safe buffer, rows", low=1, high=100_000_000
+        100_000,
+        "ours",
+        "capacity of Buf_S, the safe buffer, in transitions",
+        low=1,
+        high=100_000_000,
     )
     collision_capacity: int = setting(
-        50_000, "ours", "capacity of Buf_C, the collision buffer, rows", low=1, high=100_000_000
+        50_000,
+        "ours",
+        "capacity of Buf_C, the collision buffer, in transitions",
+        low=1,
+        high=100_000_000,
     )
     priority_exponent: float = setting(
-        0.6, "Schaul 2015, Table 3", "alpha of prioritized replay", low=0, high=1
+        0.6,
+        "Schaul 2015, Table 3",
+        "alpha, the priority exponent of prioritized replay",
+        low=0,
+        high=1,
     )
     importance_exponent_start: float = setting(
-        0.4, "Schaul 2015, Table 3", "beta in the first episode; rises linearly to 1", low=0, high=1
+        0.4,
+        "Schaul 2015, Table 3",
+        "beta, the importance-sampling exponent of prioritized replay, in the first episode; it "
+        "rises linearly to 1",
+        low=0,
+        high=1,
     )
     priority_floor: float = setting(
-        1e-6, "ours", "added to the absolute TD error of each row", low=1e-12, high=1
+        1e-6,
+        "ours",
+        "constant that prioritized replay adds to the absolute TD error of a transition",
+        low=1e-12,
+        high=1,
     )
     target_update_episodes: int = setting(
         5, "ours", "N_C, episodes between two updates of the target network", low=1, high=10_000
     )
     gradient_steps: int = setting(1, "Alg. 1", "gradient steps per decision", low=0, high=100)
     collisions_to_start: int = setting(
-        0, "ours", "number of rows that Buf_C must hold before learning starts", low=0
+        0, "ours", "number of transitions that Buf_C must hold before learning starts", low=0
     )
     traffic_by_episode: bool = setting(
-        False, "ours", "whether the traffic depends on the seed and the episode number only"
+        False,
+        "ours",
+        "whether the traffic of an episode depends on the seed and the episode number only",
     )
     mirrored: bool = setting(
-        False, "ours", "whether the driver also uses the mirrored scene, left and right exchanged"
+        False,
+        "ours",
+        "whether left and right are exchanged in half of each minibatch, and the driver uses the "
+        "mean Q-value of the scene and its mirror image",
     )
     counterfactuals: int = setting(
-        0, "ours", "other actions per decision whose computed outcome is stored", low=0, high=12
+        0,
+        "ours",
+        "number of actions not taken, per decision, whose computed outcomes are stored",
+        low=0,
+        high=12,
     )
     speed_weight: float = setting(
         0.0,
         "ours",
-        "weight of v_x / ego.max_speed_m_s, learned in addition to the reward",
+        "weight of the bonus v_x / ego.max_speed_m_s that the training adds to the reward",
         low=0,
         high=10,
     )
     unsafe_penalty: float = setting(
         0.0,
         "ours",
-        "value that an unsafe proposal loses against the action executed in its place; 0: the "
-        "proposal is terminal with r_col (Alg. 1)",
+        "penalty by which an unsafe action is worth less than the action executed in its place; "
+        "0: the unsafe action ends the episode with r_col (Alg. 1)",
         low=0,
         high=1000,
     )
     lane_change_margin: float = setting(
         0.0,
         "ours",
-        "advantage over keeping the lane that a lane change needs to start; not in Alg. 1",
+        "Q-value by which a lane change must exceed keeping the lane to start; not in Alg. 1",
         low=0,
         high=1000,
     )

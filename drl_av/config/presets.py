@@ -1,4 +1,4 @@
-"""Complete configs by name, and the config of a continual adaptation."""
+"""Presets, which are complete configs with a name, and the config of a continual adaptation."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -32,7 +32,11 @@ PRESETS: dict[str, Config] = {
 
 
 def preset(name: str) -> Config:
-    """The config of a preset; raises ConfigError, which suggests the nearest name."""
+    """Return the config of a preset.
+
+    Raises:
+        ConfigError: there is no preset ``name``; the message suggests the nearest name.
+    """
     if name not in PRESETS:
         raise ConfigError(
             f"There is no preset {name!r}{did_you_mean(name, PRESETS)}; "
@@ -44,12 +48,13 @@ def preset(name: str) -> Config:
 def as_config(
     given: Config | Mapping[str, Any] | str | Path | None, base: Config | None = None
 ) -> Config:
-    """Convert the argument ``config`` of the Python interface to a Config.
+    """Convert the argument ``config`` of the public functions and environments to a Config.
 
     Args:
-        given: A Config, the name of a preset, the path of a TOML file, or ``{section: {key:
-            value}}``. The file and the dictionary change ``base``. None is ``base``.
-        base: The settings to change; by default the paper's settings.
+        given: A Config, the name of a preset, the path of a TOML file, a dictionary ``{section:
+            {key: value}}``, or None. A file or a dictionary replaces settings of ``base``; None
+            returns ``base``.
+        base: The config to start from; by default the paper's settings.
 
     Raises:
         ConfigError: ``given`` is none of these, or a setting is unknown, has a wrong type or is out
@@ -72,13 +77,13 @@ def as_config(
 
 
 def adaptation(config: Config) -> Config:
-    """The settings for the continual adaptation of a driver that was trained with ``config``.
+    """Return the settings to continue the training of a driver that was trained with ``config``.
 
-    Sec. IV-D of the paper: greedy actions, 30,000 episodes and a lower learning rate. The rest is
-    ours: one gradient step for each decision, for any number of networks; the batch size of the
-    preset ``paper``; learning starts after enough collision experience, if it can be counted, so
-    that a batch does not repeat a few rows; the traffic does not depend on the learning. The
-    adapted driver keeps its margin for lane changes, but the episodes of the adaptation ignore it.
+    From Sec. IV-D of the paper: greedy actions, 30,000 episodes and a lower learning rate. The rest
+    is ours: one gradient step for each decision, for any number of networks; the batch size of the
+    preset ``paper``; learning starts after 64 collision transitions, if the buffer counts them, so
+    that a minibatch does not repeat a few of them; the traffic does not depend on the learning. The
+    adapted driver keeps its margin for lane changes, but ignores it in the adaptation's episodes.
     """
     before = config.learning
     counted = before.replay == "two-buffer" or not before.unsafe_penalty

@@ -1,4 +1,4 @@
-"""A reference of all settings: meaning, unit, bounds and source, for TOML files and the docs."""
+"""A reference of all settings (meaning, unit, bounds, source) for TOML files and the docs."""
 
 from collections.abc import Iterator
 from dataclasses import fields
@@ -19,7 +19,7 @@ UNITS = {
     "_m": "m",
     "_s": "s",
 }
-"""Units by the ending of a setting's name; the first ending that matches counts."""
+"""The unit of a setting by the ending of its name; the first ending that matches decides."""
 
 
 SECTIONS: tuple[str, ...] = tuple(item.name for item in fields(Config))
@@ -36,13 +36,13 @@ class Setting(NamedTuple):
     source: str
     """A table, equation or section of the paper, another paper, or "ours"."""
     unit: str
-    """Empty for a setting without a unit."""
+    """For example "m/s"; empty for a setting without a unit."""
     allowed: str
-    """The allowed values in words."""
+    """The allowed values in words, for example "0 to 1"."""
 
 
 def settings(config: Config, section: str | None = None) -> Iterator[Setting]:
-    """All settings of a config in file order, or those of one section.
+    """Yield all settings of a config, or those of one section, in the order of the TOML file.
 
     Raises:
         ConfigError: there is no such section.
@@ -64,12 +64,14 @@ def settings(config: Config, section: str | None = None) -> Iterator[Setting]:
 
 
 def section_meaning(section: str) -> str:
-    """The meaning of a section: the first line of its class's docstring."""
+    """Return the meaning of a section, which is the first line of the docstring of its class."""
     return str(type(getattr(Config(), section)).__doc__).splitlines()[0]
 
 
 def annotated_toml(config: Config, section: str | None = None) -> str:
-    """TOML text with a comment above each setting; ``from_toml`` reads it back.
+    """Return the config, or one section, as TOML text with a comment above each setting.
+
+    ``from_toml`` reads the text back.
 
     Raises:
         ConfigError: there is no such section.
@@ -84,6 +86,11 @@ def annotated_toml(config: Config, section: str | None = None) -> str:
 
 
 def _sections(section: str | None) -> tuple[str, ...]:
+    """Return all section names if ``section`` is None, else ``section`` alone.
+
+    Raises:
+        ConfigError: there is no such section.
+    """
     if section is None:
         return SECTIONS
     if section not in SECTIONS:
@@ -95,6 +102,7 @@ def _sections(section: str | None) -> tuple[str, ...]:
 
 
 def _allowed(default: Any, meta: Any) -> str:
+    """Describe in words the allowed values of a setting with this default and field metadata."""
     if meta["choices"] is not None:
         return "one of " + ", ".join(meta["choices"])
     if isinstance(default, bool):
@@ -108,7 +116,7 @@ def _allowed(default: Any, meta: Any) -> str:
 
 
 def _comment(setting: Setting) -> list[str]:
-    """The comment lines of a setting: its meaning; its unit, bounds, source and default."""
+    """Return the comment lines of a setting: meaning, then unit, bounds, source and default."""
     facts = [setting.unit, setting.allowed, f"source: {setting.source}"]
     if setting.value != setting.default:
         facts.append(f"default: {written(setting.default)}")
@@ -116,5 +124,5 @@ def _comment(setting: Setting) -> list[str]:
 
 
 def written(value: Any) -> str:
-    """A value in TOML notation."""
+    """Return a value in TOML notation."""
     return tomli_w.dumps({"x": value}).removeprefix("x = ").rstrip()

@@ -9,32 +9,47 @@ DESIRED_VALUES = ("traffic", "fixed")
 
 @dataclass(frozen=True)
 class RewardConfig(Section):
-    """The reward (eq. 6 to 8) and the source of its desired values."""
+    """The reward (eq. 6 to 8 of the paper), and the choice of the desired speed and lane."""
 
     desired: str = setting(
         "traffic",
         "Sec. IV-C",
-        "desired values: from the traffic, or fixed",
+        "v_des and y_des: computed from the traffic around the ego (traffic), or constant (fixed)",
         choices=DESIRED_VALUES,
     )
-    desired_speed_m_s: float = setting(30.0, "Sec. IV-C", "v_des on a free road", low=1, high=60)
+    desired_speed_m_s: float = setting(
+        30.0, "Sec. IV-C", "v_des on a free road, and if v_des is fixed", low=1, high=60
+    )
     desired_lateral_m: float = setting(
-        3.8, "Sec. IV-C", "y_des where the desired values are fixed", low=0, high=50
+        3.8,
+        "Sec. IV-C",
+        "y_des if desired is fixed; 0 is the centre of the rightmost lane, left is positive",
+        low=0,
+        high=50,
     )
     collision_reward: float = setting(
-        -3.0, "ours", "r_col, reward of a collision", low=-1000, high=0
+        -3.0, "ours", "r_col, reward of a decision with a collision", low=-1000, high=0
     )
     safe_headway_s: float = setting(1.3, "Sec. IV-C", "time gap of d_safe", low=0.1, high=10)
     catch_up_time_s: float = setting(
-        8.0, "ours", "time in which v_des lets the ego close a gap", low=1, high=60
+        8.0,
+        "ours",
+        "time in which the ego reduces a larger gap to d_safe if it drives at v_des",
+        low=1,
+        high=60,
     )
     worthwhile_gain_m_s: float = setting(
-        3.0, "ours", "additional speed that makes another lane the best one", low=0, high=30
+        3.0,
+        "ours",
+        "a neighbouring lane becomes y_des if it allows a speed higher by more than this",
+        low=0,
+        high=30,
     )
     speed_tolerance_m_s: float = setting(
         1.0,
         "ours",
-        "tolerance of v_des behind a vehicle: half of what a decision changes the speed by",
+        "deviation from v_des behind a vehicle that has no penalty; the default is half of the "
+        "speed change of one decision",
         low=0,
         high=10,
     )

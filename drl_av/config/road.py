@@ -13,19 +13,23 @@ class SimulationConfig(Section):
     """The scenario, and the time steps of SUMO and of the decisions."""
 
     scenario: str = setting(
-        "circular_three_lane", "ours", "scenario folder, or the name of a shipped one"
+        "circular_three_lane", "ours", "path of a scenario folder, or name of a shipped scenario"
     )
     step_length_s: float = setting(
-        0.5, "ours", "length of a SUMO step; divides one second", low=0.01, high=1.0
+        0.5, "ours", "length of a SUMO step; must divide one second", low=0.01, high=1.0
     )
     decision_interval_s: float = setting(
-        1.0, "Table I", "sampling time: one decision a second", low=1.0, high=1.0
+        1.0, "Table I", "time between two decisions; always 1 s", low=1.0, high=1.0
     )
     decisions_per_episode: int = setting(
-        200, "Sec. IV-C", "N_s, decisions of an episode", low=1, high=100_000
+        200, "Sec. IV-C", "N_s, largest number of decisions in an episode", low=1, high=100_000
     )
     lateral_resolution_m: float = setting(
-        3.8, "ours", "strip width of SUMO's sublane model; one strip a lane", low=0.1, high=10.0
+        3.8,
+        "ours",
+        "width of a strip of SUMO's sublane model; the default is one strip per lane",
+        low=0.1,
+        high=10.0,
     )
 
     def __post_init__(self) -> None:

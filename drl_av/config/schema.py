@@ -1,4 +1,4 @@
-"""The schema of a setting: a dataclass field with its source, meaning, bounds and choices."""
+"""The schema of a section: dataclass fields with a source, a meaning, bounds and choices."""
 
 import difflib
 import math
@@ -20,7 +20,16 @@ def setting(
     high: float | None = None,
     choices: tuple[str, ...] | None = None,
 ) -> Any:
-    """A field of a section, with its default, the default's source, its meaning and its bounds."""
+    """Define a field of a section.
+
+    Args:
+        default: The default value; its type is the type of the setting.
+        source: The source of the default, for example "Table I" or "ours".
+        meaning: The meaning of the setting; TOML files and the docs show it.
+        low: The smallest allowed value, or None.
+        high: The largest allowed value, or None.
+        choices: The allowed texts, or None.
+    """
     return field(
         default=default,
         metadata={
@@ -34,7 +43,7 @@ def setting(
 
 
 def did_you_mean(word: object, names: Iterable[str]) -> str:
-    """The hint `` (did you mean 'NAME'?)`` with the nearest known name, or an empty text."""
+    """Return `` (did you mean 'NAME'?)`` with the nearest of ``names``, or "" if none is near."""
     found = difflib.get_close_matches(str(word), list(names), n=1)
     return f" (did you mean {found[0]!r}?)" if found else ""
 
@@ -46,10 +55,10 @@ def section_name(section: type) -> str:
 
 
 class Section:
-    """Base of all sections; checks each field against the type, bounds and choices of its setting.
+    """Base class of all sections, which checks the value of each field when it is created.
 
     Raises:
-        ConfigError: a value has a wrong type or is out of bounds.
+        ConfigError: a value has a wrong type, is out of bounds, or is not one of the choices.
     """
 
     def __post_init__(self) -> None:

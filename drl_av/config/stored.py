@@ -1,4 +1,7 @@
-"""The settings that a run stores, all of them: a file that is cut short is refused."""
+"""Reading the settings that a run has stored in its ``config.toml``.
+
+The file must contain every setting; a truncated file is refused.
+"""
 
 import tomllib
 from pathlib import Path
@@ -21,14 +24,15 @@ YOUNGER = {
     ("traffic", "hard_brake_s"),
     ("ego", "overtake_right"),
 }
-"""Settings that runs begun before they existed do not store: those take the defaults."""
+"""Settings that were added later, as (section, key); a file without them has the defaults."""
 
 
 def load_stored(path: Path) -> Config:
-    """Read the ``config.toml`` of a run, which holds every setting.
+    """Read the ``config.toml`` of a run; it must contain all settings but those in ``YOUNGER``.
 
     Raises:
-        ConfigError: the file cannot be read or is no config, was cut short, or lacks a setting.
+        ConfigError: the file cannot be read, is not a valid config, is truncated, or lacks a
+            setting.
     """
     config = load_config(path, OLD_DEFAULTS)
     text = path.read_text(encoding="utf-8-sig")
@@ -44,6 +48,7 @@ def load_stored(path: Path) -> Config:
 
 
 def _not_whole(path: Path, reason: str) -> ConfigError:
+    """Return the error for an incomplete ``config.toml``; ``reason`` says how it is incomplete."""
     return ConfigError(
         f"{path} is not whole, {reason}: put back the config.toml that the run was begun with, "
         "or begin a new run."

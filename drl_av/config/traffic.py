@@ -1,4 +1,4 @@
-"""Settings of the vehicles around the ego."""
+"""Settings of the background traffic: the vehicles around the ego."""
 
 from dataclasses import dataclass
 
@@ -6,19 +6,21 @@ from drl_av.config.schema import Section, setting
 from drl_av.errors import ConfigError
 
 STANDSTILL_GAP_M = 2.5
-"""Gap at standstill: minGap of SUMO's vehicle types, and the default of each driver model."""
+"""Gap to the vehicle ahead at standstill: SUMO's minGap, and the default of each driver model."""
 
 
 @dataclass(frozen=True)
 class TrafficConfig(Section):
-    """The vehicles around the ego; the parameters of each are drawn from these ranges."""
+    """The background traffic: the number of vehicles, and the ranges of their random parameters."""
 
-    vehicles_min: int = setting(1, "Sec. IV-B", "fewest vehicles in an episode", low=0, high=1000)
-    vehicles_max: int = setting(
-        30, "Sec. IV-B", "N_T, most vehicles in an episode", low=0, high=1000
+    vehicles_min: int = setting(
+        1, "Sec. IV-B", "fewest vehicles besides the ego in an episode", low=0, high=1000
     )
-    desired_speed_min_m_s: float = setting(20.0, "ours", "slowest desired speed", low=0, high=60)
-    desired_speed_max_m_s: float = setting(32.0, "ours", "fastest desired speed", low=0.1, high=60)
+    vehicles_max: int = setting(
+        30, "Sec. IV-B", "N_T, most vehicles besides the ego in an episode", low=0, high=1000
+    )
+    desired_speed_min_m_s: float = setting(20.0, "ours", "lowest desired speed", low=0, high=60)
+    desired_speed_max_m_s: float = setting(32.0, "ours", "highest desired speed", low=0.1, high=60)
     headway_min_s: float = setting(0.8, "ours", "shortest headway of SUMO's IDM", low=0.5, high=10)
     headway_max_s: float = setting(1.4, "ours", "longest headway of SUMO's IDM", low=0.5, high=10)
     acceleration_min_m_s2: float = setting(
@@ -28,10 +30,18 @@ class TrafficConfig(Section):
         2.0, "ours", "largest acceleration of SUMO's IDM", low=0.1, high=10
     )
     speed_gain_min: float = setting(
-        0.0, "ours", "smallest lcSpeedGain, eagerness to change lanes to get ahead", low=0, high=100
+        0.0,
+        "ours",
+        "smallest lcSpeedGain of SUMO, the eagerness to change lanes for speed",
+        low=0,
+        high=100,
     )
     speed_gain_max: float = setting(
-        0.0, "ours", "largest lcSpeedGain; 0: random lane changes only", low=0, high=100
+        0.0,
+        "ours",
+        "largest lcSpeedGain of SUMO; 0: all lane changes are random",
+        low=0,
+        high=100,
     )
     random_lane_changes_per_s: float = setting(
         0.002, "ours", "rate at which a vehicle requests a random lane change", low=0, high=1
@@ -39,19 +49,20 @@ class TrafficConfig(Section):
     lane_evenness: float = setting(
         2.0,
         "ours",
-        "parameter of the Dirichlet distribution of vehicles over lanes; large values are even",
+        "parameter of the Dirichlet distribution that draws the share of each lane; a large value "
+        "makes the shares nearly equal",
         low=0.01,
         high=1000,
     )
     start_gap_m: float = setting(
         8.0,
         "ours",
-        "smallest net gap between vehicles at the start",
+        "smallest gap, bumper to bumper, between vehicles of a lane at the start",
         low=STANDSTILL_GAP_M,
         high=100,
     )
     finite_state_share: float = setting(
-        0.0, "Sec. IV-B", "chance that a vehicle drives by the finite-state machine", low=0, high=1
+        0.0, "Sec. IV-B", "chance that a finite-state machine drives a vehicle", low=0, high=1
     )
     level_0_share: float = setting(
         0.0, "Sec. IV-B", "chance that a vehicle is a level-0 driver", low=0, high=1
@@ -62,50 +73,54 @@ class TrafficConfig(Section):
     keep_stopping_distance: bool = setting(
         False,
         "ours",
-        "whether SUMO's drivers never drive faster than they can stop behind the vehicle ahead, as "
-        "they do beside drivers of other kinds; IDM brakes too late where it accelerates weakly",
+        "whether SUMO's drivers always keep the speed so low that they can stop behind the vehicle "
+        "ahead, even if all drivers are SUMO's; IDM with a weak acceleration brakes too late",
     )
     overtake_right: bool = setting(
-        False, "SUMO", "whether SUMO's drivers may pass on the right above 60 km/h"
+        False, "SUMO", "whether SUMO's drivers may pass a vehicle on the right above 60 km/h"
     )
     standing_share: float = setting(
-        0.0, "ours", "chance that a vehicle practically stands, at 0.1 m/s", low=0, high=1
+        0.0,
+        "ours",
+        "chance that a vehicle almost stands: its desired speed is 0.1 m/s",
+        low=0,
+        high=1,
     )
-    crawling_share: float = setting(0.0, "ours", "chance that a vehicle crawls", low=0, high=1)
+    crawling_share: float = setting(
+        0.0, "ours", "chance that a vehicle crawls, with a low desired speed", low=0, high=1
+    )
     crawling_speed_max_m_s: float = setting(
-        8.0, "ours", "fastest desired speed of a vehicle that crawls", low=0.1, high=60
+        8.0, "ours", "highest desired speed of a crawling vehicle", low=0.1, high=60
     )
     fast_share: float = setting(
-        0.0, "ours", "chance that a vehicle is a fast overtaker", low=0, high=1
+        0.0, "ours", "chance that a vehicle is fast and overtakes often", low=0, high=1
     )
     fast_speed_m_s: float = setting(
-        38.0, "ours", "desired speed of a fast overtaker", low=0.1, high=60
+        38.0, "ours", "desired speed of a fast vehicle", low=0.1, high=60
     )
-    fast_speed_gain: float = setting(
-        5.0, "ours", "lcSpeedGain of a fast overtaker", low=0, high=100
-    )
+    fast_speed_gain: float = setting(5.0, "ours", "lcSpeedGain of a fast vehicle", low=0, high=100)
     hard_braking_share: float = setting(
         0.0,
         "ours",
-        "chance that a vehicle is driven by the finite-state machine and brakes hard at times",
+        "chance that a finite-state machine drives a vehicle and brakes hard at random times",
         low=0,
         high=1,
     )
     hard_brakes_per_s: float = setting(
-        0.02, "ours", "rate at which such a vehicle begins to brake hard", low=0, high=1
+        0.02, "ours", "rate at which a hard-braking vehicle begins to brake hard", low=0, high=1
     )
     hard_brake_s: int = setting(
-        3, "ours", "duration of its hard braking, decisions", low=1, high=60
+        3, "ours", "duration of one hard braking, whole seconds", low=1, high=60
     )
 
     truck_share: float = setting(0.0, "ours", "chance that a vehicle is a truck", low=0, high=1)
     truck_length_m: float = setting(12.0, "ours", "length of a truck", low=1, high=25)
     truck_width_m: float = setting(2.5, "ours", "width of a truck", low=0.5, high=5)
     truck_speed_min_m_s: float = setting(
-        22.0, "ours", "slowest desired speed of a truck", low=0, high=60
+        22.0, "ours", "lowest desired speed of a truck", low=0, high=60
     )
     truck_speed_max_m_s: float = setting(
-        27.0, "ours", "fastest desired speed of a truck", low=0.1, high=60
+        27.0, "ours", "highest desired speed of a truck", low=0.1, high=60
     )
     truck_acceleration_m_s2: float = setting(
         0.7, "ours", "acceleration of a truck", low=0.1, high=10
@@ -131,16 +146,16 @@ class TrafficConfig(Section):
             )
 
     def longest_m(self, length_m: float) -> float:
-        """Length of the longest vehicle that is drawn where cars have ``length_m``."""
+        """Return the largest possible length of a vehicle if cars are ``length_m`` long, metres."""
         return max(length_m, self.truck_length_m) if self.truck_share else length_m
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Share of each kind of driver except SUMO's IDM, in the order of ``population.Kind``."""
+        """Share of each kind of driver except SUMO's IDM, ordered as ``population.Kind``."""
         levels = self.level_0_share, self.level_1_share
         return self.finite_state_share, *levels, self.hard_braking_share
 
     @property
     def unusual_shares(self) -> tuple[float, float, float]:
-        """Shares of the vehicles that stand, crawl and overtake fast, with any kind of driver."""
+        """Shares of the standing, crawling and fast vehicles, which may have any kind of driver."""
         return self.standing_share, self.crawling_share, self.fast_share

@@ -1,4 +1,4 @@
-"""Kinds of traffic by name: presets of the section [traffic], each number with its source."""
+"""Kinds of traffic: named presets of the section [traffic], with the source of each number."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -9,11 +9,11 @@ from drl_av.errors import ConfigError
 
 
 class TrafficKind(NamedTuple):
-    """A kind of traffic: the settings of [traffic] that differ from their defaults."""
+    """A kind of traffic: its meaning, and the settings of [traffic] that it changes."""
 
     meaning: str
     settings: Mapping[str, tuple[Any, str]]
-    """By key: the value and its source."""
+    """The value of each setting and the source of that value, by the setting's key."""
 
 
 _EQUAL_PARTS = 0.25, "Sec. IV-B names these drivers; equal parts are ours"
@@ -21,7 +21,7 @@ _BY_SUMO = 1.0, "SUMO's default lcSpeedGain"
 _KUSARI = "Kusari, arXiv:2109.11620: 1.19 +- 0.26, two standard deviations to each side"
 _TRUCK_LIMIT = "ours: about 60 mph, a limit for trucks in the United States"
 _FITTED = "fitted to speed, time gap and range of the SPMD and IVBSS studies"
-"""By ``verification/traffic_moments.py``, which compares; no driver of the ego was looked at."""
+"""Fitted with ``verification/traffic_moments.py``, without regard to the ego's results."""
 
 TRAFFIC_KINDS: dict[str, TrafficKind] = {
     "calm": TrafficKind("lane changes are random only; no driver overtakes", {}),
@@ -38,7 +38,7 @@ TRAFFIC_KINDS: dict[str, TrafficKind] = {
         {"speed_gain_min": _BY_SUMO, "speed_gain_max": _BY_SUMO},
     ),
     "naturalistic": TrafficKind(
-        "speeds, gaps and lane changes near those of people on US highways, and trucks",
+        "speeds, gaps and lane changes similar to those measured on US highways, and trucks",
         {
             "desired_speed_min_m_s": (34.0, f"{_FITTED}; 35.5 on I-24, CorridorCalibration 3b"),
             "desired_speed_max_m_s": (40.0, "the road's speed limit"),
@@ -48,8 +48,8 @@ TRAFFIC_KINDS: dict[str, TrafficKind] = {
             "acceleration_max_m_s2": (1.71, _KUSARI),
             "speed_gain_min": (0.6, "fitted to highD's 0.12 lane changes a vehicle-km"),
             "speed_gain_max": (0.6, "the same"),
-            "random_lane_changes_per_s": (0.0, "every lane change is there to get ahead"),
-            "overtake_right": (True, "usual on US highways, where the rest was measured"),
+            "random_lane_changes_per_s": (0.0, "every lane change is for speed"),
+            "overtake_right": (True, "usual on US highways, where the other values were measured"),
             "keep_stopping_distance": (True, "ours"),
             "truck_share": (0.1, "10 to 20 % of the vehicles on highways"),
             "truck_length_m": (12.0, "ours"),
@@ -60,7 +60,8 @@ TRAFFIC_KINDS: dict[str, TrafficKind] = {
         },
     ),
     "hazards": TrafficKind(
-        "standing and crawling vehicles, hard brakers, fast overtakers, two into one lane",
+        "standing, crawling, hard-braking and fast vehicles, and lane changes into one lane from "
+        "both sides",
         {
             "speed_gain_min": _BY_SUMO,
             "speed_gain_max": _BY_SUMO,
@@ -74,17 +75,17 @@ TRAFFIC_KINDS: dict[str, TrafficKind] = {
             "hard_brakes_per_s": (0.02, "ours: once in 50 s"),
             "hard_brake_s": (3, "ours: at strict's bound, from 30 m/s down to 18"),
             "keep_stopping_distance": (True, "ours"),
-            "random_lane_changes_per_s": (0.01, "ours: five times calm's, from both sides"),
+            "random_lane_changes_per_s": (0.01, "ours: five times that of calm, to both sides"),
         },
     ),
 }
 
 
 def traffic_of_kind(name: object, traffic: TrafficConfig) -> TrafficConfig:
-    """The settings of the kind ``name``, with the numbers of vehicles of ``traffic``.
+    """Return the settings of the kind of traffic ``name``, with the vehicle numbers of ``traffic``.
 
     Raises:
-        ConfigError: there is no such kind; the message has the nearest name.
+        ConfigError: there is no such kind; the message suggests the nearest name.
     """
     if name not in TRAFFIC_KINDS:
         raise ConfigError(
