@@ -118,7 +118,7 @@ class FiniteStateConfig(Section):
 class Level0Config(Section):
     """How a level-0 driver (Albaba and Yildiz 2020) classifies the vehicle ahead in its lane.
 
-    It distinguishes three classes of gaps, and whether the relative speed is about 0.
+    The gap is close, nominal or far; the gap shrinks, is stable or grows.
     """
 
     close_m: float = setting(
