@@ -1,4 +1,4 @@
-"""Wrappers that make drivers: a driver with its own safety check, and a policy function."""
+"""Two driver wrappers: one adds a safety check to a driver, one makes a driver of a function."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,9 +13,10 @@ from drl_av.safety.check import Rule, SafetyCheck, Verdict
 
 
 class CheckedDriver:
-    """A driver with its own safety check, for an environment without one (``permit_all``).
+    """A driver whose proposals a safety check of its own examines before the environment does.
 
-    The result is the same as with the bare driver in an environment with that check.
+    In an environment without a check (``permit_all``) the ego then drives exactly as the inner
+    driver does in an environment with that check.
     """
 
     def __init__(self, driver: Driver, check: SafetyCheck) -> None:
@@ -23,24 +24,24 @@ class CheckedDriver:
         self.verdict: Verdict | None = None
         """The verdict on the last proposal; None before the first one."""
         self.triggers = 0
-        """Number of proposals in this episode that the check changed."""
+        """Number of proposals since ``start`` that the check changed."""
 
     def start(self, seed: int) -> None:
-        """Get the driver ready for an episode."""
+        """Prepare for an episode: forget the last verdict, set ``triggers`` to 0."""
         self.verdict, self.triggers = None, 0
         self._driver.start(seed)
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The driver's proposal, or the action by which the check replaces it."""
+        """Return the inner driver's proposal, or the action by which the check replaces it."""
         self.verdict = self._check(scene, self._driver.act(scene, observation))
         self.triggers += self.verdict.rule is not Rule.NONE
         return self.verdict.action
 
 
 class PolicyDriver:
-    """A driver made of a function from an observation to an action number.
+    """A driver that calls a function of the observation for the number of its action.
 
-    An example is ``lambda o: model.predict(o, deterministic=True)[0]`` with stable-baselines3.
+    With stable-baselines3 pass ``lambda o: model.predict(o, deterministic=True)[0]``.
 
     Args:
         policy: The function from an observation to an action number.
@@ -56,9 +57,9 @@ class PolicyDriver:
         self._policy, self._observe = policy, observe
 
     def start(self, seed: int) -> None:
-        """Do nothing; the function itself must handle any randomness."""
+        """Do nothing: ``seed`` is not passed on to the function."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The action that the function returns."""
+        """Call the function with the observation, and return the action of that number, 0 to 11."""
         observed = observation if self._observe is None else self._observe(scene)
         return ACTIONS[int(self._policy(observed))]

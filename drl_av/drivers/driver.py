@@ -1,4 +1,4 @@
-"""The interface of a driver, which chooses the actions of the ego."""
+"""The interface of the drivers of the ego, and the decisions of background vehicles."""
 
 from typing import NamedTuple, Protocol
 
@@ -11,18 +11,21 @@ from drl_av.traffic.road import FloatArray
 
 
 class Driver(Protocol):
-    """Proposes an action for each scene; the safety check examines the proposal afterwards."""
+    """Proposes one action for each decision of the ego; the safety check then examines it."""
 
     def start(self, seed: int) -> None:
-        """Prepare for an episode; all random numbers of the driver must come from ``seed``."""
+        """Prepare for a new episode; draw all random numbers from a generator of ``seed``."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The proposed action in a scene; ``observation`` is the scaled scene, shape (27,)."""
+        """Return the action to propose in this scene.
+
+        ``observation`` holds the scene's 27 affordance indicators, scaled to about [-1, 1].
+        """
 
 
 class Decisions(NamedTuple):
-    """The decisions of R background vehicles until their next decision; arrays of shape (R,)."""
+    """What R background vehicles do until they decide again; both arrays have shape (R,)."""
 
     acceleration_m_s2: FloatArray
     side: npt.NDArray[np.intp]
-    """The requested lane change: to the left (+1), to the right (-1) or none (0)."""
+    """The requested lane change: +1 to the left, -1 to the right, 0 none."""

@@ -1,4 +1,7 @@
-"""External drivers: a user's factory, a stable-baselines3 agent, an ONNX file (ours)."""
+"""Loads drivers from outside the package (ours).
+
+The source is a user's Python function, the zip file of a stable-baselines3 agent or an ONNX file.
+"""
 
 import importlib
 import json
@@ -22,29 +25,30 @@ from drl_av.driving.scene import Scene
 from drl_av.errors import CheckpointError, ConfigError
 
 INDICATORS_INPUT, LANE_CHANGE_INPUT = "indicators", "lane_change"
-"""Inputs of an ONNX file that ``drl-av export`` wrote."""
+"""Names of the two inputs of an ONNX file that ``drl-av export`` wrote."""
 _FACTORY = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 _AGENTS = {
     "stable_baselines3.dqn.policies": ("stable_baselines3", "DQN"),
     "sb3_contrib.qrdqn.policies": ("sb3_contrib", "QRDQN"),
     "sb3_contrib.common.maskable.policies": ("sb3_contrib", "MaskablePPO"),
 }
-"""Library and class of an agent, by the module of its policy class."""
+"""(library, class) of an agent; the key is the module of the policy class in its zip file."""
 
 
 def is_factory(word: str) -> bool:
-    """Whether a word has the form ``module:factory``."""
+    """Return whether a word of the command line has the form ``module:factory``."""
     return _FACTORY.fullmatch(word) is not None
 
 
 def driver_of_factory(word: str, config: Config) -> Driver:
-    """The driver that the factory ``module:factory`` returns for a config.
+    """Import the function ``module:factory``, call it with the config, and return its driver.
 
     Python searches the working directory for the module first. Each worker process of an evaluation
-    calls the factory once.
+    calls the function once.
 
     Raises:
-        ConfigError: the module or the factory does not exist, or the factory returns no driver.
+        ConfigError: the module or the function does not exist, or the function returns an object
+            without the methods of a driver.
     """
     module, _, name = word.partition(":")
     try:
@@ -65,7 +69,7 @@ def driver_of_factory(word: str, config: Config) -> Driver:
 
 
 def is_driver(made: object) -> bool:
-    """Whether an object has the methods of a driver, ``start`` and ``act``."""
+    """Return whether an object has the methods of a driver, ``start`` and ``act``."""
     return callable(getattr(made, "start", None)) and callable(getattr(made, "act", None))
 
 
@@ -80,13 +84,13 @@ def _working_directory_first() -> Iterator[None]:
 
 
 def driver_of_agent(path: Path) -> Driver:
-    """The deterministic policy of an agent in a zip file of stable-baselines3 or sb3-contrib.
+    """Load an agent that stable-baselines3 or sb3-contrib saved; the driver acts deterministically.
 
-    Their loader unpickles the file, which can run any code: load only files that you trust.
+    Their loader unpickles the zip file, which can run any code: load only files that you trust.
 
     Raises:
-        CheckpointError: the file holds no such agent, its library is missing, or the agent was
-            trained with another observation space or other actions.
+        CheckpointError: the file holds no such agent, its library is not installed, or the agent
+            was not trained with 27 observations and 12 actions.
     """
     library, name = _agent_class(path)
     try:
@@ -111,7 +115,11 @@ def driver_of_agent(path: Path) -> Driver:
 
 
 def _agent_class(path: Path) -> tuple[str, str]:
-    """Library and class name of the agent in a zip file."""
+    """Read from an agent's zip file the names of its library and class.
+
+    Raises:
+        CheckpointError: it is no zip file of an agent, or the class is not known here.
+    """
     try:
         with zipfile.ZipFile(path) as archive:
             data: dict[str, Any] = json.loads(archive.read("data"))
@@ -132,11 +140,11 @@ def _agent_class(path: Path) -> tuple[str, str]:
 
 
 class OnnxDriver:
-    """A driver made of a network in an ONNX file: from ``drl-av export``, or from a user.
+    """A driver that runs the network of an ONNX file, which ``drl-av export`` or a user wrote.
 
-    The network of a user takes observations, float32 of shape (rows, 27). It returns action
-    numbers, shape (rows,), or a value for each action, shape (rows, 12). In the second case the
-    driver chooses the action of the greatest value.
+    A user's network has one input, scaled observations, float32 of shape (rows, 27). Its output is
+    either action numbers, shape (rows,), or action values, shape (rows, 12), of which the driver
+    chooses the greatest.
 
     Raises:
         CheckpointError: the file holds no such network, or onnxruntime is not installed.
@@ -146,10 +154,10 @@ class OnnxDriver:
         self._run = _session(path)
 
     def start(self, seed: int) -> None:
-        """Stateless and deterministic."""
+        """Do nothing: the driver has no state and draws no random numbers."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The action that the network's first output selects."""
+        """Run the network for this scene, and return the action that its first output selects."""
         feed = {
             INDICATORS_INPUT: scene.affordances.vector()[None],
             LANE_CHANGE_INPUT: np.array([scene.lane_change is not None]),
@@ -163,7 +171,13 @@ Run = Callable[[dict[str, npt.NDArray[Any]]], npt.NDArray[Any]]
 
 
 def _session(path: Path) -> Run:
-    """The network as a function of a dictionary of inputs; the key '' holds the observations."""
+    """Return a function that runs the network once and returns its first output.
+
+    Its argument holds an array for each input name; a user's network gets that of the key ''.
+
+    Raises:
+        CheckpointError: as ``OnnxDriver``.
+    """
     try:
         import onnxruntime
     except ImportError as error:
@@ -200,4 +214,4 @@ def _session(path: Path) -> Run:
 
 
 LOADERS: dict[str, Callable[[Path], Driver]] = {".zip": driver_of_agent, ".onnx": OnnxDriver}
-"""The function that makes a driver from a file, by the file's suffix."""
+"""The function that loads a driver from a file; the key is the file's suffix."""

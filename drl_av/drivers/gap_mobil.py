@@ -1,4 +1,4 @@
-"""``gap-mobil``: a strong rule-based driver, a constant time-gap law with MOBIL (ours)."""
+"""The strong rule-based driver ``gap-mobil``: a constant time-gap law and MOBIL (ours)."""
 
 from drl_av.config import EgoConfig, MobilConfig, SafetyConfig
 from drl_av.drivers.mobil import MobilDriver
@@ -8,10 +8,10 @@ from drl_av.driving.car_following import time_gap_acceleration
 
 
 class GapMobilDriver(MobilDriver):
-    """Follows the constant time-gap law in its lane, and changes lanes by MOBIL.
+    """Keeps a constant time gap of ``headway_s`` to the vehicle ahead, and changes lanes by MOBIL.
 
-    Deterministic. No parameter is tuned to any traffic: the standstill gap and the gain of the law
-    are those of the adaptive cruise control (``ego.longitudinal_reference`` = ``acc``).
+    It is deterministic. No parameter is tuned to any traffic: the law's standstill gap and gain are
+    those of the adaptive cruise control (``ego.longitudinal_reference`` = ``acc``).
     """
 
     def __init__(
@@ -21,7 +21,10 @@ class GapMobilDriver(MobilDriver):
         self._headway_s = headway_s
 
     def longitudinal(self, affordances: Affordances) -> Longitudinal:
-        """The action whose acceleration is nearest to that of the time-gap law."""
+        """Return the action whose acceleration is nearest to that of the time-gap law.
+
+        Without a vehicle ahead in range it accelerates.
+        """
         front = affordances.own_front
         if front is None:
             return Longitudinal.ACCELERATE

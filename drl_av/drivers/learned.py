@@ -1,4 +1,4 @@
-"""The learned driver: the greedy policy of trained Q-networks, in numpy only."""
+"""The learned driver: it follows the greedy policy of trained Q-networks, in numpy only."""
 
 from collections.abc import Callable, Sequence
 
@@ -12,22 +12,23 @@ from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
 from drl_av.driving.scene import Scene
 
 Values = Callable[[Float32Array], Float32Array]
-"""A function from an observation, shape (27,), to Q(s, .), a new array of shape (12,)."""
+"""A function of an observation, shape (27,), that returns Q(s, .), a new array of shape (12,)."""
 
 CHANGES_LANE = np.array([action.lateral is not Lateral.KEEP for action in ACTIONS])
+"""For each action number, whether the action is a lane change; bool, shape (12,)."""
 
 
 def network_values(network: QNetwork) -> Values:
-    """The Q-values of one network; changes of its parameters take effect at once."""
+    """Return a function that computes Q(s, .) by this network, always with its current weights."""
     layers = network.layers
     return lambda s: forward(layers, s)[1]
 
 
 def mirrored_values(values: Values, mirror: Mirror = MIRROR) -> Values:
-    """The mean of the Q-values of a scene and of its mirror image (ours).
+    """Return a function that averages ``values`` over a scene and its mirror image (ours).
 
-    (Q(s, a) + Q(m(s), m(a))) / 2, where m exchanges left and right. The result is symmetric. On a
-    symmetric road both terms estimate the same value, so that their mean has a smaller error.
+    It computes (Q(s, a) + Q(m(s), m(a))) / 2, where m exchanges left and right. On a symmetric road
+    both terms estimate the same number, so that their mean has a smaller error.
     """
 
     def mean(s: Float32Array) -> Float32Array:
@@ -40,12 +41,12 @@ def mirrored_values(values: Values, mirror: Mirror = MIRROR) -> Values:
 
 
 def mean_values(members: Sequence[Values]) -> Values:
-    """The mean of the Q-values of several networks, an ensemble (ours).
+    """Return a function that averages the Q-values of several networks, an ensemble (ours).
 
     As in Ensemble-DQN (Anschel et al. 2017), the networks learn separately and decide together.
     Each network learns from its own batches, as in MeanQ (Liang et al. 2022), and has its own
-    target network, as the heads of bootstrapped DQN (Osband et al. 2016). The mean reduces random
-    errors, because the networks seldom make the same error.
+    target network, as the heads of bootstrapped DQN do (Osband et al. 2016). The mean has smaller
+    random errors, because the networks seldom make the same error.
     """
     first, *others = members
 
@@ -60,11 +61,11 @@ def mean_values(members: Sequence[Values]) -> Values:
 
 
 class LearnedDriver:
-    """Chooses the action of the greatest value, with a margin against useless lane changes (ours).
+    """Chooses the action of the greatest Q-value, with a margin for lane changes (ours).
 
-    If two lanes are equally good, errors of the networks could start a lane change and abort it at
-    the next decision. The driver therefore starts a lane change only if its value exceeds that of
-    the best action without a lane change by more than the margin.
+    Where two lanes are equally good, small errors of the networks can start a lane change and abort
+    it at the next decision. The driver therefore starts a lane change only if its Q-value exceeds
+    that of the best action without a lane change by more than the margin.
     """
 
     def __init__(self, values: Values, lane_change_margin: float = 0.0) -> None:
@@ -72,18 +73,24 @@ class LearnedDriver:
         self._margin = lane_change_margin
 
     def with_margin(self, lane_change_margin: float) -> "LearnedDriver":
-        """A driver with the same values and another margin."""
+        """Return a driver with the same Q-values and another margin for lane changes."""
         return LearnedDriver(self.values, lane_change_margin)
 
     def start(self, seed: int) -> None:
-        """Stateless and deterministic."""
+        """Do nothing: the driver has no state and draws no random numbers."""
 
     def greedy(self, s_t: Float32Array) -> int:
-        """The greedy action argmax_a Q(s, a) of Algorithm 1, line 5; ignores the margin."""
+        """Return the number of the greedy action, argmax_a Q(s_t, a), without the margin.
+
+        Algorithm 1 of the paper, line 5, with probability 1 - epsilon.
+        """
         return int(self.values(s_t).argmax())
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """argmax_a Q(s, a), after subtracting the margin from actions that start a lane change."""
+        """Return the action argmax_a Q(s, a), after the margin is subtracted from lane changes.
+
+        Nothing is subtracted while a lane change is in progress.
+        """
         values = self.values(observation)
         if scene.lane_change is None:
             values[CHANGES_LANE] -= np.float32(self._margin)
@@ -91,9 +98,9 @@ class LearnedDriver:
 
 
 def learned_driver(networks: Sequence[QNetwork], config: LearningConfig) -> LearnedDriver:
-    """The driver of networks that were trained with these settings.
+    """Build the driver of networks with the mirror, ensemble and margin of these settings.
 
-    Changes of the networks' parameters take effect at once.
+    The driver always uses the current weights of the networks, also during a training.
     """
     members = [network_values(network) for network in networks]
     if config.mirrored:

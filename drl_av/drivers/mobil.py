@@ -15,16 +15,19 @@ from drl_av.traffic.snapshot import EGO
 
 
 class MobilDriver:
-    """``idm-mobil``: follows the paper's IDM in its lane, and changes lanes by MOBIL."""
+    """The driver ``idm-mobil``: follows the paper's IDM in its lane, and changes lanes by MOBIL."""
 
     def __init__(self, safety: SafetyConfig, ego: EgoConfig, mobil: MobilConfig) -> None:
         self._safety, self._ego, self._mobil = safety, ego, mobil
 
     def start(self, seed: int) -> None:
-        """Stateless and deterministic."""
+        """Do nothing: the driver has no state and draws no random numbers."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Change to the lane with the larger gain if it meets both criteria; never abort."""
+        """Start a change to the lane of the larger gain if MOBIL's two criteria hold, else keep.
+
+        The criteria are safety and incentive. A lane change in progress is never aborted.
+        """
         longitudinal = self.longitudinal(scene.affordances)
         if scene.lane_change is not None:
             return Action(Lateral.KEEP, longitudinal)
@@ -36,14 +39,15 @@ class MobilDriver:
         return Action(toward(sign) if is_beneficial else Lateral.KEEP, longitudinal)
 
     def longitudinal(self, affordances: Affordances) -> Longitudinal:
-        """The longitudinal action of the paper's IDM."""
+        """Return the longitudinal action; here that of the paper's IDM."""
         return idm_action(affordances, self._safety)
 
     def gain(self, scene: Scene, sign: int) -> float:
-        """Gain of a lane change to the left (+1) or right (-1), m/s^2; -inf if it is unsafe.
+        """Return the gain of a lane change to the left (+1) or right (-1), m/s^2.
 
-        It is the left side of MOBIL's incentive criterion, a_c' - a_c + p (a_n' - a_n + a_o' -
-        a_o), where c is the ego, n its new follower and o its old follower.
+        The gain is the left side of MOBIL's incentive criterion, a_c' - a_c + p (a_n' - a_n + a_o'
+        - a_o); c is the ego, n its new and o its old follower, ' means after the change, and p is
+        the politeness. It is -inf if n would brake harder than the safety criterion permits.
         """
         affordances, length_m = scene.affordances, float(scene.snapshot.length_m[EGO])
         new_follower = self._behind(affordances, affordances.rear(sign))
@@ -67,13 +71,13 @@ class MobilDriver:
         return idm_acceleration(speed_m_s, desired, gap_m, closing_m_s, self._mobil)
 
     def _ahead(self, affordances: Affordances, front: Neighbor | None) -> float:
-        """The ego's acceleration behind the vehicle ``front``, or on a free road."""
+        """Return the ego's IDM acceleration behind ``front``, or on a free road if None, m/s^2."""
         if front is None:
             return self._idm(affordances.ego_speed_m_s, math.inf, 0.0)
         return self._idm(affordances.ego_speed_m_s, front.gap_m, -front.relative_speed_m_s)
 
     def _behind(self, affordances: Affordances, rear: Neighbor | None) -> float:
-        """The acceleration of the follower ``rear`` behind the ego; 0 without a follower."""
+        """Return the IDM acceleration of ``rear`` behind the ego, m/s^2; 0 if ``rear`` is None."""
         if rear is None:
             return 0.0
         speed = affordances.ego_speed_m_s + rear.relative_speed_m_s
@@ -86,7 +90,10 @@ class MobilDriver:
         front: Neighbor | None,
         length_m: float,
     ) -> float:
-        """The acceleration of ``rear`` behind ``front`` without the ego between; 0 without one."""
+        """Return the IDM acceleration that ``rear`` has behind ``front`` if the ego is not between.
+
+        The unit is m/s^2; it is 0 if ``rear`` is None. ``length_m`` is the length of the ego.
+        """
         if rear is None:
             return 0.0
         speed = affordances.ego_speed_m_s + rear.relative_speed_m_s

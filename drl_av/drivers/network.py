@@ -1,4 +1,4 @@
-"""The Q-network: 27 inputs, two layers of 100 leaky ReLU, the values of 12 actions (Sec. IV-C)."""
+"""The Q-network of Sec. IV-C of the paper: 27 inputs, two layers of 100 leaky ReLU, 12 outputs."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from drl_av.driving.affordances import INDICATORS
 
 Float32Array = NDArray[np.float32]
 Layers = list[tuple[Float32Array, Float32Array]]
-"""For each layer its weight, shape (outputs, inputs), and its bias, shape (outputs,)."""
+"""One pair (weight, bias) for each layer, of shapes (outputs, inputs) and (outputs,)."""
 
 LEAK = 0.01
 """Slope of the leaky ReLU below zero."""
@@ -45,11 +45,11 @@ class QNetwork:
 
     @property
     def layers(self) -> Layers:
-        """The network's weights and biases, as views of ``flat``."""
+        """The (weight, bias) of each layer, from the first to the last, as views of ``flat``."""
         return self.split(self.flat)
 
     def split(self, flat: Float32Array) -> Layers:
-        """The layers as views of another vector of the same length, such as a gradient."""
+        """Return views of a vector in the layout of ``flat``, such as a gradient, by layer."""
         layers, start = [], 0
         for inputs, outputs in zip(self.sizes[:-1], self.sizes[1:], strict=True):
             middle, end = start + inputs * outputs, start + (inputs + 1) * outputs
@@ -58,7 +58,7 @@ class QNetwork:
         return layers
 
     def tensors(self) -> dict[str, Float32Array]:
-        """The weights and biases as views, by their names in a policy file."""
+        """Return views of the weights and biases; the keys are their names in a policy file."""
         named: dict[str, Float32Array] = {}
         for number, (weight, bias) in enumerate(self.layers):
             named |= {f"layers.{number}.weight": weight, f"layers.{number}.bias": bias}
@@ -66,11 +66,11 @@ class QNetwork:
 
 
 def forward(layers: Layers, s: Float32Array) -> tuple[list[Float32Array], Float32Array]:
-    """The input of each layer, and Q(s, .).
+    """Run the network on observations; return the list of each layer's input, and Q(s, .).
 
-    ``s`` has shape (rows, observation_size) and Q shape (rows, action_size); a single observation
-    has no axis of rows. Its values may differ in the last bits from the same row of a batch,
-    because BLAS sums in another order.
+    ``s`` has shape (rows, observation_size) and Q shape (rows, action_size), or both without the
+    axis of rows. The Q-values of a single observation may differ in the last bits from those of the
+    same observation in a batch, because BLAS sums in another order.
     """
     entered = [s]
     for weight, bias in layers[:-1]:

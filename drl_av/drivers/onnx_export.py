@@ -1,4 +1,4 @@
-"""Export of a learned driver to ONNX, with scaling, mirror, ensemble and margin (ours)."""
+"""Writes a learned driver as one ONNX graph, with scaling, mirror, ensemble and margin (ours)."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ OPSET = 17
 
 
 class _Graph:
-    """The nodes and constants of an ONNX graph, with generated names."""
+    """Collects the nodes and constants of an ONNX graph, and generates their names."""
 
     def __init__(self) -> None:
         import onnx
@@ -30,13 +30,13 @@ class _Graph:
         self.constants: list[Any] = []
 
     def constant(self, values: object) -> str:
-        """Add a constant; returns its name."""
+        """Add a constant array to the graph, and return its generated name."""
         name = f"constant_{len(self.constants)}"
         self.constants.append(self._onnx.numpy_helper.from_array(np.asarray(values), name))
         return name
 
     def add(self, kind: str, *inputs: str, name: str | None = None, **attributes: Any) -> str:
-        """Add a node with one output; returns the name of the output."""
+        """Add a node of the operator ``kind`` with one output, and return the output's name."""
         output = name or f"{kind.lower()}_{len(self.nodes)}"
         self.nodes.append(self._onnx.helper.make_node(kind, inputs, [output], **attributes))
         return output
@@ -45,12 +45,12 @@ class _Graph:
 def export(
     path: Path, networks: Sequence[QNetwork], config: Config, scale: ObservationScale
 ) -> None:
-    """Write the driver of trained networks as an ONNX file.
+    """Write the driver of trained networks to an ONNX file; needs the package onnx.
 
     The inputs are ``indicators``, float64 of shape (rows, 27), the affordance indicators in SI
     units, and ``lane_change``, bool of shape (rows,), whether a lane change is in progress. The
     outputs are ``action``, int64 of shape (rows,), the action numbers, and ``q``, float32 of shape
-    (rows, 12), the values without the margin for lane changes. The package onnx is necessary.
+    (rows, 12), the Q-values before the margin for lane changes is subtracted.
 
     Raises:
         DrlAvError: onnx is not installed, or the file cannot be written.
@@ -87,7 +87,7 @@ def export(
 
 
 def _scaled(graph: _Graph, scale: ObservationScale) -> str:
-    """The scaled observation, as ``ObservationScale`` computes it."""
+    """Add nodes that scale the indicators as ``ObservationScale``; return the output's name."""
     shifted = graph.add("Sub", INDICATORS_INPUT, graph.constant(scale.offset))
     exact = graph.add("Div", shifted, graph.constant(scale.scale))
     s = graph.add("Cast", exact, to=1)
@@ -96,7 +96,10 @@ def _scaled(graph: _Graph, scale: ObservationScale) -> str:
 
 
 def _values(graph: _Graph, network: QNetwork, s: str, mirrored: bool) -> str:
-    """Q(s, .) of one network; if ``mirrored``, the mean with that of the mirrored scene."""
+    """Add nodes that compute Q(s, .) by one network, and return the output's name.
+
+    If ``mirrored``, Q is the mean over the scene and its mirror image, as in ``mirrored_values``.
+    """
     layers = [tuple(map(graph.constant, layer)) for layer in network.layers]
     q = _forward(graph, layers, s)
     if not mirrored:
@@ -117,7 +120,7 @@ def _forward(graph: _Graph, layers: Sequence[tuple[str, ...]], s: str) -> str:
 
 
 def _chosen(graph: _Graph, q: str, margin: float) -> None:
-    """The greedy action, after subtracting the margin from actions that start a lane change."""
+    """Add nodes that choose the action as ``LearnedDriver.act`` does; the output is ``action``."""
     began = graph.add("Unsqueeze", LANE_CHANGE_INPUT, graph.constant(np.array([1])))
     price = np.where(CHANGES_LANE, np.float32(margin), np.float32(0.0)).astype(np.float32)
     free = graph.constant(np.zeros(len(ACTIONS), np.float32))

@@ -1,4 +1,4 @@
-"""The ban on passing on the right, which SUMO's drivers obey, for drivers of the ego (ours)."""
+"""Makes a driver of the ego obey the ban on passing on the right, as SUMO's drivers do (ours)."""
 
 import numpy as np
 import numpy.typing as npt
@@ -10,26 +10,30 @@ from drl_av.driving.affordances import Neighbor
 from drl_av.driving.scene import Scene
 
 CONGESTED_M_S = 60 / 3.6
-"""The ban does not apply if the other vehicle is not faster than this, as in SUMO."""
+"""60 km/h: vehicles at this speed or below may be passed on the right, as in SUMO."""
 
 
 class NoPassingOnTheRight:
-    """A driver that does not pass vehicles on their right side.
+    """Wraps a driver so that it does not pass vehicles on their right side.
 
     It stays behind the vehicle ahead in the left lane as it does behind the vehicle ahead in its
-    own lane. It does not change to the right lane to pass a vehicle. The ban does not apply to
-    vehicles that are beside the ego.
+    own lane, and changes to the right only if the latter may be passed on the right. Vehicles
+    beside the ego (gap 0) and vehicles not faster than 60 km/h may be passed.
     """
 
     def __init__(self, driver: Driver, ego: EgoConfig) -> None:
         self._driver, self._ego = driver, ego
 
     def start(self, seed: int) -> None:
-        """Get the driver ready for an episode."""
+        """Prepare the inner driver for an episode."""
         self._driver.start(seed)
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The driver's action, or its slower action behind the vehicle ahead in the left lane."""
+        """Return the inner driver's action, changed where it would pass on the right.
+
+        A change to the right becomes keep; the acceleration is the smaller one of those for the
+        vehicle ahead in the own lane and for the one in the left lane.
+        """
         action = self._driver.act(scene, observation)
         lateral, longitudinal = action
         if lateral is Lateral.RIGHT and self._must_not_pass(scene, scene.affordances.own_front):

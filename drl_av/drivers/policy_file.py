@@ -1,4 +1,4 @@
-"""Reads the policy file of a trained driver, a safetensors file with a checksum, never pickle."""
+"""Reads policy files and checkpoints: safetensors with a checksum, so that no code can run."""
 
 import hashlib
 import json
@@ -16,17 +16,21 @@ from drl_av.driving.affordances import INDICATORS
 from drl_av.errors import CheckpointError, ConfigError, RunError
 
 State = dict[str, np.ndarray]
+"""Arrays by name."""
 
 PRETRAINED = Path(__file__).parent.parent / "pretrained"
 """Folder of the driver that ships with the package, in the layout of a run."""
 FORMAT = "drl_av/1"
-"""The only key of the file's metadata, because safetensors writes several in random order."""
+"""The only key in the metadata of a file: safetensors writes several keys in random order."""
 _DAMAGE = (SafetensorError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
 """The errors that a damaged file, or a file of another program, can cause."""
 
 
 def checksum(tensors: State, text: str) -> str:
-    """SHA-256 of the metadata text and of the name, type, shape and bytes of every array."""
+    """Return the SHA-256, in hex, of the metadata ``text`` and all arrays.
+
+    Of each array it covers name, type, shape and bytes.
+    """
     digest = hashlib.sha256(text.encode())
     for name in sorted(tensors):
         tensor = tensors[name]
@@ -36,7 +40,7 @@ def checksum(tensors: State, text: str) -> str:
 
 
 def load(path: Path) -> tuple[State, dict[str, Any]]:
-    """The arrays and the metadata of a policy or checkpoint file.
+    """Read a policy or checkpoint file; return its arrays by name and its metadata.
 
     Raises:
         CheckpointError: the file does not exist, is unreadable, incomplete or damaged, or is not a
@@ -76,11 +80,11 @@ def load(path: Path) -> tuple[State, dict[str, Any]]:
 def load_policy(
     path: Path, observation_size: int = len(INDICATORS), action_size: int = len(ACTIONS)
 ) -> tuple[list[QNetwork], Config]:
-    """The networks of a policy file, one or several, and its config.
+    """Read a policy file; return its networks (more than one for an ensemble) and its config.
 
     Raises:
-        CheckpointError: as ``load``; or the file holds no policy, or the shapes of its networks do
-            not agree with its config and the given sizes.
+        CheckpointError: as ``load``; or the file holds no policy, the shapes of its networks differ
+            from its config or from the given sizes, or a weight is not finite.
     """
     tensors, metadata = load(path)
     if metadata.get("kind") != "policy":
@@ -118,10 +122,10 @@ def load_policy(
 
 
 def find_policy(path: Path) -> Path:
-    """The policy file in a run's folder, or ``path`` itself if it is a file.
+    """Return ``path/policy.safetensors`` if ``path`` is a folder of a run, else ``path`` itself.
 
     Raises:
-        RunError: the run does not exist, or has not saved a policy yet.
+        RunError: that file does not exist: no such run, or the run has not saved a policy yet.
     """
     file = path / "policy.safetensors" if path.is_dir() else path
     if path == PRETRAINED and not file.is_file():
@@ -138,11 +142,12 @@ def find_policy(path: Path) -> Path:
 
 
 def load_run(path: Path) -> tuple[list[QNetwork], Config]:
-    """The networks of a run's folder or of a policy file, and their config.
+    """Read the networks and the config of a run's folder or of a policy file.
 
     Raises:
         RunError: as ``find_policy``.
-        CheckpointError: as ``load_policy``; or the policy does not belong to the folder's config.
+        CheckpointError: as ``load_policy``; or the policy's config is not that of ``config.toml``
+            in the folder.
     """
     file = find_policy(path)
     networks, config = load_policy(file)

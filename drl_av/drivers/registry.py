@@ -1,7 +1,7 @@
-"""The drivers of the ego by name: rule-based, shipped, learned and external drivers.
+"""Finds and makes the drivers of the ego by name: rule-based, shipped, learned and external ones.
 
-To add a rule-based driver, write its file and add a line to ``RULE_DRIVERS``, from which the help
-of the command line is built.
+To add a rule-based driver, write its file and add a line to ``RULE_DRIVERS``; the help of the
+command line lists it then.
 """
 
 from collections import Counter
@@ -36,47 +36,46 @@ RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     ),
     "random": lambda config: RandomDriver(),
 }
-"""By name: the function that makes a rule-based driver from the config of the environment.
+"""The functions that make the rule-based drivers from an environment's config, by driver name.
 
 Each worker process has its own copy of this table. An evaluation with a driver that your program
 adds at run time can therefore use one process only.
 """
 
 DRIVER_FILES = (".safetensors", *LOADERS)
-"""Suffixes of the files that hold a driver."""
+"""Suffixes of the files from which a driver can be loaded."""
 
 
 class DriverSpec(NamedTuple):
-    """A requested driver: its name and its source."""
+    """A driver that the user requests: its name, and where it comes from."""
 
     name: str
     """Name of the driver in the results, unique among the requested drivers."""
     run: Path | None
-    """Folder of a run, or a file; None for a rule-based driver or a factory of this name."""
+    """The run's folder or the driver's file; None for a rule-based driver or a factory."""
     own: Driver | None = None
-    """A driver that the user's program made, or None."""
+    """The driver object, if the user's program passes one, else None."""
 
     @property
     def is_external(self) -> bool:
-        """Whether the driver is a file of another library, which has no config of drl-av."""
+        """Whether the driver is a zip or ONNX file, which contains no config of drl-av."""
         return self.run is not None and self.run.suffix in LOADERS
 
 
 def driver_names() -> tuple[str, ...]:
-    """The names of the rule-based drivers and of the shipped driver."""
+    """Return the names of the rule-based drivers, and ``pretrained``, the shipped driver."""
     return *RULE_DRIVERS, "pretrained"
 
 
 def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
-    """The drivers that a user requests by words, without duplicates.
+    """Find the driver of each word of the user; a repeated word counts once.
 
-    Each word is one of ``driver_names``, the folder of a run, a policy file, a stable-baselines3
-    zip file, an ONNX file, or a factory of the user in the form ``module:factory``. The name of a
-    learned driver is the last part of its path, or the whole path if two drivers would have the
-    same name.
+    A word is one of ``driver_names``, the folder of a run, a policy file, a stable-baselines3 zip
+    file, an ONNX file, or a user's factory in the form ``module:factory``. A driver with a path is
+    named after the last part of its path, or after the whole path if two would share a name.
 
     Raises:
-        ConfigError: a word is none of these; the message suggests the most similar name.
+        ConfigError: a word is none of these; the message may suggest a similar name.
     """
     runs: dict[str, Path | None] = {}
     for word in dict.fromkeys(words):
@@ -108,25 +107,27 @@ def _unknown(word: str) -> ConfigError:
 
 
 def default_config(specs: Sequence[DriverSpec]) -> Config:
-    """The config of the first learned driver, or the paper's config without a learned driver.
+    """Return the config of the first learned driver; if none is learned, the default config.
 
     Raises:
-        RunError: the run does not exist, or has not saved a policy yet.
-        CheckpointError: the policy file is damaged.
+        RunError: the run of that driver does not exist, or has not saved a policy yet.
+        CheckpointError: its policy file is damaged.
     """
     run = next((spec.run for spec in specs if spec.run and not spec.is_external), None)
     return load_learned(run)[1] if run else Config()
 
 
 def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Driver]:
-    """The drivers by name, for an environment with this config.
+    """Load or build each driver for an environment with this config; the keys are their names.
 
-    A learned driver uses its own margin for lane changes, unless the margin in ``config`` differs
-    from that of the first learned driver.
+    A learned driver keeps its own margin for lane changes if ``learning.lane_change_margin`` of
+    ``config`` equals that of the first learned driver; otherwise all use the margin of ``config``.
 
     Raises:
-        RunError: as ``default_config``; or a learned driver was trained with another observation.
-        CheckpointError: as ``default_config``.
+        RunError: a run has no policy file; or a learned driver was trained with other settings of
+            [observation] or another ``ego.max_speed_m_s``.
+        CheckpointError: a file is damaged or holds no driver.
+        ConfigError: a factory does not work, or a rule-based driver has no such name.
     """
     drivers: dict[str, Driver] = {}
     learned = {
@@ -154,14 +155,15 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
 
 
 def _observed_by(config: Config) -> tuple[object, ...]:
-    """The settings on which the values of an observation depend."""
+    """Return the settings on which the numbers in an observation depend."""
     return config.observation, config.ego.max_speed_m_s
 
 
 def rule_driver(name: str, config: Config) -> Driver:
-    """The rule-based driver of this name, or the driver of a factory; raises ConfigError.
+    """Make the rule-based driver of this name, or the driver of a factory ``module:factory``.
 
-    A rule-based driver passes on the right only if ``ego.overtake_right`` permits it.
+    A rule-based driver passes on the right only if ``ego.overtake_right`` permits it. Raises
+    ConfigError if there is no such driver or the factory does not work.
     """
     if name not in RULE_DRIVERS and is_factory(name):
         return driver_of_factory(name, config)
@@ -176,16 +178,16 @@ def rule_driver(name: str, config: Config) -> Driver:
 def load_driver(
     driver: str | Path, config: Config | Mapping[str, Any] | str | Path | None = None
 ) -> Driver:
-    """The driver of a name, a file or a folder; it drives an environment.
+    """Load a driver by its name, file or folder.
 
-    ``driver.start(seed)`` prepares it for an episode; then ``driver.act(env.unwrapped.scene,
+    Call ``driver.start(seed)`` before each episode; then ``driver.act(env.unwrapped.scene,
     observation).number`` is the action for ``env.step``.
 
     Args:
         driver: ``"pretrained"``, the name of a rule-based driver, a run's folder, a policy file, a
             stable-baselines3 zip file, an ONNX file, or a factory as ``module:factory``.
-        config: The argument ``config`` of the environment. A dictionary or a file changes the
-            settings of the driver, which are the default.
+        config: The config of the environment, as in ``gymnasium.make``. A dictionary or a TOML file
+            changes only the settings that it names; the others are the driver's own.
 
     Raises:
         ConfigError: there is no such driver, or a setting is wrong.
@@ -198,10 +200,11 @@ def load_driver(
 
 
 def load_learned(path: Path) -> tuple[LearnedDriver, Config]:
-    """The driver of a run's folder or of a policy file, and its config.
+    """Read a learned driver and its config from a run's folder or a policy file.
 
     Raises:
-        RunError, CheckpointError: as ``policy_file.load_run``.
+        RunError: there is no policy file.
+        CheckpointError: the policy file is damaged, or belongs to another config than the folder.
     """
     networks, config = policy_file.load_run(path)
     return learned_driver(networks, config.learning), config

@@ -1,4 +1,4 @@
-"""The rule-based drivers with which the paper compares its driver (Sec. IV-C)."""
+"""Rule-based drivers: those with which Sec. IV-C of the paper compares, and a random one."""
 
 import numpy as np
 import numpy.typing as npt
@@ -11,10 +11,11 @@ from drl_av.safety.paper import closing_speed, gap_condition, safe_action, time_
 
 
 def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
-    """The paper's IDM: the action of eq. 3, but accelerate above a time to collision of T_A.
+    """Choose the action of the paper's IDM: that of its eq. 3, but accelerate if T_C > T_A.
 
-    Ours: it accelerates only if eq. 2 holds. At equal speeds the time to collision is infinite for
-    any gap, so that the printed rule would accelerate into the vehicle ahead.
+    T_C is the time to collision with the vehicle ahead, infinite without one. Ours: it accelerates
+    only if eq. 2, the gap condition, holds too. At equal speeds T_C is infinite at any gap, so that
+    the printed rule would accelerate into the vehicle ahead.
     """
     front = affordances.own_front
     if front is None:
@@ -27,38 +28,41 @@ def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
 
 
 class IdmDriver:
-    """``idm``: follows the paper's IDM, and never changes lanes."""
+    """The driver ``idm``: follows the paper's IDM, and never changes lanes."""
 
     def __init__(self, config: SafetyConfig) -> None:
         self._config = config
 
     def start(self, seed: int) -> None:
-        """Stateless and deterministic."""
+        """Do nothing: the driver has no state and draws no random numbers."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The action of the paper's IDM, in the own lane."""
+        """Keep the lane, with the longitudinal action of the paper's IDM."""
         return Action(Lateral.KEEP, idm_action(scene.affordances, self._config))
 
 
 class IdmSumoDriver(IdmDriver):
-    """``idm-sumo``: as ``idm``, with the lane changes of SUMO's lane-change model (SL2015)."""
+    """The driver ``idm-sumo``: ``idm``, plus the lane changes that SUMO's SL2015 would make."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The IDM's speed and SUMO's lane change; one in progress is completed."""
+        """Start the lane change that SUMO's model wants, with the IDM's longitudinal action.
+
+        A lane change in progress is completed.
+        """
         sign = scene.snapshot.sumo_lane_change if scene.lane_change is None else 0
         return Action(toward(sign), idm_action(scene.affordances, self._config))
 
 
 class RandomDriver:
-    """``random``: each of the 12 actions with equal probability."""
+    """The driver ``random``: chooses each of the 12 actions with equal probability."""
 
     def __init__(self) -> None:
         self._rng = np.random.default_rng()
 
     def start(self, seed: int) -> None:
-        """Create the random generator of an episode from its seed."""
+        """Create the random generator of the episode from ``seed``."""
         self._rng = np.random.default_rng([seed, 2])
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """One of the 12 actions at random."""
+        """Draw one of the 12 actions."""
         return ACTIONS[self._rng.integers(len(ACTIONS))]

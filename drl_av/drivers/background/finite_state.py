@@ -1,7 +1,7 @@
-"""A finite-state machine that drives many vehicles: cruise, follow, change lanes.
+"""Drives many background vehicles by a finite-state machine: cruise, follow, change lanes.
 
 The states, and their conditions on gaps and relative speeds, are those of Zhang, Li, Girard and
-Kolmanovsky 2017; the control in each state is ours.
+Kolmanovsky 2017; the control in each state is ours. Arrays have one row for each of R vehicles.
 """
 
 from enum import IntEnum
@@ -19,7 +19,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 
 class State(IntEnum):
-    """The states of a vehicle."""
+    """The state of a vehicle in the finite-state machine."""
 
     CRUISE = 0
     FOLLOW = 1
@@ -29,10 +29,11 @@ class State(IntEnum):
 def finite_state(
     neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
 ) -> tuple[IntArray, Decisions]:
-    """The next states and the decisions; ``states`` and ``desired_m_s`` have shape (R,).
+    """Return the next state, shape (R,), and the decision of each of R vehicles.
 
-    A vehicle behind a slow vehicle changes to the better lane if the gaps there are large enough.
-    If SUMO does not begin the lane change, the vehicle gives it up at the next decision.
+    ``states`` and the desired speeds ``desired_m_s`` have shape (R,). A vehicle behind a slow one
+    requests a change to the better lane if the gaps there are large enough. If SUMO has not begun
+    that lane change by the next decision, the vehicle follows or cruises again.
     """
     states = _longitudinal_states(neighbors, states, config)
     side = np.where(neighbors.under_way, 0, _side(neighbors, states, desired_m_s, config))
@@ -43,7 +44,10 @@ def finite_state(
 def _longitudinal_states(
     neighbors: Surroundings, states: IntArray, config: FiniteStateConfig
 ) -> IntArray:
-    """Follow if the vehicle ahead is near; to begin requires a smaller gap than to continue."""
+    """Return FOLLOW for each vehicle that is near the one ahead, else CRUISE; shape (R,).
+
+    With hysteresis: a vehicle that does not cruise needs a larger gap to cruise again.
+    """
     headway_s = np.where(states == State.CRUISE, config.follow_headway_s, config.cruise_headway_s)
     near_m = config.standstill_gap_m + headway_s * neighbors.speed_m_s
     return np.where(neighbors.gap_m[:, OWN, FRONT] < near_m, State.FOLLOW, State.CRUISE)
@@ -52,7 +56,11 @@ def _longitudinal_states(
 def _side(
     neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
 ) -> IntArray:
-    """The better lane: left (+1), right (-1) or no lane change (0); left if both are equal."""
+    """Return the lane change each vehicle wants: +1 left, -1 right, 0 none; shape (R,).
+
+    A vehicle that follows a slow leader wants the lane of the greater gain in speed, if it is clear
+    and the gain is worthwhile; left if both gains are equal.
+    """
     leader_m_s = neighbors.speed_m_s + neighbors.relative_speed_m_s[:, OWN, FRONT]
     held_up = (states == State.FOLLOW) & (leader_m_s < desired_m_s - config.slow_leader_m_s)
     left, right = (
@@ -64,7 +72,7 @@ def _side(
 
 
 def _clear(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> BoolArray:
-    """Whether a lane exists and has gaps for a lane change ahead and behind."""
+    """Return whether ``lane`` exists and its gaps ahead and behind suffice to enter; shape (R,)."""
     closing_m_s = neighbors.relative_speed_m_s[:, lane] * (-1.0, 1.0)
     needed_m = config.lane_change_gap_m + config.lane_change_time_s * np.maximum(closing_m_s, 0)
     clear: BoolArray = neighbors.has_lane[:, lane] & (neighbors.gap_m[:, lane] > needed_m).all(
@@ -74,7 +82,11 @@ def _clear(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> Boo
 
 
 def _gain(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
-    """Speed of the vehicle ahead in another lane minus that in the own lane; inf if it is far."""
+    """Return the gain in speed of a change to ``lane``, m/s, shape (R,).
+
+    It is the speed of the vehicle ahead there minus that of the vehicle ahead in the own lane, and
+    inf if the vehicle ahead there is far.
+    """
     far_m = config.standstill_gap_m + config.cruise_headway_s * neighbors.speed_m_s
     speed = neighbors.relative_speed_m_s
     faster_m_s = speed[:, lane, FRONT] - speed[:, OWN, FRONT]
@@ -84,7 +96,10 @@ def _gain(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> Floa
 def _acceleration(
     neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
 ) -> FloatArray:
-    """Approach the desired speed, but keep behind the vehicles ahead in the occupied lanes."""
+    """Return each acceleration, m/s^2, shape (R,): toward the desired speed, behind all leaders.
+
+    The leaders are the vehicles ahead in the own lane and in the lane that a lane change enters.
+    """
     free = config.speed_gain_per_s * (desired_m_s - neighbors.speed_m_s)
     own = np.where(states == State.CRUISE, np.inf, _behind(neighbors, OWN, config))
     leaning = np.sign(neighbors.off_center_m) * (states == State.LANE_CHANGE)
@@ -96,7 +111,10 @@ def _acceleration(
 
 
 def _behind(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
-    """Acceleration that keeps the headway to the vehicle ahead, m/s^2; inf without one."""
+    """Return the acceleration that keeps the headway to the vehicle ahead in ``lane``, m/s^2.
+
+    Its shape is (R,); it is inf without a vehicle ahead in range.
+    """
     kept_m = config.standstill_gap_m + config.headway_s * neighbors.speed_m_s
     to_spare_m = neighbors.gap_m[:, lane, FRONT] - kept_m
     closing_m_s = -neighbors.relative_speed_m_s[:, lane, FRONT]

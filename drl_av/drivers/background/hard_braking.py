@@ -1,4 +1,4 @@
-"""Vehicles that sometimes brake hard without a visible reason (ours)."""
+"""Makes background vehicles brake hard at random, without a visible reason (ours)."""
 
 import numpy as np
 import numpy.typing as npt
@@ -8,9 +8,10 @@ from drl_av.drivers.driver import Decisions
 
 
 class HardBraking:
-    """Replaces the decisions of vehicles while they brake hard.
+    """Replaces the decisions of vehicles while they brake hard, for ``traffic.hard_brake_s``.
 
-    At each decision a separate random stream draws which vehicles begin to brake.
+    At each decision a random stream of its own draws which vehicles begin to brake. ``n`` is the
+    number of rows in a snapshot.
     """
 
     def __init__(self, seed: int, n: int, config: Config) -> None:
@@ -19,7 +20,10 @@ class HardBraking:
         self._config = config
 
     def __call__(self, decisions: Decisions, rows: npt.NDArray[np.intp]) -> Decisions:
-        """The decisions of these rows; a vehicle that brakes hard also keeps its lane."""
+        """Return the decisions, changed to hard braking in the own lane for vehicles that brake.
+
+        ``rows``, shape (R,), holds each vehicle's row index in the snapshot arrays.
+        """
         traffic, timing = self._config.traffic, self._config.simulation
         chance = traffic.hard_brakes_per_s * timing.decision_interval_s
         begins = (self._rng.random(len(rows)) < chance) & (self._left[rows] == 0)

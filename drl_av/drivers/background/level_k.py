@@ -1,4 +1,4 @@
-"""Level-k drivers: level 0 follows a rule, level 1 is the best response to level-0 traffic.
+"""Level-k drivers of the traffic: level 0 follows a rule; level 1 responds best to level 0.
 
 Source: Li, Oyler, Zhang, Yildiz, Kolmanovsky and Girard 2017. The rule of level 0 is that of Albaba
 and Yildiz 2020. The accelerations are those of the ego's actions.
@@ -21,7 +21,7 @@ from drl_av.safety.paper import Approach, lane_change_is_safe
 from drl_av.traffic.road import FloatArray, Road
 
 LEVEL_1 = Path(__file__).parents[2] / "pretrained" / "level_1"
-"""Folder of the shipped level-1 policy; laid out as a run's."""
+"""Folder of the shipped level-1 policy, in the layout of a run's folder."""
 
 LEVEL_0 = np.array(
     [
@@ -30,12 +30,12 @@ LEVEL_0 = np.array(
         [Longitudinal.ACCELERATE, Longitudinal.ACCELERATE, Longitudinal.ACCELERATE],
     ]
 )
-"""Level-0 actions by the vehicle ahead; rows: close, nominal, far; columns: approaching, stable,
-moving away."""
+"""The action of level 0, by its gap to the vehicle ahead (rows: close, nominal, far) and by how
+the gap changes (columns: shrinks, is stable, grows)."""
 
 
 def level_0(neighbors: Surroundings, config: Level0Config, ego: EgoConfig) -> Decisions:
-    """Decisions of level-0 drivers: they keep their lanes and observe the vehicle ahead only."""
+    """Return the decisions of level-0 drivers: by table LEVEL_0, without lane changes."""
     distance = np.digitize(
         neighbors.gap_m[:, OWN, FRONT], (config.close_m, config.nominal_m), right=True
     )
@@ -47,10 +47,10 @@ def level_0(neighbors: Surroundings, config: Level0Config, ego: EgoConfig) -> De
 
 
 class Level1:
-    """A level-1 driver: a greedy policy that was trained in traffic of level-0 drivers, in numpy.
+    """The level-1 driver: the greedy policy of a network that was trained in level-0 traffic.
 
-    It has the observation of the ego in that training, whose config is ``config``. It uses the
-    network alone, without a mirror or a margin for lane changes.
+    ``config`` is that of the training; it determines the observation. The driver uses neither the
+    mirror image nor a margin for lane changes.
     """
 
     def __init__(self, layers: Layers, config: Config, road: Road) -> None:
@@ -62,10 +62,10 @@ class Level1:
         self._side = np.array([action.lateral.sign for action in ACTIONS])
 
     def __call__(self, neighbors: Surroundings) -> Decisions:
-        """The action of the greatest value for each vehicle; the first of several equal ones.
+        """Return the decision with the greatest Q-value for each vehicle.
 
-        It requests a lane change only if rules 2 and 3 of the safety check permit it, as in the
-        training of the policy. It never does so during a lane change, which SUMO cannot abort.
+        A lane change is requested only if rules 2 and 3 of the check ``paper`` permit it, as in the
+        training, and never during another one, because SUMO cannot abort a lane change.
         """
         _, values = forward(self._layers, self._scale(neighbors.vectors()))
         best = values.argmax(axis=1)
@@ -75,7 +75,10 @@ class Level1:
         return Decisions(self._acceleration_m_s2[best], side)
 
     def _is_clear(self, neighbors: Surroundings, lane: int) -> npt.NDArray[np.bool_]:
-        """Rules 2 and 3: the lane exists, and the gaps are large enough for a lane change."""
+        """Return whether rules 2 and 3 of the check ``paper`` permit to enter ``lane``; shape (R,).
+
+        They require that the lane exists, and that its gaps and the gap ahead are large enough.
+        """
         gap_m, speed_m_s = neighbors.gap_m, neighbors.relative_speed_m_s
         clear: npt.NDArray[np.bool_] = neighbors.has_lane[:, lane] & lane_change_is_safe(
             Approach(gap_m[:, OWN, FRONT], -speed_m_s[:, OWN, FRONT]),
@@ -87,11 +90,11 @@ class Level1:
 
 
 def load_level_1(road: Road, folder: Path = LEVEL_1) -> Level1:
-    """The level-1 driver of the background traffic, from the policy in a run's folder.
+    """Load the level-1 driver of the background traffic from the policy in a run's folder.
 
     Raises:
-        CheckpointError: the policy is missing or damaged, does not hold exactly one network, or
-            does not belong to the config in the folder.
+        CheckpointError: the policy is missing or damaged, has several networks, or does not belong
+            to the config in the folder.
     """
     try:
         networks, config = load_run(folder)

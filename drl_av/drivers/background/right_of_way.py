@@ -1,7 +1,7 @@
-"""Right of way of two vehicles that want to enter one lane from opposite sides.
+"""Decides the right of way of two vehicles that want to enter one lane from opposite sides.
 
-Neither vehicle is in the lane until both meet in its middle. No gap therefore shows the one to the
-other, and SUMO would let both begin.
+Until they meet in its middle neither vehicle is in that lane. Neither therefore appears in a gap of
+the other, and SUMO would let both begin.
 """
 
 from collections.abc import Sequence
@@ -15,10 +15,12 @@ from drl_av.traffic.snapshot import Snapshot, TrafficCommand
 
 
 class Entry(NamedTuple):
-    """A vehicle that enters a lane, or wants to begin."""
+    """A vehicle that is entering a lane or wants to."""
 
     row: int
+    """The vehicle's row index in the snapshot arrays."""
     lane: int
+    """Index of the lane it enters."""
 
 
 def give_way(
@@ -28,11 +30,11 @@ def give_way(
     braking_m_s2: float,
     timing: SimulationConfig,
 ) -> list[TrafficCommand]:
-    """The commands without lane changes that come too close to one from the other side.
+    """Return the commands, with each lane change removed that is too close to another vehicle's.
 
-    Two vehicles come too close if the rear one, which brakes with ``braking_m_s2`` from the next
-    decision on, cannot stop behind the front one. Vehicles that are changing lanes already have
-    priority, then the commands in their order. The others keep their lanes for this decision.
+    Two vehicles enter one lane from opposite sides too close if the rear one, braking with
+    ``braking_m_s2`` from the next decision on, cannot stop behind the front one. Vehicles that are
+    changing lanes already have priority, then the commands in their order.
     """
     if not any(wish.side for wish in traffic_commands):
         return list(traffic_commands)
@@ -51,7 +53,7 @@ def give_way(
 
 
 def _under_way(snapshot: Snapshot, road: Road) -> list[Entry]:
-    """All vehicles that move sideways, each with the lane whose centre it reaches next."""
+    """Return each vehicle that moves sideways, with the lane whose centre it reaches next."""
     entries = []
     for row, speed in enumerate(snapshot.lateral_speed_m_s.tolist()):
         if speed:

@@ -1,4 +1,4 @@
-"""The six neighbours of the affordance indicators, for many vehicles at once."""
+"""Computes the six neighbours of the affordance indicators for many vehicles at once."""
 
 from typing import NamedTuple
 
@@ -10,23 +10,24 @@ from drl_av.traffic.road import CENTERED_M, FloatArray, Road
 from drl_av.traffic.snapshot import Snapshot
 
 OWN, RIGHT, LEFT = range(3)
-"""The lanes of a vehicle, in the order of SIDES."""
+"""Indices of the lane axis: a vehicle's own lane, the lane to its right, the lane to its left."""
 FRONT, REAR = range(2)
+"""Indices of the last axis: the neighbour ahead, the neighbour behind."""
 
 
 class Surroundings(NamedTuple):
-    """The neighbours of R vehicles; axes: vehicle, lane (own, right, left), front or rear."""
+    """The nearest neighbours of R vehicles; axes: vehicle, lane (own, right, left), front/rear."""
 
     has_lane: npt.NDArray[np.bool_]
     """Shape (R, 3): whether the lane exists and is open; always True for the own lane."""
     gap_m: FloatArray
-    """Shape (R, 3, 2): net gap, never negative; inf without a neighbour in range."""
+    """Shape (R, 3, 2): gap from bumper to bumper, never negative; inf if none is in range."""
     relative_speed_m_s: FloatArray
     """Shape (R, 3, 2): speed of the neighbour minus that of the vehicle; 0 without a neighbour."""
     lateral_offset_m: FloatArray
-    """Shape (R, 3, 2), left positive; to the centre of the lane without a neighbour."""
+    """Shape (R, 3, 2): y of the neighbour, or else of the lane's centre, minus the vehicle's y."""
     relative_lateral_speed_m_s: FloatArray
-    """Shape (R, 3, 2); 0 without a neighbour."""
+    """Shape (R, 3, 2), left positive; 0 without a neighbour."""
     speed_m_s: FloatArray
     """Shape (R,), as the next three fields: the state of the R vehicles themselves."""
     y_m: FloatArray
@@ -37,11 +38,11 @@ class Surroundings(NamedTuple):
 
     @property
     def under_way(self) -> npt.NDArray[np.bool_]:
-        """Shape (R,): whether a lane change is in progress."""
+        """Whether each vehicle is changing lanes, that is, off the centre of its lane; (R,)."""
         return np.abs(self.off_center_m) > CENTERED_M
 
     def vectors(self) -> FloatArray:
-        """The 27 indicators of each vehicle in SI units, (R, 27), as ``Affordances.vector``."""
+        """Return the 27 indicators of each vehicle, as ``Affordances.vector``; shape (R, 27)."""
         absent_m = np.where(self.has_lane, self.range_m, 0.0)[:, :, None]
         neighbors = np.stack(
             (
@@ -59,7 +60,10 @@ class Surroundings(NamedTuple):
 def surroundings(
     snapshot: Snapshot, road: Road, range_m: float, rows: npt.NDArray[np.intp]
 ) -> Surroundings:
-    """The neighbours of the vehicles ``rows``, by the rules of ``compute_affordances``."""
+    """Find the neighbours of R vehicles by the rules of ``compute_affordances``.
+
+    ``rows``, shape (R,), holds the row index of each vehicle in the snapshot arrays.
+    """
     y, speed, lateral = snapshot.y_m, snapshot.speed_m_s, snapshot.lateral_speed_m_s
     lane = np.floor(y[rows] / road.lane_width_m + 0.5).astype(np.intp)
     centers_m = lane[:, None] * road.lane_width_m + road.lane_width_m * np.array(SIDES)
@@ -86,7 +90,10 @@ def surroundings(
 def _nearest(
     snapshot: Snapshot, road: Road, centers_m: FloatArray, rows: npt.NDArray[np.intp]
 ) -> tuple[FloatArray, npt.NDArray[np.intp]]:
-    """The gap to each nearest neighbour and its row, (R, 3, 2) each; inf without a neighbour."""
+    """Return the gap to each nearest neighbour, m, and its row index, both of shape (R, 3, 2).
+
+    The gap is negative for bodies side by side, and inf if there is no neighbour.
+    """
     length, looking = snapshot.length_m, np.arange(len(rows))
     ahead_m = road.ahead_m(snapshot.s_m[rows, None], snapshot.s_m)
     clearance_m = np.abs(ahead_m) - (length + length[rows, None]) / 2

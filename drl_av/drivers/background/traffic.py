@@ -1,4 +1,4 @@
-"""Our drivers of the background traffic, which all decide on the same snapshot."""
+"""Drives the background vehicles that SUMO does not drive; all decide on the same snapshot."""
 
 from collections.abc import Callable
 
@@ -21,7 +21,7 @@ IntArray = npt.NDArray[np.intp]
 
 
 class TrafficDrivers:
-    """The drivers of all kinds but SUMO's; each decides for all vehicles of its kind, at 1 Hz.
+    """Decides for all background vehicles that SUMO does not drive, once for each decision.
 
     ``level_1`` may be None if the config has no level-1 vehicles.
     """
@@ -39,7 +39,10 @@ class TrafficDrivers:
         }
 
     def start(self, kinds: IntArray, desired_m_s: FloatArray, seed: int) -> None:
-        """Prepare for an episode; both arrays have one row for each vehicle, the ego's first."""
+        """Prepare for an episode: ``kinds`` and ``desired_m_s`` have shape (1 + N,), the ego first.
+
+        ``kinds`` holds a ``Kind`` for each vehicle, ``desired_m_s`` its desired speed.
+        """
         self._hard_braking = HardBraking(seed, len(kinds), self._config)
         rows = {kind: np.flatnonzero(kinds == kind) for kind in self._drivers}
         self._rows = {kind: found for kind, found in rows.items() if len(found)}
@@ -47,7 +50,7 @@ class TrafficDrivers:
         self._states = np.full(len(kinds), State.CRUISE, dtype=np.intp)
 
     def __call__(self, snapshot: Snapshot) -> list[TrafficCommand]:
-        """The commands until the next decision; an empty list if SUMO drives all vehicles."""
+        """Return one command for each vehicle driven here, valid until the next decision."""
         traffic_commands: list[TrafficCommand] = []
         for kind, rows in self._rows.items():
             acceleration, side = self._drivers[kind](snapshot, rows)
