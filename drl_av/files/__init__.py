@@ -1,4 +1,4 @@
-"""The only writer of whole files, and the only reader and writer of CSV tables."""
+"""Functions that write files atomically, and that read and write CSV tables."""
 
 from drl_av.files.table import (
     PossiblyInfinite,

@@ -1,7 +1,8 @@
-"""CSV tables: rows of a dataclass, or of columns with their types, written and read.
+"""Reading and writing CSV tables.
 
-A table is UTF-8 text with a header, commas and line feeds. Numbers are written with all their
-digits, so that reading a float gives exactly the float that was written.
+The columns of a table are the fields of a dataclass or NamedTuple, or are given with their types. A
+table is UTF-8 text with a header, commas and line feeds. All digits of a float are written, so
+reading returns exactly the float that was written.
 """
 
 import csv
@@ -16,7 +17,7 @@ from drl_av.errors import DrlAvError
 from drl_av.files.whole import append, remove_cut_line, write_whole
 
 Row = dict[str, str]
-"""A row of a CSV file as text, by column."""
+"""A row of a CSV file; each value is text, the key is its column."""
 PossiblyInfinite = Annotated[float, "possibly infinite"]
 """The type of a column of numbers that may be inf, such as a time to collision."""
 Columns = type | Iterable[str]
@@ -33,12 +34,14 @@ _KINDS: dict[Any, str] = {
 
 
 def column_types(row_type: type) -> dict[str, Any]:
-    """The columns of a dataclass or NamedTuple in order, and the types of their values."""
+    """Return the type of each column of a dataclass or NamedTuple, in the order of its fields."""
     return get_type_hints(row_type, include_extras=True)
 
 
 def table_bytes(columns: Columns, rows: Iterable[Any] = (), *, header: bool = True) -> bytes:
-    """The text of a table; each row is a dataclass, a NamedTuple or a mapping by column.
+    """Return a CSV table as UTF-8 text, with a first line of column names if ``header`` is true.
+
+    Each row is a dataclass, a NamedTuple, or a mapping from columns to values.
 
     Raises:
         ValueError: a row has a column that the table does not have.
@@ -55,10 +58,10 @@ def table_bytes(columns: Columns, rows: Iterable[Any] = (), *, header: bool = Tr
 def write_table(
     path: Path, columns: Columns, rows: Iterable[Any], error: type[DrlAvError] = DrlAvError
 ) -> None:
-    """Write a CSV file completely or not at all.
+    """Write a CSV file atomically: it has the new rows, or stays unchanged if an error is raised.
 
     Raises:
-        error: the disk is full, or the folder is missing or not writable.
+        error: the disk is full, or the folder is missing or not writable; ``error`` is its class.
     """
     write_whole(path, table_bytes(columns, rows), error)
 
@@ -68,10 +71,10 @@ def append_rows(
 ) -> None:
     """Append rows to a CSV file; write its header first if the file is missing or empty.
 
-    A last line that is cut short, as a process that was killed leaves it, is removed first.
+    An incomplete last line, left by a process that was killed, is removed first.
 
     Raises:
-        error: the disk is full, or the file or its folder is not writable.
+        error: the disk is full, or the file or its folder is not writable; ``error`` is its class.
     """
     remove_cut_line(path, error)
     new = not path.exists() or not path.stat().st_size
@@ -79,7 +82,11 @@ def append_rows(
 
 
 def read_rows(path: Path, row_type: type[RowType], *, growing: bool = False) -> list[RowType]:
-    """The rows of a CSV file as dataclasses or NamedTuples; raises as ``read_table``."""
+    """Read a CSV file and return each row as an object of the class ``row_type``.
+
+    ``row_type`` is a dataclass or NamedTuple whose fields are the columns. ``growing`` and the
+    errors are those of ``read_table``.
+    """
     rows = read_table(path, column_types(row_type), growing=growing)
     return [row_type(**row) for row in rows]
 
@@ -87,19 +94,20 @@ def read_rows(path: Path, row_type: type[RowType], *, growing: bool = False) -> 
 def read_table(
     path: Path, columns: Mapping[str, Any] | None = None, *, growing: bool = False
 ) -> list[dict[str, Any]]:
-    """Read columns of a CSV file, each value with the type of its column.
+    """Read columns of a CSV file and return each row as a dictionary from columns to typed values.
 
     Args:
         path: The file.
-        columns: Types by column; None reads all columns as text. A type is str, int, bool, float
-            (a finite number), PossiblyInfinite, or one of these or None (an empty cell).
-        growing: Whether a program still adds rows. Such a table may be missing or empty, and an
-            incomplete last line is ignored.
+        columns: The type of each column to read; None reads all columns as text. A type is str,
+            int, bool, float (a finite number), PossiblyInfinite, or the union of one of these with
+            None, which is an empty cell.
+        growing: Whether another program may still be adding rows. Such a table may be missing or
+            empty (the result is []), and an incomplete last line is ignored.
 
     Raises:
         DrlAvError: the file is missing, unreadable or empty, has no rows, lacks a column or has it
-            twice, or is incomplete; or a row has a wrong number of values, or a value of a wrong
-            type.
+            twice, or its last line is incomplete; or a row has a wrong number of values, or a value
+            of a wrong type.
     """
     if growing and not (path.exists() and path.stat().st_size):
         return []
@@ -125,6 +133,7 @@ def read_table(
 
 
 def _cells(row: Any) -> Mapping[str, object]:
+    """Return the values of a row (a dataclass, NamedTuple or mapping) by column."""
     if is_dataclass(row) and not isinstance(row, type):
         return asdict(row)
     cells: Mapping[str, object] = row if isinstance(row, Mapping) else row._asdict()
@@ -132,6 +141,7 @@ def _cells(row: Any) -> Mapping[str, object]:
 
 
 def _text(path: Path) -> str:
+    """Return the text of a table file; raise DrlAvError if it is missing, unreadable or empty."""
     try:
         data = path.read_bytes()
     except FileNotFoundError as error:
@@ -154,6 +164,7 @@ def _cut(path: Path, text: str) -> str:
 
 
 def _require_columns(path: Path, header: list[str], types: Mapping[str, Any]) -> None:
+    """Raise DrlAvError unless the header contains each column of ``types`` exactly once."""
     for column in types:
         if header.count(column) != 1:
             found = "no column" if column not in header else "more than one column"
@@ -166,6 +177,11 @@ def _require_columns(path: Path, header: list[str], types: Mapping[str, Any]) ->
 def _row(
     place: str, header: list[str], cells: list[str], types: Mapping[str, Any]
 ) -> dict[str, Any]:
+    """Convert the cells of one line to typed values; ``place`` (file and line) begins each error.
+
+    Raises:
+        DrlAvError: the number of cells is wrong, or a cell has a wrong type.
+    """
     if len(cells) != len(header):
         raise DrlAvError(
             f"{place}: there are {len(cells)} values for {len(header)} columns: {_REMEDY}."
@@ -175,6 +191,11 @@ def _row(
 
 
 def _value(place: str, column: str, cell: str, kind: Any) -> Any:
+    """Convert a cell to the type ``kind``; an empty cell of an optional type is None.
+
+    Raises:
+        DrlAvError: the cell is not of that type.
+    """
     optional = [each for each in getattr(kind, "__args__", ()) if each is not type(None)]
     if kind not in _KINDS and len(optional) == 1:
         if not cell:
@@ -189,6 +210,10 @@ def _value(place: str, column: str, cell: str, kind: Any) -> Any:
 
 
 def _parsed(cell: str, kind: Any) -> Any:
+    """Convert a cell to str, int, bool or float; raise ValueError if it does not fit.
+
+    NaN is refused; inf is refused unless ``kind`` is PossiblyInfinite.
+    """
     value: Any
     if kind is bool:
         value = {"True": True, "False": False}.get(cell)

@@ -1,4 +1,4 @@
-"""Atomic writing: files and folders appear completely or not at all."""
+"""Atomic writing: a file or folder is replaced completely, or it stays unchanged."""
 
 import contextlib
 import glob
@@ -15,19 +15,21 @@ OF_A_RUN = {
     *("config.toml", "checkpoint.safetensors", "policy.safetensors"),
     *("episodes.csv", "evaluations.csv"),
 }
+"""Files of a training's run folder, which no other command may overwrite."""
 
 
 @contextmanager
 def replacing(path: Path, error: type[DrlAvError] = DrlAvError) -> Iterator[Path]:
-    """Replace a file or a folder atomically: the block writes to the temporary path that it gets.
+    """Replace a file or folder atomically: yield a temporary path for the ``with`` block to write
+    to.
 
-    The temporary path is beside ``path`` and has its suffix. If the block succeeds, its contents
-    are synced to the disk and then replace ``path``, a file or an empty folder. If it raises, they
-    are removed. If ``path`` is a link, its target is replaced. Temporary files of processes that
-    have died are removed first.
+    The temporary path is beside ``path`` and has the same suffix. If the block succeeds, the
+    written data is synced to the disk and then replaces ``path``, which may be a file or an empty
+    folder. If the block raises, the data is removed. If ``path`` is a link, its target is replaced.
+    Temporary files of processes that have died are removed first.
 
     Raises:
-        error: the disk is full, or the folder is missing or not writable.
+        error: the disk is full, or the folder is missing or not writable; ``error`` is its class.
     """
     path = _target(path)
     temporary = _unfinished(path)
@@ -47,18 +49,22 @@ def replacing(path: Path, error: type[DrlAvError] = DrlAvError) -> Iterator[Path
 
 
 def write_whole(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> None:
-    """Set the contents of a file to ``data``, or leave it unchanged; raises as ``replacing``."""
+    """Write ``data`` to a file atomically: the file has the new contents, or stays unchanged.
+
+    Raises:
+        error: the disk is full, or the folder is missing or not writable; ``error`` is its class.
+    """
     with replacing(path, error) as temporary:
         temporary.write_bytes(data)
 
 
 def append(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> None:
-    """Append ``data`` to a file, which is created if it is missing.
+    """Append ``data`` to a file; create the file if it is missing.
 
-    A process that is killed during the call may leave a part of ``data`` in the file.
+    If the process is killed during the call, the file may contain only the first part of ``data``.
 
     Raises:
-        error: the disk is full, or the file or its folder is not writable.
+        error: the disk is full, or the file or its folder is not writable; ``error`` is its class.
     """
     try:
         with path.open("ab") as file:
@@ -68,10 +74,12 @@ def append(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> Non
 
 
 def remove_cut_line(path: Path, error: type[DrlAvError] = DrlAvError) -> None:
-    """Remove the last line of a file if it has no line end; do nothing if the file is missing.
+    """Remove the last line of a file if it does not end with a line feed.
+
+    A missing file is left as it is.
 
     Raises:
-        error: the file is not writable.
+        error: the file is not writable; ``error`` is its class.
     """
     try:
         with path.open("rb+") as file:
@@ -88,10 +96,12 @@ def remove_cut_line(path: Path, error: type[DrlAvError] = DrlAvError) -> None:
 
 
 def require_writable(*paths: Path | None, inputs: Iterable[str | Path | None] = ()) -> None:
-    """Check before any long work that ``write_whole`` can write the paths; None is ignored.
+    """Check before a long computation that ``write_whole`` can write to the given paths.
+
+    A path that is None is ignored. ``inputs`` are the files that the same command reads.
 
     Raises:
-        DrlAvError: a path is not writable, occurs twice, or is one of the command's ``inputs``.
+        DrlAvError: a path is not writable, occurs twice, or is one of ``inputs``.
     """
     asked = [path for path in paths if path is not None]
     read = {_target(Path(name)) for name in inputs if name is not None}
@@ -122,16 +132,17 @@ def _try(path: Path) -> None:
 
 
 def _target(path: Path) -> Path:
-    """The target of a link; the link itself if it refers to itself."""
+    """Return the path that ``path`` links to, or ``path`` itself (absolute) if it is no link."""
     return Path(os.path.realpath(path))
 
 
 def _unfinished(path: Path) -> Path:
+    """Return the temporary path beside ``path``, which contains the id of this process."""
     return path.with_name(f".{path.stem}.{os.getpid()}.unfinished{path.suffix}")
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove the temporary files beside ``path`` of processes that no longer run."""
+    """Remove temporary files beside ``path`` that belong to processes that no longer run."""
     if os.name != "posix":
         return
     stem, suffix = re.escape(path.stem), re.escape(path.suffix)
@@ -143,6 +154,7 @@ def _remove_abandoned(path: Path) -> None:
 
 
 def _runs(process: int) -> bool:
+    """Return whether a process with this id may be running."""
     try:
         os.kill(process, 0)
     except ProcessLookupError:
@@ -153,6 +165,7 @@ def _runs(process: int) -> bool:
 
 
 def _remove(path: Path) -> None:
+    """Remove a file, or a folder with its contents."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
@@ -171,7 +184,7 @@ def _sync(path: Path) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Wait until the names in a folder are on the disk, if the file system supports it."""
+    """Wait until the names of the files in a folder are on the disk, if the system supports it."""
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -181,6 +194,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def _refused(path: Path, refusal: OSError, error: type[DrlAvError]) -> DrlAvError:
+    """Return an error that says why ``path`` cannot be written, and what the user can do."""
     return error(
         f"{path} cannot be written ({refusal.strerror or refusal}): free some space, or choose a "
         "folder that exists and may be written to; what was there before is unchanged."
