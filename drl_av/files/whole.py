@@ -20,8 +20,7 @@ OF_A_RUN = {
 
 @contextmanager
 def replacing(path: Path, error: type[DrlAvError] = DrlAvError) -> Iterator[Path]:
-    """Replace a file or folder atomically: yield a temporary path for the ``with`` block to write
-    to.
+    """Replace a file or folder atomically: the ``with`` block writes to the temporary path it gets.
 
     The temporary path is beside ``path`` and has the same suffix. If the block succeeds, the
     written data is synced to the disk and then replaces ``path``, which may be a file or an empty

@@ -1,8 +1,8 @@
-"""Collision detection: bodies that touch while they move in a SUMO step; pure geometry (ours).
+"""Collision detection by the motion of bodies within a SUMO step; pure geometry (ours).
 
 A body is a rectangle parallel to the road. In a SUMO step its centre moves on a straight line at a
-constant speed, as in SUMO's semi-implicit Euler integration and in the point mass of eq. 5. Two
-bodies can therefore touch within a step although they overlap neither before nor after it.
+constant speed, as in SUMO's semi-implicit Euler integration and in eq. 5 of the paper. Two bodies
+can therefore touch within a step although they overlap neither before nor after it.
 """
 
 import math
@@ -16,27 +16,32 @@ from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot
 
 BACKWARD_M = 1.0
-"""A backward movement up to this is a rounding error of a vehicle that stands."""
+"""Largest backward movement that counts as the rounding error of a standing vehicle, metres."""
 ACCELERATION_M_S2, LATERAL_SPEED_M_S = 10.0, 1.5
-"""Upper bounds for all vehicles, which ``Bodies.within_reach`` uses."""
+"""Upper bounds of each vehicle's acceleration and lateral speed for ``Bodies.within_reach``."""
 
 Motion = tuple[float, float, float, float]
-"""The motion of a body's centre in one SUMO step, metres: its start along and across the road, left
-positive, and its displacement forward and to the left. A plain tuple costs a quarter of the time of
-a named one, and each decision makes several."""
+"""The motion of a body's centre in one SUMO step, (s, y, forward, left), metres.
+
+(s, y) is the start along and across the road (left positive); (forward, left) is the displacement.
+A plain tuple costs a quarter of the time of a named one.
+"""
 
 
 class Contact(NamedTuple):
-    """The first contact of two bodies in a step: its time and its kind."""
+    """The first contact of two bodies in a SUMO step: its time and its kind."""
 
     time: float
     """Fraction of the step until the contact; 0 if the bodies overlap before the step."""
     kind: CollisionKind
-    """The kind of collision from the view of the body that counts as the ego."""
+    """The kind of collision for the first of the two bodies, which counts as the ego."""
 
 
 def motion(from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, road: Road) -> Motion:
-    """The motion of a body between two places: forward, and by less than a lap."""
+    """Return the motion of a body from one position (s, y) to another, both in metres.
+
+    The body moves forward by less than ``road.lap_m``, or backward by at most ``BACKWARD_M``.
+    """
     forward_m = (to_s_m - from_s_m + BACKWARD_M) % road.lap_m - BACKWARD_M
     return from_s_m, from_y_m, forward_m, to_y_m - from_y_m
 
@@ -44,11 +49,11 @@ def motion(from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, road:
 def first_contact(
     ego: Motion, other: Motion, length_m: float, width_m: float, road: Road
 ) -> Contact | None:
-    """The first contact of two bodies in a step, or None.
+    """Return the first contact of two bodies in a SUMO step, or None if they do not touch.
 
-    ``length_m`` and ``width_m`` are the means of the sizes of both bodies.
-    The axis on which the bodies begin to overlap last decides the kind. Along the road the faster
-    body hit the other one. Across the road the ego hit the other body if it moved towards it.
+    ``length_m`` and ``width_m`` are the means of the two bodies' lengths and widths. If the bodies
+    begin to overlap along the road after they overlap across it, the faster body hits the other
+    one. Otherwise the ego hits the other body if it moves towards it sideways, else it is hit.
     """
     left_m, moved_m = other[1] - ego[1], other[3] - ego[3]
     if _stays_apart(left_m, moved_m, width_m):
@@ -75,14 +80,21 @@ def first_contact(
 
 
 def _stays_apart(distance_m: float, moved_m: float, size_m: float) -> bool:
-    """Whether a distance is at least a size before and after a move, on the same side."""
+    """Return whether a signed distance stays at least ``size_m`` on the same side during a move.
+
+    ``distance_m`` is the distance before the move, ``moved_m`` its change.
+    """
     if distance_m < 0.0:
         distance_m, moved_m = -distance_m, -moved_m
     return distance_m >= size_m and distance_m + moved_m >= size_m
 
 
 def _overlap(distance_m: float, moved_m: float, size_m: float) -> tuple[float, float]:
-    """Start and end of the time in which a distance is below a size, in fractions of the step."""
+    """Return when the absolute value of a linearly changing distance is below ``size_m``.
+
+    The result is (start, end) in fractions of the SUMO step; 0 is the beginning of the step. It is
+    (-inf, inf) if the distance is always below the size, and (inf, inf) if it never is.
+    """
     if moved_m == 0.0:
         return (-math.inf, math.inf) if abs(distance_m) < size_m else (math.inf, math.inf)
     edge_m = math.copysign(size_m, moved_m)
@@ -91,17 +103,18 @@ def _overlap(distance_m: float, moved_m: float, size_m: float) -> tuple[float, f
 
 @dataclass(frozen=True)
 class Bodies:
-    """The vehicles of an episode as rectangles; one row for each, the ego's first."""
+    """The vehicles of an episode as rectangles; index 0 of each sequence is the ego."""
 
     ids: Sequence[str]
     length_m: Sequence[float]
     width_m: Sequence[float]
     road: Road
     lateral_speed_m_s: float = LATERAL_SPEED_M_S
-    """Upper bound of their lateral speeds."""
+    """Upper bound of the lateral speed of each vehicle."""
 
     @cached_property
     def _largest_m(self) -> tuple[float, float]:
+        """The largest length and the largest width of a vehicle."""
         return max(self.length_m), max(self.width_m)
 
     def within_reach(
@@ -112,10 +125,11 @@ class Bodies:
         commands: Sequence[Command],
         step_s: float,
     ) -> list[int]:
-        """The rows of all vehicles that can touch the ego while it executes commands, ascending.
+        """Return the rows of all vehicles that can touch the ego during its commands, ascending.
 
-        A vehicle is assumed to stop at once, to accelerate with ``ACCELERATION_M_S2``, or to move
-        sideways at ``lateral_speed_m_s``.
+        A row is an index into the sequences, which hold each vehicle's state before the first
+        command. A vehicle may stop at once, accelerate with ``ACCELERATION_M_S2``, or move sideways
+        at ``lateral_speed_m_s``. Each command takes one SUMO step of ``step_s`` seconds.
         """
         time_s, (length_m, aside_m) = step_s * len(commands), self._largest_m
         aside_m += self.lateral_speed_m_s * time_s
@@ -139,7 +153,10 @@ class Bodies:
         return rows
 
     def ego_collision(self, moves: Mapping[int, Motion]) -> Collision | None:
-        """The ego's first collision in a step with one of the moved rows, or None."""
+        """Return the ego's first collision in a SUMO step with a vehicle in ``moves``, or None.
+
+        ``moves`` holds motions by row index, that of the ego included.
+        """
         first, collision, ego = 1.0, None, moves[EGO]
         for row, move in moves.items():
             if row != EGO:
@@ -149,7 +166,10 @@ class Bodies:
         return collision
 
     def collisions(self, moves: Mapping[int, Motion]) -> list[tuple[str, str]]:
-        """The pairs of vehicles, including the ego, that touch each other in a step."""
+        """Return the pairs of ids of all vehicles, the ego included, that touch in a SUMO step.
+
+        ``moves`` holds the motion of each vehicle by its row index.
+        """
         return [
             (self.ids[one], self.ids[other])
             for (one, its), (other, others) in combinations(moves.items(), 2)
@@ -157,18 +177,22 @@ class Bodies:
         ]
 
     def _contact(self, one: int, its: Motion, other: int, others: Motion) -> Contact | None:
+        """Return the first contact of the vehicles in rows ``one`` and ``other``, or None."""
         length_m = (self.length_m[one] + self.length_m[other]) / 2
         width_m = (self.width_m[one] + self.width_m[other]) / 2
         return first_contact(its, others, length_m, width_m, self.road)
 
 
 def bodies(snapshot: Snapshot, road: Road) -> Bodies:
-    """The vehicles of a snapshot as rectangles."""
+    """Return the vehicles of a snapshot as rectangles."""
     return Bodies(snapshot.ids, snapshot.length_m.tolist(), snapshot.width_m.tolist(), road)
 
 
 def motions(before: Snapshot, after: Snapshot, road: Road) -> dict[int, Motion]:
-    """The motions of the vehicles between two snapshots, by row."""
+    """Return the motion of each vehicle between two snapshots of the same vehicles.
+
+    The key is the vehicle's row index in the snapshot arrays.
+    """
     columns = (before.s_m, before.y_m, after.s_m, after.y_m)
     ends = zip(*(column.tolist() for column in columns), strict=True)
     return {

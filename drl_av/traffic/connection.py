@@ -1,4 +1,4 @@
-"""Starting SUMO, and errors that name what the machine lacks for it."""
+"""Functions that start SUMO, and errors that name the software that the machine lacks for it."""
 
 import ctypes
 import importlib
@@ -20,7 +20,10 @@ GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "128
 
 
 def require_display() -> None:
-    """Raise DisplayError if there is no screen, because sumo-gui would end the interpreter."""
+    """Raise DisplayError if there is no screen; sumo-gui without one would end the Python process.
+
+    The check is made on Linux only.
+    """
     if platform.system() != "Linux":
         return
     try:
@@ -41,9 +44,13 @@ def require_display() -> None:
 
 
 def connection(gui: bool) -> ModuleType:
-    """The module libsumo, or traci for sumo-gui; raises SimulationError, which names what lacks.
+    """Return the module libsumo, or traci if ``gui`` is true, to control SUMO.
 
-    libsumo can show sumo-gui too, but cannot load a second episode, and hangs when it is closed.
+    libsumo can open sumo-gui too, but then it cannot load a second episode, and it hangs when it is
+    closed.
+
+    Raises:
+        SimulationError: the module cannot be imported; the message names the missing library.
     """
     name = "traci" if gui else "libsumo"
     try:
@@ -53,9 +60,9 @@ def connection(gui: bool) -> ModuleType:
 
 
 def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[[str], Any]]:
-    """Functions of ``sumo.vehicle`` by name; for libsumo, without the Python wrappers of SWIG.
+    """Return the functions ``sumo.vehicle.<name>``; for libsumo without SWIG's Python wrappers.
 
-    The wrappers take a quarter to a third of the time that a call needs.
+    A wrapper takes a quarter to a third of the time of a call.
     """
     within = getattr(sumo, "_libsumo", None)
     return [getattr(within, f"vehicle_{name}", getattr(sumo.vehicle, name)) for name in names]
@@ -63,10 +70,10 @@ def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[[str], Any]
 
 @contextmanager
 def short_names(files: Sequence[Path]) -> Iterator[list[str]]:
-    """Short names of files for libsumo, under /dev/fd if it exists, valid inside the block.
+    """Yield short names of files for libsumo, which are valid inside the ``with`` block.
 
-    libsumo leaks the copies that it makes of a path, about seven for each file and start, and
-    replaces ``${HOME}`` in a path as a variable.
+    The names are under /dev/fd if /proc/self/fd exists, else the paths themselves. libsumo leaks
+    about seven copies of each path at each start, and replaces ``${HOME}`` in a path.
     """
     if not Path("/proc/self/fd").is_dir():
         yield [str(file) for file in files]
@@ -77,7 +84,10 @@ def short_names(files: Sequence[Path]) -> Iterator[list[str]]:
 
 
 def start_arguments(files: Sequence[str], seed: int, config: Config) -> list[str]:
-    """The command line arguments of SUMO; the first file is the network."""
+    """Return the command line arguments of SUMO for a scenario.
+
+    ``files`` are the network file and the additional files; ``seed`` seeds SUMO.
+    """
     return [
         *("--net-file", files[0]),
         *("--additional-files", ",".join(files[1:])),
@@ -103,7 +113,10 @@ def start(
     config: Config,
     view: Path | None = None,
 ) -> None:
-    """Start libsumo, or sumo-gui through traci if ``view`` is given; SUMO must not run yet."""
+    """Start libsumo, or sumo-gui through traci if ``view`` is the path of its view settings.
+
+    SUMO must not be running in ``sumo`` yet; the first of ``files`` is the network file.
+    """
     if view is None:
         with short_names(files) as names:
             sumo.start(["sumo", *start_arguments(names, seed, config)])
@@ -116,7 +129,11 @@ def start(
 
 
 def program(name: str) -> Path:
-    """The path of a program of the package eclipse-sumo; raises SimulationError if it lacks."""
+    """Return the path of a program of the package eclipse-sumo, such as netconvert.
+
+    Raises:
+        SimulationError: the program is not installed.
+    """
     package = importlib.util.find_spec("sumo")
     for folder in (package and package.submodule_search_locations) or ():
         for file in (name, f"{name}.exe"):
@@ -126,7 +143,10 @@ def program(name: str) -> Path:
 
 
 def missing_library(what: str, message: str) -> str:
-    """An error message that names the shared library that a loader reports as missing."""
+    """Return an error message that names the missing shared library and how to install it.
+
+    ``what`` is the program or module that needs it; ``message`` is the error of the loader.
+    """
     found = re.search(r"lib[\w.+-]+?\.so[.\d]*", message)
     library = found.group() if found else "named here: " + " ".join(message.split())
     return (

@@ -1,4 +1,4 @@
-"""The description of a scenario: the road, its lanes, and vehicles with exact places."""
+"""The description of a scenario: the road, its lanes, and the vehicles that it places exactly."""
 
 import math
 import re
@@ -20,21 +20,21 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "speed_m_s": (0, 100),
     "desired_speed_m_s": (0.1, 100),
 }
-"""Bounds of the numbers of a placed vehicle."""
+"""The smallest and the largest allowed value of each numeric field of a placed vehicle."""
 LANES = partial(setting, 3, "ours", "number of lanes", low=1, high=10)
 LANE_WIDTH_M = partial(setting, 3.8, "Table I", "width of a lane, metres", low=2, high=10)
 SPEED_LIMIT_M_S = partial(setting, 40.0, "ours", "speed limit, m/s", low=1, high=100)
 VEHICLE_LENGTH_M = partial(setting, 5.0, "ours", "length of a vehicle, metres", low=1, high=25)
 VEHICLE_WIDTH_M = partial(setting, 1.8, "ours", "width of a vehicle, metres", low=0.5, high=5)
-"""The settings that the roads of all kinds have."""
+"""Fields that the descriptions of all kinds of roads have."""
 INNER_RADIUS_M = 5.0
-"""The innermost lane keeps at least this distance from the middle of the loop."""
+"""Smallest radius of the inner edge of the innermost lane."""
 VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
 @dataclass(frozen=True)
 class PlacedVehicle:
-    """A vehicle with an exact place at the start; the id "ego" is the ego.
+    """A vehicle that starts at an exact position; the vehicle with the id "ego" is the ego.
 
     Raises:
         ScenarioError: a value has a wrong type or is out of bounds.
@@ -42,9 +42,9 @@ class PlacedVehicle:
 
     id: str
     lane: int
-    """0 is the rightmost."""
+    """Index of the lane; 0 is the rightmost."""
     position_m: float
-    """Position of the front bumper along the loop."""
+    """Position of the front bumper along the road."""
     speed_m_s: float
     desired_speed_m_s: float
 
@@ -58,11 +58,11 @@ class PlacedVehicle:
 
 @dataclass(frozen=True)
 class ScenarioDescription:
-    """A closed loop driven counter-clockwise on the right, so that lane 0 is the outer lane.
+    """A closed loop, driven counter-clockwise on the right, so that lane 0 is the outermost lane.
 
     Raises:
-        ScenarioError: a value has a wrong type or is out of bounds, no lane is open, or vehicles
-            overlap.
+        ScenarioError: a value has a wrong type or is out of bounds, no lane is open, or placed
+            vehicles overlap.
     """
 
     circumference_m: float = setting(
@@ -90,10 +90,11 @@ class ScenarioDescription:
         return tuple(lane not in self.barricaded_lanes for lane in range(self.lanes))
 
     def to_toml(self) -> str:
-        """The description as TOML text; ``from_toml`` reads it back to an equal one."""
+        """Return the description as TOML text; ``from_toml`` reads an equal description from it."""
         return tomli_w.dumps(asdict(self))
 
     def _check_radius(self) -> None:
+        """Raise ScenarioError if the loop is too short for its lanes."""
         least_m = 2 * math.pi * (INNER_RADIUS_M + self.lanes * self.lane_width_m / 2)
         if self.circumference_m < least_m:
             raise ScenarioError(
@@ -102,6 +103,10 @@ class ScenarioDescription:
             )
 
     def _check_barricades(self) -> None:
+        """Raise ScenarioError unless the barricaded lanes exist and at least one lane is open.
+
+        The indices are stored sorted and without repetition.
+        """
         if not isinstance(self.barricaded_lanes, tuple) or not all(
             type(lane) is int and 0 <= lane < self.lanes for lane in self.barricaded_lanes
         ):
@@ -116,6 +121,7 @@ class ScenarioDescription:
             )
 
     def _check_vehicles(self) -> None:
+        """Raise ScenarioError if a placed vehicle is off the road or too fast, or two overlap."""
         checked: list[PlacedVehicle] = []
         for vehicle in self.vehicles:
             if vehicle.lane >= self.lanes or not self.open_lanes[vehicle.lane]:
@@ -137,10 +143,11 @@ class ScenarioDescription:
 
 
 def check_sizes(description: Any) -> None:
-    """Check the numbers of a description, which become floats where they must be.
+    """Check the numeric fields of a description, and convert each of them to int or float.
 
     Raises:
-        ScenarioError: a number has a wrong type or is out of bounds, or vehicles are too wide.
+        ScenarioError: a number has a wrong type or is out of bounds, or a vehicle is wider than a
+            lane.
     """
     _check_numbers(description, "The scenario's ")
     if description.vehicle_width_m > description.lane_width_m:
@@ -160,9 +167,9 @@ def check_speed(vehicle: PlacedVehicle, speed_limit_m_s: float) -> None:
 
 
 def check_pair(vehicle: PlacedVehicle, other: PlacedVehicle, apart_m: float, long_m: float) -> None:
-    """Raise ScenarioError if two placed vehicles overlap or have one name.
+    """Raise ScenarioError if two placed vehicles overlap or have the same id.
 
-    ``apart_m`` is the distance between their front bumpers, and ``long_m`` their length.
+    ``apart_m`` is the distance between their front bumpers, ``long_m`` the length of each.
     """
     if vehicle.id == other.id:
         raise ScenarioError(f"Two vehicles are called {vehicle.id!r}: rename one.")
@@ -178,16 +185,16 @@ def from_toml(
     name: str = "scenario.toml",
     kinds: Mapping[str, type[Any]] = MappingProxyType({"loop": ScenarioDescription}),
 ) -> Any:
-    """Read a description from TOML text; keys left out keep their defaults.
+    """Return the description of a scenario, read from TOML text; missing keys have their defaults.
 
     Args:
-        text: The TOML text; its key ``kind`` selects the kind of scenario, "loop" by default.
-        name: The name of the text in error messages.
-        kinds: The class that describes each kind of scenario.
+        text: The TOML text; its key ``kind`` selects the class of the description.
+        name: The name of the file, with which each error message begins.
+        kinds: The class of the description for each kind of scenario.
 
     Raises:
-        ScenarioError: the text is not valid TOML, a key is unknown or missing, or a value has a
-            wrong type or is out of bounds; the message begins with ``name``.
+        ScenarioError: the text is not valid TOML, the kind or a key is unknown, a key of a placed
+            vehicle is missing, or a value has a wrong type or is out of bounds.
     """
     try:
         values = tomllib.loads(text)
@@ -207,7 +214,7 @@ def from_toml(
 
 
 def unknown_kind(kind: object, kinds: Iterable[str]) -> ScenarioError:
-    """The error of a kind of scenario that does not exist."""
+    """Return the error for a kind of scenario that does not exist."""
     names = list(kinds)
     return ScenarioError(
         f"There is no kind of scenario {kind!r}{did_you_mean(kind, names)}; the kinds are: "
@@ -216,6 +223,11 @@ def unknown_kind(kind: object, kinds: Iterable[str]) -> ScenarioError:
 
 
 def _placed_vehicles(tables: Any) -> tuple[PlacedVehicle, ...]:
+    """Convert the tables ``[[vehicles]]`` to placed vehicles.
+
+    Raises:
+        ScenarioError: they are no tables, or a key or value of one is wrong.
+    """
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ScenarioError("The vehicles must be tables, each written under [[vehicles]].")
     return tuple(_build(PlacedVehicle, table, "a placed vehicle") for table in tables)
@@ -225,6 +237,11 @@ Described = TypeVar("Described")
 
 
 def _build(kind: type[Described], values: Mapping[str, Any], what: str) -> Described:
+    """Create an object of the class ``kind`` from TOML values; ``what`` names it in errors.
+
+    Raises:
+        ScenarioError: a key is unknown or missing, or a value is wrong.
+    """
     known = [field.name for field in fields(kind)]  # type: ignore[arg-type]
     for key in values:
         if key not in known:
@@ -239,6 +256,12 @@ def _build(kind: type[Described], values: Mapping[str, Any], what: str) -> Descr
 
 
 def _check_numbers(described: Any, prefix: str) -> None:
+    """Convert each numeric field that has bounds to int or float, and check its bounds.
+
+    Raises:
+        ScenarioError: a number has a wrong type or is out of bounds; the message begins with
+            ``prefix``.
+    """
     for item in fields(described):
         bounds = (item.metadata.get("low"), item.metadata.get("high"))
         low, high = BOUNDS.get(item.name, bounds)

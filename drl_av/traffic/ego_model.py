@@ -1,4 +1,4 @@
-"""Control of the ego in SUMO: by our commands alone, or by SUMO's own models."""
+"""Control of the ego in SUMO: either only by our commands, or by SUMO's own models."""
 
 from typing import Any, NamedTuple
 
@@ -9,34 +9,38 @@ ALL_SPEED_CHECKS_OFF = 32
 NO_AUTONOMOUS_LANE_CHANGES = 0
 SPEED_CHECKS = 31
 AUTONOMOUS_LANE_CHANGES = 1621
-"""``SPEED_CHECKS`` and ``AUTONOMOUS_LANE_CHANGES`` are SUMO's defaults."""
+"""Bit sets for SUMO's setSpeedMode and setLaneChangeMode; the last two are SUMO's defaults."""
 
 
 class EgoModel(NamedTuple):
-    """Parameters of SUMO's IDM and SL2015 when they drive the ego; the defaults are SUMO's."""
+    """Parameters of SUMO's models IDM and SL2015 for the ego; the defaults are those of SUMO."""
 
     headway_s: float = 1.0
     """SUMO's tau, the time gap."""
     assertiveness: float = 1.0
     """SUMO's lcAssertive; it divides the gaps that a lane change needs."""
     speed_gain: float = 1.0
-    """SUMO's lcSpeedGain, eagerness to change lanes to get ahead."""
+    """SUMO's lcSpeedGain, the eagerness to change lanes for speed."""
     overtake_right: bool = False
     """Whether the ego may pass on the right above 60 km/h."""
 
 
 def take_control(vehicle: Any, name: str) -> None:
-    """Make SUMO execute our commands for a vehicle exactly, without actions of its own."""
+    """Make SUMO execute our commands for a vehicle exactly and take no actions of its own.
+
+    ``vehicle`` is the domain ``vehicle`` of libsumo or traci; ``name`` is the vehicle's id.
+    """
     vehicle.setSpeedMode(name, ALL_SPEED_CHECKS_OFF)
     vehicle.setLaneChangeMode(name, NO_AUTONOMOUS_LANE_CHANGES)
     vehicle.setMaxSpeedLat(name, 10.0)
 
 
 def hand_over(vehicle: Any, model: EgoModel, ego: EgoConfig, lane_width_m: float) -> None:
-    """Let SUMO drive the ego from now on, within the limits of the ego's actions.
+    """Let SUMO drive the ego from now on, within the speed and acceleration limits of ``ego``.
 
-    SL2015 permits only emergency vehicles to pass on the right. An ego that may do so therefore
-    becomes an emergency vehicle; it has no siren, so other vehicles do not make way for it.
+    SL2015 permits only emergency vehicles to pass on the right above 60 km/h. With
+    ``model.overtake_right`` the ego therefore becomes an emergency vehicle; it has no siren, so
+    other vehicles do not make way for it.
     """
     color = vehicle.getColor(EGO_ID)
     vehicle.setType(EGO_ID, "traffic")

@@ -1,8 +1,9 @@
 """Several simulations in one process: the installed libsumo, and copies of its library.
 
 libsumo keeps its simulation in static variables, one set for each loaded library. A copy of the
-library file is loaded separately and is an independent simulation. A hard link is not, because the
-loader identifies a file by its inode. A copy costs 30 ms, 30 MiB of disk and 17 MiB of memory.
+library file is loaded separately and is therefore an independent simulation. A hard link is not,
+because the loader identifies a file by its inode. A copy costs 30 ms, 30 MiB of disk and 17 MiB of
+memory.
 """
 
 import ctypes
@@ -35,16 +36,16 @@ class Instance:
     """One simulation of this process, with a lock for its exclusive use.
 
     Attributes:
-        sumo: The module libsumo, a copy of it, or traci.
+        sumo: The module that controls it: libsumo, a copy of libsumo, or traci.
     """
 
     sumo: ModuleType
     _taken: Lock = field(default_factory=Lock, repr=False)
 
     def take(self) -> bool:
-        """Reserve the instance, and return whether it was free.
+        """Reserve the instance if it is free, and return whether it was free.
 
-        It is not free while a program of the user runs SUMO in it.
+        It is not free if it is reserved, or if the user's own program runs SUMO in it.
         """
         if not self._taken.acquire(blocking=False):
             return False
@@ -54,7 +55,7 @@ class Instance:
         return True
 
     def release(self) -> None:
-        """End SUMO, if it still runs, and free the instance for other simulations."""
+        """End SUMO in this instance if it runs, and free the instance for other simulations."""
         try:
             with suppress(self.sumo.FatalTraCIError):
                 self.sumo.close()
@@ -67,11 +68,11 @@ _numbers = itertools.count()
 
 
 def acquire(gui: bool) -> Instance:
-    """Reserve a free instance of this process: the installed libsumo first, then a copy.
+    """Reserve a free instance of this process: the installed libsumo first, then a copy of it.
 
-    The function is thread-safe, and a forked process inherits the free instances of its parent: the
-    shared state is only the lock of each instance, which no thread waits for, and a list that only
-    grows.
+    If ``gui`` is true, reserve the only instance of sumo-gui. The function is thread-safe. A forked
+    process inherits the free instances of its parent: the only shared state is the lock of each
+    instance, which no thread waits for, and a list that only grows.
 
     Raises:
         SimulationError: sumo-gui is open already, or libsumo is in use and cannot be copied.
@@ -93,16 +94,19 @@ def acquire(gui: bool) -> Instance:
 
 @cache
 def _window() -> Instance:
-    """The instance of sumo-gui, which is used through the module traci."""
+    """Return the instance of sumo-gui, which is controlled through the module traci."""
     return Instance(connection(gui=True))
 
 
 def _copied_package(number: int) -> ModuleType:
-    """A second package libsumo under another name, with a copy of its library.
+    """Load and return a second package libsumo under another name, with a copy of its library.
 
-    All copies use the exception types of the installed package, because SWIG has one table of types
-    for each process and raises the classes that were registered last. The classes of the copies are
-    therefore not registered.
+    All copies use the exception classes of the installed package, because SWIG has one table of
+    types for each process and raises the classes that were registered last. Therefore the classes
+    of a copy are not registered. ``number`` makes the name unique.
+
+    Raises:
+        SimulationError: the library cannot be copied, or the copy is not independent.
     """
     libsumo = connection(gui=False)
     name = f"{libsumo.__name__}_{number}"
@@ -127,7 +131,11 @@ def _copied_package(number: int) -> ModuleType:
 
 
 def _copied_library(name: str, library: Path, number: int) -> ModuleType:
-    """A copy of an extension module, loaded under a name; raises SimulationError."""
+    """Load a copy of the extension module in the file ``library`` as a module called ``name``.
+
+    Raises:
+        SimulationError: the library cannot be copied or loaded.
+    """
     if _is_global(f"PyInit_{library.name.partition('.')[0]}"):
         raise _no_copy("it was loaded with RTLD_GLOBAL, so that a copy would use its variables")
     for folder in (library.parent, Path(tempfile.gettempdir())):
@@ -146,11 +154,12 @@ def _copied_library(name: str, library: Path, number: int) -> ModuleType:
 
 
 def _is_global(symbol: str) -> bool:
-    """Whether a symbol is global, so that each library loaded later would use it as its own."""
+    """Return whether a symbol is global, so that each library loaded later would share it."""
     return os.name == "posix" and hasattr(ctypes.CDLL(None), symbol)
 
 
 def _no_copy(reason: str) -> SimulationError:
+    """Return an error that says why libsumo cannot be copied, and what the user can do."""
     return SimulationError(
         f"This process has a simulation already, and cannot copy libsumo for another ({reason}): "
         "close the other environment first, or run each one in its own process, by "
@@ -161,10 +170,10 @@ def _no_copy(reason: str) -> SimulationError:
 
 @contextmanager
 def _copied_file(file: Path, folder: Path, number: int) -> Iterator[str]:
-    """The path of a temporary copy of a file; a library loaded from it remains after the block.
+    """Yield the path of a temporary copy of a file; a library loaded from it outlives the block.
 
-    On Linux the copy has no name in any folder, so that it disappears with the process in any case.
-    The path contains the number, because the loader does not load the same path twice.
+    On Linux the copy has no name in any folder, so it disappears with the process in any case. The
+    path contains ``number``, because the loader does not load the same path twice.
     """
     anonymous = OPEN_FILES.is_dir()
     temporary = tempfile.TemporaryFile if anonymous else tempfile.NamedTemporaryFile
@@ -174,7 +183,7 @@ def _copied_file(file: Path, folder: Path, number: int) -> Iterator[str]:
 
 
 def _copy(source: IO[bytes], target: IO[bytes]) -> None:
-    """Copy a file; copy_file_range shares the blocks if the file system supports it."""
+    """Copy an open file; copy_file_range shares the disk blocks if the file system supports it."""
     try:
         while os.copy_file_range(source.fileno(), target.fileno(), 2**30):
             pass

@@ -1,4 +1,4 @@
-"""Follow the connections of a SUMO network around its loop, and compare it with the description."""
+"""Reads the loop of a SUMO network file, and compares it with the scenario's description."""
 
 import xml.etree.ElementTree as ET
 from collections import defaultdict
@@ -15,21 +15,23 @@ SUMO_LANE_WIDTH_M = "3.2"
 
 @dataclass(frozen=True)
 class Loop:
-    """The one closed loop of a network."""
+    """The closed loop of a network."""
 
     edges: tuple[str, ...]
     """Edge ids in driving order."""
     lane_positions: dict[str, tuple[int, float]]
-    """By lane id: the lane's index, and the arc length of its start, metres."""
+    """By SUMO lane id: index of the lane, and position of its start along the loop, metres."""
     circumference_m: float
 
 
 def read_loop(network: ET.Element, description: ScenarioDescription, name: str) -> Loop:
-    """The loop of a network, after a check that it is closed and agrees with the description.
+    """Return the loop of a network; check that it is closed and agrees with the description.
+
+    ``network`` is the root element of SUMO's network file, ``name`` the file's name.
 
     Raises:
-        ScenarioError: the road is not a closed loop or not the described one; the message contains
-            ``name``.
+        ScenarioError: the road is not a closed loop, or differs from the description; the message
+            contains ``name``.
     """
     try:
         lanes = {edge.attrib["id"]: edge.findall("lane") for edge in network.iter("edge")}
@@ -53,13 +55,17 @@ def read_loop(network: ET.Element, description: ScenarioDescription, name: str) 
 
 
 class _LoopMismatch(Exception):
-    """The reason why a road is not the described loop; it completes the sentence "The road ..."."""
+    """The road is not the described loop; the message completes a sentence "The road ..."."""
 
 
 def _follow(
     network: ET.Element, description: ScenarioDescription
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Edges in driving order, and the junction edge after each edge that has one."""
+    """Return the edges in driving order, and the junction edge after each edge that has one.
+
+    Raises:
+        _LoopMismatch: the edges are not one closed loop.
+    """
     normal = [e.attrib["id"] for e in network.iter("edge") if e.get("function") is None]
     if not normal:
         raise _LoopMismatch("has no edges")
@@ -83,6 +89,14 @@ def _follow(
 def _step(
     ways: list[ET.Element], edge: str, description: ScenarioDescription
 ) -> tuple[str, str | None]:
+    """Return the id of the edge after ``edge``, and that of the junction edge between them or None.
+
+    ``ways`` are the connections that leave ``edge``.
+
+    Raises:
+        _LoopMismatch: there is not exactly one next edge, or its lanes are connected otherwise than
+            straight on.
+    """
     following = {way.attrib["to"] for way in ways}
     if len(following) != 1:
         raise _LoopMismatch(f"leads from edge {edge!r} to {len(following)} edges instead of one")
@@ -97,6 +111,7 @@ def _step(
 
 
 def _pieces(edges: tuple[str, ...], vias: dict[str, str]) -> Iterator[str]:
+    """Yield the ids of all edges and junction edges in driving order."""
     for edge in edges:
         yield edge
         if edge in vias:
@@ -104,6 +119,7 @@ def _pieces(edges: tuple[str, ...], vias: dict[str, str]) -> Iterator[str]:
 
 
 def _length_m(lanes: list[ET.Element], edge: str) -> float:
+    """Return the common length of an edge's lanes, metres; raise _LoopMismatch if they differ."""
     lengths = {float(lane.attrib["length"]) for lane in lanes}
     if len(lengths) != 1:
         raise _LoopMismatch(f"has no lanes of one length on edge {edge!r}")
@@ -111,6 +127,7 @@ def _length_m(lanes: list[ET.Element], edge: str) -> float:
 
 
 def _compare(lanes: list[ET.Element], edge: str, description: ScenarioDescription) -> None:
+    """Raise _LoopMismatch unless the lanes of an edge are as the description says."""
     if len(lanes) != description.lanes:
         raise _LoopMismatch(f"has {len(lanes)} lanes on edge {edge!r}, not {description.lanes}")
     for index, (lane, is_open) in enumerate(zip(lanes, description.open_lanes, strict=True)):

@@ -1,4 +1,4 @@
-"""Requests of our background drivers to SUMO, which executes them as far as it finds them safe."""
+"""Requests of our background drivers to SUMO, which executes them only as far as they are safe."""
 
 import math
 from collections.abc import Sequence
@@ -9,23 +9,25 @@ from drl_av.traffic.road import CENTERED_M
 from drl_av.traffic.snapshot import EGO, TrafficCommand
 
 LANE_CHANGES_ON_REQUEST = 1536
-"""SUMO changes lanes on request only, respects the gaps, and centres the vehicle in its lane."""
+"""SUMO's lane change mode: change lanes on request only, if the gaps are safe, and keep centred."""
 LEFT_TO_SUMO = -1.0
+"""The argument of ``setSpeed`` that returns the control of the speed to SUMO."""
 LOOK_AHEAD_M = 200.0
-"""Longer than any stopping distance."""
+"""Range in which SUMO looks for a vehicle ahead; longer than any stopping distance."""
 
 
 def leave_to_commands(vehicle: Any, name: str) -> None:
-    """Make SUMO change the lane of a vehicle on request only.
+    """Make SUMO change the lane of the vehicle ``name`` on request only.
 
-    The speed mode remains SUMO's default. A request therefore never makes the vehicle faster than
-    SUMO's IDM considers safe, and never exceeds the acceleration and braking of its type.
+    ``vehicle`` is the domain ``vehicle`` of libsumo or traci. The speed mode remains SUMO's
+    default: a request never makes the vehicle faster than SUMO's IDM considers safe, and never
+    exceeds the acceleration and braking of its type.
     """
     vehicle.setLaneChangeMode(name, LANE_CHANGES_ON_REQUEST)
 
 
 def is_centered(vehicle: Any, name: str) -> bool:
-    """Whether a vehicle is in the middle of its lane, so that a lane change may be requested.
+    """Whether the vehicle ``name`` is so near its lane's centre that it may request a lane change.
 
     If another vehicle has interrupted a lane change, a new request makes SUMO continue it, even
     into that vehicle.
@@ -39,7 +41,10 @@ def ask_for_lane_changes(
     traffic_commands: Sequence[TrafficCommand],
     timing: SimulationConfig,
 ) -> None:
-    """Request lane changes, valid until the next decision; SUMO completes those that it begins."""
+    """Request the lane changes of ``traffic_commands``, valid until the next decision.
+
+    SUMO completes a lane change that it has begun. ``ids`` holds the vehicle of each row.
+    """
     for row, _, side in traffic_commands:
         if side and is_centered(vehicle, ids[row]):
             vehicle.changeLaneRelative(ids[row], side, timing.decision_interval_s)
@@ -51,11 +56,12 @@ def ask_for_speeds(
     traffic_commands: Sequence[TrafficCommand],
     config: Config,
 ) -> None:
-    """Request speeds for the end of the next SUMO step; SUMO brakes by itself when it must.
+    """Request the speeds of ``traffic_commands`` for the end of the next SUMO step.
 
-    The requested speed is at most ``stoppable_speed``. If the vehicle ahead brakes fully, as
-    level-0 drivers do, SUMO's IDM alone would need harder braking than the vehicle has. The speeds
-    of SUMO's own drivers in such traffic are therefore limited too.
+    SUMO itself brakes harder if it must. The requested speed is at most ``stoppable_speed``,
+    because if the vehicle ahead brakes fully, as level-0 drivers do, SUMO's IDM alone would need
+    harder braking than the vehicle has. Therefore the speeds of SUMO's own drivers in such traffic,
+    or with ``keep_stopping_distance``, are limited too.
     """
     step_s = config.simulation.step_length_s
     if traffic_commands or config.traffic.keep_stopping_distance:
@@ -71,6 +77,7 @@ def ask_for_speeds(
 
 
 def _hold_back(vehicle: Any, names: Sequence[str], step_s: float) -> None:
+    """Limit the speed of SUMO-driven vehicles to ``stoppable_speed`` for the next SUMO step."""
     for name in names:
         most = stoppable_speed(vehicle, name, step_s)
         within_reach = most < vehicle.getSpeed(name) + vehicle.getAccel(name) * step_s
@@ -78,11 +85,12 @@ def _hold_back(vehicle: Any, names: Sequence[str], step_s: float) -> None:
 
 
 def stoppable_speed(vehicle: Any, name: str, step_s: float) -> float:
-    """The largest speed from which a vehicle can stop behind the vehicle ahead, m/s.
+    """Return the largest speed from which a vehicle can stop behind the vehicle ahead, m/s (ours).
 
-    inf without a vehicle ahead. Both brake with the vehicle's own limit b in steps of h. The one
-    ahead brakes at once from u, over u^2 / 2b - u h / 2. The vehicle itself drives one step at v
-    first, over v^2 / 2b + v h / 2 altogether. SUMO's minimum gap remains between them.
+    It is inf without a vehicle ahead. Both vehicles brake with b, the vehicle's own limit, in steps
+    of h seconds. The leader brakes at once from speed u and covers u^2 / 2b - u h / 2. The vehicle
+    first drives one step at speed v and covers v^2 / 2b + v h / 2 in all. SUMO's minimum gap
+    remains.
     """
     leader = vehicle.getLeader(name, LOOK_AHEAD_M)
     if leader is None or not leader[0]:
@@ -93,10 +101,11 @@ def stoppable_speed(vehicle: Any, name: str, step_s: float) -> float:
 
 
 def yields_to_sumo(vehicle: Any, name: str, speed: float) -> bool:
-    """Whether SUMO's models must control the speed, because they wanted to be slower than it is.
+    """Whether SUMO must keep control of the speed, because its models brake the vehicle themselves.
 
-    This is so when SUMO makes room for a lane change, and in an emergency, in which SUMO brakes
-    harder than a request may. It lasts until SUMO brakes normally again.
+    SUMO does so to make room for a lane change, and in an emergency, in which it brakes harder than
+    a request may. SUMO keeps control until it brakes normally again. ``speed`` is the present
+    speed, m/s.
     """
     if vehicle.getSpeedWithoutTraCI(name) < speed - 1e-6:
         return True

@@ -1,4 +1,4 @@
-"""Gaps and lanes on a road, closed to a loop or open; pure geometry, no SUMO."""
+"""Lanes and distances on a road, closed to a loop or open; pure geometry, no SUMO."""
 
 import math
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 ROUNDING = 1e-9
-"""Share of a lane by which a body may lie beyond a line, because numbers are rounded."""
+"""Share of a lane width by which a body may lie over a lane marking, to allow for rounding."""
 CENTERED_M = 0.1
-"""A vehicle this near its lane's centre is in no lane change, and may request one (ours)."""
+"""A vehicle within this distance of its lane's centre may request a lane change (ours)."""
 ARRIVED_M = 0.05
-"""A lane change has ended this near a lane's centre (ours).
+"""A lane change has ended if the vehicle is within this distance of a lane's centre (ours).
 
 Smaller than ``CENTERED_M``: the check ``strict`` must not take a vehicle that still moves to a
 centre for one that has arrived there.
@@ -22,29 +22,29 @@ centre for one that has arrived there.
 
 
 OPEN_LAP_M = 2.0**20
-"""Lap of every open road, about 1,000 km; a power of two, so that positions are not rounded."""
+"""``Road.lap_m`` of each open road, about 1,000 km; a power of two avoids rounding errors."""
 
 
 @dataclass(frozen=True)
 class PartialLane:
-    """A lane of an open road that begins or ends on the way, as an acceleration lane does."""
+    """A lane that begins or ends within an open road, such as an acceleration lane."""
 
     lane: int
     begin_m: float
     end_m: float
     joined_from_m: float
-    """From here on vehicles may change between it and the lane to its left."""
+    """Start of the part in which vehicles may change between it and the lane to its left."""
     joined_to_m: float
-    """Up to here they may; elsewhere the two lanes are divided."""
+    """End of that part. All positions are metres along the road."""
 
 
 class Barrier(NamedTuple):
-    """An obstacle of no length across a part of the road, at which the ego must stop."""
+    """An obstacle of zero length across a part of the road, which the ego must not pass."""
 
     s_m: float
     right_m: float
     left_m: float
-    """It extends between these two lateral positions, which are the same for a line."""
+    """The lateral positions of its two ends; they are equal if only a lane marking is blocked."""
 
 
 @dataclass(frozen=True)
@@ -56,15 +56,15 @@ class Road:
     """
 
     lap_m: float
-    """The circumference of a loop. An open road is a short part of a lap of ``OPEN_LAP_M``, so that
-    the shorter way round between two places on it is always the way along the road."""
+    """The circumference of a loop. An open road is a short part of a loop of ``OPEN_LAP_M``, so the
+    shorter way between two positions is always the way along the road."""
     lane_width_m: float
     open_lanes: tuple[bool, ...]
-    """One flag for each lane, rightmost first; False is a barricaded lane, which does not count."""
+    """One flag for each lane, rightmost first; False if the lane is barricaded."""
     end_m: float = math.inf
-    """Where the ego's way along an open road ends; inf on a loop."""
+    """The position at which the ego's way along an open road ends; inf on a loop."""
     partial_lanes: tuple[PartialLane, ...] = ()
-    """The lanes that do not extend along the whole road; they lie beside its other lanes."""
+    """The lanes that do not extend along the whole road."""
 
     @property
     def is_loop(self) -> bool:
@@ -72,11 +72,11 @@ class Road:
         return self.end_m == math.inf
 
     def lane_of(self, y_m: float) -> int:
-        """Index of the lane at lateral position ``y_m``; the lane may be off the road."""
+        """Return the index of the lane that contains ``y_m``; no such lane may exist."""
         return math.floor(y_m / self.lane_width_m + 0.5)
 
     def center_m(self, lane: int) -> float:
-        """Lateral position of a lane's centre, metres."""
+        """Return the lateral position of a lane's centre, metres."""
         return lane * self.lane_width_m
 
     def is_open(self, lane: int) -> bool:
@@ -84,25 +84,26 @@ class Road:
         return 0 <= lane < len(self.open_lanes) and self.open_lanes[lane]
 
     def is_open_at(self, lane: int, s_m: float) -> bool:
-        """Whether the lane exists at a place of the road and is not barricaded."""
+        """Whether the lane exists at the position ``s_m`` along the road and is not barricaded."""
         return self.is_open(lane) and (
             self._part(lane, s_m) is not None
             or all(part.lane != lane for part in self.partial_lanes)
         )
 
     def is_beside(self, lane: int, other: int, s_m: float) -> bool:
-        """Whether a vehicle may change from a lane to the next one at a place of the road."""
+        """Whether a vehicle at position ``s_m`` may change from ``lane`` to ``other`` beside it."""
         right = min(lane, other)
         part = self._part(right, s_m)
         joined = part is None or part.joined_from_m <= s_m < part.joined_to_m
         return joined and self.is_open_at(other, s_m)
 
     def lane_end_m(self, lane: int, s_m: float) -> float:
-        """Where the lane at a place of the road ends; inf if it does not end."""
+        """Return the position where the lane at position ``s_m`` ends; inf if it does not end."""
         part = self._part(lane, s_m)
         return math.inf if part is None else part.end_m
 
     def _part(self, lane: int, s_m: float) -> PartialLane | None:
+        """Return the partial lane with this index at the position ``s_m``, or None."""
         for part in self.partial_lanes:
             if part.lane == lane and part.begin_m <= s_m < part.end_m:
                 return part
@@ -110,7 +111,7 @@ class Road:
 
     @cached_property
     def barriers(self) -> tuple[Barrier, ...]:
-        """What stands on the road: the end of each lane, and where two lanes part."""
+        """The obstacles where partial lanes end, and where one separates from its neighbour."""
         found = []
         for part in self.partial_lanes:
             line_m = self.center_m(part.lane) + self.lane_width_m / 2
@@ -123,7 +124,7 @@ class Road:
     def holds(self, y_m: float, width_m: float, s_m: float = 0.0) -> bool:
         """Whether a body of width ``width_m`` with its centre at ``y_m`` is on open lanes only.
 
-        ``s_m`` is the place of the body's front, which matters where lanes begin and end.
+        ``s_m`` is the position of the body's front along the road; only partial lanes depend on it.
         """
         half = self.lane_width_m / 2
         right = math.floor((y_m - width_m / 2 + half) / self.lane_width_m + ROUNDING)
@@ -135,6 +136,10 @@ class Road:
         )
 
     def ahead_m(self, s_from_m: float | FloatArray, s_to_m: FloatArray) -> FloatArray:
-        """Signed distance along the road by the shorter way, in [-lap/2, lap/2); ahead positive."""
+        """Return the signed distance along the road from one position to another, metres.
+
+        It is the shorter way, in [-lap_m/2, lap_m/2), and positive if ``s_to_m`` is ahead. Arrays
+        broadcast.
+        """
         half = self.lap_m / 2
         return (s_to_m - s_from_m + half) % self.lap_m - half

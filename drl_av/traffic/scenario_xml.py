@@ -1,7 +1,8 @@
 """Reads the XML files of a scenario folder, and refuses elements that a scenario does not need.
 
-SUMO's files can name other files to read or to overwrite, and addresses to connect to. A scenario
-folder may come from another person. Each file that SUMO will load is therefore checked here first.
+A SUMO file can name other files to read or overwrite, and network addresses to connect to. A
+scenario folder may come from another person. Therefore each file is checked here before SUMO loads
+it.
 """
 
 import xml.etree.ElementTree as ET
@@ -16,7 +17,7 @@ NETWORK = frozenset(
 )
 ADDITIONAL = frozenset(["additional", "vType", "poly"])
 VIEW = frozenset(["viewsettings", "scheme", "edges", "vehicles", "delay", "viewport"])
-"""The elements of each kind of file that a scenario needs."""
+"""The names of the allowed XML elements in each kind of file."""
 
 
 class _Reader(ET.TreeBuilder):
@@ -27,7 +28,7 @@ class _Reader(ET.TreeBuilder):
         self._elements, self._depth = elements, 0
 
     def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
-        """Begin an element, after a check of its name, depth and attributes."""
+        """Begin an element; raise ValueError if its name, depth or an attribute is not allowed."""
         self._depth += 1
         if self._depth > MAX_DEPTH:
             raise ValueError(f"it nests elements more than {MAX_DEPTH} deep")
@@ -39,23 +40,23 @@ class _Reader(ET.TreeBuilder):
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> ET.Element:
-        """End an element of the document."""
+        """End the current element."""
         self._depth -= 1
         return super().end(tag)
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        """Refuse a document type, which may define entities and name other documents."""
+        """Raise ValueError: a document type may define entities and name other documents."""
         raise ValueError("it declares a document type")
 
 
 def read_xml(path: Path, elements: frozenset[str], remedy: str) -> ET.Element:
-    """The root element of an XML file that may contain only the named ``elements``.
+    """Return the root element of an XML file that contains only the allowed ``elements``.
 
     Each error message ends with ``remedy``, which says what the user can do.
 
     Raises:
         ScenarioError: the file is missing, not a regular file, too large or damaged, or has an
-            element or attribute that a scenario does not need.
+            element or attribute that is not allowed.
     """
     data = read_regular_file(path, remedy)
     parser = ET.XMLParser(target=_Reader(elements))
@@ -70,7 +71,11 @@ def read_xml(path: Path, elements: frozenset[str], remedy: str) -> ET.Element:
 
 
 def read_regular_file(path: Path, remedy: str) -> bytes:
-    """The bytes of a file; raises ScenarioError if it is missing, not regular or too large."""
+    """Return the bytes of a file; each error message ends with ``remedy``.
+
+    Raises:
+        ScenarioError: the file is missing, unreadable, not a regular file, or larger than 64 MB.
+    """
     try:
         if path.exists() and not path.is_file():
             raise ScenarioError(f"{path} is no regular file: {remedy}.")

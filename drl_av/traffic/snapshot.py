@@ -1,4 +1,4 @@
-"""The state of all vehicles at one decision, collisions, and the commands to the simulation."""
+"""The state of all vehicles at one moment, the ego's collisions, and commands to the simulation."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -7,11 +7,11 @@ from typing import NamedTuple
 from drl_av.traffic.road import FloatArray
 
 EGO = 0
-"""Row of the ego in every array of a snapshot."""
+"""Index of the ego in every array of a snapshot."""
 
 
 class CollisionKind(Enum):
-    """The kinds of the ego's collisions: with what, and which of the two hit the other."""
+    """The kinds of the ego's collisions: the other object, and which of the two hit the other."""
 
     HIT_AHEAD = "ego hit the vehicle ahead"
     HIT_BESIDE = "ego moved into a vehicle beside it"
@@ -31,7 +31,7 @@ class CollisionKind(Enum):
 
 @dataclass(frozen=True)
 class Collision:
-    """A collision of the ego; ``other`` is the other vehicle's id, or None for the road's edge."""
+    """A collision of the ego with the vehicle ``other``, or with the road's edge (None)."""
 
     kind: CollisionKind
     other: str | None
@@ -39,17 +39,18 @@ class Collision:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """All vehicles at one moment; every array has shape (1 + N,) with the ego in row 0."""
+    """All vehicles at one moment; each array has shape (1 + N,), with the ego at index 0."""
 
     time_s: float
+    """Time since the reset."""
     ids: tuple[str, ...]
     s_m: FloatArray
-    """Position of the body's centre along the loop, [0, circumference)."""
+    """Position of the body's centre along the road, in [0, ``Road.lap_m``)."""
     y_m: FloatArray
     """Lateral position of the body's centre, left positive; 0 is the rightmost lane's centre."""
     speed_m_s: FloatArray
     lateral_speed_m_s: FloatArray
-    """Left positive."""
+    """Lateral velocity, left positive."""
     length_m: FloatArray
     width_m: FloatArray
     sumo_lane_change: int = 0
@@ -57,17 +58,17 @@ class Snapshot:
 
 
 class TrafficCommand(NamedTuple):
-    """The decision of one of our background drivers for one vehicle, until the next decision."""
+    """The decision of our background driver for one vehicle, valid until the next decision."""
 
     row: int
-    """The vehicle's row in the snapshot."""
+    """Index of the vehicle in the snapshot."""
     acceleration_m_s2: float
     side: int
     """A lane change to the left (+1) or right (-1), or none (0)."""
 
 
 class Command(NamedTuple):
-    """The ego's speed and lateral position at the end of one SUMO step."""
+    """The ego's state at the end of one SUMO step, which the simulation must produce."""
 
     speed_m_s: float
     y_m: float

@@ -1,4 +1,4 @@
-"""The vehicle types of a scenario as data: the limits of the vehicles in SUMO, and their sizes."""
+"""The vehicle types of a scenario, with the sizes of the vehicles and their limits in SUMO."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -29,17 +29,17 @@ EGO = {
     "tau": "1.5",
 }
 """This car-following model never drives the ego. SUMO uses it to prevent other vehicles from
-cutting in closer than the model could brake for. Its tau of 1.5 s covers one decision in which the
-ego still accelerates."""
+cutting in so closely that the model could not brake in time. Its tau of 1.5 s covers one decision
+in which the ego still accelerates."""
 COLORS = {"traffic": "240,190,40", "ego": "60,160,255"}
 APPEARANCE = ("id", "color", "guiShape")
 BOUNDS = {"length": (1.0, 25.0), "width": (0.5, 5.0)}
-"""Bounds of some attributes, metres; the others must be above 0."""
+"""Smallest and largest allowed values of some attributes, metres; the others must be above 0."""
 
 
 @dataclass(frozen=True)
 class VehicleType:
-    """A vehicle type; each number is the SUMO attribute that ``NUMBERS`` names."""
+    """A vehicle type of SUMO; ``NUMBERS`` names the SUMO attribute of each numeric field."""
 
     length_m: float
     width_m: float
@@ -47,10 +47,10 @@ class VehicleType:
     braking_m_s2: float
     """Hardest braking in normal driving, SUMO's decel."""
     emergency_braking_m_s2: float
-    """Hardest braking in an emergency."""
+    """Hardest braking in an emergency, SUMO's emergencyDecel."""
     lateral_speed_m_s: float
     model: tuple[tuple[str, str], ...]
-    """All other attributes that affect the driving, sorted by name."""
+    """The name and value of each other attribute that affects the driving, sorted by name."""
 
 
 NUMBERS = {
@@ -61,29 +61,29 @@ NUMBERS = {
     "emergency_braking_m_s2": "emergencyDecel",
     "lateral_speed_m_s": "maxSpeedLat",
 }
-"""The SUMO attribute of each field of a vehicle type."""
+"""The SUMO attribute of each numeric field of ``VehicleType``; units are SI."""
 
 
 @dataclass(frozen=True)
 class VehicleTypes:
-    """The two vehicle types of a scenario: the ego's, and that of all other vehicles."""
+    """The two vehicle types of a scenario: that of the ego, and that of all other vehicles."""
 
     traffic: VehicleType
     ego: VehicleType
 
     @property
     def longest_m(self) -> float:
-        """Length of the longer type."""
+        """The larger of the two lengths."""
         return max(self.traffic.length_m, self.ego.length_m)
 
     @property
     def widest_m(self) -> float:
-        """Width of the wider type."""
+        """The larger of the two widths."""
         return max(self.traffic.width_m, self.ego.width_m)
 
 
 def type_attributes(length_m: float, width_m: float) -> list[dict[str, str]]:
-    """The attributes of the two types in a new scenario, for vehicles of the given size."""
+    """Return the SUMO attributes of both types of a new scenario; all vehicles have one size."""
     size = {"length": repr(length_m), "width": repr(width_m)}
     return [
         {"id": name, "color": COLORS[name]} | size | model | VEHICLE
@@ -92,7 +92,7 @@ def type_attributes(length_m: float, width_m: float) -> list[dict[str, str]]:
 
 
 def read_types(elements: Iterable[Mapping[str, Any]], name: str) -> VehicleTypes:
-    """The vehicle types from the attributes of the vType elements in a file.
+    """Return the vehicle types that a file contains, from the attributes of its vType elements.
 
     Raises:
         ScenarioError: a type is missing or occurs twice, or one of its numbers is missing or wrong;
@@ -116,6 +116,10 @@ def read_types(elements: Iterable[Mapping[str, Any]], name: str) -> VehicleTypes
 
 
 def _read_type(attributes: Mapping[str, Any], name: str) -> VehicleType:
+    """Return a vehicle type from its SUMO attributes; raise ScenarioError if a number is wrong.
+
+    Each message begins with ``name``.
+    """
     numbers = {
         field.name: _number(attributes, NUMBERS[field.name], name)
         for field in fields(VehicleType)
@@ -127,6 +131,10 @@ def _read_type(attributes: Mapping[str, Any], name: str) -> VehicleType:
 
 
 def _number(attributes: Mapping[str, Any], key: str, name: str) -> float:
+    """Return the SUMO attribute ``key`` as a number; raise ScenarioError if it is out of bounds.
+
+    The message begins with ``name``.
+    """
     text = attributes.get(key)
     try:
         value = float(str(text))
@@ -140,4 +148,4 @@ def _number(attributes: Mapping[str, Any], key: str, name: str) -> float:
 
 
 AS_WRITTEN = read_types(type_attributes(5.0, 1.8), "the types as written")
-"""The types of a new scenario with the default sizes."""
+"""The vehicle types of a new scenario with the default vehicle size."""
