@@ -13,5 +13,5 @@ while not over:
     observation, reward, terminated, truncated, info = env.step(action)
     replaced += info["rule"] != "none"
     over = terminated or truncated
-print(f"{replaced} actions replaced, collision: {info['collision']}")
+print(f"{replaced} actions replaced, collision: {info['collision'] or 'none'}")
 env.close()

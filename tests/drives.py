@@ -30,7 +30,7 @@ def until_over(env: HighwayEnv, action: int, at_most: int = 20) -> dict[str, Any
         if terminated:
             assert reward == env.config.reward.collision_reward
             return info
-        assert info["collision"] is None
+        assert not info["collision"]
     raise AssertionError(f"nothing ended in {at_most} decisions")
 
 

@@ -28,7 +28,7 @@ def test_the_python_example_drives_an_episode_in_which_the_check_replaces_action
 ) -> None:
     [program] = fenced("README.md", "python")
     printed = run(tmp_path, "-c", program).stdout
-    replaced = re.fullmatch(r"(\d+) actions replaced, collision: None\n", printed)
+    replaced = re.fullmatch(r"(\d+) actions replaced, collision: none\n", printed)
     assert replaced
     assert 0 < int(replaced[1]) < 200
 

@@ -15,7 +15,7 @@ from drl_av.traffic.snapshot import Snapshot
 
 def next_caption(caption: Caption, reward: float, info: dict[str, Any]) -> Caption:
     """The caption after one more decision, from the reward and the ``info`` of its step."""
-    rule, collision = info["rule"], info["collision"]
+    rule = info["rule"]
     return replace(
         caption,
         vehicles=info["vehicles"],
@@ -28,7 +28,7 @@ def next_caption(caption: Caption, reward: float, info: dict[str, Any]) -> Capti
         **info["rewards"],
         speed_history=(*caption.speed_history, info["speed_m_s"]),
         trigger_history=(*caption.trigger_history, rule != "none"),
-        collision="" if collision is None else collision.kind.value,
+        collision=info["collision"],
     )
 
 

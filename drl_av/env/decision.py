@@ -7,7 +7,7 @@ from drl_av.driving.maneuver import aborts
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import Observation
 from drl_av.safety.check import Rule
-from drl_av.traffic.snapshot import Collision
+from drl_av.traffic.snapshot import Collision, CollisionKind
 
 
 class Decision(NamedTuple):
@@ -43,8 +43,10 @@ class Decision(NamedTuple):
     @property
     def collision(self) -> Collision | None:
         """The ego's collision within this decision, or None."""
-        collision: Collision | None = self.info["collision"]
-        return collision
+        if not self.info["collision"]:
+            return None
+        other = self.info["collided_with"] or None
+        return Collision(CollisionKind(self.info["collision"]), other)
 
     @property
     def aborts_lane_change(self) -> bool:

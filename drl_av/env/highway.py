@@ -203,7 +203,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             "executed_action": verdict.action.number,
             "rule": str(verdict.rule),
             "rewards": terms._asdict(),
-            "collision": collision,
+            "collision": "" if collision is None else collision.kind.value,
+            "collided_with": "" if collision is None else collision.other or "",
         }
         self._renderer.step(snapshot, reward, info)
         return observation, reward, terminated, truncated, info

@@ -11,7 +11,6 @@ from worlds import ROAD, ahead, snapshot
 from drl_av.drawing import Caption, draw, next_caption, renderer
 from drl_av.drawing.renderer import GuiRenderer, PictureRenderer, Renderer
 from drl_av.env.highway import HighwayEnv
-from drl_av.traffic.snapshot import Collision, CollisionKind
 
 START = {"seed": 42, "vehicles": 7, "speed_m_s": 20.0}
 KEPT = {
@@ -20,14 +19,14 @@ KEPT = {
     "executed_action": 1,
     "rule": "none",
     "rewards": {"r_v": -0.5, "r_y": 0.0, "r_x": -0.1},
-    "collision": None,
+    "collision": "",
     "speed_m_s": 22.0,
 }
 REFUSED = KEPT | {
     "proposed_action": 8,
     "executed_action": 3,
     "rule": "in_lane+lane_change",
-    "collision": Collision(CollisionKind.HIT_AHEAD, "vehicle3"),
+    "collision": "ego hit the vehicle ahead",
     "speed_m_s": 18.0,
 }
 

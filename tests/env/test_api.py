@@ -70,7 +70,7 @@ def test_info_of_a_step_tells_what_happened(env: HighwayEnv) -> None:
     _, reward, terminated, truncated, info = env.step(np.int64(1))
     assert (terminated, truncated) == (False, False)
     assert set(info) == {
-        *("proposed_action", "executed_action", "rule", "rewards", "collision"),
+        *("proposed_action", "executed_action", "rule", "rewards", "collision", "collided_with"),
         *("speed_m_s", "indicators", "seed", "vehicles"),
     }
     assert (info["proposed_action"], info["seed"], info["vehicles"]) == (1, 3, 5)

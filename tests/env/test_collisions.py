@@ -87,9 +87,10 @@ def unchecked(request: pytest.FixtureRequest) -> Iterator[Witness]:
 def watch_step(witness: Witness, action: int) -> tuple[CollisionKind | None, bool]:
     """One decision, of which the witness says the same; how it ended, and whether the episode."""
     _, _, terminated, truncated, info = witness.env.step(action)
-    met = info["collision"]
+    kind = CollisionKind(info["collision"]) if info["collision"] else None
+    met = None if kind is None else Collision(kind, info["collided_with"] or None)
     assert witness.agrees(met)
-    return met and met.kind, terminated or truncated
+    return kind, terminated or truncated
 
 
 def test_the_random_driver_collides_where_the_witness_says_so(unchecked: Witness) -> None:

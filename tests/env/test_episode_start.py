@@ -83,7 +83,7 @@ def test_a_barricaded_lane_is_no_lane_for_anyone(barricaded: HighwayEnv) -> None
         start(barricaded, 30, seed)
         for decision in range(60):
             info = barricaded.step((LEFT, RIGHT, KEEP)[decision % 3])[4]
-            assert info["collision"] is None
+            assert not info["collision"]
             assert (barricaded.scene.snapshot.y_m - 0.9 > 1.9 - 1e-6).all()
             if barricaded.scene.affordances.lane == 1:
                 right = info["indicators"][8:16]

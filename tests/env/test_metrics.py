@@ -36,7 +36,8 @@ def decision(
         "executed_action": executed,
         "rule": rule,
         "rewards": dict(zip(("r_v", "r_y", "r_x"), terms, strict=True)),
-        "collision": collision,
+        "collision": "" if collision is None else collision.kind.value,
+        "collided_with": "" if collision is None else collision.other,
     }
     action = ACTIONS[executed if proposed is None else proposed]
     over = collision is not None

@@ -69,7 +69,8 @@ class ScriptedEnv:
             "proposed_action": action,
             "executed_action": action if executed is None else executed,
             "rewards": {"r_v": reward, "r_y": 0.0, "r_x": 0.0},
-            "collision": HIT if terminated else None,
+            "collision": HIT.kind.value if terminated else "",
+            "collided_with": HIT.other if terminated else "",
             "vehicles": 3,
         }
         return observed(self.t), reward, terminated, self.t == len(self.script), info

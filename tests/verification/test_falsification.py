@@ -81,5 +81,5 @@ def test_on_a_short_loop_the_ego_stops_for_one_that_is_nearer_behind_than_ahead(
         env.reset(seed=1)
         for _ in range(40):
             *_, info = env.step(Longitudinal.ACCELERATE)
-            assert info["collision"] is None
+            assert not info["collision"]
         assert info["speed_m_s"] == 0.0
