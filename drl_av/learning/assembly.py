@@ -1,4 +1,4 @@
-"""Builds a training from its settings, and starts it from a trained driver if requested."""
+"""Builds a training from its settings, and can start it from the networks of a trained driver."""
 
 from functools import partial
 from pathlib import Path
@@ -26,13 +26,13 @@ from drl_av.learning.training import Training, Variant, draw_seed, learner_names
 
 
 def make_training(env: HighwayEnv) -> Training:
-    """A new training by Algorithm 1, with the settings of the environment's config.
+    """Build a new training by Algorithm 1 of the paper, with the settings of ``env.config``.
 
     All its random numbers come from one generator, seeded with ``learning.seed``.
 
     Raises:
-        ConfigError: ``traffic.vehicles_max`` vehicles do not fit on the road; or ``mirrored`` is
-            set, but the reward of a scene and of its mirror image differ.
+        ConfigError: ``traffic.vehicles_max`` vehicles do not fit on the road; or
+            ``learning.mirrored`` is set, but the reward of a scene and of its mirror image differ.
     """
     env.require_room()
     require_symmetry(env.config, env.road)
@@ -54,7 +54,7 @@ def make_training(env: HighwayEnv) -> Training:
 
 
 def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
-    """An empty experience buffer of the kind ``config.replay``."""
+    """Make an empty experience buffer of the kind ``config.replay``."""
     capacity = config.safe_capacity + config.collision_capacity
     if config.replay == "uniform":
         return UniformBuffer(observation_size, capacity, config.discount)
@@ -77,7 +77,7 @@ def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
 
 
 def make_store(buffer: Buffer, env: HighwayEnv, rng: np.random.Generator) -> Store:
-    """The function that stores a decision in the buffer, by the environment's settings."""
+    """Return the function that stores a decision in ``buffer`` by the settings of ``env``."""
     config: Config = env.config
     store = (StoreWithPenalty if config.learning.unsafe_penalty else StoreDecision)(buffer, config)
     if config.learning.counterfactuals:
@@ -86,11 +86,11 @@ def make_store(buffer: Buffer, env: HighwayEnv, rng: np.random.Generator) -> Sto
 
 
 def warm_start(training: Training, policy_file: Path) -> bool:
-    """Start a training from a trained driver; returns whether its experience was available.
+    """Load a trained driver into a new training, in place; return whether experience came with it.
 
-    If the policy file is the ``policy.safetensors`` of a run with a checkpoint, the training
-    continues with the checkpoint's networks, target networks, Adam moments and experience.
-    Otherwise the networks and target networks are those of the policy, and the buffers are empty.
+    If the policy file is the ``policy.safetensors`` of a run with a checkpoint, the training takes
+    over the checkpoint's networks, target networks, Adam moments and experience (returns True).
+    Otherwise both networks are those of the policy and the buffers stay empty (returns False).
 
     Raises:
         CheckpointError: a file is damaged, or does not fit the settings of this training.

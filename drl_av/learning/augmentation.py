@@ -1,4 +1,4 @@
-"""Data augmentation: mirrored scenes, and the outcomes of actions that were not taken (ours)."""
+"""Augments the experience with mirrored scenes and with actions that were not taken (ours)."""
 
 from collections.abc import Iterable
 
@@ -18,7 +18,10 @@ from drl_av.traffic.road import Road
 
 
 def require_symmetry(config: Config, road: Road) -> None:
-    """Raise ConfigError if the reward is not symmetric: a fixed y_des off the road's middle."""
+    """Raise ConfigError if exchanging left and right would change the reward in mirrored learning.
+
+    That is so if ``learning.mirrored`` is set and y_des is fixed, but not in the road's middle.
+    """
     middle_m = road.center_m(len(road.open_lanes) - 1) / 2
     fixed = config.learning.mirrored and config.reward.desired == "fixed"
     if fixed and config.reward.desired_lateral_m != middle_m:
@@ -29,15 +32,15 @@ def require_symmetry(config: Config, road: Road) -> None:
 
 
 def unchanged(batch: Batch) -> Batch:
-    """Return the batch without a change, as in Algorithm 1."""
+    """Return the minibatch as it is, as in Algorithm 1 of the paper."""
     return batch
 
 
 def mirror_half(batch: Batch, mirror: Mirror = MIRROR) -> Batch:
-    """Exchange left and right in every second row of a batch, in place, and return the batch.
+    """Exchange left and right in every second transition of a minibatch, in place; return it.
 
     The rows of the safe buffer precede those of the collision buffer, so half of each is mirrored.
-    The rewards do not change, because the reward is symmetric.
+    The rewards stay as they are, because the reward is symmetric.
     """
     for s in (batch.s_t, batch.s_tp1):
         s[::2] = mirrored_observations(s[::2], mirror)
@@ -46,10 +49,10 @@ def mirror_half(batch: Batch, mirror: Mirror = MIRROR) -> Batch:
 
 
 class StoreCounterfactuals:
-    """Stores each decision, and the computed outcomes of some actions that were not taken.
+    """Stores each decision, and computed transitions of some actions that were not taken.
 
-    It draws ``learning.counterfactuals`` actions for each decision, and omits the proposed and the
-    executed one. After a collision it stores none, because their outcomes are not known.
+    It draws ``learning.counterfactuals`` of the 12 actions for each decision, and omits the
+    proposed and the executed one. After a collision it stores none: their outcome is unknown.
     """
 
     def __init__(
@@ -58,7 +61,7 @@ class StoreCounterfactuals:
         self._store, self._buffer, self._env, self._rng = store, buffer, env, rng
 
     def __call__(self, decision: Decision) -> None:
-        """Store the decision, then the outcomes of other actions."""
+        """Store the decision, then the computed transitions of other actions."""
         self._store(decision)
         if decision.terminated:
             return
@@ -72,13 +75,13 @@ class StoreCounterfactuals:
 def store_counterfactuals(
     buffer: Buffer, env: HighwayEnv, decision: Decision, others: Iterable[Action]
 ) -> None:
-    """Store the outcomes of actions that were not taken, if they are known.
+    """Store the transition that each of the actions ``others`` would have caused, if known.
 
-    An action that the check replaces goes into Buf_C, as in Algorithm 1, line 6, and so does an
-    action that leaves the open lanes. For the others ``affordances_after`` computes the next state,
-    with the motion of the other vehicles as it was. With ``learning.unsafe_penalty`` an action that
-    the check replaces has the next state of its replacement. The outcome is not known if the ego
-    would have collided with a vehicle; nothing is stored then.
+    An action that the check replaces goes into Buf_C, as in line 6 of the paper's Algorithm 1, and
+    so does one that leaves the open lanes. For the rest ``affordances_after`` computes the next
+    state, with the other vehicles moving as they did. With ``learning.unsafe_penalty`` an action
+    that the check replaces has the next state of its replacement. Nothing is stored if
+    ``affordances_after`` cannot compute the next state.
     """
     config, before, s_t = env.config, decision.scene, decision.observation
     after, penalty = decision.next_scene.affordances, config.learning.unsafe_penalty

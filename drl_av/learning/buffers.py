@@ -1,6 +1,6 @@
-"""Experience buffers: the safe and the collision buffer of Algorithm 1, and a single buffer.
+"""Experience buffers: the safe and the collision buffer of Algorithm 1 of the paper; a single one.
 
-The discount of each row is stored: 0 for a terminal row with reward r_col, gamma for any other row.
+A row is one transition. Its discount is stored: 0 if it is terminal, with reward r_col, else gamma.
 """
 
 from typing import NamedTuple, Protocol
@@ -16,8 +16,8 @@ from drl_av.errors import CheckpointError, ConfigError
 class Batch(NamedTuple):
     """A minibatch of transitions; its arrays are copies, which the caller may change.
 
-    ``weights``, shape (rows,), scales the squared error of each row; None is 1. ``slots``, shape
-    (rows,), holds the places of the rows in a prioritized buffer.
+    The states have shape (rows, observation_size), all other arrays (rows,). ``weights`` multiply
+    the squared errors; None means 1. ``slots`` are the rows' indices in a prioritized buffer.
     """
 
     s_t: Float32Array
@@ -30,12 +30,13 @@ class Batch(NamedTuple):
 
 
 class Ring:
-    """A ring buffer of the newest ``capacity`` transitions.
+    """A ring buffer that holds the newest ``capacity`` transitions.
 
-    Each is one float32 row: s_t, s_tp1, a_t, r_tp1, discount. Memory grows with the rows.
+    A transition is one float32 row: s_t, s_tp1, a_t, r_tp1, discount. The system allocates memory
+    as rows are written.
 
     Raises:
-        ConfigError: this machine's memory cannot hold as many rows.
+        ConfigError: the memory of this machine cannot hold so many rows.
     """
 
     def __init__(self, capacity: int, observation_size: int) -> None:
@@ -61,7 +62,7 @@ class Ring:
         discount: float,
         s_tp1: Float32Array | float,
     ) -> int:
-        """Store a transition, in place of the oldest one if the ring is full; returns its slot."""
+        """Store a transition, over the oldest one if the ring is full; return its row index."""
         slot, n = self.next_slot, self.observation_size
         row = self.rows[slot]
         row[:n] = s_t
@@ -72,20 +73,20 @@ class Ring:
         return slot
 
     def draw(self, count: int, rng: np.random.Generator) -> Float32Array:
-        """Draw ``count`` stored rows uniformly, with replacement."""
+        """Draw ``count`` stored rows uniformly with replacement; return a copy of them."""
         drawn: Float32Array = self.rows.take(rng.integers(0, self.filled, count), axis=0)
         return drawn
 
     def endings(self) -> int:
-        """Number of stored rows with discount 0."""
+        """Return the number of stored terminal rows, which have discount 0."""
         return self.filled - int(np.count_nonzero(self.rows[: self.filled, -1]))
 
     def state(self) -> State:
-        """A copy of the stored rows in the order of their slots, and the next slot."""
+        """Return a copy of the stored rows, and the index of the row that is written next."""
         return {"rows": self.rows[: self.filled].copy(), "next_slot": np.array(self.next_slot)}
 
     def restore(self, state: State) -> None:
-        """Restore the ring exactly from the result of ``state``.
+        """Set the ring to exactly the state that ``state`` returned.
 
         Raises:
             CheckpointError: the rows do not fit a ring of this capacity and observation size.
@@ -110,7 +111,7 @@ class Ring:
 
 
 def batch_of(rows: Float32Array, observation_size: int) -> Batch:
-    """A batch of rows of a ring, shape (rows, 2 n + 3), where n is the observation size."""
+    """Split rows of a ring, shape (rows, 2 * observation_size + 3), into the arrays of a Batch."""
     n = observation_size
     return Batch(
         s_t=rows[:, :n],
@@ -122,7 +123,11 @@ def batch_of(rows: Float32Array, observation_size: int) -> Batch:
 
 
 class Buffer(Protocol):
-    """The interface of an experience buffer."""
+    """The interface of an experience buffer.
+
+    ``add_safe`` stores a transition, ``add_collision`` a terminal one, ``sample`` draws a
+    minibatch; ``collisions`` is the number of terminal rows.
+    """
 
     def __len__(self) -> int: ...
     @property
@@ -134,20 +139,26 @@ class Buffer(Protocol):
     def restore(self, state: State) -> None: ...
 
     def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store an unsafe proposal with the outcome of the executed action; a safe row (ours)."""
+        """Store an action that the check replaced, with the next state of its replacement (ours).
+
+        Here it is stored like a safe transition.
+        """
         self.add_safe(s_t, a_t, r_tp1, s_tp1)
 
     def anneal(self, progress: float) -> None:
-        """Adapt the buffer to the training's ``progress``, from 0 to 1; by default do nothing."""
+        """Adapt the sampling to the training's ``progress``, from 0 to 1; by default do nothing."""
         return None
 
     def update_priorities(self, batch: Batch, td_errors: Float32Array) -> None:
-        """Take the TD errors of a sampled batch, shape (rows,); by default do nothing."""
+        """Set priorities of a sampled batch from its TD errors, (rows,); by default do nothing."""
         return None
 
 
 class TwoBuffers(Buffer):
-    """Buf_S and Buf_C; a fixed share of each batch comes from Buf_C, if both have rows."""
+    """The paper's safe buffer Buf_S and collision buffer Buf_C.
+
+    The share ``collision_fraction`` of each batch comes from Buf_C, if both have rows.
+    """
 
     def __init__(
         self,
@@ -167,23 +178,26 @@ class TwoBuffers(Buffer):
 
     @property
     def collisions(self) -> int:
-        """Number of rows in Buf_C."""
+        """Number of transitions in Buf_C."""
         return len(self.collision)
 
     def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store (s_t, a_t, s_tp1, r_tp1) in Buf_S. Algorithm 1, line 11."""
+        """Store (s_t, a_t, s_tp1, r_tp1) in Buf_S: Algorithm 1 of the paper, line 11."""
         self.safe.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
     def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
-        """Store (s_t, a_t, *, r_col) in Buf_C. Algorithm 1, lines 6 and 9."""
+        """Store (s_t, a_t, *, r_col) in Buf_C, terminal: Algorithm 1 of the paper, lines 6, 9."""
         self.collision.append(s_t, a_t, r_col, 0.0, 0.0)
 
     def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store an unsafe proposal with the outcome of the executed action in Buf_C (ours)."""
+        """Store in Buf_C an action that the check replaced, not terminal (ours).
+
+        ``s_tp1`` is the next state of the replacement.
+        """
         self.collision.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
-        """Draw a minibatch from Buf_S and Buf_C, the safe rows first. Algorithm 1, line 13.
+        """Draw a minibatch, rows of Buf_S first, then of Buf_C: Algorithm 1 of the paper, line 13.
 
         Raises:
             ValueError: both buffers are empty.
@@ -205,19 +219,19 @@ class TwoBuffers(Buffer):
         return batch_of(rows, self.safe.observation_size)
 
     def state(self) -> State:
-        """Both buffers, under ``safe.`` and ``collision.``."""
+        """Return the state of both rings; the keys begin with ``safe.`` and ``collision.``."""
         rings = {"safe": self.safe, "collision": self.collision}
         return {f"{name}.{k}": v for name, ring in rings.items() for k, v in ring.state().items()}
 
     def restore(self, state: State) -> None:
-        """Go on from ``state`` exactly; raises CheckpointError where it does not fit."""
+        """Restore exactly the result of ``state``; raises CheckpointError if it does not fit."""
         for name, ring in (("safe", self.safe), ("collision", self.collision)):
             prefix = f"{name}."
             ring.restore({k[len(prefix) :]: v for k, v in state.items() if k.startswith(prefix)})
 
 
 class UniformBuffer(Buffer):
-    """A single ring for safe and collision rows, sampled uniformly."""
+    """A single ring for all transitions, which are sampled uniformly."""
 
     def __init__(self, observation_size: int, capacity: int, discount: float) -> None:
         self.ring = Ring(capacity, observation_size)
@@ -228,25 +242,25 @@ class UniformBuffer(Buffer):
 
     @property
     def collisions(self) -> int:
-        """Number of stored rows with discount 0."""
+        """Number of stored terminal transitions."""
         return self.ring.endings()
 
     def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store (s_t, a_t, s_tp1, r_tp1) with discount gamma."""
+        """Store the transition (s_t, a_t, s_tp1, r_tp1), with discount gamma."""
         self.ring.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
     def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
-        """Store (s_t, a_t, *, r_col) with discount 0."""
+        """Store the terminal transition (s_t, a_t, *, r_col), with discount 0."""
         self.ring.append(s_t, a_t, r_col, 0.0, 0.0)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
-        """Draw a minibatch; raises ValueError if the buffer is empty."""
+        """Draw a minibatch of transitions; raises ValueError if the buffer is empty."""
         return batch_of(self.ring.draw(batch_size, rng), self.ring.observation_size)
 
     def state(self) -> State:
-        """The stored rows and the slot that comes next."""
+        """Return the state of the ring, as ``Ring.state``."""
         return self.ring.state()
 
     def restore(self, state: State) -> None:
-        """Go on from ``state`` exactly; raises CheckpointError where it does not fit."""
+        """Restore exactly the result of ``state``; raises CheckpointError if it does not fit."""
         self.ring.restore(state)

@@ -1,4 +1,4 @@
-"""Writes checkpoints and policies atomically, and stores the state of random generators."""
+"""Writes checkpoints and policies atomically, and saves the state of random generators."""
 
 import json
 from collections.abc import Sequence
@@ -16,12 +16,12 @@ from drl_av.files import write_whole
 
 
 def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
-    """Write named arrays, and metadata that JSON can hold, to ``path``.
+    """Write named arrays, and metadata of JSON types, to the safetensors file ``path`` atomically.
 
-    An interruption at any moment leaves either the old file or the new one, whole.
+    An interruption at any moment leaves either the complete old file or the complete new one.
 
     Raises:
-        CheckpointError: the disk is full, or the folder is missing or may not be written to.
+        CheckpointError: the disk is full, or the folder is missing or not writable.
     """
     tensors = {name: np.asarray(tensor, order="C") for name, tensor in tensors.items()}
     text = json.dumps(metadata, sort_keys=True)
@@ -30,9 +30,10 @@ def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
 
 
 def save_policy(path: Path, networks: Sequence[QNetwork], config: Config) -> None:
-    """Write the tensors of networks by name, and their config; raises CheckpointError.
+    """Write a policy file: the weights of the networks, and their config.
 
-    The tensors of several networks have an additional first axis.
+    The arrays of several networks have an additional first axis, the network. Raises
+    CheckpointError if the file cannot be written.
     """
     named = [network.tensors() for network in networks]
     tensors = {name: np.stack([own[name] for own in named]) for name in named[0]}
@@ -42,13 +43,13 @@ def save_policy(path: Path, networks: Sequence[QNetwork], config: Config) -> Non
 
 
 def rng_to_json(rng: np.random.Generator) -> dict[str, Any]:
-    """The state of a random generator as a JSON object."""
+    """Return the state of a random generator as a dictionary that JSON can hold."""
     state: dict[str, Any] = dict(rng.bit_generator.state)
     return state
 
 
 def restore_rng(rng: np.random.Generator, state: dict[str, Any]) -> None:
-    """Restore a random generator from the state that ``rng_to_json`` returned.
+    """Set a random generator, in place, to the state that ``rng_to_json`` returned.
 
     Raises:
         CheckpointError: it is the state of another kind of generator.

@@ -1,4 +1,4 @@
-"""Stores each decision as experience: Algorithm 1, lines 6 and 8 to 12."""
+"""Stores each decision as experience: Algorithm 1 of the paper, lines 6 and 8 to 12."""
 
 from collections.abc import Callable
 
@@ -12,10 +12,11 @@ Store = Callable[[Decision], None]
 
 
 class StoreDecision:
-    """Stores unsafe proposals and collisions in Buf_C, and other executed actions in Buf_S.
+    """Stores a decision as Algorithm 1 of the paper does.
 
-    An unsafe proposal is terminal with reward r_col, as in Algorithm 1. Ours: with
-    ``learning.speed_weight`` the stored reward has an additional bonus for speed.
+    A proposal that the check replaced and a collision go into Buf_C, terminal with reward r_col; an
+    executed action without a collision goes into Buf_S. Ours: with ``learning.speed_weight`` the
+    stored reward includes a bonus for speed.
     """
 
     def __init__(self, buffer: Buffer, config: Config) -> None:
@@ -24,7 +25,7 @@ class StoreDecision:
         self._speed_weight = config.learning.speed_weight
 
     def __call__(self, decision: Decision) -> None:
-        """Store a decision. Algorithm 1, lines 6 and 8 to 12."""
+        """Store a decision: Algorithm 1 of the paper, lines 6 and 8 to 12."""
         speed_m_s = decision.next_scene.affordances.ego_speed_m_s
         r_tp1 = decision.reward + speed_bonus(speed_m_s, self._ego, self._speed_weight)
         s_t, executed = decision.observation, decision.executed.number
@@ -36,14 +37,18 @@ class StoreDecision:
             self._buffer.add_safe(s_t, executed, r_tp1, decision.next_observation)
 
     def store_unsafe(self, decision: Decision, r_tp1: float) -> None:
-        """Store an unsafe proposal as terminal with reward r_col. Algorithm 1, line 6."""
+        """Store the proposal that the check replaced, as terminal with reward r_col.
+
+        This is line 6 of Algorithm 1 of the paper, which does not use ``r_tp1``.
+        """
         self._buffer.add_collision(decision.observation, decision.proposed.number, self._r_col)
 
 
 class StoreWithPenalty(StoreDecision):
-    """Stores an unsafe proposal with the outcome of the executed action and a penalty (ours).
+    """Stores a proposal that the check replaced with a penalty instead of as terminal (ours).
 
-    It is terminal with reward r_col only if the executed action collides.
+    Its next state and reward are those of the executed action, minus ``learning.unsafe_penalty``.
+    It is terminal with reward r_col only if the ego collided.
     """
 
     def __init__(self, buffer: Buffer, config: Config) -> None:
@@ -51,7 +56,7 @@ class StoreWithPenalty(StoreDecision):
         self._penalty = config.learning.unsafe_penalty
 
     def store_unsafe(self, decision: Decision, r_tp1: float) -> None:
-        """Store the proposal with the next state and the reward of the executed action."""
+        """Store the proposal with the executed action's next state, and r_tp1 minus the penalty."""
         if decision.terminated:
             super().store_unsafe(decision, r_tp1)
             return

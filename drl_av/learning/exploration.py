@@ -1,4 +1,4 @@
-"""Epsilon-greedy exploration and its schedule. Algorithm 1, line 5."""
+"""Epsilon-greedy exploration, line 5 of Algorithm 1 of the paper, and its schedule."""
 
 from collections.abc import Callable
 from functools import partial
@@ -15,10 +15,10 @@ from drl_av.driving.scene import Scene
 def linear_epsilon(
     episode: int, episodes: int, start: float = 1.0, end: float = 0.2, fraction: float = 0.7
 ) -> float:
-    """The probability of a random action in an episode; episodes are counted from 0.
+    """Return epsilon, the probability of a random action, in an episode (the first one is 0).
 
-    Sec. IV-C: it decreases linearly from ``start`` to ``end`` over ``fraction`` of the episodes,
-    and is constant afterwards.
+    Epsilon decreases linearly from ``start`` to ``end`` over the first ``fraction`` of all
+    ``episodes``, and is constant afterwards (Sec. IV-C of the paper).
     """
     progress = min(1.0, episode / (fraction * episodes))
     return (1.0 - progress) * start + progress * end
@@ -27,9 +27,9 @@ def linear_epsilon(
 def epsilon_greedy(
     epsilon: float, action_size: int, greedy: Callable[[], int], rng: np.random.Generator
 ) -> int:
-    """A random action with probability ``epsilon``, else the greedy action.
+    """Return a random action number with probability ``epsilon``, else the result of ``greedy()``.
 
-    Algorithm 1, line 5. The function is called for the greedy action only if it is needed.
+    ``greedy`` is called only then. Algorithm 1 of the paper, line 5.
     """
     if rng.random() < epsilon:
         return int(rng.integers(action_size))
@@ -40,7 +40,7 @@ class GreedyDriver(Driver, Protocol):
     """A driver with a method for the greedy action, which Algorithm 1 needs."""
 
     def greedy(self, s_t: Float32Array) -> int:
-        """The greedy action argmax_a Q(s_t, a) for a scaled observation, shape (27,)."""
+        """Return the number of argmax_a Q(s_t, a) for a scaled observation, shape (27,)."""
 
 
 class ExploringDriver:
@@ -51,9 +51,9 @@ class ExploringDriver:
         self.epsilon = 1.0
 
     def start(self, seed: int) -> None:
-        """Do nothing; the random numbers come from the training's generator, not from ``seed``."""
+        """Do nothing: random numbers come from the training's generator, not from ``seed``."""
 
     def act(self, scene: Scene, observation: Float32Array) -> Action:
-        """A random action with probability ``epsilon``, else the greedy one."""
+        """Return a random action with probability ``epsilon``, else the driver's greedy action."""
         greedy = partial(self._driver.greedy, observation)
         return ACTIONS[epsilon_greedy(self.epsilon, len(ACTIONS), greedy, self._rng)]

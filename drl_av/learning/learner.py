@@ -1,4 +1,4 @@
-"""One gradient step of Algorithm 1, lines 14 and 15: pure functions, and the state of a learner.
+"""The gradient step of Algorithm 1 of the paper, lines 14 and 15: functions, and their state.
 
 The forward and backward passes are written in numpy, because for 64 rows autograd and the calls of
 torch cost more time than the arithmetic.
@@ -38,10 +38,10 @@ def double_q_target(
     q_next_online: Float32Array,
     q_next_target: Float32Array,
 ) -> Float32Array:
-    """The target of double Q-learning, r + discount * Q^(s', argmax_a Q(s', a)), shape (rows,).
+    """Return the double Q-learning target, r + discount * Q^(s', argmax_a Q(s', a)), shape (rows,).
 
-    The online network Q selects the next action, and the target network Q^ evaluates it.
-    Algorithm 1, line 14. The arguments have shapes (rows,), (rows,) and twice (rows, actions).
+    The online network Q selects the next action and the target network Q^ evaluates it (Algorithm 1
+    of the paper, line 14). The first two arguments have shape (rows,), the others (rows, actions).
     """
     a_next = q_next_online.argmax(axis=1)
     target: Float32Array = r_tp1 + discount * q_next_target[np.arange(len(a_next)), a_next]
@@ -49,17 +49,19 @@ def double_q_target(
 
 
 def td_error(target: Float32Array, q_t: Float32Array, a_t: NDArray[np.int64]) -> Float32Array:
-    """The TD error, target minus value, y - Q(s, a), shape (rows,).
+    """Return the TD error y - Q(s, a) of each transition, shape (rows,).
 
-    Algorithm 1, line 15. Shapes: (rows,), (rows, actions), (rows,).
+    The target y has shape (rows,), ``q_t`` (rows, actions), ``a_t`` (rows,). Algorithm 1 of the
+    paper, line 15.
     """
     return target - q_t[np.arange(len(a_t)), a_t]
 
 
 def q_gradient(weighted_td: Float32Array, a_t: NDArray[np.int64], action_size: int) -> Float32Array:
-    """The derivative of mean (y - Q(s, a))^2 by Q(s, .); zero except for the action a.
+    """Return the derivative of the loss, mean (y - Q(s, a))^2, by Q(s, .), (rows, action_size).
 
-    Algorithm 1, line 15. Shapes: (rows,), (rows,); returns (rows, action_size).
+    It is zero except for the action a. ``weighted_td``, shape (rows,), is each TD error times its
+    weight. Algorithm 1 of the paper, line 15.
     """
     gradient = np.zeros((len(a_t), action_size), weighted_td.dtype)
     gradient[np.arange(len(a_t)), a_t] = weighted_td * (-2.0 / len(a_t))
@@ -71,7 +73,8 @@ def backward(
 ) -> None:
     """Compute the gradient of all weights and biases, and write it into ``gradients``.
 
-    ``entered`` is the result of ``forward``; ``dq`` has shape (rows, actions).
+    ``entered`` is the first result of ``forward``, the input of each layer; ``dq``, shape (rows,
+    actions), is the derivative of the loss by Q(s, .).
     """
     dz = dq
     for i in reversed(range(len(layers))):
@@ -84,19 +87,19 @@ def backward(
 
 
 class Update(NamedTuple):
-    """The result of a gradient step, computed before the step changes the network."""
+    """The loss and TD errors of a gradient step, computed before it changes the network."""
 
     loss: float
-    """The mean of the weighted squared errors."""
+    """The mean of the weighted squared TD errors."""
     td_errors: Float32Array
-    """y - Q(s, a) of each row, (rows,)."""
+    """y - Q(s, a) of each transition, shape (rows,)."""
 
 
 class Learner:
-    """The online network, the target network and the moments of Adam.
+    """Trains one network: holds the online network, the target network and the moments of Adam.
 
-    It sets numpy and torch to one thread permanently: more threads are slower for networks of this
-    size, and one thread adds numbers in the same order in each run.
+    It limits numpy and torch to one thread for the rest of the process: more threads are slower for
+    networks of this size, and one thread adds numbers in the same order in each run.
     """
 
     def __init__(self, network: QNetwork, learning_rate: float = 1e-4) -> None:
@@ -116,13 +119,14 @@ class Learner:
 
     @property
     def steps(self) -> int:
-        """Gradient steps made so far."""
+        """Number of gradient steps so far."""
         return int(self._step)
 
     def update(self, batch: Batch) -> Update:
-        """Make one step of Adam on the mean squared error of a batch.
+        """Make one step of Adam on the mean squared TD error of a batch, and return its result.
 
-        Algorithm 1, lines 14 and 15. The next state of a row with discount 0 is not used.
+        Algorithm 1 of the paper, lines 14 and 15. ``s_tp1`` of terminal rows (discount 0) is not
+        read.
         """
         rows = len(batch.a_t)
         goes_on = batch.discount.nonzero()[0]
@@ -143,10 +147,10 @@ class Learner:
         return Update(float(weighted_td.dot(td)) / rows, td)
 
     def _adam(self) -> None:
-        """The step of torch.optim.Adam(fused=True).
+        """Change the online network by one step of torch.optim.Adam(fused=True).
 
-        The kernel is called directly where torch has it under this name: the public function
-        around it takes more time than the step.
+        It calls the kernel directly if this version of torch has it, because the public function
+        around it takes more time than the step itself.
         """
         parameters = [self._online], [self._gradient]
         state = [self._first_moment], [self._second_moment], list[Tensor](), [self._step]
@@ -157,7 +161,7 @@ class Learner:
             FUSED_ADAM(*parameters, *state, lr=self.learning_rate, **ADAM)
 
     def sync_target(self) -> None:
-        """Copy the online network to the target network, Q^ = Q. Algorithm 1, line 16."""
+        """Copy the online network to the target network: Algorithm 1 of the paper, line 16."""
         self._target.copy_(self._online)
 
     def _tensors(self) -> dict[str, Tensor]:
@@ -170,11 +174,11 @@ class Learner:
         }
 
     def state(self) -> State:
-        """A copy of the learner's state, on which the next update depends."""
+        """Return a copy of all tensors on which the next update depends, by name."""
         return {name: tensor.numpy().copy() for name, tensor in self._tensors().items()}
 
     def restore(self, state: State) -> None:
-        """Restore the learner exactly from the result of ``state``.
+        """Set the learner to exactly the state that ``state`` returned.
 
         Raises:
             CheckpointError: a tensor is missing, or its shape or type is wrong for this network.

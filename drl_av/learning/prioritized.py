@@ -15,12 +15,14 @@ Numbers = NDArray[np.float64]
 Slots = NDArray[np.int64]
 
 BLOCK = 64
+"""Number of weights under one node of the sum tree."""
 
 
 def importance_weights(probability: Numbers, count: int, exponent: float) -> Float32Array:
-    """The importance weights (N P(i))^-beta, divided by the largest of them.
+    """Return the importance weights (N P(i))^-beta, divided by the largest of them, shape (rows,).
 
-    Schaul 2015, sec. 3.4. Shapes: (rows,), returns (rows,); ``count`` is N.
+    ``probability`` is P, shape (rows,), ``count`` is N, ``exponent`` is beta (Schaul et al. 2015,
+    Sec. 3.4).
     """
     weights = (count * probability) ** -exponent
     weights /= weights.max()
@@ -28,10 +30,10 @@ def importance_weights(probability: Numbers, count: int, exponent: float) -> Flo
 
 
 class SumTree:
-    """The weights of slots, from which slots can be drawn in proportion to their weights.
+    """One weight for each slot (row index) of a ring; finds slots by their cumulative weight.
 
-    The tree has two levels, because a numpy call costs more than adding up a block. The sums depend
-    on the weights alone, not on the order of their changes.
+    The tree has two levels, because a numpy call costs more than the sum of a block. The sums
+    depend on the current weights alone, not on the order in which they were set.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -39,24 +41,24 @@ class SumTree:
         self._leaves = np.zeros((blocks, BLOCK))
         self._sums = np.zeros(blocks)
         self.weights: Numbers = self._leaves.reshape(-1)[:capacity]
-        """Weights by slot, shape (capacity,); 0 if not set; do not write to the array."""
+        """The weight of each slot, shape (capacity,), 0 if not set. Read only: use ``set``."""
 
     def set(self, slots: Slots, weights: Numbers | float) -> None:
-        """Set the weights of some slots; the last weight counts if a slot occurs twice."""
+        """Set the weights of some slots; if a slot occurs twice, its last weight counts."""
         self.weights[slots] = weights
         blocks = slots // BLOCK
         self._sums[blocks] = self._leaves.take(blocks, axis=0).cumsum(axis=1)[:, -1]
 
     def fill(self, weights: Numbers) -> None:
-        """Set the weights of the first slots in an empty tree."""
+        """Set the weights of the first ``len(weights)`` slots of an empty tree."""
         self.weights[: len(weights)] = weights
         self._sums[:] = self._leaves.cumsum(axis=1)[:, -1]
 
     def find(self, fractions: Numbers) -> tuple[Slots, Numbers]:
-        """The slot at which the cumulative weight reaches each fraction, and its probability.
+        """Find the slot at which the cumulative weight exceeds each fraction of the total weight.
 
-        ``fractions`` has shape (rows,) and values in [0, 1); both results have shape (rows,). A
-        slot of weight 0 is never found.
+        ``fractions`` has shape (rows,) and values in [0, 1). Returns the slots and their
+        probabilities (weight / total), both (rows,). A slot of weight 0 is never found.
         """
         edges = np.concatenate(([0.0], self._sums.cumsum()))
         values = _below(fractions * edges[-1], edges[-1])
@@ -69,16 +71,16 @@ class SumTree:
 
 
 def _below(values: Numbers, end: Numbers) -> Numbers:
-    """The values limited to less than ``end``, which rounding may have exceeded."""
+    """Limit values to the largest number below ``end``, which rounding may have made them reach."""
     below: Numbers = np.minimum(values, np.nextafter(end, 0.0))
     return below
 
 
 class PrioritizedBuffer(UniformBuffer):
-    """A single ring for safe and collision rows, drawn by the priority of their TD errors.
+    """A single ring for all transitions, which are drawn by the priority of their TD errors.
 
-    P(i) = p_i^alpha / sum p^alpha with p_i = |TD error| + floor. A new row has the largest priority
-    so far. Sec. 3.3 and Algorithm 1 of Schaul 2015.
+    P(i) = p_i^alpha / sum p^alpha with p_i = |TD error| + ``priority_floor``. A new transition has
+    the largest priority so far (Sec. 3.3 and Algorithm 1 of Schaul et al. 2015).
     """
 
     def __init__(
@@ -99,11 +101,11 @@ class PrioritizedBuffer(UniformBuffer):
         self._greatest = 1.0
 
     def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store (s_t, a_t, s_tp1, r_tp1) with discount gamma."""
+        """Store the transition (s_t, a_t, s_tp1, r_tp1), with discount gamma."""
         self._new(self.ring.append(s_t, a_t, r_tp1, self.discount, s_tp1))
 
     def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
-        """Store (s_t, a_t, *, r_col) with discount 0."""
+        """Store the terminal transition (s_t, a_t, *, r_col), with discount 0."""
         self._new(self.ring.append(s_t, a_t, r_col, 0.0, 0.0))
 
     def _new(self, slot: int) -> None:
@@ -112,7 +114,7 @@ class PrioritizedBuffer(UniformBuffer):
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
         """Draw a minibatch, one row from each of ``batch_size`` equal parts of the priority sum.
 
-        Sec. 3.3 and app. B.2.1 of Schaul 2015. Raises ValueError if the buffer is empty.
+        Sec. 3.3 and app. B.2.1 of Schaul et al. 2015. Raises ValueError if the buffer is empty.
         """
         if not self.ring:
             raise ValueError("There are no rows to sample.")
@@ -123,12 +125,15 @@ class PrioritizedBuffer(UniformBuffer):
         return batch_of(rows, self.ring.observation_size)._replace(weights=weights, slots=slots)
 
     def anneal(self, progress: float) -> None:
-        """Set beta, which rises linearly to 1 over the training. Sec. 3.4 of Schaul 2015."""
+        """Set beta for the training's ``progress``, from 0 to 1: it rises linearly to 1.
+
+        Sec. 3.4 of Schaul et al. 2015.
+        """
         start = self.importance_exponent_start
         self.importance_exponent = start + (1.0 - start) * progress
 
     def update_priorities(self, batch: Batch, td_errors: Float32Array) -> None:
-        """Set the priorities of a batch's rows from their TD errors before the gradient step."""
+        """Set the priorities of a sampled batch from its TD errors, shape (rows,)."""
         assert batch.slots is not None
         p = np.abs(td_errors, dtype=np.float64) + self.priority_floor
         weights = p**self.priority_exponent
@@ -136,12 +141,12 @@ class PrioritizedBuffer(UniformBuffer):
         self._greatest = max(self._greatest, float(weights.max()))
 
     def state(self) -> State:
-        """The state of the ring, p^alpha of each row, and the largest one so far."""
+        """Return the state of the ring, p^alpha of each row, and the largest p^alpha so far."""
         priorities = self.tree.weights[: len(self.ring)].copy()
         return self.ring.state() | {"priorities": priorities, "greatest": np.array(self._greatest)}
 
     def restore(self, state: State) -> None:
-        """Go on from ``state`` exactly; raises CheckpointError where it does not fit."""
+        """Restore exactly the result of ``state``; raises CheckpointError if it does not fit."""
         priorities = state.get("priorities", np.empty(0))
         greatest = state.get("greatest", np.empty(0))
         fits = (

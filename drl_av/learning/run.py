@@ -1,4 +1,4 @@
-"""The folder of a run: settings, tables, checkpoint and policy, each consistent at any time."""
+"""Writes and reads the folder of a run: settings, tables, checkpoint, policy; and trains in it."""
 
 import csv
 import io
@@ -20,17 +20,18 @@ from drl_av.learning.training import EpisodeRow, EvaluationRow, Training
 
 
 class Progress(NamedTuple):
-    """The results of one more episode."""
+    """The table rows of one more training episode."""
 
     episode: EpisodeRow
     evaluation: EvaluationRow | None
+    """The evaluation after this episode, or None if none is due."""
 
 
 class Run:
-    """The folder of a run: ``config.toml, episodes.csv, evaluations.csv, checkpoint``, ``policy``.
+    """The folder of a run: config.toml, two CSV files, and checkpoint and policy as safetensors.
 
     Every byte in it depends only on the config and the initial state of the training, even if the
-    training was interrupted.
+    training was interrupted and continued.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -42,10 +43,10 @@ class Run:
         self.policy_file = folder / "policy.safetensors"
 
     def create(self, config: Config, training: Training | None = None) -> None:
-        """Create the folder atomically, with a checkpoint of ``training`` if it is given.
+        """Create the folder atomically, with a checkpoint and policy of ``training`` if given.
 
         Raises:
-            RunError: the folder exists and is not empty, or is not writable.
+            RunError: the folder exists and is not empty, or cannot be created.
             CheckpointError: the checkpoint cannot be written.
         """
         if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
@@ -70,14 +71,14 @@ class Run:
                 new.save(training)
 
     def read_config(self) -> Config:
-        """The settings of the run; raises RunError if the folder holds no run."""
+        """Read the settings of the run; raises RunError if the folder has no config.toml."""
         if not self.config_file.is_file():
             raise RunError(f"{self.folder} is not a run: it has no config.toml; check the path.")
         return load_stored(self.config_file)
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Lock the folder against other trainings; raises RunError if one is already using it."""
+        """Lock the folder against other trainings; raises RunError if another one has locked it."""
         if os.name != "posix":
             yield
             return
@@ -95,12 +96,14 @@ class Run:
             os.close(descriptor)
 
     def restore(self, training: Training) -> None:
-        """Restore a training from the last checkpoint; without one it starts at the beginning.
+        """Restore a new training from the checkpoint; without one, leave it at its beginning.
 
-        Rows written after the checkpoint are removed; the training will write equal ones again.
+        Removes the rows of the tables that were written after the checkpoint; the training will
+        write them again.
 
         Raises:
             CheckpointError: the checkpoint is damaged or of another config, or rows are missing.
+            RunError: a table cannot be written.
         """
         sizes = {
             self.episodes_file.name: len(_header(EpisodeRow)),
@@ -135,7 +138,7 @@ class Run:
                     os.truncate(file, size)
 
     def save(self, training: Training) -> None:
-        """Write policy and checkpoint, each completely or not at all.
+        """Write the policy and the checkpoint, each file atomically.
 
         Raises:
             RunError: a table cannot be written.
@@ -152,13 +155,13 @@ class Run:
         checkpoint.save(self.checkpoint_file, tensors, numbers)
 
     def append(self, file: Path, row: EpisodeRow | EvaluationRow) -> None:
-        """Add a row to one of the CSV files; raises RunError where the disk refuses."""
+        """Add a row to one of the CSV files; raises RunError if it cannot be written."""
         with _refusals_of(file), file.open("ab") as stream:
             stream.write(_line(astuple(row)))
 
 
 def _fits(stored: str, config: Config) -> bool:
-    """Whether stored settings equal ``config``; missing settings get their old defaults."""
+    """Return whether TOML settings equal ``config``; missing ones get their former defaults."""
     try:
         return from_toml(stored, OLD_DEFAULTS) == config
     except ConfigError:
@@ -167,7 +170,7 @@ def _fits(stored: str, config: Config) -> bool:
 
 @contextmanager
 def _refusals_of(file: Path) -> Iterator[None]:
-    """Turn an error of the disk into RunError, whose sentence says how to continue."""
+    """Replace an OSError in the block by a RunError that says how to continue."""
     try:
         yield
     except OSError as error:
@@ -178,9 +181,9 @@ def _refusals_of(file: Path) -> Iterator[None]:
 
 
 def train(run: Run, training: Training) -> Iterator[Progress]:
-    """Train to the last episode, with evaluations and checkpoints; yields after each episode.
+    """Train to the last episode, with evaluations and checkpoints; yield the rows of each episode.
 
-    The rows of an episode are on the disk before it is yielded.
+    The rows are in the CSV files before they are yielded. Raises as ``Run.append``, ``Run.save``.
     """
     config = training.config.learning
     while training.episodes_done < config.episodes:

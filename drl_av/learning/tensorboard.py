@@ -23,10 +23,11 @@ def require_tensorboard() -> None:
 def tensorboard_writer(
     folder: Path | None, episodes_done: int
 ) -> Iterator[Callable[[Progress], None]]:
-    """A function that writes the numbers of an episode as scalars; does nothing without a folder.
+    """Yield a function that writes the rows of an episode as scalars; without a folder a no-op.
 
-    The scalars are ``episode/COLUMN`` and ``evaluation/COLUMN``. Scalars of episodes after
-    ``episodes_done``, which a stopped training wrote, are purged.
+    The scalars are ``episode/COLUMN`` and ``evaluation/COLUMN``. TensorBoard discards those of
+    episodes after ``episodes_done``, which a stopped training wrote. Raises RunError if the folder
+    cannot be written.
     """
     if folder is None:
         yield lambda progress: None
@@ -53,7 +54,7 @@ def tensorboard_writer(
 
 
 def _quiet_refusal(hook: Callable[[threading.ExceptHookArgs], object]) -> None:
-    """Report no refusal in TensorBoard's thread: ``add_scalar`` raises it again."""
+    """Do not print an OSError of TensorBoard's thread, because ``add_scalar`` raises it again."""
 
     def report(problem: threading.ExceptHookArgs) -> None:
         if not isinstance(problem.exc_value, OSError):

@@ -1,4 +1,4 @@
-"""The training by Algorithm 1, episode by episode."""
+"""Trains a driver by Algorithm 1 of the paper, episode by episode."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class EpisodeRow:
 
 @dataclass(frozen=True)
 class EvaluationRow:
-    """A row of ``evaluations.csv``: the greedy driver, always in the same seeded traffic."""
+    """A row of ``evaluations.csv``: the greedy driver over a fixed set of evaluation episodes."""
 
     episode: int
     mean_reward: float
@@ -57,41 +57,44 @@ class EvaluationRow:
 
 
 class Variant(NamedTuple):
-    """The parts of Algorithm 1 that a setting may replace."""
+    """The parts of Algorithm 1 of the paper that a setting may replace."""
 
     store: Store
-    """Lines 6 and 8 to 12: stores a decision in the buffers."""
+    """Stores a decision in the buffers: lines 6 and 8 to 12."""
     augment: Callable[[Batch], Batch]
     """Changes a minibatch before the gradient step."""
     turns: Sequence[Sequence[Learner]]
-    """The learners of each gradient step, in turn; each episode begins with the first."""
+    """Groups of learners; each gradient step trains the next group, each episode from the first."""
     traffic_seed: Callable[[int], int]
-    """Line 3: the seed of the traffic of an episode, counted from 1."""
+    """Returns the traffic seed of an episode, whose numbers begin at 1: line 3."""
 
 
 def draw_seed(rng: np.random.Generator, episode: int) -> int:
-    """A traffic seed drawn from the training's generator."""
+    """Draw the traffic seed of a training episode from ``rng``; ``episode`` is not used."""
     return int(rng.integers(*TRAINING_SEEDS))
 
 
 def seed_of_episode(seed: int, episode: int) -> int:
-    """A traffic seed that depends on these two numbers only, for comparisons of learning (ours)."""
+    """Return a traffic seed that depends only on the training's seed and the episode (ours).
+
+    Trainings with the same seed then learn in the same traffic, for a fair comparison.
+    """
     return draw_seed(np.random.default_rng([seed, episode]), episode)
 
 
 def learner_names(count: int) -> list[str]:
-    """The prefix of each learner's tensors in a checkpoint."""
+    """Return the prefixes of the tensor names of ``count`` learners in a checkpoint."""
     return ["learner", *(f"learner{number}" for number in range(1, count))]
 
 
 class Training:
-    """A training by Algorithm 1, which can be saved and restored between two episodes.
+    """A training by Algorithm 1 of the paper, which can be saved and restored between episodes.
 
     Args:
         env: The environment; its config holds the schedules.
-        driver: The driver of the learners' networks; training episodes add exploration.
+        driver: The greedy driver of the learners' networks; training episodes add exploration.
         learners: One learner for each network.
-        buffer: The experience, which ``variant`` stores and from which the learners sample.
+        buffer: The experience buffer, which ``variant.store`` fills and the learners sample.
         rng: The source of all random numbers.
         variant: The parts of the algorithm that depend on settings.
     """
@@ -131,10 +134,12 @@ class Training:
         return self._config.learning_rate * (1 - lost * self.episodes_done / self._config.episodes)
 
     def run_episode(self, metrics: EpisodeMetrics | None = None) -> EpisodeRow:
-        """Drive one episode and learn after each decision. Algorithm 1, lines 3 to 17.
+        """Drive one training episode, learn after each decision, and return the episode's row.
+
+        Algorithm 1 of the paper, lines 3 to 17.
 
         Args:
-            metrics: New metrics of the episode, if the caller needs more than the row.
+            metrics: An empty EpisodeMetrics to fill, if the caller needs more than the row.
         """
         metrics = metrics or EpisodeMetrics()
         self._explorer.epsilon = epsilon = self.epsilon
@@ -169,19 +174,25 @@ class Training:
 
     @property
     def _gradient_steps(self) -> int:
-        """Gradient steps after each decision of the coming episode."""
+        """Number of gradient steps after each decision; 0 until enough collisions are stored."""
         enough = self._buffer.collisions >= self._config.collisions_to_start
         return self._config.gradient_steps if enough and self._config.learning_rate > 0 else 0
 
     def _learn(self, learner: Learner) -> float:
-        """Lines 13 to 15; returns the loss."""
+        """Sample a batch and make a gradient step; return the loss.
+
+        Algorithm 1 of the paper, lines 13 to 15.
+        """
         batch = self._buffer.sample(self._config.batch_size, self._rng)
         update = learner.update(self._variant.augment(batch))
         self._buffer.update_priorities(batch, update.td_errors)
         return update.loss
 
     def evaluate(self) -> EvaluationRow:
-        """Evaluate the greedy driver in fixed traffic, from the fewest to the most vehicles."""
+        """Drive the evaluation episodes with the greedy driver, and return their row.
+
+        Each evaluation has the same traffic, from the fewest to the most vehicles.
+        """
         traffic, count = self.config.traffic, self._config.evaluation_episodes
         placed = self._env.simulation.placed_vehicles
         numbers = np.linspace(traffic.vehicles_min, traffic.vehicles_max, count).round()
@@ -209,18 +220,18 @@ class Training:
 
     @property
     def networks(self) -> list[QNetwork]:
-        """The networks of the learners."""
+        """The online networks of the learners."""
         return [learner.network for learner in self._learners]
 
     def state(self) -> tuple[State, dict[str, Any]]:
-        """The tensors and numbers that determine the rest of the training."""
+        """Return the tensors, by name, and the numbers that determine the rest of the training."""
         parts = {name: learner.state() for name, learner in self._named_learners()}
         parts["buffer"] = self._buffer.state()
         tensors = {f"{part}.{k}": v for part, state in parts.items() for k, v in state.items()}
         return tensors, {"episodes_done": self.episodes_done, "rng": rng_to_json(self._rng)}
 
     def restore(self, tensors: State, numbers: dict[str, Any]) -> None:
-        """Go on from ``state`` exactly; raises CheckpointError where it does not fit."""
+        """Restore exactly the result of ``state``; raises CheckpointError if it does not fit."""
         for name, learner in self._named_learners():
             learner.restore(_part(tensors, f"{name}."))
         self._buffer.restore(_part(tensors, "buffer."))
