@@ -1,4 +1,4 @@
-"""The 12 discrete decisions: 4 longitudinal x 3 lateral."""
+"""The 12 actions of the ego: 4 longitudinal times 3 lateral ones."""
 
 from enum import IntEnum
 from typing import NamedTuple
@@ -15,7 +15,7 @@ class Lateral(IntEnum):
 
     @property
     def sign(self) -> int:
-        """Direction across the road: left +1, right -1, keep 0."""
+        """Direction across the road: +1 left, -1 right, 0 keep."""
         return (0, -1, 1)[self]
 
 
@@ -28,14 +28,14 @@ class Longitudinal(IntEnum):
     HARD_BRAKE = 3
 
     def acceleration_m_s2(self, ego: EgoConfig) -> float:
-        """Acceleration of the action, a_x of Sec. IV-A; negative if the action brakes."""
+        """Return the acceleration a_x of the action (Sec. IV-A), m/s^2; negative if it brakes."""
         return (0.0, ego.accelerate_m_s2, -ego.brake_m_s2, -ego.hard_brake_m_s2)[self]
 
 
 def nearest_action(acceleration_m_s2: float, ego: EgoConfig) -> Longitudinal:
-    """The action with the acceleration nearest to a given one, m/s^2.
+    """Return the longitudinal action whose acceleration is nearest to the given one.
 
-    If two actions are equally near, the gentler one.
+    If two actions are equally near, the one with the smaller number.
     """
     return min(Longitudinal, key=lambda one: abs(one.acceleration_m_s2(ego) - acceleration_m_s2))
 
@@ -66,5 +66,5 @@ ACTIONS: tuple[Action, ...] = tuple(
 
 
 def toward(sign: int) -> Lateral:
-    """The lateral action that moves left (+1), right (-1) or not at all (0)."""
+    """Return the lateral action that moves left (+1), right (-1) or not at all (0)."""
     return (Lateral.KEEP, Lateral.LEFT, Lateral.RIGHT)[sign]

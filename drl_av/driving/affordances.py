@@ -1,4 +1,4 @@
-"""The 27 affordance indicators: the ego's observation of the road around it."""
+"""The 27 affordance indicators, the ego's observation of the vehicles and lanes around it."""
 
 import math
 from typing import NamedTuple
@@ -17,29 +17,33 @@ INDICATORS: tuple[str, ...] = (
     "ego_d_y",
     "ego_v_y",
 )
-"""Names of the 27 indicators, in the order of ``Affordances.vector()``."""
+"""Names of the 27 indicators, in the order of ``Affordances.vector()``.
+
+d_x is a net gap, v_x and v_y are velocities, d_y is a lateral distance.
+"""
 
 
 SIDES = (0, -1, 1)
-"""Own, right and left lane, in the order of SLOTS."""
+"""Directions of the own, the right and the left lane, in the order of SLOTS; left is +1."""
 
 
 class Neighbor(NamedTuple):
-    """The nearest vehicle in one direction of one lane, relative to the ego, SI units."""
+    """The vehicle next to the ego, ahead or behind, in one lane; values relative to the ego."""
 
     vehicle: int
-    """Its row in the snapshot; the end of a lane has a row after the last one."""
+    """Index of the vehicle in the snapshot; 1 + N or more if it is the end of a lane."""
     gap_m: float
-    """Net gap, bumper to bumper, never negative."""
+    """Net gap, bumper to bumper; 0 if the vehicle is beside the ego."""
     relative_speed_m_s: float
-    """Its speed minus the ego's."""
+    """Speed of the vehicle minus that of the ego."""
     lateral_offset_m: float
-    """Its y minus the ego's; left positive."""
+    """Lateral position of the vehicle minus that of the ego; left positive."""
     relative_lateral_speed_m_s: float
+    """Lateral velocity of the vehicle minus that of the ego; left positive."""
 
 
 class Affordances(NamedTuple):
-    """The affordance indicators by name; None is a missing vehicle, False is a missing lane."""
+    """The affordance indicators by name; a missing vehicle is None, a missing lane is False."""
 
     own_front: Neighbor | None
     own_rear: Neighbor | None
@@ -50,7 +54,7 @@ class Affordances(NamedTuple):
     right_lane: bool
     left_lane: bool
     lane: int
-    """Index of the lane that the ego's centre is in."""
+    """Index of the lane that contains the ego's centre."""
     lane_center_m: float
     lane_width_m: float
     range_m: float
@@ -60,14 +64,14 @@ class Affordances(NamedTuple):
     circumference_m: float = 0.0
     """Length of the loop; 0 for a road of unlimited length."""
     barriers: tuple[Barrier, ...] = ()
-    """The barriers ahead of the ego; ``s_m`` is the net gap to each."""
+    """The barriers ahead of the ego; their ``s_m`` is the distance from the ego's front bumper."""
 
     def front(self, sign: int) -> Neighbor | None:
-        """Nearest vehicle ahead in the ego's own (0), left (+1) or right (-1) lane."""
+        """Return the vehicle ahead in the ego's own (0), left (+1) or right (-1) lane, or None."""
         return (self.own_front, self.left_front, self.right_front)[sign]
 
     def rear(self, sign: int) -> Neighbor | None:
-        """Nearest vehicle behind in the ego's own (0), left (+1) or right (-1) lane."""
+        """Return the vehicle behind in the ego's own (0), left (+1) or right (-1) lane, or None."""
         return (self.own_rear, self.left_rear, self.right_rear)[sign]
 
     def has_lane(self, sign: int) -> bool:
@@ -75,11 +79,11 @@ class Affordances(NamedTuple):
         return (True, self.left_lane, self.right_lane)[sign]
 
     def vector(self) -> FloatArray:
-        """The 27 indicators in SI units, shape (27,), float64, ordered as INDICATORS.
+        """Return the 27 indicators in SI units, shape (27,), float64, in the order of INDICATORS.
 
         If no vehicle is in range, the gap is ``range_m``, the relative velocities are 0 and the
-        lateral offset is that of the lane's centre. If the lane does not exist, the gap is 0 and
-        the other values are the same.
+        lateral offset is that of the lane's centre. If the lane does not exist or is closed, the
+        gap is 0 and the other values are the same.
         """
         values: list[float] = []
         for slot, sign in zip(self[:6], (0, 0, -1, -1, 1, 1), strict=True):
@@ -94,11 +98,11 @@ class Affordances(NamedTuple):
 
 
 def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
-    """The nearest vehicle ahead of the ego and behind it in each of three lanes (Sec. III).
+    """Find the nearest vehicle ahead and behind in the ego's own, right and left lane (Sec. III).
 
-    A vehicle occupies every lane that its body overlaps. On the loop it is either ahead or behind,
-    whichever way is shorter. A vehicle exactly beside the ego counts as ahead. The end of a lane
-    counts as a vehicle that stands there.
+    ``range_m`` is the largest gap that is observed. A vehicle occupies every lane that its body
+    overlaps. On a loop it is either ahead or behind, whichever way is shorter; a vehicle exactly
+    beside the ego counts as ahead. The end of a lane counts as a standing vehicle.
     """
     s_m, y_m, speed, lateral, length_m, width_m = (
         values.tolist()  # numpy takes twice as long with so few vehicles
@@ -170,16 +174,17 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
 
 
 def _ahead(road: Road, front_m: float) -> tuple[Barrier, ...]:
+    """Return the barriers ahead; their ``s_m`` is the distance from the ego's front bumper."""
     gaps = (barrier._replace(s_m=barrier.s_m - front_m) for barrier in road.barriers)
     return tuple(gap for gap in gaps if gap.s_m >= 0.0)
 
 
 class ObservationScale:
-    """Scales the 27 indicators to about [-1, 1], the input of the network (ours).
+    """Scales the 27 indicators to about [-1, 1] for the input of the network (ours).
 
-    It divides gaps, relative velocities, lateral offsets and lateral velocities by constants of
-    the config, and centres the ego's speed and lateral position first. It clips values beyond
-    ``bounds``, so that every observation lies in a finite box.
+    It first subtracts half of the top speed from the ego's speed, and the middle of the road from
+    its lateral position. It then divides each indicator by a constant of the config, and clips the
+    result to [-bounds, bounds].
     """
 
     def __init__(self, config: ObservationConfig, max_speed_m_s: float, road: Road) -> None:
@@ -204,7 +209,7 @@ class ObservationScale:
         self._least = -self.bounds
 
     def __call__(self, vector: FloatArray) -> npt.NDArray[np.float32]:
-        """Scale SI indicators, shape (..., 27), to float32 of the same shape."""
+        """Scale indicators in SI units, shape (..., 27); return float32 of the same shape."""
         scaled = ((vector - self.offset) / self.scale).astype(np.float32)
         # np.minimum uses AVX-512, after which SUMO's next step takes 15 % longer
         clipped: npt.NDArray[np.float32] = scaled.clip(self._least, self.bounds)

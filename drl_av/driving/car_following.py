@@ -1,4 +1,4 @@
-"""Car-following: how the ego carries out a longitudinal action (Sec. III).
+"""Car-following: the ego's speed during a longitudinal action (Sec. III of the paper).
 
 In the paper a longitudinal action is a constant acceleration, or "the reference for the throttle or
 brake controller" comes from the intelligent driver model (IDM) or adaptive cruise control (ACC).
@@ -18,7 +18,7 @@ from drl_av.driving.affordances import Affordances
 
 
 class Idm(NamedTuple):
-    """Parameters of the intelligent driver model."""
+    """Parameters of the intelligent driver model: T, s_0, a and b."""
 
     headway_s: float
     standstill_gap_m: float
@@ -33,7 +33,7 @@ def idm_acceleration(
     closing_m_s: float,
     config: Idm | MobilConfig,
 ) -> float:
-    """Acceleration of the intelligent driver model (Treiber et al. 2000), m/s^2.
+    """Return the acceleration of the intelligent driver model (Treiber et al. 2000), m/s^2.
 
     ``gap_m`` is inf on a free road; ``closing_m_s`` is positive if the gap shrinks.
     """
@@ -51,9 +51,10 @@ def idm_acceleration(
 def acc_acceleration(
     speed_m_s: float, desired_m_s: float, gap_m: float, closing_m_s: float, ego: EgoConfig
 ) -> float:
-    """Acceleration of adaptive cruise control, m/s^2; ``gap_m`` is inf on a free road.
+    """Return the acceleration of adaptive cruise control, m/s^2.
 
-    The smaller of two values: speed control k (v_des - v), and the constant time-gap law.
+    It is the smaller of the speed control k (v_des - v) and the constant time-gap law. ``gap_m`` is
+    inf on a free road; ``closing_m_s`` is positive if the gap shrinks.
     """
     towards_desired = ego.acc_speed_gain_per_s * (desired_m_s - speed_m_s)
     headway_s = ego.reference_headway_s
@@ -64,9 +65,10 @@ def acc_acceleration(
 def time_gap_acceleration(
     speed_m_s: float, gap_m: float, closing_m_s: float, headway_s: float, ego: EgoConfig
 ) -> float:
-    """Acceleration of the constant time-gap law, (-closing + lambda (d - d_0 - h v)) / h, m/s^2.
+    """Return the acceleration of the constant time-gap law, m/s^2.
 
-    Source: Rajamani, Vehicle Dynamics and Control, ch. 6.
+    It is (-closing + lambda (d - d_0 - h v)) / h (Rajamani, Vehicle Dynamics and Control, ch. 6),
+    where d is the gap and closing is positive if it shrinks.
     """
     spare_m = gap_m - ego.reference_standstill_gap_m - headway_s * speed_m_s
     return (ego.acc_gap_gain_per_s * spare_m - closing_m_s) / headway_s
@@ -75,30 +77,31 @@ def time_gap_acceleration(
 def reference_speeds(
     affordances: Affordances, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
 ) -> Iterator[float]:
-    """The ego's speed at the end of each SUMO step of a decision, within [0, max_speed_m_s].
+    """Yield the ego's speed at the end of each SUMO step of a decision, in [0, max_speed_m_s].
 
-    A model (IDM or ACC) computes a new acceleration at each SUMO step. It predicts that the vehicle
+    A model (IDM or ACC) computes a new acceleration at each SUMO step, and assumes that the vehicle
     ahead keeps its speed. It never accelerates or brakes harder than the ego's actions, and the ego
     never becomes faster than with the constant acceleration of the same action.
     """
     braking = action in (Longitudinal.BRAKE, Longitudinal.HARD_BRAKE)
     if braking or ego.longitudinal_reference == "acceleration":
-        return _by_number(affordances.ego_speed_m_s, action, ego, simulation)
-    return _by_model(affordances, action, ego, simulation)
+        return _constant_acceleration_speeds(affordances.ego_speed_m_s, action, ego, simulation)
+    return _model_speeds(affordances, action, ego, simulation)
 
 
-def _by_number(
+def _constant_acceleration_speeds(
     speed_m_s: float, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
 ) -> Iterator[float]:
-    """Speeds of the point mass (eq. 4) with a constant acceleration."""
+    """Yield the speeds of the point mass (eq. 4 of the paper) with a constant acceleration."""
     acceleration = action.acceleration_m_s2(ego)
     for step in range(1, simulation.steps_per_decision + 1):
         yield _bounded(speed_m_s + acceleration * step * simulation.step_length_s, ego)
 
 
-def _by_model(
+def _model_speeds(
     affordances: Affordances, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
 ) -> Iterator[float]:
+    """Yield the speeds that IDM or ACC computes; the vehicle ahead keeps its present speed."""
     speed, step_s = affordances.ego_speed_m_s, simulation.step_length_s
     desired = ego.max_speed_m_s if action is Longitudinal.ACCELERATE else speed
     front = affordances.own_front
@@ -115,9 +118,9 @@ def _by_model(
 def model_acceleration(
     speed_m_s: float, desired_m_s: float, gap_m: float, closing_m_s: float, ego: EgoConfig
 ) -> float:
-    """Acceleration of the model that ``ego.longitudinal_reference`` names, m/s^2.
+    """Return the acceleration of the model ``ego.longitudinal_reference`` (IDM or ACC), m/s^2.
 
-    0 if the desired speed is 0: an ego that stands and maintains its speed keeps standing.
+    It is 0 if the desired speed is 0: an ego that stands and maintains its speed keeps standing.
     """
     if desired_m_s <= 0.0:
         return 0.0
@@ -133,4 +136,5 @@ def model_acceleration(
 
 
 def _bounded(speed_m_s: float, ego: EgoConfig) -> float:
+    """Return the speed, limited to [0, max_speed_m_s]."""
     return min(max(speed_m_s, 0.0), ego.max_speed_m_s)

@@ -1,8 +1,8 @@
-"""The observation that the ego would have now after another action (ours).
+"""The affordances that the ego would have after another action than the executed one (ours).
 
 This is counterfactual data augmentation (Pitis, Creager and Garg, 2020). The motion of the ego
 after each action is known exactly. The other vehicles hardly react to the ego within one decision,
-so their motion is taken as it was.
+so their real motion is used.
 """
 
 from typing import NamedTuple
@@ -16,17 +16,17 @@ from drl_av.traffic.road import Road
 
 
 class Motion(NamedTuple):
-    """The motion of the ego in one decision, and its state at the end of it."""
+    """The motion of the ego in one decision, and its state after the decision."""
 
     distance_m: float
-    """Distance along the road, with semi-implicit Euler integration as in SUMO."""
+    """Distance that the ego covers, with semi-implicit Euler integration as in SUMO."""
     speed_m_s: float
     y_m: float
     lateral_speed_m_s: float
 
 
 def motion(scene: Scene, action: Action, config: Config) -> Motion:
-    """The motion of the ego in one decision if it carries out an action in a scene."""
+    """Return the motion of the ego in one decision if it executes ``action`` in ``scene``."""
     commands, _ = plan(scene, action, config.ego, config.simulation)
     distance_m = config.simulation.step_length_s * sum(command.speed_m_s for command in commands)
     return Motion(distance_m, *commands[-1])
@@ -35,18 +35,18 @@ def motion(scene: Scene, action: Action, config: Config) -> Motion:
 def affordances_after(
     other: Motion, made: Motion, affordances: Affordances, road: Road
 ) -> Affordances | None:
-    """The affordances that the ego would have after another motion (ours).
+    """Return the affordances that the ego would have after the motion ``other`` (ours).
 
     Args:
-        other: The motion to evaluate.
-        made: The motion that the ego really made.
+        other: The motion that the ego did not make.
+        made: The motion that the ego made.
         affordances: The affordances after the motion ``made``.
         road: The road.
 
     Returns:
-        None if they cannot be computed: the ego would be in another lane, with other neighbours,
-        or a neighbour is or would be beside it. A vehicle near the far side of the loop stays
-        ahead or behind as it was.
+        None if they cannot be computed: the ego would be in another lane, with other neighbours, or
+        a neighbour is or would be beside it. A vehicle on the far side of the loop stays ahead or
+        behind as it was.
     """
     y_m = affordances.ego_y_m + other.y_m - made.y_m
     if road.lane_of(y_m) != affordances.lane:

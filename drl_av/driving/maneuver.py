@@ -1,4 +1,4 @@
-"""Carrying out an action: the lane change in progress, and one command for each SUMO step."""
+"""Execution of an action: the lane change in progress, and one command for each SUMO step."""
 
 import math
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from drl_av.traffic.snapshot import Command
 
 
 class Plan(NamedTuple):
-    """The commands of one decision, and the lane change still in progress after it."""
+    """The commands of one decision, and the lane change in progress after it, or None."""
 
     commands: list[Command]
     lane_change: LaneChange | None
@@ -21,9 +21,9 @@ class Plan(NamedTuple):
 def next_lane_change(
     lane_change: LaneChange | None, lane: int, lateral: Lateral
 ) -> LaneChange | None:
-    """The lane change after a lateral action starts, continues or aborts it (Sec. IV-A).
+    """Return the lane change after a lateral action starts, continues or aborts it (Sec. IV-A).
 
-    ``lane_change`` is the one in progress and ``lane`` the ego's lane. None is no lane change.
+    ``lane_change`` is the one in progress, ``lane`` is the ego's lane, and None is no lane change.
     """
     if lane_change is None:
         return LaneChange(lane, lane + lateral.sign) if lateral.sign else None
@@ -31,18 +31,18 @@ def next_lane_change(
 
 
 def aborts(lane_change: LaneChange | None, lateral: Lateral) -> bool:
-    """Whether a lateral action aborts the lane change in progress (Sec. IV-A)."""
+    """Whether a lateral action is opposite to the lane change in progress, and so aborts it."""
     return lane_change is not None and lateral.sign == -lane_change.sign
 
 
 def target_lane(scene: Scene, lateral: Lateral) -> int:
-    """The target lane of the ego after a lateral action; its own lane without a lane change."""
+    """Return the target lane of the ego after a lateral action; without a lane change its own."""
     change = next_lane_change(scene.lane_change, scene.affordances.lane, lateral)
     return scene.affordances.lane if change is None else change.target
 
 
 class Sideways(NamedTuple):
-    """The ego's lateral state after a SUMO step, and the lane change still in progress."""
+    """The ego's lateral state after a SUMO step, and the lane change in progress, or None."""
 
     y_m: float
     lateral_speed_m_s: float
@@ -50,10 +50,10 @@ class Sideways(NamedTuple):
 
 
 def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationConfig) -> Plan:
-    """Turn an action into the commands of one decision, one command for each SUMO step.
+    """Convert an action to the commands of one decision, one command for each SUMO step.
 
-    The speed follows the longitudinal reference within [0, max_speed_m_s]. The lateral position
-    follows the lateral plant; with both plants a lane change ends exactly on the lane's centre.
+    The speed follows the longitudinal reference, in [0, max_speed_m_s]. The lateral position
+    follows the lateral plant; with both plants a lane change ends exactly at the lane's centre.
     """
     lane_change = next_lane_change(scene.lane_change, scene.affordances.lane, action.lateral)
     move = _PLANTS[ego.lateral_plant]
@@ -68,7 +68,7 @@ def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationCon
 def _kinematic(
     at: Sideways, speed_m_s: float, lane_width_m: float, ego: EgoConfig, step_s: float
 ) -> Sideways:
-    """The paper's point mass (eq. 5): one lane width in T_LC, at constant lateral speed."""
+    """Move the paper's point mass (eq. 5) for one SUMO step, at one lane width per T_LC."""
     lane_change = at.lane_change
     if lane_change is None:
         return Sideways(at.y_m, 0.0, None)
@@ -84,7 +84,10 @@ def _kinematic(
 def _steering(
     at: Sideways, speed_m_s: float, lane_width_m: float, ego: EgoConfig, step_s: float
 ) -> Sideways:
-    """The steered vehicle (Sec. III); it is set to the lane's centre when it has settled there."""
+    """Steer the vehicle of Sec. III of the paper for one SUMO step.
+
+    A vehicle that has settled in the target lane is set exactly to its centre.
+    """
     lane_change = at.lane_change
     if lane_change is None:
         return Sideways(at.y_m, 0.0, None)

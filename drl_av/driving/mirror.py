@@ -1,4 +1,4 @@
-"""The mirror image of a scene: left and right exchanged in indicators and actions (ours)."""
+"""The mirror image of an observation and of an action: left and right are exchanged (ours)."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,24 +11,24 @@ from drl_av.driving.affordances import INDICATORS
 
 
 class Mirror(NamedTuple):
-    """The permutations and signs that exchange left and right."""
+    """Permutations and signs that exchange left and right in observations and actions."""
 
     observation_permutation: npt.NDArray[np.intp]
-    """Shape (27,), or the size of the observation; exchanges indicators of right and left."""
+    """Index of the indicator that replaces each one; shape (27,), or the observation's size."""
     observation_sign: npt.NDArray[np.float32]
-    """The same shape; -1 for every lateral indicator, which changes its sign, else 1."""
+    """The same shape; -1 for each lateral indicator, whose sign changes, else 1."""
     action_permutation: npt.NDArray[np.int64]
-    """Shape (12,); exchanges the actions to the right and left."""
+    """Number of the mirrored action for each action; shape (12,)."""
 
 
 def mirror_of(names: Sequence[str]) -> Mirror:
-    """The mirror of an observation of the named indicators.
+    """Return the mirror of an observation that consists of the named indicators.
 
-    Names with "right" and "left" change places. Lateral positions and velocities and the direction
-    of a lane change change their signs.
+    The words "right" and "left" in the names are exchanged. Lateral positions, lateral velocities
+    and the direction of a lane change get the opposite sign.
 
     Raises:
-        ValueError: an indicator of one side has none of the other side beside it.
+        ValueError: an indicator of one side is present without that of the other side.
     """
     swapped = (Lateral.KEEP, Lateral.LEFT, Lateral.RIGHT)
     return Mirror(
@@ -39,10 +39,11 @@ def mirror_of(names: Sequence[str]) -> Mirror:
 
 
 _LATERAL = ("d_y", "v_y", "lane_change")
-"""How the names of lateral indicators end."""
+"""The endings of the names of lateral indicators."""
 
 
 def _other_side(name: str) -> str:
+    """Return the name of an indicator with "right" and "left" exchanged."""
     side = {"right": "left", "left": "right"}
     return "_".join(side.get(word, word) for word in name.split("_"))
 
@@ -53,7 +54,7 @@ MIRROR = mirror_of(INDICATORS)
 def mirrored_observations(
     s: npt.NDArray[np.float32], mirror: Mirror = MIRROR
 ) -> npt.NDArray[np.float32]:
-    """Mirror scaled observations, shape (rows, 27) or (27,): s[permutation] * sign."""
+    """Return the mirror images of scaled observations of shape (rows, 27) or (27,), as a copy."""
     reflected: npt.NDArray[np.float32] = s.take(mirror.observation_permutation, axis=-1)
     reflected *= mirror.observation_sign
     return reflected

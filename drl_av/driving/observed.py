@@ -1,4 +1,4 @@
-"""The observed decision of an ego that SUMO drives: its nearest action and its lane change."""
+"""The action and the lane change that describe the observed motion of an ego driven by SUMO."""
 
 from typing import NamedTuple
 
@@ -9,22 +9,22 @@ from drl_av.traffic.road import ARRIVED_M, Road
 from drl_av.traffic.snapshot import EGO, Snapshot
 
 STILL_M = 1e-6
-"""A lateral movement up to this is ignored."""
+"""Largest lateral movement within a decision that is ignored."""
 
 
 class Observed(NamedTuple):
-    """The action that describes an observed motion best, and the lane change after it."""
+    """The action that describes an observed motion best, and the lane change after it, or None."""
 
     action: Action
     lane_change: LaneChange | None
-    """The lane change in progress after the decision."""
+    """The lane change in progress after the decision, or None."""
 
 
 def observed(before: Scene, after: Snapshot, road: Road, config: Config) -> Observed:
-    """The action nearest to the ego's motion from ``before`` to ``after`` (ours).
+    """Return the action nearest to the ego's motion from ``before`` to ``after`` (ours).
 
     A lane change begins when the ego leaves the centre of its lane. It is aborted when the ego
-    reverses its lateral direction, and is over at the centre of a lane.
+    reverses its lateral direction, and it ends at the centre of a lane.
     """
     gained_m_s = float(after.speed_m_s[EGO]) - before.affordances.ego_speed_m_s
     acceleration = gained_m_s / config.simulation.decision_interval_s
@@ -41,6 +41,6 @@ def observed(before: Scene, after: Snapshot, road: Road, config: Config) -> Obse
     lane = road.lane_of(y_m)
     if change is None or abs(y_m - road.center_m(lane)) <= ARRIVED_M:
         return Observed(Action(lateral, longitudinal), None)
-    if (y_m - road.center_m(change.target)) * change.sign > 0:  # on to the lane after that
+    if (y_m - road.center_m(change.target)) * change.sign > 0:  # it continues to the next lane
         change = LaneChange(change.target, change.target + change.sign)
     return Observed(Action(lateral, longitudinal), change)

@@ -1,4 +1,4 @@
-"""The scene, which is the input of a decision: vehicles, indicators, lane change in progress."""
+"""The scene, the input of a decision: all vehicles, the indicators, the lane change in progress."""
 
 from typing import NamedTuple
 
@@ -7,10 +7,10 @@ from drl_av.traffic.snapshot import Snapshot
 
 
 class LaneChange(NamedTuple):
-    """A lane change in progress, from the lane it came from to the lane it goes to.
+    """A lane change in progress; ``origin`` and ``target`` are lane indices, 0 is the rightmost.
 
-    The ego's lateral position alone says how far the lane change has advanced. An abort exchanges
-    the two lanes, so that the way back takes as long as the way there took.
+    Its progress follows from the ego's lateral position alone. An abort exchanges the two lanes, so
+    that the way back takes as long as the way there.
     """
 
     origin: int
@@ -20,16 +20,19 @@ class LaneChange(NamedTuple):
 
     @property
     def sign(self) -> int:
-        """Direction of the lane change: left +1, right -1."""
+        """Direction of the lane change: +1 left, -1 right."""
         return 1 if self.target > self.origin else -1
 
     def reversed(self) -> "LaneChange":
-        """The lane change back to the lane where this one started."""
+        """Return the lane change back to the lane where this one started."""
         return LaneChange(self.target, self.origin, self.heading_rad)
 
 
 class Scene(NamedTuple):
-    """All information that a driver or a safety check may use for a decision."""
+    """All information that a driver or a safety check may use for a decision.
+
+    ``lane_change`` is the ego's lane change in progress, or None.
+    """
 
     snapshot: Snapshot
     affordances: Affordances

@@ -1,18 +1,18 @@
-"""The steering feedback law kappa_cmd = f(k_road, e_yoff, e_psi, T_LC, v_ex) of Sec. III, and the
-vehicle that it steers.
+"""The steering feedback law of Sec. III, and the vehicle that it steers.
 
-The paper names the law's arguments, but not f itself (it cites a lane-change controller). Our f
-follows from two steps.
+The law is kappa_cmd = f(k_road, e_yoff, e_psi, T_LC, v_ex). The paper gives its arguments, but not
+f itself (it cites a lane-change controller). Our f is derived in two steps.
 
 1. In the frame of the lane, x along it and e = y_target - y to the left, a vehicle of curvature
    kappa obeys dy/dx = tan(e_psi) and d2y/dx2 = (kappa - k_road) / cos^3(e_psi). With
    u = d2y/dx2 the path is a double integrator in x, whatever the speed.
 2. Consider all paths that reach the centre of the target lane after a length l, in its direction.
-   The path with the least integral of u^2 is the cubic y(s) = W (3 s^2 - 2 s^3). The feedback that
-   follows it is u = 6 e / l^2 - 4 tan(e_psi) / l (minimum-energy control of the double integrator).
-   The offset e determines which part s of the lane change is done: 3 s^2 - 2 s^3 = 1 - e / W has
-   the closed solution s = 1/2 - sin(asin(2 e / W - 1) / 3), so l = (1 - s) L. The law therefore
-   needs neither a clock nor a stored path, and an abort is the same law towards the other lane.
+   The path with the least integral of u^2 is the cubic y(s) = W (3 s^2 - 2 s^3), with the lane
+   width W. The feedback that follows it is u = 6 e / l^2 - 4 tan(e_psi) / l (minimum-energy control
+   of the double integrator). The offset e determines which fraction s of the lane change is done:
+   3 s^2 - 2 s^3 = 1 - e / W has the closed solution s = 1/2 - sin(asin(2 e / W - 1) / 3), so
+   l = (1 - s) L. The law therefore needs neither a clock nor a stored path, and an abort is the
+   same law towards the other lane.
 
 L = T_LC v_ex is the length of a whole lane change (m). It is never shorter than the largest
 curvature allows: at its beginning the cubic needs the curvature 6 W / L^2.
@@ -24,11 +24,13 @@ from typing import NamedTuple
 from drl_av.config import EgoConfig
 
 LEAST_LEFT = 0.1
-"""Smallest value of 1 - s in the law; it keeps the gains finite (ours)."""
+"""Smallest fraction 1 - s of a lane change that the law assumes to be left; it keeps the gains
+finite (ours)."""
 SETTLED_OFFSET, SETTLED_SLOPE = 0.005, 0.1
-"""A lane change ends within these fractions of the lane width W and of the slope W / L (ours)."""
+"""A lane change ends if the offset is at most the first fraction of the lane width W, and the slope
+of the path at most the second fraction of W / L (ours)."""
 STRAIGHT = 0.0
-"""k_road, 1/m; it is 0 because the loop represents an infinite straight road."""
+"""k_road, the curvature of the road, 1/m; 0 because the loop represents a straight road."""
 
 
 class Pose(NamedTuple):
@@ -40,9 +42,9 @@ class Pose(NamedTuple):
 
 
 def curvature_limit(speed_m_s: float, heading_rad: float, ego: EgoConfig) -> float:
-    """Largest curvature at a speed along the lane, 1/m.
+    """Return the largest curvature at a speed along the lane, 1/m.
 
-    The steering limits it, and at high speed the largest lateral acceleration.
+    It is limited by the steering, and at high speed by the largest lateral acceleration.
     """
     own_speed = speed_m_s / math.cos(heading_rad)
     limit, lateral = ego.max_curvature_per_m, ego.max_lateral_acceleration_m_s2
@@ -50,9 +52,9 @@ def curvature_limit(speed_m_s: float, heading_rad: float, ego: EgoConfig) -> flo
 
 
 def lane_change_length(speed_m_s: float, lane_width_m: float, ego: EgoConfig) -> float:
-    """L: length of a lane change along the lane, metres.
+    """Return L, the length of a whole lane change along the lane, metres.
 
-    T_LC v_ex, or the shortest length that the curvature limit allows if that is longer.
+    It is T_LC v_ex, or the shortest length that the curvature limit allows if that is longer.
     """
     shortest_m = math.sqrt(6 * lane_width_m / curvature_limit(speed_m_s, 0.0, ego))
     return max(ego.lane_change_duration_s * speed_m_s, shortest_m)
@@ -66,10 +68,10 @@ def curvature_command(
     lane_width_m: float,
     ego: EgoConfig,
 ) -> float:
-    """The curvature command kappa_cmd, 1/m, left positive, within ``curvature_limit``.
+    """Return the curvature command kappa_cmd, 1/m, left positive, within ``curvature_limit``.
 
     ``offset_m`` is e_yoff, the distance from the ego to the centre of the target lane, left
-    positive; ``ego`` holds T_LC.
+    positive; ``heading_rad`` is e_psi, left positive; ``ego`` holds T_LC.
     """
     offset = min(abs(offset_m) / lane_width_m, 1.0)
     share_left = 0.5 + math.sin(math.asin(2 * offset - 1) / 3)
@@ -88,7 +90,7 @@ def steer(
     lane_width_m: float,
     ego: EgoConfig,
 ) -> Pose:
-    """The ego's pose after it steers to the lane centre at ``target_m`` for ``duration_s``.
+    """Return the ego's pose after it steers to the lane centre at ``target_m`` for ``duration_s``.
 
     The law computes a new command every ``steering_interval_s``. The vehicle is a kinematic model:
     de_psi/dt = v (kappa - k_road), dy/dt = v sin(e_psi), v = v_ex / cos(e_psi).
@@ -109,7 +111,7 @@ def steer(
 def settled(
     pose: Pose, target_m: float, speed_m_s: float, lane_width_m: float, ego: EgoConfig
 ) -> bool:
-    """Whether the lane change is over: the ego is close to the lane's centre and parallel to it."""
+    """Whether the lane change has ended: the ego is near the lane's centre and parallel to it."""
     mean_slope = lane_width_m / lane_change_length(speed_m_s, lane_width_m, ego)
     return (
         abs(target_m - pose.y_m) <= SETTLED_OFFSET * lane_width_m
