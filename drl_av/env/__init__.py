@@ -1,4 +1,4 @@
-"""The environment ``drl_av/Highway-v0``, its reward, and the rollout of an episode."""
+"""The gymnasium environment ``drl_av/Highway-v0``, its reward, and the rollout of an episode."""
 
 from drl_av.env.highway import HighwayEnv
 

@@ -1,4 +1,4 @@
-"""One decision of an episode: the transition of the environment, and facts derived from it."""
+"""One decision of an episode: the transition of the environment, and properties derived from it."""
 
 from typing import Any, NamedTuple
 
@@ -11,33 +11,33 @@ from drl_av.traffic.snapshot import Collision, CollisionKind
 
 
 class Decision(NamedTuple):
-    """A transition of the environment: s_t, a_t, r_t+1 and s_t+1."""
+    """One transition of the environment: s_t, a_t, r_t+1 and s_t+1, with the scenes behind them."""
 
     scene: Scene
-    """The scene before the decision, its input."""
+    """The scene before the decision."""
     observation: Observation
-    """The scaled observation of that scene, shape (27,)."""
+    """The scaled observation of ``scene``, by default of shape (27,)."""
     proposed: Action
-    """The driver's action; while SUMO drives the ego, the action nearest to what it did."""
+    """The driver's action; while SUMO drives the ego, the action nearest to the ego's motion."""
     reward: float
     next_scene: Scene
     next_observation: Observation
     terminated: bool
-    """Whether the ego collided."""
+    """Whether the ego collided in this decision."""
     truncated: bool
-    """Whether the decision was the last that the episode may have."""
+    """Whether the episode reached its largest number of decisions."""
     info: dict[str, Any]
     """The ``info`` that ``HighwayEnv.step`` returned."""
 
     @property
     def executed(self) -> Action:
-        """The action that the ego carried out after the safety check."""
+        """The action that the ego executed, after the safety check."""
         number: int = self.info["executed_action"]
         return ACTIONS[number]
 
     @property
     def triggered(self) -> bool:
-        """Whether any rule of the safety check fired."""
+        """Whether a rule of the safety check fired."""
         return bool(self.info["rule"] != str(Rule.NONE))
 
     @property

@@ -1,4 +1,4 @@
-"""The choice of an episode at a reset: the seed of its traffic and its number of vehicles."""
+"""The choice of an episode at a reset: the seed of its traffic, and the number of vehicles."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,15 +9,16 @@ from drl_av.config import TrafficConfig
 from drl_av.errors import ConfigError
 
 TRAINING_SEEDS = (1_000_000, 2**31)
-"""Range of the traffic seeds that a reset draws; smaller seeds are reserved for evaluations."""
+"""Range [low, high) of the traffic seeds that a reset draws; evaluations use smaller seeds."""
 
 
 def traffic_seed(seed: int | None, options: Mapping[str, Any], rng: np.random.Generator) -> int:
-    """The seed of an episode's traffic: ``seed`` if it selects an episode, else drawn from ``rng``.
+    """Return the seed of an episode's traffic: ``seed`` if it selects an episode, else a random
+    one.
 
-    ``seed`` selects an episode if it is at least 1,000,000, or if ``options`` has a number of
-    vehicles. Clients pass a small seed to their first reset to seed all random numbers; it has
-    seeded ``rng`` already.
+    ``seed`` selects an episode if it is at least 1,000,000, or if ``options`` contains
+    ``vehicles``. Otherwise the result is drawn from ``rng``, which gymnasium has already seeded
+    with ``seed``: clients pass a small seed to their first reset to seed all random numbers.
     """
     if seed is not None and (seed >= TRAINING_SEEDS[0] or "vehicles" in options):
         return seed
@@ -27,7 +28,7 @@ def traffic_seed(seed: int | None, options: Mapping[str, Any], rng: np.random.Ge
 def number_of_vehicles(
     options: Mapping[str, Any], seed: int, traffic: TrafficConfig, placed: int | None
 ) -> int:
-    """Number of vehicles without the ego: from ``options``, or drawn with the traffic's seed.
+    """Return the number of vehicles without the ego, from ``options`` or drawn with ``seed``.
 
     Args:
         options: The options of the reset.

@@ -108,12 +108,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
+        """The environment's specification; ``max_episode_steps`` is the value in the config."""
         most = self.config.simulation.decisions_per_episode
         self._spec = None if spec is None else replace(spec, max_episode_steps=most)
 
     @property
     def check_name(self) -> str:
-        """Name of the safety check; ``none`` while SUMO drives the ego without a check."""
+        """Name of the safety check; ``none`` while SUMO drives the ego, which has no check then."""
         return self._check_name if self.ego_model is None else "none"
 
     def require_room(self) -> None:
@@ -159,8 +160,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
     def hand_over(self, model: EgoModel) -> None:
         """Let SUMO drive the ego with its own models until the next reset.
 
-        The environment then ignores actions and the safety check, and ``info`` holds the actions
-        that are nearest to the ego's motion.
+        The environment then ignores actions and the safety check, and ``info`` holds the action
+        that is nearest to the ego's motion.
 
         Raises:
             gymnasium.error.ResetNeeded: no episode is running.
@@ -171,14 +172,15 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.ego_model = model
 
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Execute an action for one decision, or the action that the safety check replaces it by.
+        """Execute one decision: the action, or the one by which the safety check replaces it.
 
         Returns:
-            The observation, shape (27,), the reward, whether the episode terminated, whether it was
-            truncated, and ``info``.
+            The observation, the reward, whether the episode terminated, whether it was truncated,
+            and ``info``.
 
         Raises:
-            ConfigError: the action is not a number from 0 to 11.
+            ConfigError: the action is not a number from 0 to 11, or the user's own reward is no
+                finite number.
             gymnasium.error.ResetNeeded: no episode is running.
             SimulationError: SUMO ended unexpectedly.
         """
@@ -210,15 +212,18 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         return observation, reward, terminated, truncated, info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """The scene as a picture, uint8 of shape (720, 1280, 3); None if sumo-gui shows it."""
+        """Return the scene as a picture, uint8 of shape (720, 1280, 3).
+
+        None without a render mode, and with ``human``, where sumo-gui shows the scene.
+        """
         return self._renderer.render()
 
     def action_masks(self) -> ActionMask:
-        """The action mask of the present scene, shape (12,), int8; sb3-contrib calls it."""
+        """Return the action mask of the present scene, shape (12,), int8; sb3-contrib calls it."""
         return action_mask(self.safety_check, self.scene)
 
     def close(self) -> None:
-        """End SUMO and the episode."""
+        """End the episode, and end SUMO."""
         self._over = True
         self.simulation.close()
 

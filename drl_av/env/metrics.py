@@ -1,4 +1,4 @@
-"""The metrics of an episode: all columns of the evaluation and training tables."""
+"""The metrics of an episode: the columns of the evaluation and training tables."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from drl_av.traffic.snapshot import Collision
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """A row of the CSV file of ``drl-av evaluate``; means are over the decisions of an episode."""
+    """One row of the table of ``drl-av evaluate``; means are over the decisions of the episode."""
 
     driver: str
     safety_check: str
@@ -41,14 +41,14 @@ class EpisodeResult:
     """Smallest time gap to the vehicle ahead; inf if there was none."""
     hard_brakes: int
     d_safe_violations: int
-    """Number of decisions with the vehicle ahead nearer than d_safe afterwards, so r_x < 0."""
+    """Number of decisions after which the gap to the vehicle ahead was below d_safe (r_x < 0)."""
 
 
 class EpisodeMetrics:
     """Computes the metrics of one episode from its decisions.
 
-    Each decision counts with the scene after it; the scene after the reset does not count.
-    The means need at least one decision.
+    Each decision counts with the scene after it, so the scene after the reset does not count. The
+    means need at least one decision.
     """
 
     def __init__(self) -> None:
@@ -70,7 +70,7 @@ class EpisodeMetrics:
         self._settled_lane: int | None = None
 
     def add(self, decision: Decision) -> None:
-        """Add the next decision of the episode."""
+        """Update the metrics with the next decision of the episode."""
         terms = decision.info["rewards"]
         self.speeds_m_s.append(decision.next_scene.affordances.ego_speed_m_s)
         self.rewards.append(decision.reward)
@@ -85,6 +85,7 @@ class EpisodeMetrics:
         self._add_leader(decision)
 
     def _add_lane_change(self, decision: Decision) -> None:
+        """Count a lane change that was aborted, or that ended at the centre of another lane."""
         if self._settled_lane is None:
             self._settled_lane = decision.scene.affordances.lane
         self.aborted_lane_changes += decision.aborts_lane_change
@@ -94,6 +95,7 @@ class EpisodeMetrics:
             self._settled_lane = lane
 
     def _add_leader(self, decision: Decision) -> None:
+        """Update the smallest time to collision and time gap, if there is a vehicle ahead."""
         front = decision.next_scene.affordances.own_front
         if front is None:
             return
@@ -114,7 +116,7 @@ class EpisodeMetrics:
 
     @property
     def mean_reward(self) -> float:
-        """Mean reward of a decision, including that of a collision."""
+        """Mean reward of a decision, including a reward for a collision."""
         return _mean(self.rewards)
 
     @property
@@ -128,7 +130,7 @@ class EpisodeMetrics:
         return self.collision is not None and self.collision.kind.ego_hit
 
     def result(self, driver: str, safety_check: str, vehicles: int, seed: int) -> EpisodeResult:
-        """The row of the episode: its metrics, and the four arguments."""
+        """Return the row of the episode: its metrics, and the four given values."""
         return EpisodeResult(
             driver=driver,
             safety_check=safety_check,
@@ -154,7 +156,7 @@ class EpisodeMetrics:
 
 
 def _mean(values: Sequence[float]) -> float:
-    """The mean, summed in order; the results of numpy and ``sum`` differ in the last bit."""
+    """Return the mean of values summed in order; numpy and ``sum`` differ in the last bit."""
     total = 0.0
     for value in values:
         total += value

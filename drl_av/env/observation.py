@@ -1,4 +1,4 @@
-"""Observations of the user's choice: named groups of indicators, or an own object (ours)."""
+"""Observations that the user chooses: named groups of indicators, or an object (ours)."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,46 +17,46 @@ from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 
 FURTHER = ("right_lane", "left_lane", "lane_change")
-"""Indicators that the paper does not have: whether a lane exists and is open, 1 or 0; the direction
-of the lane change in progress, left 1, right -1, none 0."""
+"""Indicators that the paper does not have. Lanes: 1 if the lane exists and is open, else 0. Lane
+change in progress: +1 left, -1 right, 0 none."""
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {slot: tuple(name for name in INDICATORS if name.startswith(slot)) for slot in SLOTS}
     | {"ego": INDICATORS[-3:], "lanes": FURTHER[:2], "lane_change": FURTHER[2:]}
 )
-"""The indicators of each group. The first seven groups are the 27 indicators of the paper."""
+"""The names of the indicators in each group; the first seven groups are those of the paper."""
 
 
 class ObservationFunction(Protocol):
-    """An observation of the user's own: a function of the scene with an attribute ``space``."""
+    """An observation that the user defines: a function of the scene with an attribute ``space``."""
 
     @property
     def space(self) -> gymnasium.spaces.Space[Any]:
-        """The gymnasium space of the observations."""
+        """The gymnasium space that contains all observations."""
 
     def __call__(self, scene: Scene) -> Any:
-        """The observation of a scene, which must lie in ``space``."""
+        """Return the observation of a scene, which must lie in ``space``."""
 
 
 class GroupObservation:
-    """The indicators of some groups, scaled as in the observation of all 27.
+    """An observation of the indicators of some groups, scaled as in the default observation.
 
     Raises:
-        ConfigError: there is no such group, a group occurs twice, or there is none at all.
+        ConfigError: there is no such group, a group occurs twice, or no group is given.
     """
 
     def __init__(self, groups: Sequence[str], scale: ObservationScale) -> None:
         _require_groups(groups)
         self.names = tuple(name for group in groups for name in GROUPS[group])
-        """Name of each place of the observation."""
+        """Name of each element of the observation."""
         self._scale = scale
         every = [*INDICATORS, *FURTHER]
         self._places = np.array([every.index(name) for name in self.names])
         bounds = np.append(scale.bounds, np.ones(len(FURTHER), np.float32))[self._places]
         self.space = gymnasium.spaces.Box(-bounds, bounds, dtype=np.float32)
-        """A box of shape (number of indicators,), float32."""
+        """A Box of shape (number of indicators,), float32."""
 
     def __call__(self, scene: Scene) -> npt.NDArray[np.float32]:
-        """The scaled indicators of a scene, in the order of ``names``."""
+        """Return the scaled indicators of a scene in the order of ``names``."""
         affordances, change = scene.affordances, scene.lane_change
         further = (affordances.right_lane, affordances.left_lane, change.sign if change else 0)
         scaled = np.append(self._scale(affordances.vector()), np.array(further, np.float32))
@@ -65,10 +65,10 @@ class GroupObservation:
 
     @cached_property
     def mirror(self) -> Mirror:
-        """The permutations and signs that exchange left and right.
+        """The permutations and signs that exchange left and right in this observation.
 
         Raises:
-            ConfigError: one side has a group that the other side does not have.
+            ConfigError: a group of one side is present without that of the other side.
         """
         try:
             return mirror_of(self.names)
@@ -82,10 +82,11 @@ class GroupObservation:
 def observation_function(
     given: str | Iterable[str] | ObservationFunction, scale: ObservationScale
 ) -> ObservationFunction:
-    """The argument ``observation`` of the environment as an object.
+    """Convert the argument ``observation`` of the environment to a callable object.
 
     Raises:
-        ConfigError: it is neither groups of indicators nor a function with a ``space``.
+        ConfigError: ``given`` is neither known groups of indicators nor a callable object with a
+            ``space``.
     """
     if isinstance(given, str):
         return GroupObservation([given], scale)
@@ -100,7 +101,7 @@ def observation_function(
 
 
 def require_inside(observation: Any, space: gymnasium.spaces.Space[Any]) -> None:
-    """Raise ConfigError if an observation of the user's own does not lie in its space."""
+    """Raise ConfigError if an observation that the user defines does not lie in its space."""
     if not space.contains(observation):
         shape, kind = np.shape(observation), getattr(observation, "dtype", type(observation))
         raise ConfigError(
@@ -110,6 +111,7 @@ def require_inside(observation: Any, space: gymnasium.spaces.Space[Any]) -> None
 
 
 def _require_groups(groups: Sequence[str]) -> None:
+    """Raise ConfigError if a group is unknown or occurs twice, or no group is given."""
     for group, number in Counter(groups).items():
         if group not in GROUPS:
             raise ConfigError(

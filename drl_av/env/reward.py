@@ -1,4 +1,4 @@
-"""The reward of a decision: eq. 6, 7 and 8 of the paper, and their desired values."""
+"""The reward of a decision, eq. 6 to 8 of the paper, and the desired values in these equations."""
 
 import math
 from collections.abc import Callable
@@ -17,14 +17,15 @@ from drl_av.traffic.snapshot import Collision
 
 
 class Desired(NamedTuple):
-    """The desired speed and lateral position of the ego, with which the reward compares it."""
+    """The desired speed and lateral position of the ego, v_des of eq. 6 and y_des of eq. 7."""
 
     speed_m_s: float
     lateral_m: float
+    """Metres from the centre of the rightmost lane, left positive."""
 
 
 class Rewards(NamedTuple):
-    """The three terms of the reward, each in [-1, 0]."""
+    """The three terms of the reward (eq. 6, 7 and 8 of the paper), each in [-1, 0]."""
 
     r_v: float
     r_y: float
@@ -32,12 +33,12 @@ class Rewards(NamedTuple):
 
     @property
     def total(self) -> float:
-        """The mean of the three terms, in [-1, 0]."""
+        """Mean of the three terms, in [-1, 0]."""
         return (self.r_v + self.r_y + self.r_x) / 3
 
 
 class Transition(NamedTuple):
-    """The input of a reward function of the user's own: one decision and its outcome."""
+    """The input of a reward function that the user defines: one decision and its outcome."""
 
     scene: Scene
     """The scene before the decision."""
@@ -45,22 +46,26 @@ class Transition(NamedTuple):
     executed: Action
     """The action after the safety check."""
     rule: Rule
-    """The rules of the safety check that changed the action; ``Rule.NONE`` without a change."""
+    """The rules of the safety check that changed the action, or ``Rule.NONE``."""
     next_scene: Scene
     """The scene after the decision."""
     collision: Collision | None
     """The ego's collision within this decision, or None."""
     rewards: Rewards
-    """The three terms of the paper in the next scene."""
+    """The three terms of the paper's reward in the next scene."""
     reward: float
-    """The reward of the paper: the mean of the terms, or that of a collision."""
+    """The paper's reward: the mean of the three terms, or r_col after a collision."""
 
 
 RewardFunction = Callable[[Transition], float]
 
 
 def own_reward(function: RewardFunction, transition: Transition) -> float:
-    """The reward by a function of the user's own; raises ConfigError if it is no finite number."""
+    """Return the reward of a transition by the user's own function.
+
+    Raises:
+        ConfigError: the function does not return a finite number.
+    """
     reward = function(transition)
     if isinstance(reward, int | float | np.number) and math.isfinite(reward):
         return float(reward)
@@ -68,39 +73,40 @@ def own_reward(function: RewardFunction, transition: Transition) -> float:
 
 
 def speed_reward(speed_m_s: float, desired_m_s: float) -> float:
-    """r_v, eq. 6: 0 at the desired speed; it decreases towards -1 away from it."""
+    """Return r_v (eq. 6 of the paper): 0 at the desired speed; it falls to -1 away from it."""
     return math.exp(-((speed_m_s - desired_m_s) ** 2) / 10) - 1
 
 
 def lateral_reward(lateral_m: float, desired_m: float) -> float:
-    """r_y, eq. 7: 0 at the desired lateral position; it decreases towards -1 away from it."""
+    """Return r_y (eq. 7 of the paper): 0 at the desired position; it falls to -1 away from it."""
     return math.exp(-((lateral_m - desired_m) ** 2) / 10) - 1
 
 
 def gap_reward(gap_m: float, safe_gap_m: float) -> float:
-    """r_x, eq. 8: 0 for a gap of at least the safe gap; it decreases towards -1 below it."""
+    """Return r_x (eq. 8 of the paper): 0 if the gap is at least d_safe; it falls to -1 below."""
     if gap_m >= safe_gap_m:
         return 0.0
     return math.exp(-((gap_m - safe_gap_m) ** 2) / (10 * safe_gap_m)) - 1
 
 
 def speed_bonus(speed_m_s: float, ego: EgoConfig, weight: float) -> float:
-    """A bonus for speed that learning may add to the reward: weight * speed / top speed (ours)."""
+    """Return weight * speed / top speed, a bonus that the training may add to the reward (ours)."""
     return weight * speed_m_s / ego.max_speed_m_s
 
 
 def safe_gap(speed_m_s: float, headway_s: float, minimum_gap_m: float) -> float:
-    """d_safe, Sec. IV-C: headway times speed, but at least the minimum gap; metres."""
+    """Return d_safe (Sec. IV-C), metres: headway times speed, but at least the minimum gap."""
     return max(headway_s * speed_m_s, minimum_gap_m)
 
 
 def attainable_speed(
     affordances: Affordances, sign: int, config: RewardConfig, minimum_gap_m: float
 ) -> float:
-    """Speed that the own (0), left (+1) or right (-1) lane allows now, m/s (ours).
+    """Return the speed that the own (0), left (+1) or right (-1) lane allows now, m/s (ours).
 
-    The speed of the vehicle ahead in that lane, plus the speed that reduces the gap to d_safe
-    within ``catch_up_time_s``. It is at most the desired speed on a free road.
+    It is the speed of the vehicle ahead in that lane, plus the speed at which the ego reduces the
+    gap to d_safe within ``catch_up_time_s``. It is at most ``desired_speed_m_s``, which is also the
+    result for a free lane.
     """
     front = affordances.front(sign)
     if front is None:
@@ -111,11 +117,11 @@ def attainable_speed(
 
 
 def tolerated_speed(speed_m_s: float, attainable_m_s: float, config: RewardConfig) -> float:
-    """The desired speed: the attainable speed of the lane, with a tolerance; m/s (ours).
+    """Return v_des, the attainable speed of the lane with a tolerance, m/s (ours).
 
     Behind another vehicle the ego may deviate by ``speed_tolerance_m_s`` without a penalty, because
-    actions change its speed in steps: the result is the speed in that range nearest to the ego's.
-    On a free road there is no tolerance, because the ego can reach the speed exactly.
+    actions change its speed in steps. The result is the speed in that range that is nearest to the
+    ego's speed. On a free road there is no tolerance, because the ego can reach the speed exactly.
     """
     if attainable_m_s >= config.desired_speed_m_s:
         return config.desired_speed_m_s
@@ -125,12 +131,12 @@ def tolerated_speed(speed_m_s: float, attainable_m_s: float, config: RewardConfi
 
 
 def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig) -> Desired:
-    """The desired speed and lateral position, a function of the affordance indicators.
+    """Return v_des and y_des, which depend on the affordance indicators only (ours).
 
-    With ``config.desired`` "fixed" they are the two numbers of the config. With "traffic" they are
-    the ``tolerated_speed`` in the ego's lane and the centre of the best lane. Another lane is
-    better if its attainable speed is more than ``worthwhile_gain_m_s`` higher, and if rule 3
-    permits the lane change. Of two equally good lanes the nearer one counts.
+    If ``config.desired`` is "fixed", they are the two values of the config. If it is "traffic",
+    they are the ``tolerated_speed`` in the ego's lane and the centre of the best lane. Another lane
+    is better if its attainable speed is more than ``worthwhile_gain_m_s`` higher, and if rule 3
+    permits the lane change. Of two equally good lanes the nearer one is the best.
     """
     if config.desired == "fixed":
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)
@@ -151,7 +157,7 @@ def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig
 def rewards(
     affordances: Affordances, target: Desired, config: RewardConfig, minimum_gap_m: float
 ) -> Rewards:
-    """The three reward terms in one scene; r_x uses the vehicle ahead in the ego's own lane."""
+    """Return the three reward terms of a scene; r_x uses the vehicle ahead in the own lane."""
     front = affordances.own_front
     safe_gap_m = safe_gap(affordances.ego_speed_m_s, config.safe_headway_s, minimum_gap_m)
     return Rewards(

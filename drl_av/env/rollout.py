@@ -1,4 +1,4 @@
-"""The rollout of an episode, decision by decision, for training, evaluation and replay."""
+"""The rollout of one episode, for training, evaluation and replay."""
 
 from collections.abc import Iterator
 
@@ -13,13 +13,13 @@ from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 def rollout(
     env: HighwayEnv, driver: Driver, seed: int, vehicles: int | None = None
 ) -> Iterator[Decision]:
-    """Drive one episode; yield each decision before the driver makes the next one.
+    """Drive one episode, and yield each decision before the driver makes the next one.
 
-    The caller may therefore learn between two decisions. ``seed`` and ``vehicles`` are those of
-    ``HighwayEnv.reset``, which the rollout calls when the caller requests the first decision.
+    The caller may therefore train the driver between two decisions. ``seed`` and ``vehicles`` are
+    passed to ``HighwayEnv.reset``, which is called when the caller requests the first decision.
 
     Raises:
-        DrlAvError: as ``HighwayEnv.reset`` and ``HighwayEnv.step``.
+        DrlAvError: ``HighwayEnv.reset`` or ``HighwayEnv.step`` raises it.
     """
     options = None if vehicles is None else {"vehicles": vehicles}
     observation, _ = env.reset(seed=seed, options=options)
@@ -39,7 +39,7 @@ def rollout(
 
 
 def drive(env: HighwayEnv, driver: Driver, name: str, seed: int, vehicles: int) -> EpisodeResult:
-    """Drive one episode to its end; returns its row, in which ``name`` is the driver's name."""
+    """Drive one episode to its end and return its metrics; ``name`` is the name of the driver."""
     metrics = EpisodeMetrics()
     for decision in rollout(env, driver, seed, vehicles):
         metrics.add(decision)
