@@ -13,8 +13,7 @@ TRAINING_SEEDS = (1_000_000, 2**31)
 
 
 def traffic_seed(seed: int | None, options: Mapping[str, Any], rng: np.random.Generator) -> int:
-    """Return the seed of an episode's traffic: ``seed`` if it selects an episode, else a random
-    one.
+    """Return the seed of an episode's traffic: ``seed`` if it selects an episode, else random.
 
     ``seed`` selects an episode if it is at least 1,000,000, or if ``options`` contains
     ``vehicles``. Otherwise the result is drawn from ``rng``, which gymnasium has already seeded
