@@ -10,7 +10,7 @@ The packages, each importing only from those before it:
     drivers          the drivers of the ego, and the drivers of the background traffic
     drawing          a scene as a picture, an episode as a film
     env              ``drl_av/Highway-v0``, the gymnasium environment, and its reward
-    learning         Algorithm 1; the only package that imports torch
+    learning         Algorithm 1 of the paper; the only package that imports torch
     evaluation       drivers in the same traffic, statistics, recordings
     experiments      the experiments of the paper
     cli              the ``drl-av`` command

@@ -1,4 +1,4 @@
-"""The command ``drl-av``: parse arguments, call, print. A verb imports its modules when it runs."""
+"""The command ``drl-av``: parses the arguments and runs a verb, which imports what it needs."""
 
 import argparse
 import io
@@ -17,12 +17,14 @@ from drl_av.errors import DrlAvError
 
 
 class Verb(NamedTuple):
-    """A subcommand of ``drl-av``."""
+    """A verb (subcommand) of ``drl-av``."""
 
     meaning: str
+    """One phrase for the help."""
     add_options: Callable[[argparse.ArgumentParser], None]
+    """Adds the verb's arguments to its parser."""
     run: Callable[[argparse.Namespace], int]
-    """The function that runs the verb; it returns the exit status."""
+    """Runs the verb, and returns the exit status."""
 
 
 VERBS = {
@@ -51,7 +53,11 @@ VERBS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a verb; the exit status is 0, 1 after an error (one sentence) or 2 after bad usage."""
+    """Run the command line ``arguments``, by default those of this process.
+
+    Returns the exit status: 0, 1 after an error (one sentence on stderr), 130 after Ctrl-C. Bad
+    usage raises SystemExit with status 2.
+    """
     try:
         with _printable(), _terminated_as_interrupted():
             words = sys.argv[1:] if arguments is None else arguments
@@ -70,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """Make SIGTERM raise KeyboardInterrupt in the block, as Ctrl-C does."""
+    """Make SIGTERM raise KeyboardInterrupt in the block, as SIGINT (Ctrl-C) does."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -87,7 +93,7 @@ def _terminated_as_interrupted() -> Iterator[None]:
 
 @contextmanager
 def _printable() -> Iterator[None]:
-    """Escape characters that the output cannot encode, and flush the output after the block.
+    """Escape characters that stdout cannot encode, and flush stdout after the block.
 
     Raises:
         BrokenPipeError: the program that reads the output has ended.
@@ -112,7 +118,10 @@ def _printable() -> Iterator[None]:
 
 
 def command_line(verbs: Container[str] = VERBS) -> argparse.ArgumentParser:
-    """The argument parser, with the options of the given verbs; the result has the ``verb``."""
+    """Build the argument parser of all verbs; only those in ``verbs`` get their options.
+
+    The namespace that it parses has the chosen Verb as its attribute ``verb``.
+    """
     parser = argparse.ArgumentParser(
         prog="drl-av",
         description="Learn to drive on a highway, safely, in SUMO.",
@@ -135,7 +144,7 @@ def command_line(verbs: Container[str] = VERBS) -> argparse.ArgumentParser:
 
 
 class _Verbs(argparse.HelpFormatter):
-    """Prints the meaning of a verb beside its name, on one line."""
+    """Formats ``drl-av --help``: each verb's meaning stands beside its name, on one line."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog)
@@ -143,7 +152,7 @@ class _Verbs(argparse.HelpFormatter):
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
-    """Prints defaults, except None, False and the empty list."""
+    """Formats a verb's help with the defaults of its options, except None, False and []."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         none = action.default is None or action.default is False or action.default == []

@@ -1,4 +1,4 @@
-"""Types of command line arguments; a wrong value is bad usage (exit status 2)."""
+"""Converts the text of command line arguments; a wrong value is bad usage (exit status 2)."""
 
 import argparse
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The verb ``config``: print all settings with meaning, unit, bounds and source."""
+"""The verb ``config``: prints all settings with meaning, unit, bounds and source."""
 
 import argparse
 
@@ -24,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def config(options: argparse.Namespace) -> int:
-    """Print the settings as TOML with comments."""
+    """Print the settings as TOML with comments; return the exit status 0."""
     settings = load_config(options.config, preset(options.preset))
     print(annotated_toml(settings, options.section), end="")
     return 0

@@ -1,4 +1,4 @@
-"""Progress bars, result tables, and the handling of Ctrl-C."""
+"""Prints progress bars and tables of results, and handles Ctrl-C."""
 
 import math
 import os
@@ -35,7 +35,7 @@ def _console() -> Console:
 
 
 class Bar:
-    """A progress bar with the remaining time; without a terminal only ``say`` prints lines."""
+    """A progress bar with the remaining time; without a terminal only ``say`` prints anything."""
 
     def __init__(self, progress: Progress, task: TaskID) -> None:
         self._progress, self._task = progress, task
@@ -48,7 +48,7 @@ class Bar:
         self._progress.update(self._task, advance=1, text=f"{text}  {rate:.0f} decisions/s")
 
     def reach(self, progress: "Reached") -> None:
-        """Set the bar to the progress of an experiment."""
+        """Set the bar to the progress of an experiment, and print its line if it has one."""
         self._progress.update(
             self._task, completed=progress.done, total=progress.total, text=progress.label
         )
@@ -62,7 +62,7 @@ class Bar:
 
 @contextmanager
 def progress_bar(what: str, total: int, done: int = 0) -> Iterator[Bar]:
-    """Show a bar while the block runs."""
+    """Show a bar named ``what`` while the block runs; ``done`` of ``total`` episodes are over."""
     console = _console()
     progress = Progress(
         TextColumn("{task.description}"),
@@ -78,7 +78,7 @@ def progress_bar(what: str, total: int, done: int = 0) -> Iterator[Bar]:
 
 
 def episode_line(row: "EpisodeRow") -> str:
-    """One line about a training episode."""
+    """Return one line of text about a training episode."""
     return (
         f"reward {row.mean_reward:.3f}  {row.mean_speed_m_s:.1f} m/s  "
         f"triggers {row.safety_triggers}  epsilon {row.epsilon:.2f}"
@@ -86,7 +86,7 @@ def episode_line(row: "EpisodeRow") -> str:
 
 
 def evaluation_line(row: "EvaluationRow") -> str:
-    """One line about an evaluation."""
+    """Return one line of text about an evaluation during training."""
     return (
         f"episode {row.episode}: greedy reward {row.mean_reward:.3f}, "
         f"{row.mean_speed_m_s:.2f} m/s, {row.ego_hits} times hit something, "
@@ -95,14 +95,17 @@ def evaluation_line(row: "EvaluationRow") -> str:
 
 
 class StopRequest:
-    """Whether the user has requested a stop."""
+    """Its attribute ``made`` is True once the user has requested a stop."""
 
     made = False
 
 
 @contextmanager
 def stop_request() -> Iterator[StopRequest]:
-    """The first Ctrl-C or SIGTERM sets ``made``; the second raises KeyboardInterrupt."""
+    """Handle SIGINT (Ctrl-C) and SIGTERM in the block.
+
+    The first signal sets ``made`` of the yielded request; the second raises KeyboardInterrupt.
+    """
     request = StopRequest()
 
     def ask(number: int, frame: object) -> None:

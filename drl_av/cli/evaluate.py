@@ -1,4 +1,4 @@
-"""The verb ``evaluate``: compare drivers on the same seeded traffic."""
+"""The verb ``evaluate``: compares drivers on the same seeded traffic."""
 
 import argparse
 import sys
@@ -13,7 +13,7 @@ from drl_av.drivers.registry import default_config, driver_names, find_drivers
 from drl_av.evaluation import DENSITIES
 
 SAVE_EVERY_S = 5.0
-"""Interval between two writes of the table; later rows are lost if SUMO aborts the process."""
+"""Interval between two writes of the table; if SUMO aborts the process, newer rows are lost."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +55,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def evaluate(options: argparse.Namespace) -> int:
-    """Drive all episodes, write a row for each, and print the summary."""
+    """Drive all episodes, write one row for each, print the summary; return the exit status.
+
+    If ``--out`` exists already, it is replaced only after the last episode.
+    """
     from drl_av.cli.console import print_summaries, progress_bar
     from drl_av.env.metrics import EpisodeResult
     from drl_av.evaluation.comparison import Evaluation
@@ -100,5 +103,5 @@ def evaluate(options: argparse.Namespace) -> int:
 
 
 def _partial(table: Path) -> Path:
-    """The temporary file for new rows if ``table`` exists; the old table remains until the end."""
+    """Return the path of the temporary file for new rows, ``NAME.partial.csv`` beside the table."""
     return table.with_name(f"{table.stem}.partial{table.suffix}")

@@ -1,4 +1,4 @@
-"""The verb ``export``: write a trained driver as an ONNX file for other programs."""
+"""The verb ``export``: writes a trained driver as an ONNX file for other programs."""
 
 import argparse
 from pathlib import Path
@@ -13,7 +13,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def export(options: argparse.Namespace) -> int:
-    """Write the driver, and print its inputs and outputs."""
+    """Write the ONNX file, and print its inputs and outputs; return the exit status 0."""
     from drl_av.drivers.onnx_export import export as write
     from drl_av.drivers.policy_file import PRETRAINED, load_run
     from drl_av.driving.affordances import ObservationScale

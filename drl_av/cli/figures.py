@@ -1,4 +1,4 @@
-"""The verb ``figures``: draw the paper's figures from tables and runs."""
+"""The verb ``figures``: draws the paper's figures from tables and runs."""
 
 import argparse
 from pathlib import Path
@@ -21,7 +21,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def figures(options: argparse.Namespace) -> int:
-    """Draw every figure for which the sources have data, and the figures of the settings."""
+    """Draw each figure for which the sources have data, and the two that need no data.
+
+    Returns the exit status 0.
+    """
     from drl_av.experiments.canvas import save_figure
     from drl_av.experiments.density_sweep import speed_figure
     from drl_av.experiments.experiment import draw_results

@@ -1,4 +1,4 @@
-"""The commands ``train`` and ``adapt``: learning from scratch, and continual adaptation."""
+"""The verbs ``train`` (learning from scratch) and ``adapt`` (continual adaptation)."""
 
 import argparse
 import shlex
@@ -81,7 +81,7 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
 
 
 def train(options: argparse.Namespace) -> int:
-    """Run Algorithm 1, and save its results in a run folder."""
+    """Train a driver by Algorithm 1 of the paper in the folder ``--out``; return the exit status."""
     from drl_av.env.highway import HighwayEnv
     from drl_av.learning.assembly import make_training
     from drl_av.learning.run import Run
@@ -99,7 +99,10 @@ def train(options: argparse.Namespace) -> int:
 
 
 def adapt(options: argparse.Namespace) -> int:
-    """Continual adaptation (Sec. IV-D): a trained driver keeps learning, in a new run folder."""
+    """Continue to train a trained driver in a new run folder; return the exit status.
+
+    This is the continual adaptation of Sec. IV-D of the paper.
+    """
     from drl_av.drivers.policy_file import find_policy
     from drl_av.drivers.registry import find_drivers
     from drl_av.env.highway import HighwayEnv
@@ -156,7 +159,7 @@ def _adaptation_config(options: argparse.Namespace, run: "Run", spec: "DriverSpe
 
 
 def _given(options: argparse.Namespace, *names: str) -> dict[str, Any]:
-    """The values of those options that the user gave on the command line, by name."""
+    """Return the values of the named options that the user gave on the command line, by name."""
     return {name: getattr(options, name) for name in names if getattr(options, name) is not None}
 
 
@@ -170,7 +173,10 @@ def _unchanged(run: "Run", stored: Config, asked: Config) -> Config:
 
 
 def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: str) -> int:
-    """Train from the last checkpoint; then print how to resume, or how to compare the driver."""
+    """Train from the last checkpoint to the end, or until the user stops; return the exit status.
+
+    Then it prints how to resume, or how to compare the driver with ``rival``.
+    """
     again = shlex.join(["drl-av", verb, "--out", str(run.folder), "--resume"])
     with run.alone():
         run.restore(training)
@@ -193,7 +199,7 @@ def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, ri
 
 
 def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bool:
-    """Train until the last episode (returns True) or until the user stops it (returns False)."""
+    """Train with a progress bar to the last episode (returns True) or a stop (returns False)."""
     from drl_av.cli.console import episode_line, evaluation_line, progress_bar, stop_request
     from drl_av.learning.run import train
     from drl_av.learning.tensorboard import tensorboard_writer

@@ -1,4 +1,4 @@
-"""The verb ``replay``: show a driver or a recorded episode in sumo-gui, as a video or a page."""
+"""The verb ``replay``: shows a driver or a recorded episode in sumo-gui, as a video or a page."""
 
 import argparse
 from pathlib import Path
@@ -53,7 +53,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def replay(options: argparse.Namespace) -> int:
-    """Drive one episode, and show it or write it to a file."""
+    """Drive one episode, and show it or write it to a file; return the exit status 0."""
     from drl_av.drawing.film import require_film
     from drl_av.evaluation.recording import load_recording
     from drl_av.evaluation.replay import Film, Pacer, Page, ReplaySession, replay_session

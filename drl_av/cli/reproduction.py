@@ -1,4 +1,4 @@
-"""The verb ``reproduce``: the experiments behind the published tables and figures."""
+"""The verb ``reproduce``: runs the experiments behind the published tables and figures."""
 
 import argparse
 import sys
@@ -74,7 +74,7 @@ def _experiment(text: str) -> str:
 
 
 def reproduce(options: argparse.Namespace) -> int:
-    """Run the chosen experiments one after another."""
+    """Run the chosen experiments one after the other; return the exit status 0."""
     from drl_av.cli.console import progress_bar
     from drl_av.experiments.experiment import reproduce as make
     from drl_av.experiments.registry import EXPERIMENTS

@@ -1,4 +1,4 @@
-"""The verb ``scenario``: write a scenario folder, which SUMO alone can open too."""
+"""The verb ``scenario``: writes a scenario folder, which SUMO alone can open too."""
 
 import argparse
 from pathlib import Path
@@ -27,7 +27,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def scenario(options: argparse.Namespace) -> int:
-    """Write the folder, and print the command that opens it."""
+    """Write the folder, and print the command that opens it; return the exit status 0."""
     from drl_av.traffic.scenario import ScenarioDescription, write_scenario
 
     description = ScenarioDescription(

@@ -1,4 +1,4 @@
-"""The options that all verbs with an environment share, and the config that they select."""
+"""Adds the options that all verbs with an environment share, and applies them to a config."""
 
 import argparse
 
@@ -7,7 +7,10 @@ from drl_av.safety import CHECKS
 
 
 def driving(parser: argparse.ArgumentParser, whose: str) -> None:
-    """Add --scenario, --safety-check, --traffic and --config; ``whose`` names the defaults."""
+    """Add --scenario, --safety-check, --traffic and --config to a parser.
+
+    ``whose`` names the source of the defaults in the help, for example "the RUN's".
+    """
     parser.add_argument(
         "--scenario",
         metavar="DIR",
@@ -27,7 +30,10 @@ def driving(parser: argparse.ArgumentParser, whose: str) -> None:
 
 
 def overridden(config: Config, options: argparse.Namespace) -> Config:
-    """The config with the options of the command line applied."""
+    """Return ``config`` changed by --traffic, then --config, --scenario and --safety-check.
+
+    Raises ConfigError if the TOML file or a setting is wrong.
+    """
     if options.traffic is not None:
         config = config.with_traffic(options.traffic)
     config = load_config(options.config, config)
