@@ -119,7 +119,7 @@ def drive(config: Config, seed: int, vehicles: int) -> list[Snapshot]:
     with closing(Simulation(scenario, config)) as simulation:
         shot = simulation.reset(seed, vehicles)
         simulation.hand_over(EgoModel(overtake_right=config.traffic.overtake_right))
-        drivers.start(simulation.kinds, simulation.desired_speed_m_s, seed)
+        drivers.start(simulation.fleet.kinds, simulation.fleet.population.desired_speed_m_s, seed)
         for decision in range(config.simulation.decisions_per_episode):
             commands = [IGNORED] * config.simulation.steps_per_decision
             shot, _ = simulation.advance(commands, drivers(shot))

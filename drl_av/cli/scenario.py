@@ -1,41 +1,72 @@
 """The verb ``scenario``: writes a scenario folder, which SUMO alone can open too."""
 
 import argparse
+from dataclasses import Field, fields
 from pathlib import Path
+from typing import Any
 
 from drl_av.cli.arguments import whole
+from drl_av.errors import ScenarioError
+from drl_av.traffic.kinds import KINDS
+
+FLAGS = {"barricaded_lanes": "--barricade"}
+"""Names of options that differ from those of the settings."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
+    """Add this command's arguments: one for each setting of any kind of scenario."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder to write; must be new")
-    parser.add_argument(
-        "--circumference-m", type=float, default=500.0, metavar="M", help="length of a lane, metres"
-    )
-    parser.add_argument("--lanes", type=whole(1), default=3, metavar="N", help="number of lanes")
-    parser.add_argument(
-        "--lane-width-m", type=float, default=3.8, metavar="M", help="width of a lane, metres"
-    )
-    parser.add_argument(
-        "--barricade",
-        type=whole(0),
-        nargs="+",
-        default=(),
-        metavar="LANE",
-        help="lanes to close; 0 is the rightmost (default: none)",
-    )
+    meanings = "; ".join(f"{name}: {kind.meaning}" for name, kind in KINDS.items())
+    parser.add_argument("--kind", metavar="KIND", default="loop", help=meanings)
+    for name, users in _users().items():
+        item = next(iter(users.values()))
+        help_text = item.metadata["meaning"]
+        if item.default != ():
+            help_text = f"{help_text} (default: {item.default:g})"
+        if len(users) < len(KINDS):
+            help_text = f"{help_text}; kind {', '.join(users)}"
+        parser.add_argument(_flag(name), dest=name, help=help_text, **_parsing(item))
+
+
+def _users() -> dict[str, dict[str, Field[Any]]]:
+    """The settings by name, and each by the name of a kind that has it."""
+    users: dict[str, dict[str, Field[Any]]] = {}
+    for kind, entry in KINDS.items():
+        for item in fields(entry.description):
+            if "meaning" in item.metadata:
+                users.setdefault(item.name, {})[kind] = item
+    return users
+
+
+def _flag(name: str) -> str:
+    return FLAGS.get(name, f"--{name.replace('_', '-')}")
+
+
+def _parsing(item: Field[Any]) -> dict[str, Any]:
+    """How an option is parsed; without the option the setting keeps its default."""
+    if item.type is float:
+        return {"type": float, "metavar": "X", "default": argparse.SUPPRESS}
+    if item.type is int:
+        return {"type": whole(1), "metavar": "N", "default": argparse.SUPPRESS}
+    return {"type": whole(0), "nargs": "+", "metavar": "LANE", "default": argparse.SUPPRESS}
 
 
 def scenario(options: argparse.Namespace) -> int:
     """Write the folder, and print the command that opens it; return the exit status 0."""
-    from drl_av.traffic.scenario import ScenarioDescription, write_scenario
+    from drl_av.traffic.description import unknown_kind
+    from drl_av.traffic.scenario import write_scenario
 
-    description = ScenarioDescription(
-        circumference_m=options.circumference_m,
-        lanes=options.lanes,
-        lane_width_m=options.lane_width_m,
-        barricaded_lanes=tuple(options.barricade),
-    )
-    write_scenario(options.folder, description)
+    if options.kind not in KINDS:
+        raise unknown_kind(options.kind, KINDS)
+    users = _users()
+    given = {name: value for name, value in vars(options).items() if name in users}
+    for name in given:
+        if options.kind not in users[name]:
+            raise ScenarioError(
+                f"A scenario of the kind {options.kind} has no {_flag(name)}: leave it out, or "
+                f"write one of the kind {', '.join(users[name])}."
+            )
+    lists = {name: tuple(value) for name, value in given.items() if isinstance(value, list)}
+    write_scenario(options.folder, KINDS[options.kind].description(**given | lists))
     print(f"{options.folder}: open it with sumo-gui -c {options.folder / 'highway.sumocfg'}")
     return 0

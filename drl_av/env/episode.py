@@ -13,7 +13,8 @@ TRAINING_SEEDS = (1_000_000, 2**31)
 
 
 def traffic_seed(seed: int | None, options: Mapping[str, Any], rng: np.random.Generator) -> int:
-    """Return the seed of an episode's traffic: ``seed`` if it selects an episode, else random.
+    """Return the seed of an episode's traffic: ``seed`` if it selects an episode, else a random
+    one.
 
     ``seed`` selects an episode if it is at least 1,000,000, or if ``options`` contains
     ``vehicles``. Otherwise the result is drawn from ``rng``, which gymnasium has already seeded
@@ -25,7 +26,11 @@ def traffic_seed(seed: int | None, options: Mapping[str, Any], rng: np.random.Ge
 
 
 def number_of_vehicles(
-    options: Mapping[str, Any], seed: int, traffic: TrafficConfig, placed: int | None
+    options: Mapping[str, Any],
+    seed: int,
+    traffic: TrafficConfig,
+    placed: int | None,
+    usual: int | None = None,
 ) -> int:
     """Return the number of vehicles without the ego, from ``options`` or drawn with ``seed``.
 
@@ -34,6 +39,7 @@ def number_of_vehicles(
         seed: The seed of the traffic.
         traffic: The range of the number of vehicles.
         placed: The number of vehicles that the scenario places exactly; None if it places none.
+        usual: The number that an open road's inflow keeps; None on a loop.
 
     Raises:
         ConfigError: an option is unknown, or the number of vehicles is not allowed.
@@ -48,6 +54,8 @@ def number_of_vehicles(
                 "vehicles: leave the option out."
             )
         return placed
+    if "vehicles" not in options and usual is not None:
+        return usual
     if "vehicles" not in options:
         draw_number = np.random.default_rng([seed, 1])
         return int(draw_number.integers(traffic.vehicles_min, traffic.vehicles_max + 1))

@@ -35,7 +35,7 @@ from drl_av.safety.check import Rule, SafetyCheck, Verdict
 from drl_av.traffic.ego_model import EgoModel
 from drl_av.traffic.scenario import find_scenario, load_scenario
 from drl_av.traffic.simulation import Simulation
-from drl_av.traffic.snapshot import Collision, Snapshot
+from drl_av.traffic.snapshot import EGO, Collision, Snapshot
 
 Observation = npt.NDArray[np.float32]
 
@@ -119,8 +119,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     def require_room(self) -> None:
         """Raise ConfigError if ``traffic.vehicles_max`` vehicles do not fit on the road."""
-        most = self.simulation.capacity
-        if self.config.traffic.vehicles_max > most and self.simulation.placed_vehicles is None:
+        most = self.simulation.fleet.capacity
+        if self.config.traffic.vehicles_max > most and self.simulation.fleet.usual is None:
             raise ConfigError(
                 f"traffic.vehicles_max is {self.config.traffic.vehicles_max}, but this road takes "
                 f"{most} vehicles besides the ego: ask for fewer or make the loop longer."
@@ -141,15 +141,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         super().reset(seed=seed)
         options = options or {}
         self.seed = traffic_seed(seed, options, self.np_random)
-        placed = self.simulation.placed_vehicles
-        vehicles = number_of_vehicles(options, self.seed, self.config.traffic, placed)
+        fleet, traffic = self.simulation.fleet, self.config.traffic
+        vehicles = number_of_vehicles(options, self.seed, traffic, fleet.placed, fleet.usual)
         self.decisions = 0
         self.ego_model = None
         self._over = True
         snapshot = self.simulation.reset(self.seed, vehicles)
-        self.traffic_drivers.start(
-            self.simulation.kinds, self.simulation.desired_speed_m_s, self.seed
-        )
+        self.traffic_drivers.start(fleet.kinds, fleet.population.desired_speed_m_s, self.seed)
         observation, info = self._observe(snapshot, None), self._info()
         require_inside(observation, self.observation_space)
         info["unsafe_start"] = starts_unsafe(self.safety_check, self.scene)
@@ -198,7 +196,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         observation = self._observe(snapshot, lane_change)
         reward, terms = self._reward(scene, proposed, verdict, collision)
         terminated = collision is not None
-        truncated = self.decisions >= config.simulation.decisions_per_episode
+        at_the_end = self.road.end_m <= snapshot.s_m[EGO]
+        truncated = self.decisions >= config.simulation.decisions_per_episode or bool(at_the_end)
         self._over = terminated or truncated
         info = self._info() | {
             "proposed_action": proposed.number,

@@ -58,8 +58,8 @@ class Evaluation:
             )
         make_drivers(specs, config)
         with closing(HighwayEnv(config=config)) as env:
-            placed = env.simulation.placed_vehicles
-            default = DENSITIES if placed is None else (placed,)
+            implied = env.simulation.fleet.usual
+            default = DENSITIES if implied is None else (implied,)
             self._vehicles = tuple(dict.fromkeys(vehicles)) or default
             for number in {min(self._vehicles), max(self._vehicles)}:
                 env.reset(seed=0, options={"vehicles": number})

@@ -126,8 +126,8 @@ class ReplaySession:
         follower = None if self.recording is None else Follower(self.recording)
         following = [] if follower is None else [follower.add]
         with closing(HighwayEnv(config=self.config, render_mode=render_mode)) as env:
-            placed = env.simulation.placed_vehicles
-            usual = USUAL_VEHICLES if placed is None else placed
+            implied = env.simulation.fleet.usual
+            usual = USUAL_VEHICLES if implied is None else implied
             vehicles = usual if self.vehicles is None else self.vehicles
             for decision in rollout(env, self.driver, self.seed, vehicles):
                 for watch in (*following, recorder.add, metrics.add, *watchers):

@@ -77,7 +77,7 @@ def _capacity(config: Config) -> int:
     from drl_av.env.highway import HighwayEnv
 
     with closing(HighwayEnv(config=config)) as env:
-        return env.simulation.capacity
+        return env.simulation.fleet.capacity
 
 
 def _place(row: Row) -> tuple[int, int, int]:

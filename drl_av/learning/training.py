@@ -194,10 +194,10 @@ class Training:
         Each evaluation has the same traffic, from the fewest to the most vehicles.
         """
         traffic, count = self.config.traffic, self._config.evaluation_episodes
-        placed = self._env.simulation.placed_vehicles
+        implied = self._env.simulation.fleet.usual
         numbers = np.linspace(traffic.vehicles_min, traffic.vehicles_max, count).round()
-        if placed is not None:
-            numbers[:] = placed
+        if implied is not None:
+            numbers[:] = implied
         results = [
             drive(self._env, self.driver, "ddqn", EVALUATION_SEEDS + i, int(vehicles))
             for i, vehicles in enumerate(numbers)

@@ -6,12 +6,15 @@ import re
 import subprocess
 import tempfile
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from drl_av.errors import ScenarioError, SimulationError
 from drl_av.traffic.connection import missing_library, program
 from drl_av.traffic.description import ScenarioDescription
 
+DEMO_END_S = 3600
+"""End of the demo traffic."""
 EDGES = 4
 CHORD_M = 6.0
 """Length of the straight pieces that draw the circle, at most."""
@@ -46,11 +49,23 @@ def network_text(description: ScenarioDescription) -> str:
         ScenarioError: netconvert refused the description.
         SimulationError: netconvert cannot be run.
     """
+    return netconvert({"node": _nodes(description), "edge": _edges(description)})
+
+
+def netconvert(parts: Mapping[str, ET.Element]) -> str:
+    """The text of a network file that netconvert builds from its nodes, edges and connections.
+
+    Raises:
+        ScenarioError: netconvert refused them.
+        SimulationError: netconvert cannot be run.
+    """
     with tempfile.TemporaryDirectory() as scratch:
-        nodes, edges, network = (Path(scratch, name) for name in ("nod.xml", "edg.xml", "net.xml"))
-        nodes.write_text(xml_text(_nodes(description)), encoding="utf-8")
-        edges.write_text(xml_text(_edges(description)), encoding="utf-8")
-        _run_netconvert(nodes, edges, network)
+        network, arguments = Path(scratch, "net.xml"), []
+        for name, root in parts.items():
+            file = Path(scratch, f"{name}.xml")
+            file.write_text(xml_text(root), encoding="utf-8")
+            arguments += [f"--{name}-files", str(file)]
+        _run_netconvert(arguments, network)
         text = network.read_text(encoding="utf-8")
     return re.sub(r"<!-- generated on .*?-->\s*", "", text, count=1, flags=re.DOTALL)
 
@@ -86,18 +101,18 @@ def _edges(description: ScenarioDescription) -> ET.Element:
     return root
 
 
-def _run_netconvert(nodes: Path, edges: Path, network: Path) -> None:
-    netconvert = program("netconvert")
+def _run_netconvert(files: Sequence[str], network: Path) -> None:
+    executable = program("netconvert")
     arguments = [
-        *("--node-files", str(nodes), "--edge-files", str(edges)),
+        *files,
         *("--output-file", str(network)),
         *("--no-internal-links", "true", "--no-turnarounds", "true"),
         *("--offset.disable-normalization", "true", "--precision", str(PRECISION)),
     ]
-    environment = os.environ | {"SUMO_HOME": str(netconvert.parents[1])}
+    environment = os.environ | {"SUMO_HOME": str(executable.parents[1])}
     try:
         done = subprocess.run(
-            [netconvert, *arguments], capture_output=True, text=True, check=False, env=environment
+            [executable, *arguments], capture_output=True, text=True, check=False, env=environment
         )
     except OSError as error:
         raise SimulationError(f"SUMO's netconvert cannot be run: {error}.") from error

@@ -4,18 +4,19 @@ from typing import Any
 
 from drl_av.config import TrafficConfig
 from drl_av.traffic.ego_model import take_control
+from drl_av.traffic.kind import Layout
 from drl_av.traffic.population import EGO_ID, Population
-from drl_av.traffic.scenario import Scenario
 from drl_av.traffic.snapshot import EGO
 
 
 def place(
-    vehicle: Any, row: int, population: Population, scenario: Scenario, traffic: TrafficConfig
+    vehicle: Any, row: int, population: Population, layout: Layout, traffic: TrafficConfig
 ) -> None:
     """Add the vehicle of a row where it starts, with its own parameters."""
     name, speed = population.ids[row], float(population.speed_m_s[row])
-    lane_id, position_m = _berth(scenario, population.lane[row], population.front_m[row])
-    vehicle.add(name, "loop", EGO_ID if row == EGO else "traffic", "now", departSpeed="0")
+    lane_id, position_m = _berth(layout, population.lane[row], population.front_m[row])
+    route, kind = _route(layout, lane_id), EGO_ID if row == EGO else "traffic"
+    vehicle.add(name, route, kind, "now", departSpeed="0")
     if population.is_truck[row]:
         vehicle.setLength(name, traffic.truck_length_m)
         vehicle.setWidth(name, traffic.truck_width_m)
@@ -32,11 +33,19 @@ def place(
     vehicle.setMaxSpeed(name, float(population.desired_speed_m_s[row]))
 
 
-def _berth(scenario: Scenario, lane: int, front_m: float) -> tuple[str, float]:
-    """The lane id and the position on it of a place on the loop."""
+def _route(layout: Layout, lane_id: str) -> str:
+    """The name of the first route that contains the edge of a lane."""
+    if len(layout.routes) == 1:
+        return next(iter(layout.routes))
+    edge = lane_id.rpartition("_")[0]
+    return next(name for name, edges in layout.routes.items() if edge in edges)
+
+
+def _berth(layout: Layout, lane: int, front_m: float) -> tuple[str, float]:
+    """The lane id and the position on it of a place on the road."""
     best = max(
         (start_m, lane_id)
-        for lane_id, (index, start_m) in scenario.lane_positions.items()
+        for lane_id, (index, start_m) in layout.lane_positions.items()
         if index == lane and start_m <= front_m
     )
     return best[1], float(front_m - best[0])

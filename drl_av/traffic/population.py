@@ -1,23 +1,22 @@
 """The vehicles at the start of an episode: positions and parameters, drawn at random."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from enum import IntEnum
 
 import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config, EgoConfig, TrafficConfig
-from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
+from drl_av.traffic.places import Places, random_lanes, ring_places, safe_speeds
 from drl_av.traffic.road import FloatArray, Road
 
 EGO_ID = "ego"
 SPREAD_M = 250.0
 """Vehicles start within this distance of the ego (Sec. IV-B)."""
 DECISIONS_AT_ONCE = 256
-COMFORTABLE_BRAKING_M_S2 = 2.0
 STANDING_M_S = 0.1
 """Speed of standing vehicles; SUMO's models react to them, but not to vehicles that SUMO stops."""
 
@@ -49,6 +48,20 @@ class Population:
     speed_gain: FloatArray
     """Lane-change eagerness, SUMO's lcSpeedGain."""
     is_truck: npt.NDArray[np.bool_]
+
+    def rows(self, wanted: Sequence[int]) -> "Population":
+        """The population of some of the rows, in that order."""
+        kept = list(wanted)
+        arrays = {item.name: getattr(self, item.name)[kept] for item in fields(self)[1:]}
+        return Population(ids=tuple(self.ids[row] for row in kept), **arrays)
+
+    def joined(self, other: "Population") -> "Population":
+        """The population of both; the rows of ``other`` follow."""
+        arrays = {
+            item.name: np.concatenate((getattr(self, item.name), getattr(other, item.name)))
+            for item in fields(self)[1:]
+        }
+        return Population(ids=self.ids + other.ids, **arrays)
 
 
 def require_speed_limit(config: Config, description: ScenarioDescription) -> None:
@@ -108,12 +121,42 @@ def draw_population(
             f"{vehicles} vehicles do not fit on this road: its {sum(road.open_lanes)} open lanes "
             f"take {max(room - 1, 0)} besides the ego; ask for fewer or make the loop longer."
         )
-    unusual, trucks = rng.spawn(2)
-    is_truck = trucks.random(n) < traffic.truck_share
+    streams = rng.spawn(2)
+    is_truck = draw_trucks(streams[1], n, traffic)
+    lane = random_lanes(rng, n, road, room, traffic.lane_evenness)
+    pitch_m = pitches_m(is_truck, length_m, traffic)
+    ring_m = min(road.lap_m, 2 * SPREAD_M)
+    places = ring_places(rng, lane, ring_m, pitch_m, traffic.start_gap_m)
+    around_ego = (places.front_m - places.front_m[0] + ring_m / 2) % ring_m - ring_m / 2
+    start_m = rng.uniform(0, road.lap_m)
+    places = places._replace(front_m=(start_m + around_ego) % road.lap_m)
+    return with_drivers(rng, streams, places, is_truck, traffic, ego)
+
+
+def pitches_m(
+    is_truck: npt.NDArray[np.bool_], length_m: float, traffic: TrafficConfig
+) -> FloatArray:
+    """The length of each vehicle and the smallest gap between vehicles at the start, metres."""
+    return np.where(is_truck, traffic.truck_length_m, length_m) + traffic.start_gap_m
+
+
+def draw_trucks(rng: np.random.Generator, n: int, traffic: TrafficConfig) -> npt.NDArray[np.bool_]:
+    """Whether each vehicle is a truck; the ego, row 0, is not."""
+    is_truck = rng.random(n) < traffic.truck_share
     is_truck[0] = False
-    lane = _lanes(rng, n, road, room, traffic.lane_evenness)
-    pitch_m = np.where(is_truck, traffic.truck_length_m, length_m) + traffic.start_gap_m
-    front_m, gap_m, leader = _places(rng, lane, road, pitch_m, traffic.start_gap_m)
+    return is_truck
+
+
+def with_drivers(
+    rng: np.random.Generator,
+    streams: Sequence[np.random.Generator],
+    places: Places,
+    is_truck: npt.NDArray[np.bool_],
+    traffic: TrafficConfig,
+    ego: EgoConfig,
+) -> Population:
+    """The population at these places, with the parameters of each driver."""
+    n, (unusual, trucks) = len(is_truck), streams
     desired = rng.uniform(traffic.desired_speed_min_m_s, traffic.desired_speed_max_m_s, n)
     desired[0] = ego.max_speed_m_s
     headway = rng.uniform(traffic.headway_min_s, traffic.headway_max_s, n)
@@ -125,9 +168,9 @@ def draw_population(
     _make_some_unusual(unusual, desired, speed_gain, traffic)
     return Population(
         ids=(EGO_ID, *(f"vehicle{i}" for i in range(1, n))),
-        lane=lane,
-        front_m=front_m,
-        speed_m_s=_safe_speeds(desired, headway, gap_m, leader),
+        lane=places.lane,
+        front_m=places.front_m,
+        speed_m_s=safe_speeds(desired, headway, places.gap_m, places.leader),
         desired_speed_m_s=desired,
         headway_s=headway,
         acceleration_m_s2=acceleration,
@@ -208,58 +251,3 @@ def random_lane_changes(
             if row != 0:
                 traffic_commands[decision].append((row, 1 if draws[decision, 1, row] < 0.5 else -1))
         yield from traffic_commands
-
-
-def _lanes(
-    rng: np.random.Generator, n: int, road: Road, room: int, evenness: float
-) -> npt.NDArray[np.intp]:
-    """The lane of each row: equal chances for the ego, random shares of this episode for others."""
-    open_lanes = np.flatnonzero(road.open_lanes)
-    berths = np.full(len(open_lanes), room // len(open_lanes))
-    shares = rng.dirichlet(np.full(len(open_lanes), evenness))
-    chosen = np.empty(n, dtype=np.intp)
-    for row in range(n):
-        chances = np.where(berths > 0, shares if row else 1.0, 0.0)
-        if not chances.any():
-            chances = (berths > 0).astype(float)
-        limits = (chances / chances.sum()).cumsum()  # rng.choice draws so too, but checks first
-        chosen[row] = (limits / limits[-1]).searchsorted(rng.random(), side="right")
-        berths[chosen[row]] -= 1
-    return open_lanes[chosen]
-
-
-def _places(
-    rng: np.random.Generator,
-    lane: npt.NDArray[np.intp],
-    road: Road,
-    pitch_m: FloatArray,
-    start_gap_m: float,
-) -> tuple[FloatArray, FloatArray, npt.NDArray[np.intp]]:
-    """Positions of the front bumpers, net gaps to the vehicle ahead, and that vehicle's row."""
-    n = len(lane)
-    ring_m = min(road.lap_m, 2 * SPREAD_M)
-    front_m, gap_m, leader = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.intp)
-    for index in np.unique(lane):
-        members = np.flatnonzero(lane == index)
-        spare_m = rng.dirichlet(np.ones(len(members))) * (ring_m - pitch_m[members].sum())
-        ends = np.cumsum(spare_m + pitch_m[members])
-        front_m[members] = (rng.uniform(0, ring_m) + ends) % ring_m
-        leader[members] = np.roll(members, -1)
-        gap_m[members] = np.roll(spare_m, -1) + start_gap_m
-    around_ego = (front_m - front_m[0] + ring_m / 2) % ring_m - ring_m / 2
-    start_m = rng.uniform(0, road.lap_m)
-    return (start_m + around_ego) % road.lap_m, gap_m, leader
-
-
-def _safe_speeds(
-    desired: FloatArray, headway: FloatArray, gap_m: FloatArray, leader: npt.NDArray[np.intp]
-) -> FloatArray:
-    free_m = np.maximum(gap_m - STANDSTILL_GAP_M, 0.0)
-    speed = np.minimum(desired, free_m / headway)
-    for _ in range(len(speed)):
-        reach = np.sqrt(speed[leader] ** 2 + 2 * COMFORTABLE_BRAKING_M_S2 * free_m)
-        slower = np.minimum(speed, reach)
-        if np.array_equal(slower, speed):
-            break
-        speed = slower
-    return speed

@@ -17,7 +17,7 @@ class Readings:
         self, sumo: ModuleType, scenario: Scenario, ids: Sequence[str], length_m: FloatArray
     ) -> None:
         self._sumo, self._ids = sumo, ids
-        self._lane_positions = scenario.lane_positions
+        self._lane_positions = scenario.layout.lane_positions
         self._lap_m, self._lane_m = scenario.road.lap_m, scenario.road.lane_width_m
         self._half_m = (length_m / 2).tolist()
         self._lane, self._at, self._aside, *self._speeds = getters(sumo, STATE)

@@ -2,13 +2,15 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
 from drl_av.files import replacing
 from drl_av.traffic import scenario_files
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription, from_toml
-from drl_av.traffic.loop import read_loop
+from drl_av.traffic.kind import Layout
+from drl_av.traffic.kinds import KINDS, kind_of
 from drl_av.traffic.road import Road
 from drl_av.traffic.scenario_xml import (
     ADDITIONAL,
@@ -38,18 +40,20 @@ class Scenario:
     """A scenario folder that was read and verified."""
 
     folder: Path
-    description: ScenarioDescription
-    road: Road
-    edges: tuple[str, ...]
-    """Edge ids in driving order."""
-    lane_positions: dict[str, tuple[int, float]]
-    """By lane id: the lane's index, and the arc length of its start, metres."""
+    description: Any
+    """Of the class that its kind of scenario names."""
+    layout: Layout
     additional_files: tuple[Path, ...]
     """The files that SUMO loads before any vehicle: vehicle types, and barricades if any."""
     vehicle_types: VehicleTypes
     """The types in the scenario's file; the sizes in ``description`` are the larger of the two."""
     as_written: bool
     """True if the checksums in the folder match; False if the folder has no checksums."""
+
+    @property
+    def road(self) -> Road:
+        """The road, with its lanes."""
+        return self.layout.road
 
     @property
     def network_file(self) -> Path:
@@ -67,7 +71,7 @@ class Scenario:
         return self.folder / scenario_files.VIEW_FILE
 
 
-def write_scenario(folder: str | Path, description: ScenarioDescription) -> None:
+def write_scenario(folder: str | Path, description: Any) -> None:
     """Write a scenario folder completely or not at all; equal descriptions give equal bytes.
 
     Raises:
@@ -96,18 +100,19 @@ def _require_free(folder: Path) -> None:
 
 
 def load_scenario(folder: str | Path) -> Scenario:
-    """Read a scenario folder and verify that its road is the closed loop it describes.
+    """Read a scenario folder and verify that its road is the one it describes.
 
     Raises:
         ScenarioError: the folder does not exist, a file is missing, damaged or changed, or the road
-            is not the closed loop of the description.
+            is not that of the description.
     """
     folder = Path(folder).absolute()
     if not folder.is_dir():
         raise ScenarioError(f"There is no scenario folder {folder}: {WRITE_ANEW}.")
     _require_readable(folder)
     name = scenario_files.DESCRIPTION_FILE
-    description = from_toml(_text(folder / name), str(folder / name))
+    described = {kind: KINDS[kind].description for kind in KINDS}
+    description = from_toml(_text(folder / name), str(folder / name), described)
     additional = [folder / name for name in scenario_files.additional_files(description)]
     types_file, *others = additional
     types = read_xml(types_file, ADDITIONAL, WRITE_ANEW).iter("vType")
@@ -118,24 +123,19 @@ def load_scenario(folder: str | Path) -> Scenario:
     read_xml(folder / scenario_files.VIEW_FILE, VIEW, WRITE_ANEW)
     network_file = folder / scenario_files.NETWORK_FILE
     network = read_xml(network_file, NETWORK, WRITE_ANEW)
-    loop = read_loop(network, description, str(network_file))
+    layout = kind_of(description).read(network, description, str(network_file))
     as_written = _require_unchanged(folder)
-    road = Road(loop.circumference_m, description.lane_width_m, description.open_lanes)
     return Scenario(
         folder=folder,
         description=description,
-        road=road,
-        edges=loop.edges,
-        lane_positions=loop.lane_positions,
+        layout=layout,
         additional_files=tuple(additional),
         vehicle_types=vehicle_types,
         as_written=as_written,
     )
 
 
-def _with_sizes(
-    description: ScenarioDescription, types: VehicleTypes, name: str
-) -> ScenarioDescription:
+def _with_sizes(description: Any, types: VehicleTypes, name: str) -> Any:
     """The description with the sizes of the vehicle types, which a user may have changed."""
     try:
         return replace(

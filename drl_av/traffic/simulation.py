@@ -1,7 +1,7 @@
 """One simulation in SUMO: load, place the vehicles, advance by one decision, close."""
 
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -12,20 +12,10 @@ from drl_av.errors import SimulationError
 from drl_av.traffic.collisions import LATERAL_SPEED_M_S, Motion, bodies, motion
 from drl_av.traffic.connection import connection, require_display, start
 from drl_av.traffic.ego_model import EgoModel, hand_over
+from drl_av.traffic.fleet import Fleet
 from drl_av.traffic.instances import acquire
 from drl_av.traffic.placement import place
-from drl_av.traffic.population import (
-    EGO_ID,
-    Kind,
-    Population,
-    capacity,
-    draw_kinds,
-    draw_population,
-    placed_population,
-    random_lane_changes,
-    require_speed_limit,
-    require_truck_width,
-)
+from drl_av.traffic.population import EGO_ID, Kind
 from drl_av.traffic.readings import Readings
 from drl_av.traffic.requests import (
     ask_for_lane_changes,
@@ -50,8 +40,7 @@ class Simulation:
     """
 
     def __init__(self, scenario: Scenario, config: Config, gui: bool = False) -> None:
-        require_speed_limit(config, scenario.description)
-        require_truck_width(config, scenario.description)
+        self.fleet = Fleet(scenario, config)
         if gui:
             require_display()
         self.scenario = scenario
@@ -78,23 +67,10 @@ class Simulation:
             ScenarioError: the vehicles do not fit on the road.
             SimulationError: SUMO refuses the scenario.
         """
-        rng = np.random.default_rng(seed)
-        population = self._population(rng, vehicles)
-        rate = self._config.traffic.random_lane_changes_per_s
-        rate *= self._config.simulation.decision_interval_s
-        self._random_lane_changes = random_lane_changes(rng, len(population.ids), rate)
-        self._ids = population.ids
-        self.kinds = draw_kinds(seed, len(self._ids), self._config.traffic)
-        self.desired_speed_m_s = population.desired_speed_m_s
-        types = self.scenario.vehicle_types
-        sizes = (types.ego, *[types.traffic] * (len(self._ids) - 1))
-        traffic, is_truck = self._config.traffic, population.is_truck
-        self._length_m = np.array([kind.length_m for kind in sizes])
-        self._width_m = np.array([kind.width_m for kind in sizes])
-        self._length_m[is_truck] = traffic.truck_length_m
-        self._width_m[is_truck] = traffic.truck_width_m
+        self.fleet.draw(seed, vehicles)
+        self._ids = self.fleet.population.ids
         try:
-            self._put_on_the_road(population, seed)
+            self._put_on_the_road(seed)
         except BaseException as error:
             self.close()  # an interrupt (Ctrl-C), too, would leave some of the vehicles
             if not isinstance(error, (*self._errors, OSError)):
@@ -106,12 +82,18 @@ class Simulation:
             ) from error
         if self._gui:
             self._follow_ego()
-        self._readings = Readings(self._sumo, self.scenario, self._ids, self._length_m)
         self._steps = 0
-        self._ego_y_m = self.road.center_m(int(population.lane[EGO]))
+        self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
+        return self._described()
+
+    def _described(self) -> Snapshot:
+        """Prepare for the vehicles that are on the road now; returns their snapshot."""
+        self._ids = self.fleet.population.ids
+        self._readings = Readings(self._sumo, self.scenario, self._ids, self.fleet.length_m)
         snapshot = self._snapshot()
-        lateral_m_s = max(LATERAL_SPEED_M_S, types.traffic.lateral_speed_m_s)
+        traffic = self.scenario.vehicle_types.traffic
+        lateral_m_s = max(LATERAL_SPEED_M_S, traffic.lateral_speed_m_s)
         self._bodies = replace(bodies(snapshot, self.road), lateral_speed_m_s=lateral_m_s)
         return snapshot
 
@@ -137,9 +119,9 @@ class Simulation:
             raise SimulationError("SUMO does not run for this simulation: reset it first.")
         collision, timing = None, self._config.simulation
         try:
-            for row, side in next(self._random_lane_changes):
+            for row, side in self.fleet.random_lane_changes(self._y_m):
                 vehicle = self._ids[row]
-                if self.kinds[row] == Kind.SUMO or is_centered(self._sumo.vehicle, vehicle):
+                if self.fleet.kinds[row] == Kind.SUMO or is_centered(self._sumo.vehicle, vehicle):
                     self._sumo.vehicle.changeLaneRelative(vehicle, side, RANDOM_LANE_CHANGE_S)
             ask_for_lane_changes(self._sumo.vehicle, self._ids, traffic_commands, timing)
             near: Sequence[int] = range(EGO + 1, len(self._ids))
@@ -153,6 +135,8 @@ class Simulation:
                 if collision is not None:
                     break
             snapshot = self._snapshot()
+            if not self.road.is_loop:
+                snapshot = self._exchanged(snapshot)
         except self._errors as error:
             self.close()
             raise SimulationError(
@@ -178,31 +162,21 @@ class Simulation:
         self._release.atexit = False
         self._sumo = instance.sumo
 
-    @property
-    def capacity(self) -> int:
-        """Largest number of other vehicles that can be placed at random."""
-        traffic = self._config.traffic
-        length_m = traffic.longest_m(self.scenario.description.vehicle_length_m)
-        return capacity(self.road, length_m, traffic.start_gap_m) - 1
-
-    @property
-    def placed_vehicles(self) -> int | None:
-        """Number of other vehicles that the scenario places exactly; None if it places none."""
-        placed = self.scenario.description.vehicles
-        return len(placed) - 1 if placed else None
-
-    def _population(self, rng: np.random.Generator, vehicles: int) -> Population:
-        description, config = self.scenario.description, self._config
-        if description.vehicles:
-            return placed_population(description.vehicles, config.traffic)
-        length_m = description.vehicle_length_m
-        return draw_population(rng, vehicles, self.road, length_m, config.traffic, config.ego)
+    def _exchanged(self, snapshot: Snapshot) -> Snapshot:
+        """The snapshot after vehicles have left an open road and others have entered it."""
+        state = self._s_m, self._y_m, self._speed_m_s
+        entered = self.fleet.exchange(snapshot.time_s, *state)
+        if entered is None:
+            return snapshot
+        self._ids = self.fleet.population.ids
+        self._populate(range(len(self._ids) - entered, len(self._ids)))
+        return self._described()
 
     def _follow_ego(self) -> None:
         self._sumo.gui.trackVehicle(VIEW, EGO_ID)
         self._sumo.gui.setZoom(VIEW, GUI_ZOOM)
 
-    def _put_on_the_road(self, population: Population, seed: int) -> None:
+    def _put_on_the_road(self, seed: int) -> None:
         """Place the vehicles in the running SUMO after emptying its road, or start SUMO.
 
         Starting SUMO or loading the scenario again takes three times as long as all the rest.
@@ -210,27 +184,27 @@ class Simulation:
         if self._owns_sumo() and self.scenario.as_written and not self._gui:
             with suppress(*self._errors):  # SUMO has ended, or another program has changed it
                 self._vacate()
-                self._populate(population)
+                self._populate(range(len(self._ids)))
                 return
         self.close()
         self._take_sumo()
         files = (self.scenario.network_file, *self.scenario.additional_files)
         view = self.scenario.view_file if self._gui else None
         start(self._sumo, files, seed, self._config, view)
-        laps = 2 + round(1e5 / self.road.lap_m)
-        self._sumo.route.add("loop", list(self.scenario.edges) * laps)
-        self._populate(population)
+        for name, edges in self.scenario.layout.routes.items():
+            self._sumo.route.add(name, list(edges))
+        self._populate(range(len(self._ids)))
 
     def _vacate(self) -> None:
         for name in self._sumo.vehicle.getLoadedIDList():
             self._sumo.vehicle.remove(name)
         self._sumo.simulationStep()  # frees the names of the vehicles
 
-    def _populate(self, population: Population) -> None:
-        traffic = self._config.traffic
-        for row in range(len(self._ids)):
-            place(self._sumo.vehicle, row, population, self.scenario, traffic)
-            if self.kinds[row] != Kind.SUMO:
+    def _populate(self, rows: Iterable[int]) -> None:
+        fleet, traffic = self.fleet, self._config.traffic
+        for row in rows:
+            place(self._sumo.vehicle, row, fleet.population, self.scenario.layout, traffic)
+            if fleet.kinds[row] != Kind.SUMO:
                 leave_to_commands(self._sumo.vehicle, self._ids[row])
 
     def _step(self, command: Command, near: Sequence[int]) -> Collision | None:
@@ -258,14 +232,24 @@ class Simulation:
         if self._ego_lateral_speed_m_s is None:
             return True
         vehicle = self._sumo.vehicle
-        if command.y_m != self._ego_y_m:
-            if not self.road.holds(command.y_m, float(self._width_m[EGO])):
-                return False
+        changes = command.y_m != self._ego_y_m
+        if (changes or self.road.partial_lanes) and not self._stays_on_its_lanes(command):
+            return False
+        if changes:
             vehicle.changeSublane(EGO_ID, command.y_m - self._readings.place(EGO)[1])
             self._ego_y_m = command.y_m
         vehicle.setSpeed(EGO_ID, command.speed_m_s)
         self._ego_lateral_speed_m_s = command.lateral_speed_m_s
         return True
+
+    def _stays_on_its_lanes(self, command: Command) -> bool:
+        """Whether the ego is on lanes that have not ended, where the command brings its front."""
+        width_m, half_m = float(self.fleet.width_m[EGO]), float(self.fleet.length_m[EGO]) / 2
+        if not self.road.partial_lanes:
+            return self.road.holds(command.y_m, width_m)
+        further_m = command.speed_m_s * self._config.simulation.step_length_s
+        front_m = self._readings.place(EGO)[0] + half_m + further_m
+        return self.road.holds(command.y_m, width_m, front_m)
 
     def _snapshot(self) -> Snapshot:
         state = self._readings.state()
@@ -280,7 +264,7 @@ class Simulation:
             y_m=y_m,
             speed_m_s=speed,
             lateral_speed_m_s=lateral,
-            length_m=self._length_m,
-            width_m=self._width_m,
+            length_m=self.fleet.length_m,
+            width_m=self.fleet.width_m,
             sumo_lane_change=self._readings.lane_change(EGO),
         )

@@ -125,7 +125,7 @@ def test_placed_approaches_at_20_m_s_collide_where_the_witness_says_so(unchecked
     empty = simulation.scenario
     for number, (ego, other) in zip(range(40), approaches(rng), strict=False):
         description = replace(empty.description, vehicles=(ego, other))
-        simulation.scenario = replace(empty, description=description)
+        simulation.fleet.scenario = replace(empty, description=description)
         unchecked.reset(number)
         simulation._sumo.vehicle.setSpeedMode("other", 32)
         simulation._sumo.vehicle.setSpeed("other", other.speed_m_s)

@@ -87,7 +87,7 @@ def test_a_truck_is_as_long_and_wide_in_sumo_as_in_the_snapshot_and_cars_stop_be
             assert vehicle.getLength(name) == shot.length_m[row]
             assert vehicle.getWidth(name) == shot.width_m[row]
             # a centre is half a length behind the front bumper
-            lane, start_m = simulation.scenario.lane_positions[vehicle.getLaneID(name)]
+            lane, start_m = simulation.scenario.layout.lane_positions[vehicle.getLaneID(name)]
             front_m = start_m + vehicle.getLanePosition(name)
             assert (front_m - shot.s_m[row]) % 500.0 == pytest.approx(shot.length_m[row] / 2)
             assert shot.y_m[row] == pytest.approx(3.8 * lane)

@@ -116,7 +116,7 @@ def test_vehicles_that_grew_into_each_other_are_refused(changed: Change) -> None
 
 def test_random_traffic_of_trucks_starts_and_stays_apart(changed: Change) -> None:
     with closing(HighwayEnv(changed("traffic", length="12", width="2.4"), config=STRICT)) as env:
-        assert env.simulation.capacity == 3 * 25 - 1  # 500 m in berths of 12 m and a gap of 8 m
+        assert env.simulation.fleet.capacity == 3 * 25 - 1  # 500 m in berths of 12 + 8 m
         for seed in range(3):
             env.reset(seed=seed, options={"vehicles": 30})
             for _ in range(40):

@@ -247,8 +247,8 @@ def test_a_mix_is_one_of_all_kinds_and_decides_on_the_snapshot_that_the_ego_sees
 ) -> None:
     env = HighwayEnv(config=MIX)
     env.reset(seed=3, options={"vehicles": 30})
-    assert set(env.simulation.kinds.tolist()) == set(Kind)
-    ours = np.flatnonzero(env.simulation.kinds != Kind.SUMO).tolist()
+    assert set(env.simulation.fleet.kinds.tolist()) == set(Kind)
+    ours = np.flatnonzero(env.simulation.fleet.kinds != Kind.SUMO).tolist()
     given, affordances = [], []
     drivers, advance = env.traffic_drivers, env.simulation.advance
     monkeypatch.setattr(env, "traffic_drivers", lambda s: (affordances.append(s), drivers(s))[1])

@@ -1,0 +1,171 @@
+"""The vehicles of an episode: those that start, and those that enter and leave an open road."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import Config
+from drl_av.errors import ConfigError
+from drl_av.traffic.inflow import (
+    Inflow,
+    Last,
+    draw_open_population,
+    open_capacity,
+    vehicles_of_flow,
+)
+from drl_av.traffic.population import (
+    Population,
+    capacity,
+    draw_kinds,
+    draw_population,
+    placed_population,
+    random_lane_changes,
+    require_speed_limit,
+    require_truck_width,
+)
+from drl_av.traffic.road import FloatArray
+from drl_av.traffic.scenario import Scenario
+from drl_av.traffic.snapshot import EGO
+
+
+class Fleet:
+    """The vehicles that are on the road now; one row for each, the ego's first.
+
+    Raises:
+        ConfigError: a setting permits vehicles that the road does not take.
+    """
+
+    population: Population
+    kinds: npt.NDArray[np.intp]
+    """The kind of driver of each row, ``population.Kind``."""
+    length_m: FloatArray
+    width_m: FloatArray
+
+    def __init__(self, scenario: Scenario, config: Config) -> None:
+        require_speed_limit(config, scenario.description)
+        require_truck_width(config, scenario.description)
+        self.scenario, self._config, self._start = scenario, config, scenario.layout.start
+        if self._start is not None and sum(config.traffic.shares) > 0:
+            raise ConfigError(
+                "traffic: finite_state_share, level_0_share, level_1_share and hard_braking_share "
+                "must be 0 on an open road, on which SUMO drives all other vehicles: set them to "
+                "0, or take a loop."
+            )
+
+    @property
+    def capacity(self) -> int:
+        """Largest number of other vehicles that can be placed at random."""
+        traffic = self._config.traffic
+        length_m = traffic.longest_m(self.scenario.description.vehicle_length_m)
+        if self._start is not None:
+            return open_capacity(self._start, length_m, traffic.start_gap_m) - 1
+        return capacity(self.scenario.road, length_m, traffic.start_gap_m) - 1
+
+    @property
+    def placed(self) -> int | None:
+        """Number of other vehicles that the scenario places exactly; None if it places none."""
+        placed = self.scenario.description.vehicles
+        return len(placed) - 1 if placed else None
+
+    @property
+    def usual(self) -> int | None:
+        """Number of other vehicles at the start that the scenario implies; None if it implies none.
+
+        It places so many, or its inflow keeps so many on an open road. In the second case an
+        episode may ask for another number, and the inflow changes with it.
+        """
+        if self._start is None or self.placed is not None:
+            return self.placed
+        return vehicles_of_flow(self._start, self._config.traffic)
+
+    def draw(self, seed: int, vehicles: int) -> None:
+        """Draw an episode's vehicles from its seed; raises ScenarioError if they do not fit."""
+        rng, description = np.random.default_rng(seed), self.scenario.description
+        config, length_m, start = self._config, description.vehicle_length_m, self._start
+        self._inflow = None
+        if description.vehicles:
+            self._describe(placed_population(description.vehicles, config.traffic))
+        elif start is None:
+            road = self.scenario.road
+            self._describe(
+                draw_population(rng, vehicles, road, length_m, config.traffic, config.ego)
+            )
+        else:
+            own = (start, length_m, config.traffic, config.ego)
+            self._describe(draw_open_population(rng, vehicles, *own))
+            self._inflow = Inflow(rng.spawn(1)[0], vehicles, *own)
+        rate = config.traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
+        self._lane_changes = (
+            random_lane_changes(rng, len(self.population.ids), rate)
+            if self._inflow is None
+            else self._random_lane_changes(rng, rate)
+        )
+        self.kinds = draw_kinds(seed, len(self.population.ids), config.traffic)
+
+    def _random_lane_changes(
+        self, rng: np.random.Generator, chance: float
+    ) -> Iterator[list[tuple[int, int]]]:
+        """As ``random_lane_changes`` for the vehicles on the road at each decision."""
+        while True:
+            draws = rng.random((2, len(self.population.ids)))
+            rows = np.flatnonzero(draws[0] < chance).tolist()
+            yield [(row, 1 if draws[1, row] < 0.5 else -1) for row in rows if row != EGO]
+
+    def random_lane_changes(self, y_m: Sequence[float]) -> list[tuple[int, int]]:
+        """The random lane changes of the next decision, pairs of row and side (left +1, right -1).
+
+        On an open road no vehicle changes to a lane that begins or ends on the way.
+        """
+        drawn = next(self._lane_changes)
+        if self._start is None or not drawn:
+            return drawn
+        lane_of, lanes = self.scenario.road.lane_of, self._start.lanes
+        return [(row, side) for row, side in drawn if lane_of(y_m[row]) + side in lanes]
+
+    def exchange(
+        self, time_s: float, s_m: Sequence[float], y_m: Sequence[float], speed_m_s: Sequence[float]
+    ) -> int | None:
+        """Remove the vehicles that have left an open road, and add those that enter it.
+
+        Returns:
+            The number of vehicles that enter, which are the last rows; None if nothing changes.
+        """
+        start, inflow = self._start, self._inflow
+        if start is None or inflow is None:
+            return None
+        rows = range(len(s_m))
+        kept = [row for row in rows if row == EGO or s_m[row] < start.span_m]
+        entering = inflow.entering(time_s, self._last(kept, s_m, y_m, speed_m_s))
+        if entering is None and len(kept) == len(rows):
+            return None
+        population = self.population if len(kept) == len(rows) else self.population.rows(kept)
+        self._describe(population if entering is None else population.joined(entering))
+        self.kinds = np.zeros(len(self.population.ids), dtype=np.intp)
+        return 0 if entering is None else len(entering.ids)
+
+    def _last(
+        self,
+        rows: Sequence[int],
+        s_m: Sequence[float],
+        y_m: Sequence[float],
+        speed_m_s: Sequence[float],
+    ) -> dict[int, Last]:
+        """The last vehicle in each lane; a vehicle is in all lanes that its body overlaps."""
+        last: dict[int, Last] = {}
+        lane_of = self.scenario.road.lane_of
+        for row in rows:
+            rear_m, half_m = s_m[row] - self.length_m[row] / 2, self.width_m[row] / 2
+            for lane in {lane_of(y_m[row] - half_m), lane_of(y_m[row] + half_m)}:
+                if lane not in last or rear_m < last[lane].rear_m:
+                    last[lane] = Last(float(rear_m), speed_m_s[row])
+        return last
+
+    def _describe(self, population: Population) -> None:
+        self.population = population
+        types, traffic = self.scenario.vehicle_types, self._config.traffic
+        sizes = (types.ego, *[types.traffic] * (len(population.ids) - 1))
+        self.length_m = np.array([kind.length_m for kind in sizes])
+        self.width_m = np.array([kind.width_m for kind in sizes])
+        self.length_m[population.is_truck] = traffic.truck_length_m
+        self.width_m[population.is_truck] = traffic.truck_width_m

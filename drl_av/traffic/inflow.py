@@ -1,0 +1,172 @@
+"""The vehicles of an open road: those at the start of an episode, and those that enter later."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import EgoConfig, TrafficConfig
+from drl_av.errors import ScenarioError
+from drl_av.traffic.kind import OpenStart
+from drl_av.traffic.places import Places, ring_places, safe_speeds
+from drl_av.traffic.population import Population, draw_trucks, pitches_m, with_drivers
+
+SUPPLY = 64
+"""Number of entering vehicles whose parameters are drawn at once."""
+
+
+def vehicles_of_flow(start: OpenStart, traffic: TrafficConfig) -> int:
+    """The number of vehicles on an open road that corresponds to its inflow.
+
+    They drive at the slowest desired speed, because in each lane vehicles follow the slowest.
+    """
+    per_m = start.flow_per_h / 3600 / max(traffic.desired_speed_min_m_s, 1.0)
+    return round(per_m * start.span_m * len(start.lanes))
+
+
+def draw_open_population(
+    rng: np.random.Generator,
+    vehicles: int,
+    start: OpenStart,
+    length_m: float,
+    traffic: TrafficConfig,
+    ego: EgoConfig,
+) -> Population:
+    """Draw the ego and ``vehicles`` others along an open road, each with its own parameters.
+
+    The other vehicles are spread evenly over the lanes, and at random along them.
+
+    Raises:
+        ScenarioError: the vehicles do not fit on the lanes.
+    """
+    n = vehicles + 1
+    room = open_capacity(start, traffic.longest_m(length_m), traffic.start_gap_m)
+    if n > room:
+        raise ScenarioError(
+            f"{vehicles} vehicles do not fit on this road: its {len(start.lanes)} lanes take "
+            f"{max(room - 1, 0)} besides the ego; ask for fewer or make the road longer."
+        )
+    streams = rng.spawn(2)
+    is_truck = draw_trucks(streams[1], n, traffic)
+    lane = np.array(start.lanes)[rng.permutation(n) % len(start.lanes)]
+    if start.ego_lane is not None:
+        lane[0] = start.ego_lane
+    pitch_m = pitches_m(is_truck, length_m, traffic)
+    first_m = traffic.longest_m(length_m)  # so that each vehicle is on the road as a whole
+    ring_m = start.span_m - first_m
+    places = ring_places(rng, lane, ring_m, pitch_m, traffic.start_gap_m)
+    from_ego_m = places.front_m - places.front_m[0]
+    front_m = (from_ego_m + start.ego_front_m - first_m) % ring_m + first_m
+    places = places._replace(front_m=front_m)
+    population = with_drivers(rng, streams, places, is_truck, traffic, ego)
+    if start.ego_speed_m_s is not None:
+        population.speed_m_s[0] = min(start.ego_speed_m_s, ego.max_speed_m_s)
+    return population
+
+
+def open_capacity(start: OpenStart, length_m: float, start_gap_m: float) -> int:
+    """Largest number of vehicles, including the ego, that can start on an open road."""
+    return len(start.lanes) * int((start.span_m - length_m) // (length_m + start_gap_m))
+
+
+class Last(NamedTuple):
+    """The last vehicle in a lane, behind which the next one enters."""
+
+    rear_m: float
+    speed_m_s: float
+
+
+class Inflow:
+    """The vehicles that enter an open road during an episode, drawn from its seed.
+
+    In each lane the times between two entries are a shifted exponential distribution, whose mean
+    keeps the number of vehicles on the road. A vehicle for which there is no room waits.
+    """
+
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        vehicles: int,
+        start: OpenStart,
+        length_m: float,
+        traffic: TrafficConfig,
+        ego: EgoConfig,
+    ) -> None:
+        self._rng, self._traffic, self._ego = rng, traffic, ego
+        self._length_m, self._lanes = length_m, start.lanes
+        speed_m_s = max(traffic.desired_speed_min_m_s, 1.0)
+        self._shortest_s = (traffic.longest_m(length_m) + traffic.start_gap_m) / speed_m_s
+        per_s = vehicles / start.span_m / len(start.lanes) * speed_m_s
+        self._mean_s = 1 / per_s if per_s else np.inf
+        self._entered = vehicles
+        self._supply: Iterator[Population] = iter(())
+        self._waiting: dict[int, Population] = {}
+        self._due_s = {lane: rng.random() * self._headway_s() for lane in start.lanes}
+
+    def _headway_s(self) -> float:
+        spare_s = max(self._mean_s - self._shortest_s, 0.0)
+        return self._shortest_s + (
+            self._rng.exponential() * spare_s if spare_s < np.inf else spare_s
+        )
+
+    def entering(self, time_s: float, last: Mapping[int, Last]) -> Population | None:
+        """The vehicles that enter now, in lanes whose last vehicle leaves room; None for none."""
+        entering = [
+            vehicle
+            for lane in self._lanes
+            if self._due_s[lane] <= time_s
+            and (vehicle := self._placed(lane, last.get(lane, Last(np.inf, 0.0)))) is not None
+        ]
+        if not entering:
+            return None
+        found = entering[0]
+        for other in entering[1:]:
+            found = found.joined(other)
+        return found
+
+    def _placed(self, lane: int, last: Last) -> Population | None:
+        """The next vehicle of a lane behind its last one; None if there is no room for it."""
+        vehicle = self._waiting.get(lane)
+        if vehicle is None:
+            vehicle = self._waiting[lane] = self._next()
+        front_m = float(pitches_m(vehicle.is_truck, self._length_m, self._traffic)[0])
+        front_m -= self._traffic.start_gap_m
+        gap_m = last.rear_m - front_m
+        if gap_m < self._traffic.start_gap_m:
+            return None
+        speed = float(vehicle.desired_speed_m_s[0])
+        if gap_m < np.inf:
+            pair = np.array([speed, last.speed_m_s])
+            headways = np.array([vehicle.headway_s[0], 0.01])
+            gaps = np.array([gap_m, np.inf])
+            speed = float(safe_speeds(pair, headways, gaps, np.array([1, 1]))[0])
+            if speed < min(last.speed_m_s, float(vehicle.desired_speed_m_s[0])) - 1e-9:
+                return None
+        del self._waiting[lane]
+        self._due_s[lane] += self._headway_s()
+        self._entered += 1
+        return replace(
+            vehicle,
+            ids=(f"vehicle{self._entered}",),
+            lane=np.array([lane]),
+            front_m=np.array([front_m]),
+            speed_m_s=np.array([speed]),
+        )
+
+    def _next(self) -> Population:
+        vehicle = next(self._supply, None)
+        if vehicle is None:
+            self._supply = self._drawn()
+            vehicle = next(self._supply)
+        return vehicle
+
+    def _drawn(self) -> Iterator[Population]:
+        """More vehicles with their parameters; the first row of a draw, the ego's, is left out."""
+        n, streams = SUPPLY + 1, self._rng.spawn(2)
+        zeros: npt.NDArray[np.intp] = np.zeros(n, dtype=np.intp)
+        places = Places(zeros, np.zeros(n), np.full(n, np.inf), np.arange(n))
+        is_truck = draw_trucks(streams[1], n, self._traffic)
+        drawn = with_drivers(self._rng, streams, places, is_truck, self._traffic, self._ego)
+        return (drawn.rows([row]) for row in range(1, n))

@@ -1,0 +1,250 @@
+"""Open roads as SUMO's networks: the plan of a road, written by netconvert and read again."""
+
+import xml.etree.ElementTree as ET
+from abc import ABC, abstractmethod
+from dataclasses import asdict, dataclass
+from typing import NamedTuple
+
+import tomli_w
+
+from drl_av.config.schema import setting
+from drl_av.errors import ScenarioError
+from drl_av.traffic.description import (
+    LANE_WIDTH_M,
+    LANES,
+    SPEED_LIMIT_M_S,
+    VEHICLE_LENGTH_M,
+    VEHICLE_WIDTH_M,
+    PlacedVehicle,
+    check_pair,
+    check_sizes,
+    check_speed,
+)
+from drl_av.traffic.kind import Layout, OpenStart, ScenarioKind
+from drl_av.traffic.network import DEMO_END_S, PRECISION, netconvert, xml_text
+from drl_av.traffic.road import Road
+
+BEYOND_M = 250.0
+"""The traffic is followed so far beyond the end of the ego's way, which is the ego's range."""
+RUN_OUT_M = 500.0
+"""SUMO's road goes on so far beyond that end, so that no vehicle leaves SUMO while followed."""
+DEMO_EGO_DEPARTS_S = 60
+TOLERANCE = 1e-6
+__all__ = ["BEYOND_M", "Edge", "OpenDescription", "OpenPlan", "open_kind", "xml_text"]
+
+
+class Edge(NamedTuple):
+    """A part of an open road, with the same lanes from its beginning to its end."""
+
+    id: str
+    begin_m: float
+    end_m: float
+    lanes: range
+    """Indices of its lanes on the road, rightmost first."""
+    drawn_aside_m: tuple[float, float] = (0.0, 0.0)
+    """Distance to the right at which its beginning and its end are drawn; only a drawing."""
+
+
+class OpenPlan(NamedTuple):
+    """An open road: its edges in SUMO, and the same road as decisions see it.
+
+    A lane leads on to the lane of the same index on each edge that begins where its own ends. The
+    last route is that of the ego in the demo traffic.
+    """
+
+    edges: tuple[Edge, ...]
+    routes: dict[str, tuple[str, ...]]
+    road: Road
+    start: OpenStart
+
+
+@dataclass(frozen=True)
+class OpenDescription(ABC):
+    """The settings that all open roads have; a kind adds its own and plans the road.
+
+    Raises:
+        ScenarioError: a value has a wrong type or is out of bounds, or a placed vehicle is not on
+            the road or overlaps another one.
+    """
+
+    lanes: int = LANES()
+    lane_width_m: float = LANE_WIDTH_M()
+    speed_limit_m_s: float = SPEED_LIMIT_M_S()
+    vehicle_length_m: float = VEHICLE_LENGTH_M()
+    vehicle_width_m: float = VEHICLE_WIDTH_M()
+    flow_per_h: float = setting(
+        1000.0, "ours", "inflow of each lane of the highway, vehicles an hour", low=0, high=2400
+    )
+    vehicles: tuple[PlacedVehicle, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_sizes(self)
+        road = self.plan().road
+        for number, vehicle in enumerate(self.vehicles):
+            if vehicle.position_m >= road.end_m or not road.is_open_at(
+                vehicle.lane, vehicle.position_m
+            ):
+                raise ScenarioError(
+                    f"Vehicle {vehicle.id!r} is placed on lane {vehicle.lane} at "
+                    f"{vehicle.position_m:g} m, but must be on a lane that exists there."
+                )
+            check_speed(vehicle, self.speed_limit_m_s)
+            for other in self.vehicles[:number]:
+                apart_m = abs(vehicle.position_m - other.position_m)
+                check_pair(vehicle, other, apart_m, self.vehicle_length_m)
+
+    @abstractmethod
+    def plan(self) -> OpenPlan:
+        """The road of this description."""
+
+    def to_toml(self) -> str:
+        """The description as TOML text."""
+        return tomli_w.dumps(asdict(self))
+
+
+def open_kind(meaning: str, description: type[OpenDescription]) -> ScenarioKind:
+    """The kind of scenario of an open road, from the class that describes it."""
+    return ScenarioKind(meaning, description, network_text, read_layout, traffic)
+
+
+def _edges(description: OpenDescription) -> list[Edge]:
+    """The edges of a road in SUMO, where the last ones go on beyond the end of the ego's way."""
+    plan = description.plan()
+    end_m = plan.road.end_m
+    return [
+        edge._replace(end_m=end_m + RUN_OUT_M) if edge.end_m == end_m else edge
+        for edge in plan.edges
+    ]
+
+
+def network_text(description: OpenDescription) -> str:
+    """The text of the network file of an open road; raises ScenarioError or SimulationError."""
+    edges = _edges(description)
+    roots = {name: ET.Element(f"{name}s") for name in ("node", "edge", "connection")}
+    nodes: dict[tuple[float, float], str] = {}
+    for edge in edges:
+        ends = zip((edge.begin_m, edge.end_m), edge.drawn_aside_m, strict=True)
+        names = [nodes.setdefault(place, f"n{len(nodes)}") for place in ends]
+        _add_edge(roots["edge"], edge, names, description)
+    for (s_m, aside_m), name in nodes.items():
+        place = {"x": _text(s_m), "y": _text(-aside_m), "type": "priority"}
+        ET.SubElement(roots["node"], "node", {"id": name} | place)
+    for way in sorted(_connections(edges)):
+        keys = ("from", "fromLane", "to", "toLane")
+        ET.SubElement(roots["connection"], "connection", dict(zip(keys, way, strict=True)))
+    return netconvert(roots)
+
+
+def _add_edge(root: ET.Element, edge: Edge, nodes: list[str], description: OpenDescription) -> None:
+    """Lanes lie to the right of the line that an edge is drawn along."""
+    leftmost = len(description.plan().road.open_lanes) - 1
+    line_m = -(leftmost - edge.lanes[-1]) * description.lane_width_m
+    places = zip((edge.begin_m, edge.end_m), edge.drawn_aside_m, strict=True)
+    ET.SubElement(
+        root,
+        "edge",
+        {"id": edge.id, "from": nodes[0], "to": nodes[1]},
+        numLanes=str(len(edge.lanes)),
+        speed=repr(description.speed_limit_m_s),
+        width=repr(description.lane_width_m),
+        length=repr(edge.end_m - edge.begin_m),
+        shape=" ".join(f"{_text(s_m)},{_text(line_m - aside_m)}" for s_m, aside_m in places),
+    )
+
+
+def _text(value_m: float) -> str:
+    return f"{value_m + 0.0:.{PRECISION}f}"
+
+
+def _connections(edges: list[Edge]) -> set[tuple[str, str, str, str]]:
+    """From each lane to the lane that goes on: edge, lane in it, next edge, lane in that."""
+    return {
+        (one.id, str(lane - one.lanes[0]), other.id, str(lane - other.lanes[0]))
+        for one in edges
+        for other in edges
+        if one.end_m == other.begin_m
+        for lane in one.lanes
+        if lane in other.lanes
+    }
+
+
+def read_layout(network: ET.Element, description: OpenDescription, name: str) -> Layout:
+    """The road of a network; raises ScenarioError if it is not the described one."""
+    plan, edges = description.plan(), _edges(description)
+    found = {lane.attrib.get("id", ""): lane for lane in network.iter("lane")}
+    positions = {
+        f"{edge.id}_{index}": (lane, edge.begin_m)
+        for edge in edges
+        for index, lane in enumerate(edge.lanes)
+    }
+    wanted = {f"{edge.id}_{index}": edge for edge in edges for index in range(len(edge.lanes))}
+    reason = _difference(found, wanted, description)
+    ways = {
+        tuple(way.attrib.get(key, "") for key in ("from", "fromLane", "to", "toLane"))
+        for way in network.iter("connection")
+    }
+    if reason is None and ways != _connections(edges):
+        reason = "leads its lanes on otherwise than described"
+    if reason is not None:
+        raise ScenarioError(
+            f"The road in {name} {reason}: write the scenario anew with: drl-av scenario DIR."
+        )
+    return Layout(plan.road, plan.routes, positions, plan.start)
+
+
+def _difference(
+    found: dict[str, ET.Element], wanted: dict[str, Edge], description: OpenDescription
+) -> str | None:
+    """How the lanes of a network differ from the described ones; it completes a sentence."""
+    if set(found) != set(wanted):
+        return f"has other lanes than described, one is {min(set(found) ^ set(wanted))!r}"
+    for lane_id, lane in found.items():
+        edge = wanted[lane_id]
+        if lane.get("allow") is not None or lane.get("disallow") is not None:
+            return f"has lane {lane_id!r} for some kinds of vehicles only"
+        for attribute, value in (
+            ("length", edge.end_m - edge.begin_m),
+            ("width", description.lane_width_m),
+            ("speed", description.speed_limit_m_s),
+        ):
+            try:
+                number = float(lane.get(attribute, "nan"))
+            except ValueError:
+                number = float("nan")
+            if not abs(number - value) <= TOLERANCE:
+                return f"has {attribute} {lane.get(attribute)} on lane {lane_id!r}, not {value:g}"
+    return None
+
+
+def traffic(description: OpenDescription) -> ET.Element:
+    """The demo traffic: inflow in each lane, and an ego that follows."""
+    plan = description.plan()
+    root = ET.Element("routes")
+    for name, edges in plan.routes.items():
+        ET.SubElement(root, "route", id=name, edges=" ".join(edges))
+    first, *_, last = [*plan.routes, *plan.routes]
+    entry = next(edge for edge in plan.edges if edge.id == plan.routes[first][0])
+    for lane in plan.start.lanes if description.flow_per_h else ():
+        ET.SubElement(
+            root,
+            "flow",
+            id=f"flow{lane}",
+            type="traffic",
+            route=first,
+            begin="0",
+            end=str(DEMO_END_S),
+            vehsPerHour=repr(description.flow_per_h),
+            departLane=str(lane - entry.lanes[0]),
+            departSpeed="max",
+        )
+    ET.SubElement(
+        root,
+        "vehicle",
+        id="ego",
+        type="ego",
+        route=last,
+        depart=str(DEMO_EGO_DEPARTS_S),
+        departLane="0",
+        departSpeed=repr(min(plan.start.ego_speed_m_s or 20.0, description.speed_limit_m_s)),
+    )
+    return root

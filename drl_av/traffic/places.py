@@ -1,0 +1,76 @@
+"""Where the vehicles of an episode start, and how fast: drawn at random, and safe."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config.traffic import STANDSTILL_GAP_M
+from drl_av.traffic.road import FloatArray, Road
+
+COMFORTABLE_BRAKING_M_S2 = 2.0
+
+
+class Places(NamedTuple):
+    """Places of vehicles along a ring; one row for each."""
+
+    lane: npt.NDArray[np.intp]
+    front_m: FloatArray
+    """Position of the front bumper."""
+    gap_m: FloatArray
+    """Net gap to the vehicle ahead."""
+    leader: npt.NDArray[np.intp]
+    """Row of the vehicle ahead."""
+
+
+def random_lanes(
+    rng: np.random.Generator, n: int, road: Road, room: int, evenness: float
+) -> npt.NDArray[np.intp]:
+    """The lane of each row: equal chances for the ego, random shares of this episode for others."""
+    open_lanes = np.flatnonzero(road.open_lanes)
+    berths = np.full(len(open_lanes), room // len(open_lanes))
+    shares = rng.dirichlet(np.full(len(open_lanes), evenness))
+    chosen = np.empty(n, dtype=np.intp)
+    for row in range(n):
+        chances = np.where(berths > 0, shares if row else 1.0, 0.0)
+        if not chances.any():
+            chances = (berths > 0).astype(float)
+        limits = (chances / chances.sum()).cumsum()  # rng.choice draws so too, but checks first
+        chosen[row] = (limits / limits[-1]).searchsorted(rng.random(), side="right")
+        berths[chosen[row]] -= 1
+    return open_lanes[chosen]
+
+
+def ring_places(
+    rng: np.random.Generator,
+    lane: npt.NDArray[np.intp],
+    ring_m: float,
+    pitch_m: FloatArray,
+    start_gap_m: float,
+) -> Places:
+    """Random places of vehicles in their lanes, along a ring of ``ring_m`` metres."""
+    n = len(lane)
+    front_m, gap_m, leader = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.intp)
+    for index in np.unique(lane):
+        members = np.flatnonzero(lane == index)
+        spare_m = rng.dirichlet(np.ones(len(members))) * (ring_m - pitch_m[members].sum())
+        ends = np.cumsum(spare_m + pitch_m[members])
+        front_m[members] = (rng.uniform(0, ring_m) + ends) % ring_m
+        leader[members] = np.roll(members, -1)
+        gap_m[members] = np.roll(spare_m, -1) + start_gap_m
+    return Places(lane, front_m, gap_m, leader)
+
+
+def safe_speeds(
+    desired: FloatArray, headway: FloatArray, gap_m: FloatArray, leader: npt.NDArray[np.intp]
+) -> FloatArray:
+    """Speeds at which each vehicle keeps its headway and can stop behind the vehicle ahead, m/s."""
+    free_m = np.maximum(gap_m - STANDSTILL_GAP_M, 0.0)
+    speed = np.minimum(desired, free_m / headway)
+    for _ in range(len(speed)):
+        reach = np.sqrt(speed[leader] ** 2 + 2 * COMFORTABLE_BRAKING_M_S2 * free_m)
+        slower = np.minimum(speed, reach)
+        if np.array_equal(slower, speed):
+            break
+        speed = slower
+    return speed

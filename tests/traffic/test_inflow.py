@@ -1,0 +1,104 @@
+"""The vehicles of an open road: where they start, who enters, and who leaves."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drl_av.config import EgoConfig, TrafficConfig
+from drl_av.errors import ScenarioError
+from drl_av.traffic.inflow import (
+    Inflow,
+    Last,
+    draw_open_population,
+    open_capacity,
+    vehicles_of_flow,
+)
+from drl_av.traffic.kind import OpenStart
+from drl_av.traffic.population import Population
+
+TRAFFIC, EGO, LENGTH_M = TrafficConfig(), EgoConfig(), 5.0
+STRAIGHT = OpenStart((0, 1, 2), 2400.0, 1000.0, None, 300.0)
+RAMP = OpenStart((1, 2, 3), 1500.0, 1000.0, 0, 400.0, 15.0)
+
+
+def draw(vehicles: int, seed: int, start: OpenStart = STRAIGHT) -> Population:
+    rng = np.random.default_rng(seed)
+    return draw_open_population(rng, vehicles, start, LENGTH_M, TRAFFIC, EGO)
+
+
+def test_1000_vehicles_an_hour_on_three_lanes_of_2400_m_are_100_vehicles_at_20_m_s() -> None:
+    # 1000 / 3600 / 20 = 1 vehicle in 72 m of a lane
+    assert vehicles_of_flow(STRAIGHT, TRAFFIC) == 100
+    assert vehicles_of_flow(STRAIGHT._replace(flow_per_h=0.0), TRAFFIC) == 0
+
+
+@given(st.sampled_from([STRAIGHT, RAMP]), st.integers(0, 150), st.integers(0, 2**32))
+def test_vehicles_start_on_the_road_evenly_over_lanes_with_the_start_gap(
+    start: OpenStart, vehicles: int, seed: int
+) -> None:
+    population = draw(vehicles, seed, start)
+    assert population.front_m[0] == pytest.approx(start.ego_front_m)
+    assert population.front_m.min() >= LENGTH_M
+    assert population.front_m.max() < start.span_m
+    counts = [np.sum(population.lane == lane) for lane in start.lanes]
+    assert max(counts) - min(counts) <= 2
+    for lane in (0, *start.lanes):
+        fronts = np.sort(population.front_m[population.lane == lane])
+        assert (np.diff(fronts) >= LENGTH_M + TRAFFIC.start_gap_m - 1e-9).all()
+
+
+def test_ego_starts_on_the_ramp_alone_at_the_speed_of_the_ramp() -> None:
+    population = draw(60, 3, RAMP)
+    assert population.lane[0] == 0
+    assert 0 not in population.lane[1:]
+    assert population.speed_m_s[0] == 15.0
+
+
+def test_more_vehicles_than_fit_are_refused() -> None:
+    most = open_capacity(STRAIGHT, LENGTH_M, 8.0)
+    assert most == 3 * 184  # 2,395 m in berths of 13 m
+    draw(most - 1, 0)
+    with pytest.raises(ScenarioError, match=f"its 3 lanes take {most - 1} besides the ego"):
+        draw(most, 0)
+
+
+def inflow(vehicles: int = 100, seed: int = 0) -> Inflow:
+    return Inflow(np.random.default_rng(seed), vehicles, STRAIGHT, LENGTH_M, TRAFFIC, EGO)
+
+
+def test_vehicles_enter_at_the_rate_that_keeps_their_number() -> None:
+    # 100 vehicles at 20 m/s on 2,400 m: 0.83 a second
+    entered, found = 0, inflow()
+    for second in range(3000):
+        population = found.entering(float(second), {})
+        entered += 0 if population is None else len(population.ids)
+    assert entered == pytest.approx(2500, rel=0.04)
+
+
+def test_a_vehicle_enters_on_the_road_as_a_whole_with_a_name_of_its_own() -> None:
+    found, ids = inflow(), []
+    for second in range(60):
+        population = found.entering(float(second), {})
+        if population is not None:
+            ids += population.ids
+            assert (population.front_m == LENGTH_M).all()
+            assert (population.speed_m_s == population.desired_speed_m_s).all()
+    assert ids == [f"vehicle{101 + number}" for number in range(len(ids))]
+
+
+def test_a_vehicle_waits_while_the_last_one_is_too_near_and_enters_behind_it_safely() -> None:
+    found = inflow()
+    blocked = dict.fromkeys(range(3), Last(12.9, 0.0))  # 7.9 m behind it, below 8 m
+    assert all(found.entering(float(second), blocked) is None for second in range(100))
+    slow = dict.fromkeys(range(3), Last(45.0, 10.0))
+    population = found.entering(100.0, slow)
+    assert population is not None
+    assert sorted(population.lane) == [0, 1, 2]
+    # free 40 - 2.5 m: sqrt(10^2 + 2 * 2 * 37.5) = 15.8 m/s stops behind it with 2 m/s^2
+    assert population.speed_m_s.max() <= 15.82
+    assert population.speed_m_s.min() >= 10.0
+
+
+def test_nobody_enters_a_road_without_traffic() -> None:
+    assert all(inflow(0).entering(float(second), {}) is None for second in range(1000))

@@ -1,0 +1,198 @@
+"""Open roads as scenario folders, with the real netconvert and the real SUMO."""
+
+import subprocess
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from drl_av.cli import main
+from drl_av.config.schema import setting
+from drl_av.errors import ScenarioError
+from drl_av.traffic import kinds
+from drl_av.traffic.description import PlacedVehicle
+from drl_av.traffic.merge import MergeDescription
+from drl_av.traffic.network import program
+from drl_av.traffic.open_road import OpenDescription, OpenPlan, open_kind
+from drl_av.traffic.road import PartialLane
+from drl_av.traffic.scenario import load_scenario, write_scenario
+from drl_av.traffic.straight import StraightDescription
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """The folder of a kind of scenario as the command line writes it."""
+    home = tmp_path_factory.mktemp("kinds")
+
+    def written(kind: str) -> Path:
+        if not (home / kind).exists():
+            assert main(["scenario", str(home / kind), "--kind", kind]) == 0
+        return home / kind
+
+    return written
+
+
+def test_merge_has_a_ramp_an_acceleration_lane_of_250_m_and_three_lanes(
+    folder: Callable[[str], Path],
+) -> None:
+    layout = load_scenario(folder("merge")).layout
+    assert layout.road.partial_lanes == (PartialLane(0, 395.0, 750.0, 500.0, 750.0),)
+    assert layout.road.end_m == 1250.0
+    assert layout.lane_positions["ramp_0"] == (0, 395.0)
+    assert layout.lane_positions["before_0"] == (1, 0.0)  # lane 0 is the ramp
+    assert layout.lane_positions["beside_0"] == (0, 500.0)
+    assert layout.lane_positions["after_2"] == (3, 750.0)
+    assert layout.routes["ramp"] == ("ramp", "beside", "after")
+
+
+def test_the_acceleration_lane_leads_nowhere_in_sumo(folder: Callable[[str], Path]) -> None:
+    network = ET.parse(folder("merge") / "highway.net.xml").getroot()
+    ways = {
+        (way.get("from"), way.get("fromLane"), way.get("toLane"))
+        for way in network.iter("connection")
+    }
+    assert ("beside", "0", "0") not in ways
+    assert ("beside", "1", "0") in ways
+    assert ("ramp", "0", "0") in ways
+
+
+def test_straight_leads_the_ego_2_km_from_where_followers_in_range_are_on_the_road(
+    folder: Callable[[str], Path],
+) -> None:
+    layout = load_scenario(folder("straight")).layout
+    assert layout.start is not None
+    assert layout.start.ego_front_m == 300.0
+    assert layout.road.end_m == 2300.0
+    assert layout.road.partial_lanes == ()
+    assert not layout.road.is_loop
+
+
+@pytest.mark.parametrize("kind", ["straight", "merge"])
+def test_plain_sumo_opens_an_open_road_and_its_vehicles_drive_through(
+    kind: str, folder: Callable[[str], Path], tmp_path: Path
+) -> None:
+    sumo, trips = program("netconvert").with_name("sumo"), tmp_path / "trips.xml"
+    arguments = ["-c", folder(kind) / "highway.sumocfg", "--end", "400", "--no-step-log"]
+    arguments += ["--tripinfo-output", str(trips)]
+    done = subprocess.run([sumo, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    left = [trip.attrib for trip in ET.parse(trips).getroot().iter("tripinfo")]
+    assert "ego" in {trip["id"] for trip in left}
+    assert len(left) > 100
+
+
+@pytest.mark.parametrize("kind", ["straight", "merge"])
+def test_what_is_written_reads_back_equal_and_to_the_same_bytes(
+    kind: str, folder: Callable[[str], Path], tmp_path: Path
+) -> None:
+    scenario = load_scenario(folder(kind))
+    write_scenario(tmp_path / "again", scenario.description)
+    for file in (tmp_path / "again").iterdir():
+        assert file.read_bytes() == (folder(kind) / file.name).read_bytes()
+    assert (folder(kind) / "scenario.toml").read_text().startswith(f'kind = "{kind}"\n')
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        (
+            'id="after_0" index="0"',
+            'id="after_9" index="0"',
+            r"other lanes than described, .*after_",
+        ),
+        ('fromLane="1" toLane="0"', 'fromLane="1" toLane="1"', r"leads its lanes on otherwise"),
+        ('length="250.000000"', 'length="240.0"', r"has length 240.0 on lane 'beside_0', not 250"),
+        ('width="3.800000"', 'width="wide"', r"has width wide on lane"),
+        ('id="ramp_0"', 'id="ramp_0" disallow="bus"', r"for some kinds of vehicles only"),
+    ],
+)
+def test_a_network_that_is_not_the_described_road_is_refused(
+    old: str, new: str, reason: str, folder: Callable[[str], Path], tmp_path: Path
+) -> None:
+    write_scenario(tmp_path / "merge", load_scenario(folder("merge")).description)
+    network = tmp_path / "merge" / "highway.net.xml"
+    text = network.read_text()
+    assert old in text
+    network.write_text(text.replace(old, new))
+    with pytest.raises(ScenarioError, match=reason):
+        load_scenario(tmp_path / "merge")
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "reason"),
+    [
+        (PlacedVehicle("slow", 0, 300.0, 10.0, 10.0), r"lane 0 at 300 m, but must be on a lane"),
+        (PlacedVehicle("slow", 1, 1250.0, 10.0, 10.0), r"lane 1 at 1250 m, but must be"),
+        (PlacedVehicle("slow", 1, 402.0, 50.0, 50.0), r"faster than .* speed_limit_m_s, 40"),
+        (PlacedVehicle("ego", 1, 600.0, 10.0, 10.0), r"Two vehicles are called 'ego'"),
+        (PlacedVehicle("slow", 0, 404.0, 10.0, 10.0), r"'ego' and 'slow' overlap on lane 0"),
+    ],
+)
+def test_vehicles_are_placed_on_lanes_that_exist_there(vehicle: PlacedVehicle, reason: str) -> None:
+    ego = PlacedVehicle("ego", 0, 400.0, 20.0, 30.0)
+    with pytest.raises(ScenarioError, match=reason):
+        MergeDescription(vehicles=(ego, vehicle))
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["--kind", "roundabout"], r"no kind of scenario 'roundabout'; the kinds are: loop, "),
+        (["--kind", "marge"], r"did you mean 'merge'"),
+        (
+            ["--kind", "merge", "--circumference-m", "500"],
+            r"merge has no --circumference-m: .* loop",
+        ),
+        (["--ramp-m", "100"], r"kind loop has no --ramp-m: leave it out, or .* kind merge"),
+        (["--kind", "merge", "--acceleration-lane-m", "10"], r"acceleration_lane_m is 10.0, but"),
+        (
+            ["--kind", "straight", "--flow-per-h", "9000"],
+            r"flow_per_h is 9000.0, but must be .*2400",
+        ),
+        (["--kind", "straight", "--vehicle-width-m", "4"], r"must be at most lane_width_m, 3.8"),
+    ],
+)
+def test_bad_arguments_are_one_sentence(
+    words: list[str], reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["scenario", str(tmp_path / "new"), *words]) == 1
+    [line] = capsys.readouterr().err.splitlines()
+    with pytest.raises(ScenarioError, match=reason):
+        raise ScenarioError(line)
+    assert not (tmp_path / "new").exists()
+
+
+@dataclass(frozen=True)
+class TwoLaneDescription(OpenDescription):
+    """A kind from outside the package: the straight road with a shoulder of its own length."""
+
+    shoulder_m: float = setting(400.0, "this test", "length of the shoulder", low=100, high=900)
+
+    def plan(self) -> OpenPlan:
+        plan = StraightDescription(lanes=self.lanes, flow_per_h=self.flow_per_h).plan()
+        return plan._replace(start=plan.start._replace(ego_front_m=self.shoulder_m))
+
+
+def test_a_kind_from_outside_the_package_is_one_class_and_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(kinds.KINDS, "own", open_kind("a road of my own", TwoLaneDescription))
+    words = ["scenario", str(tmp_path / "own"), "--kind", "own", "--shoulder-m", "450"]
+    assert main([*words, "--lanes", "2"]) == 0
+    scenario = load_scenario(tmp_path / "own")
+    assert scenario.description == TwoLaneDescription(lanes=2, shoulder_m=450.0)
+    assert scenario.layout.start is not None
+    assert scenario.layout.start.ego_front_m == 450.0
+    with pytest.raises(SystemExit):
+        main(["scenario", "--help"])
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "own: a road of my own" in shown
+    assert "length of the shoulder (default: 400); kind own" in shown
+
+
+def test_a_description_of_no_kind_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"No kind of scenario is described by a TwoLaneDesc"):
+        write_scenario(tmp_path / "none", TwoLaneDescription())
