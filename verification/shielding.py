@@ -1,0 +1,176 @@
+"""Three ways to put a safety check between an agent and the road, compared by training.
+
+    python -m verification.shielding --seeds 10 --out docs/results/shielding.csv
+
+masking                  the agent chooses among the permitted actions only
+replacement              the check executes another action in place of a refused one
+replacement and penalty  the same, and each refused action lowers the reward
+
+The agent is PPO of sb3-contrib with its default settings, the check is ``strict``, the environment
+``drl_av/Highway-v0``; the comparison is that of Krasowski et al., arXiv:2205.06750. A training
+writes its rows when it is complete, and the same command makes only the trainings that the table
+lacks. Each draws the traffic of its episodes from its own seed; the final policy is evaluated,
+greedily, in the same traffic for all trainings.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.scene import Scene
+from drl_av.env.highway import HighwayEnv, Observation
+from drl_av.env.reward import Transition
+from drl_av.env.rollout import drive
+from drl_av.errors import DrlAvError
+from drl_av.evaluation import DENSITIES
+from drl_av.experiments.provenance import made_by, provenance
+from drl_av.experiments.store import read_sidecar, write_sidecar
+from drl_av.files import append_rows, read_table
+from verification.shielding_report import COLUMNS, FINAL, METHODS, TRAINING, figure, table
+
+PENALTY = 0.5
+"""Reward that a refused action loses in the method with a penalty."""
+BIN = 5_000
+"""Decisions of a training that a row of the table sums up."""
+SETTINGS: dict[str, Any] = {}
+"""Settings of the agent that differ from the defaults of sb3-contrib: none."""
+EVALUATION_SEED = 930_000
+"""First traffic seed of the evaluation; no other table and no choice uses this block."""
+
+
+class Decided(NamedTuple):
+    """One decision of a training."""
+
+    reward: float
+    """The reward of the paper, without a penalty."""
+    speed_m_s: float
+    refused: bool
+    ego_hit: bool
+
+
+class PenalizedReward:
+    """The reward of the paper minus a penalty for a refused action; remembers each decision."""
+
+    def __init__(self, penalty: float) -> None:
+        self.penalty = penalty
+        self.decided: list[Decided] = []
+
+    def __call__(self, outcome: Transition) -> float:
+        refused = outcome.executed != outcome.proposed
+        hit = outcome.collision is not None and outcome.collision.kind.ego_hit
+        speed_m_s = outcome.next_scene.affordances.ego_speed_m_s
+        self.decided.append(Decided(outcome.reward, speed_m_s, refused, hit))
+        return outcome.reward - self.penalty * refused
+
+
+class Agent:
+    """A trained agent as a driver, greedy; with ``masking`` it chooses a permitted action."""
+
+    def __init__(self, model: Any, env: HighwayEnv, masking: bool) -> None:
+        self._model, self._env, self._masking = model, env, masking
+
+    def start(self, seed: int) -> None:
+        """Do nothing: the agent has no memory."""
+
+    def act(self, scene: Scene, observation: Observation) -> Action:
+        """The action of highest probability."""
+        masks = self._env.action_masks() if self._masking else None
+        number, _ = self._model.predict(observation, action_masks=masks, deterministic=True)
+        return ACTIONS[int(number)]
+
+
+def trained(method: str, seed: int, steps: int, episodes: int) -> Iterator[dict[str, Any]]:
+    """Train one agent; yield the rows of its training, and those of its evaluation."""
+    from sb3_contrib import MaskablePPO
+    from stable_baselines3.common.utils import set_random_seed
+
+    set_random_seed(seed)
+    masking, config = method == "masking", Config().updated("safety", check="strict")
+    reward = PenalizedReward(PENALTY if method == "replacement and penalty" else 0.0)
+    key = {"method": method, "seed": seed}
+    with closing(HighwayEnv(config=config, reward=reward)) as env:
+        model = MaskablePPO("MlpPolicy", env, seed=seed, device="cpu", **SETTINGS)
+        model.learn(steps, use_masking=masking)
+        for begin in range(0, steps - BIN + 1, BIN):
+            yield {**key, "stage": TRAINING, "step": begin + BIN} | means(
+                reward.decided[begin : begin + BIN]
+            )
+    with closing(HighwayEnv(config=config)) as env:
+        agent = Agent(model, env, masking)
+        for vehicles in DENSITIES:
+            seeds = range(EVALUATION_SEED, EVALUATION_SEED + episodes)
+            results = [drive(env, agent, method, number, vehicles) for number in seeds]
+            decisions = sum(result.decisions for result in results)
+            yield {
+                **key,
+                "stage": FINAL,
+                "step": vehicles,
+                "mean_reward": float(np.mean([result.mean_reward for result in results])),
+                "mean_speed_m_s": float(np.mean([result.mean_speed_m_s for result in results])),
+                "refused_share": sum(result.safety_triggers for result in results) / decisions,
+                "ego_hits": sum(result.ego_hit for result in results),
+            }
+
+
+def means(decided: list[Decided]) -> dict[str, float]:
+    """The columns of some decisions."""
+    return {
+        "mean_reward": float(np.mean([each.reward for each in decided])),
+        "mean_speed_m_s": float(np.mean([each.speed_m_s for each in decided])),
+        "refused_share": float(np.mean([each.refused for each in decided])),
+        "ego_hits": sum(each.ego_hit for each in decided),
+    }
+
+
+def main() -> int:
+    """Make the missing trainings, then write the figure and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
+    parser.add_argument("--seeds", type=int, default=10, help="trainings a method (default: 10)")
+    parser.add_argument("--steps", type=int, default=50_000, help="decisions (default: 50000)")
+    parser.add_argument(
+        "--episodes", type=int, default=5, help="of the evaluation, a density (default: 5)"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
+    options = parser.parse_args()
+    if options.steps < BIN:
+        parser.error(f"--steps {options.steps} makes no row of {BIN} decisions: ask for more.")
+    if not options.out.parent.is_dir():
+        parser.error(f"The folder {options.out.parent} does not exist: make it first.")
+    begun_s = time.monotonic()
+    size = {"steps": options.steps, "evaluation_episodes": options.episodes}
+    try:
+        rows, facts = read_table(options.out, growing=True), read_sidecar(options.out)
+        if facts and any(facts[name] != number for name, number in size.items()):
+            parser.error(f"{options.out} was made with other --steps or --episodes: choose another")
+        spent_s = facts.get("wall_time_s", 0.0)
+        known = {(row["method"], int(row["seed"])) for row in rows}
+        for seed in range(options.seeds):
+            for method in options.methods:
+                if (method, seed) not in known:
+                    made = list(trained(method, seed, options.steps, options.episodes))
+                    spent = round(spent_s + time.monotonic() - begun_s, 1)
+                    write_sidecar(
+                        options.out,
+                        provenance(Config(), **size, penalty=PENALTY, wall_time_s=spent),
+                    )
+                    append_rows(options.out, COLUMNS, made)
+        rows = read_table(options.out, growing=True)
+        figure(rows, options.out.with_suffix(".png"))
+    except DrlAvError as error:
+        parser.error(str(error))
+    print(table(rows))
+    print(made_by(spent_s + time.monotonic() - begun_s))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,74 @@
+"""The table and the figure of ``verification/shielding.py``."""
+
+from pathlib import Path
+
+from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.experiments.canvas import lighten, panels, save_figure
+from drl_av.experiments.markdown import markdown_table
+from drl_av.files import Row
+
+METHODS = ("masking", "replacement", "replacement and penalty")
+TRAINING, FINAL = "training", "final"
+COLUMNS = (
+    *("method", "seed", "stage", "step"),
+    *("mean_reward", "mean_speed_m_s", "refused_share", "ego_hits"),
+)
+"""``step`` is the last decision of a training's row, and the vehicles of an evaluation's row."""
+CURVES = {
+    "mean_reward": ("reward per decision", 1.0),
+    "mean_speed_m_s": ("mean speed, m/s", 1.0),
+    "refused_share": ("refused actions, %", 100.0),
+}
+"""Label and factor of the columns that the figure shows."""
+
+
+def over_seeds(rows: list[Row], column: str) -> Mean:
+    """The mean over the trainings of each training's mean, with its interval."""
+    by_seed: dict[str, list[float]] = {}
+    for row in rows:
+        by_seed.setdefault(row["seed"], []).append(float(row[column]))
+    return mean_with_interval(sum(values) / len(values) for values in by_seed.values())
+
+
+def table(rows: list[Row]) -> str:
+    """Each method while learning and after it: means and 95 % intervals over the trainings."""
+    lines = []
+    for method in METHODS:
+        for stage in (TRAINING, FINAL):
+            own = [row for row in rows if (row["method"], row["stage"]) == (method, stage)]
+            if not own:
+                continue
+            cells = [method, stage, str(len({row["seed"] for row in own}))]
+            for column, (_, factor) in CURVES.items():
+                mean = over_seeds(own, column)
+                places = 3 if column == "mean_reward" else 2
+                value, half = factor * mean.value, factor * mean.half_width
+                cells.append(f"{value:.{places}f} ± {half:.{places}f}")
+            lines.append([*cells, str(sum(int(row["ego_hits"]) for row in own))])
+    names = ["method", "stage", "trainings", *(label for label, _ in CURVES.values()), "ego hits"]
+    return markdown_table(names, lines)
+
+
+def figure(rows: list[Row], path: Path) -> None:
+    """Draw the curves of the trainings, with 95 % intervals; raises DrlAvError."""
+    drawing, axes = panels((12, 4), 1, len(CURVES))
+    learning = [row for row in rows if row["stage"] == TRAINING]
+    for axis, (column, (label, factor)) in zip(axes, CURVES.items(), strict=True):
+        for method in METHODS:
+            own = [row for row in learning if row["method"] == method]
+            steps = sorted({int(row["step"]) for row in own})
+            means = [
+                over_seeds([row for row in own if int(row["step"]) == step], column)
+                for step in steps
+            ]
+            values = [factor * mean.value for mean in means]
+            low, high = (
+                [factor * (mean.value + sign * mean.half_width) for mean in means]
+                for sign in (-1, 1)
+            )
+            [line] = axis.plot(steps, values, label=method)
+            axis.fill_between(steps, low, high, color=line.get_color(), alpha=0.2, linewidth=0)
+        lighten(axis, "decisions of training", label)
+    handles, labels = axes[0].get_legend_handles_labels()
+    drawing.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    save_figure(drawing, path)
