@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from drl_av.config import StrictConfig
+from drl_av.config import Config, StrictConfig
 from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.errors import DrlAvError
 from drl_av.evaluation import DENSITIES
@@ -51,6 +51,21 @@ LABELS = {
     "clearance_m": "clearance",
 }
 MARKS = "ov^sDP"
+REAL_TRAFFIC = {"braking_m_s2": 9.0, "lateral_speed_m_s": 2.1}
+"""Bounds of real traffic: braking on a dry road; exiD's mean lateral maximum and two deviations."""
+
+
+def under(config: Config, bounds: str) -> Config:
+    """Return the settings with the check ``paper``, or ``strict`` with its own or ``real`` bounds.
+
+    Args:
+        config: The settings to change.
+        bounds: ``"paper"``, ``"strict"`` or ``"real"``.
+    """
+    if bounds == "paper":
+        return config.updated("safety", check="paper")
+    strict = config.updated("safety", check="strict")
+    return strict.updated("strict", **REAL_TRAFFIC) if bounds == "real" else strict
 
 
 def strict_plan(options: ReproduceOptions) -> Plan:

@@ -1,0 +1,149 @@
+"""People around the ego, the adversary among them, and the crash rate that its weights give."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drl_av.config import Config
+from drl_av.driving.car_following import idm_acceleration
+from verification import crash_rate
+from verification.crash_rate import rate, report, run, settings
+from verification.falsification import needed_gap, placed
+from verification.kinematic_simulator import LENGTH_M, World
+from verification.naturalistic import (
+    ADVERSARY,
+    HIGHD,
+    PEOPLE,
+    Frequencies,
+    Traffic,
+    _idm,
+    _leaders,
+    _room,
+    starts,
+)
+
+
+def world_of(*others: tuple[float, int, float], ego_m_s: float = 30.0) -> World:
+    """The ego in the middle lane; the others' centres ahead of its own, lanes and speeds."""
+    x_m, lane, speed = (np.array([column]) for column in zip(*others, strict=True))
+    return placed(np.array([1]), np.array([ego_m_s]), x_m.astype(float), lane, speed.astype(float))
+
+
+@given(
+    speed=st.floats(0, 40),
+    desired=st.floats(1, 45),
+    gap=st.floats(0.0, 300.0),
+    closing=st.floats(-20, 20),
+)
+def test_people_follow_the_intelligent_driver_model(
+    speed: float, desired: float, gap: float, closing: float
+) -> None:
+    ours = _idm(np.array([speed]), desired, np.array([gap]), np.array([closing]))
+    assert ours[0] == pytest.approx(idm_acceleration(speed, desired, gap, closing, HIGHD))
+
+
+def test_an_act_that_the_adversary_makes_five_times_as_often_counts_a_fifth() -> None:
+    traffic = Traffic(world_of((40.0, 1, 30.0)), ADVERSARY, np.random.default_rng(3))
+    certain, never = np.array([[1.0]]), np.array([[1e-12]])
+    assert traffic._happens(certain * 0.999999, 0.2).all()
+    assert traffic.weights[0] == pytest.approx(0.2, rel=1e-5)
+    assert not traffic._happens(never, 0.1).any()
+    # it did not happen, which among people has the probability 0.9
+    assert traffic.weights[0] == pytest.approx(0.2 * 0.9, rel=1e-5)
+    # an event that cannot count changes no weight
+    traffic._happens(np.array([[0.5]]), 0.1, np.array([[False]]))
+    assert traffic.weights[0] == pytest.approx(0.2 * 0.9, rel=1e-5)
+
+
+def test_without_an_adversary_every_weight_is_1_and_with_it_their_mean_is() -> None:
+    for frequencies, tolerance in ((PEOPLE, 0.0), (ADVERSARY, 0.05)):
+        rng = np.random.default_rng(5)
+        world = starts(4_000, Config(), rng)
+        traffic = Traffic(world, frequencies, rng)
+        for _ in range(10):
+            traffic.decide(world, np.zeros(4_000, np.int64))
+        assert traffic.weights.mean() == pytest.approx(1.0, abs=tolerance + 1e-9)
+    assert traffic.weights.min() < 0.2
+
+
+def test_a_vehicle_that_changes_lanes_leads_in_both() -> None:
+    # the second is between the right lane and the middle one, which it moves into
+    world = world_of((50.0, 1, 30.0), (20.0, 0, 30.0), (-30.0, 0, 30.0))
+    world.y_m[0, 2] = 1.0
+    gap_m, leader = _leaders(world, np.array([[1, 1, 0]]))
+    assert leader[0].tolist() == [2, -1, 1, 2]
+    # bumper to bumper: 20 - 5 from the ego, 30 - 5 from the second to the first, 50 - 5 behind
+    assert gap_m[0].tolist() == [15.0, np.inf, 25.0, 45.0]
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "speed", "room", "careful"),
+    [
+        (4.0, 30.0, False, False),  # beside the ego
+        (8.0, 30.0, True, False),  # 3 m ahead: the ego would have to brake hard
+        (40.0, 30.0, True, True),
+        (-8.0, 36.0, False, True),  # 3 m behind and 6 m/s faster: its driver would brake hard
+        (-60.0, 30.0, True, True),
+    ],
+)
+def test_room_and_care_before_a_lane_change(
+    ahead_m: float, speed: float, room: bool, careful: bool
+) -> None:
+    world = world_of((ahead_m, 2, speed))
+    can, is_careful = _room(world, np.array([[2]]), np.array([[1]]))
+    assert can[0, 0] == room
+    if room:
+        assert is_careful[0, 0] == careful
+
+
+def test_a_careful_change_begins_and_goes_on_to_the_centre_of_the_lane() -> None:
+    often = Frequencies(1e-9, 1 - 1e-9, 1e-9)
+    world = world_of((20.0, 2, 30.0), ego_m_s=20.0)
+    traffic = Traffic(world, often, np.random.default_rng(0))
+    sides = []
+    for y_m in (7.6, 6.4, 5.2, 3.8):
+        world.y_m[0, 1] = y_m
+        sides.append(traffic.decide(world, np.array([0])).side[0, 0])
+    assert all(side < 0 for side in sides[:3])
+    assert sides[3] == 0.0
+
+
+def test_the_start_leaves_the_ego_the_gap_that_its_check_requires() -> None:
+    config = settings("real")
+    world = starts(2_000, config, np.random.default_rng(1))
+    ego_lane = np.round(world.y_m[:, 0] / 3.8).astype(int)
+    rows = np.arange(2_000)
+    lead = 1 + 3 * ego_lane
+    gap_m = world.x_m[rows, lead] - world.x_m[:, 0] - LENGTH_M
+    assert (
+        gap_m >= needed_gap(world.speed_m_s[:, 0], world.speed_m_s[rows, lead], config) - 1e-9
+    ).all()
+    # the ranges behind the first vehicle of a lane are those of the studies: median 34 m
+    ranges_m = (world.x_m[:, 2::3] - world.x_m[:, 1::3] - LENGTH_M).ravel()
+    assert np.percentile(ranges_m, [10, 50, 90]) == pytest.approx([16.4, 34.0, 70.6], rel=0.06)
+
+
+def test_the_rate_is_the_weighted_share_of_crashes() -> None:
+    # one crash of weight 0.1 in four tests: 0.025; deviation 0.05, half-width 1.96 * 0.05 / 2
+    found = rate(np.array([0.0, 1.0, 0.0, 0.0]), np.array([1.2, 0.1, 0.9, 1.0]))
+    assert found.value == pytest.approx(0.025)
+    assert (found.lower, found.upper) == (0.0, pytest.approx(0.025 + 0.049))
+    # no crash in 300 tests whose largest weight is 2: at most 3 / 300 * 2
+    none = rate(np.zeros(300), np.full(300, 2.0))
+    assert none == (0.0, 0.0, pytest.approx(0.02))
+
+
+def test_tests_are_reproducible_and_their_starts_are_the_same_for_every_check(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(crash_rate, "SECONDS", 3)
+    monkeypatch.setattr(crash_rate, "BATCH", 4)
+    first = run(settings("strict"), 6, ADVERSARY, 11)
+    again = run(settings("strict"), 6, ADVERSARY, 11)
+    assert all(np.array_equal(one, two) for one, two in zip(first, again, strict=True))
+    assert len(first.weights) == 6
+    # three seconds at no more than 30 m/s
+    assert (first.km > 0.04).all()
+    assert (first.km <= 0.0901).all()
+    assert "6 tests" in report("strict", first)

@@ -1,0 +1,247 @@
+"""People who drive around the ego in the kinematic simulator, and an adversary among them.
+
+Each vehicle decides once a second. It follows the intelligent driver model with the calibration of
+highD (Zhang and Sun), with noise; at times it brakes hard, or changes lanes. The frequencies are
+those of the naturalistic driving data in Comparison-DenseLearning-ProvablySafeRL at 30 m/s; the
+starts have the speeds and ranges of the SPMD and IVBSS studies. The adversary makes the dangerous
+acts near the ego more frequent, and each scene keeps the weight that removes its bias.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.driving.car_following import Idm
+from drl_av.traffic.road import FloatArray
+from verification.falsification import needed_gap, placed
+from verification.kinematic_simulator import (
+    LENGTH_M,
+    ROAD,
+    BoolArray,
+    IntArray,
+    Mover,
+    Orders,
+    World,
+)
+
+HIGHD = Idm(1.17, 3.22, 1.46, 2.40)
+"""Time headway, standstill gap, acceleration and comfortable braking: highD, population mean."""
+SPEED_M_S, SPEED_SD_M_S, RELATIVE_SD_M_S = 30.05, 3.48, 1.3
+"""Speed, and relative speed of two vehicles: SPMD and IVBSS."""
+RANGE_M, RANGE_LOG_SD = 34.0, 0.57
+"""Range to the vehicle ahead: a lognormal through 18, 34 and 77 m at 10, 50 and 90 percent."""
+NOISE_M_S2 = 0.38
+"""Standard deviation of the acceleration on a free road at 30 m/s."""
+HARD_BRAKES_PER_S, HARD_BRAKE_M_S2 = 4e-3, (3.0, 4.0)
+"""Frequency and strength of braking that no vehicle ahead explains."""
+LANE_CHANGES_PER_S = 1.25e-3
+"""Frequency of lane changes to each side."""
+CARELESS_SHARE = 0.01
+"""Share of the lane changes before which the driver does not look at the vehicle behind (ours)."""
+SAFE_BRAKING_M_S2 = 3.0
+"""Hardest braking that a lane change imposes: D2RL's MOBIL."""
+LATERAL_M_S, LATERAL_SD_M_S, LATERAL_LIMITS_M_S = 1.2, 0.35, (0.5, 2.6)
+"""Lateral speed of a lane change: exiD, cars."""
+EMERGENCY_BRAKING_M_S2 = 9.0
+PER_LANE = 3
+"""Number of vehicles in each lane."""
+
+
+class Frequencies(NamedTuple):
+    """How often the acts near the ego happen, each second."""
+
+    hard_brake: float
+    """By the vehicle ahead of the ego."""
+    lane_change: float
+    """Into the ego's lane, by a vehicle beside or ahead of it."""
+    careless: float
+    """Share of such lane changes that are careless."""
+
+
+PEOPLE = Frequencies(HARD_BRAKES_PER_S, LANE_CHANGES_PER_S, CARELESS_SHARE)
+ADVERSARY = Frequencies(0.03, 0.02, 0.5)
+NEAR_M = (-6.0, 30.0)
+"""Where a lane change into the ego's lane is dangerous: the centre ahead of the ego's, metres."""
+
+
+class UnboundedMover(Mover):
+    """The simulator without the bounds that ``strict`` assumes for the other vehicles."""
+
+    def __init__(self, config: Config) -> None:
+        bounds = {"braking_m_s2": EMERGENCY_BRAKING_M_S2, "acceleration_m_s2": 2.0}
+        fastest = {"lateral_speed_m_s": LATERAL_LIMITS_M_S[1]}
+        super().__init__(config.updated("strict", **bounds, **fastest))
+
+    def _permitted_side(self, world: World, side: FloatArray, rate: FloatArray) -> FloatArray:
+        return side
+
+    def _staying_behind(self, world: World, wanted: FloatArray) -> FloatArray:
+        return wanted
+
+
+def starts(scenes: int, config: Config, rng: np.random.Generator) -> World:
+    """Traffic of three vehicles in each of three lanes around the ego.
+
+    The vehicle ahead of the ego is at least as far away as the ego's check requires, because the
+    start is not the ego's decision.
+    """
+    flow = np.clip(rng.normal(SPEED_M_S, SPEED_SD_M_S, (scenes, 1)), 20.0, 40.0)
+    lanes = np.repeat(np.arange(3), PER_LANE)
+    shape = (scenes, len(lanes))
+    speed = np.clip(flow + rng.normal(0, RELATIVE_SD_M_S / np.sqrt(2), shape), 15.0, 40.0)
+    ego_lane, ego = rng.integers(0, 3, scenes), np.minimum(flow[:, 0], config.ego.max_speed_m_s)
+    pitch_m = LENGTH_M + RANGE_M * np.exp(RANGE_LOG_SD * rng.normal(size=shape))
+    x_m = np.empty(shape)
+    for lane in range(3):
+        first, own = PER_LANE * lane, ego_lane == lane
+        beside_m = rng.uniform(-0.5, 0.5, scenes) * pitch_m[:, first]
+        required_m = LENGTH_M + needed_gap(ego, speed[:, first], config)
+        ahead_m = np.maximum(pitch_m[:, first], required_m)
+        x_m[:, first] = np.where(own, ahead_m, beside_m)
+        x_m[:, first + 1] = x_m[:, first] + pitch_m[:, first + 1]
+        behind_of_m = np.where(own, 0.0, x_m[:, first])
+        x_m[:, first + 2] = behind_of_m - pitch_m[:, first + 2]
+    return placed(ego_lane, ego, x_m, np.broadcast_to(lanes, shape), speed)
+
+
+class Traffic:
+    """The decisions of the people, or of the adversary among them, in many scenes.
+
+    Args:
+        world: The scenes at their start.
+        frequencies: How often the acts near the ego happen; ``PEOPLE`` gives all weights 1.
+        rng: The source of all random numbers.
+    """
+
+    def __init__(self, world: World, frequencies: Frequencies, rng: np.random.Generator) -> None:
+        shape = world.x_m[:, 1:].shape
+        self.weights = np.ones(shape[0])
+        """The probability of each scene's acts among people, divided by that with the adversary."""
+        self._frequencies, self._rng = frequencies, rng
+        self._desired_m_s = world.speed_m_s[:, 1:] + np.abs(rng.normal(0, 2.0, shape)) + 1.0
+        self._target = np.round(world.y_m[:, 1:] / ROAD.lane_width_m).astype(np.int64)
+        drawn = rng.normal(LATERAL_M_S, LATERAL_SD_M_S, shape)
+        self._lateral_m_s = np.clip(drawn, *LATERAL_LIMITS_M_S)
+
+    def decide(self, world: World, proposal: IntArray) -> Orders:
+        """The acts of the next second, beside the ego's ``proposal``."""
+        gap_m, leader = _leaders(world, self._target)
+        acceleration = self._following(world, gap_m, leader)
+        ahead = _ahead_of_ego(leader, gap_m, world)
+        brakes = self._happens(
+            np.where(ahead, self._frequencies.hard_brake, HARD_BRAKES_PER_S), HARD_BRAKES_PER_S
+        )
+        hard = -self._rng.uniform(*HARD_BRAKE_M_S2, brakes.shape)
+        acceleration = np.where(brakes, np.minimum(acceleration, hard), acceleration)
+        self._change_lanes(world)
+        to_m = self._target * ROAD.lane_width_m - world.y_m[:, 1:]
+        side = np.where(np.abs(to_m) > 1e-3, np.sign(to_m), 0.0)
+        return Orders(proposal, acceleration, side * self._lateral_m_s / LATERAL_LIMITS_M_S[1])
+
+    def _following(self, world: World, gap_m: FloatArray, leader: IntArray) -> FloatArray:
+        speed = world.speed_m_s[:, 1:]
+        other = np.take_along_axis(world.speed_m_s, np.maximum(leader, 0), 1)[:, 1:]
+        closing = np.where(leader[:, 1:] >= 0, speed - other, 0.0)
+        noise = self._rng.normal(0, NOISE_M_S2, speed.shape)
+        followed = _idm(speed, self._desired_m_s, gap_m[:, 1:], closing)
+        result: FloatArray = np.clip(followed + noise, -EMERGENCY_BRAKING_M_S2, 2.0)
+        return result
+
+    def _change_lanes(self, world: World) -> None:
+        """Begin lane changes; a change that is begun goes on to the centre of its lane."""
+        often = self._frequencies
+        lane = np.round(world.y_m / ROAD.lane_width_m).astype(np.int64)
+        still = np.abs(world.y_m[:, 1:] - self._target * ROAD.lane_width_m) < 1e-3
+        ahead_m = world.x_m[:, 1:] - world.x_m[:, :1]
+        near = still & (NEAR_M[0] < ahead_m) & (ahead_m < NEAR_M[1])
+        for side in (-1, 1):
+            into = lane[:, 1:] + side
+            possible = still & (into >= 0) & (into < 3)
+            dangerous = near & possible & (into == lane[:, :1])
+            attempts = possible & self._happens(
+                np.where(dangerous, often.lane_change, LANE_CHANGES_PER_S),
+                LANE_CHANGES_PER_S,
+                possible,
+            )
+            careless = self._happens(
+                np.where(dangerous, often.careless, CARELESS_SHARE), CARELESS_SHARE, attempts
+            )
+            room, careful = _room(world, self._target, into)
+            begins = attempts & room & (careful | careless)
+            self._target = np.where(begins, into, self._target)
+            still &= ~begins
+
+    def _happens(
+        self, frequency: FloatArray, among_people: float, counts: BoolArray | None = None
+    ) -> BoolArray:
+        """Draw events, and multiply the weight of each scene by their ratios of probabilities."""
+        happens = self._rng.random(frequency.shape) < frequency
+        ratio = np.where(happens, among_people / frequency, (1 - among_people) / (1 - frequency))
+        counts = np.ones(frequency.shape, np.bool_) if counts is None else counts
+        self.weights *= np.where(counts, ratio, 1.0).prod(axis=1)
+        return happens & counts
+
+
+def _idm(
+    speed: FloatArray, desired: FloatArray | float, gap_m: FloatArray, closing: FloatArray
+) -> FloatArray:
+    """``car_following.idm_acceleration`` for arrays, with the calibration of highD."""
+    spread = 2 * np.sqrt(HIGHD.acceleration_m_s2 * HIGHD.comfortable_braking_m_s2)
+    wanted_m = HIGHD.standstill_gap_m + np.maximum(
+        0.0, speed * HIGHD.headway_s + speed * closing / spread
+    )
+    interaction = (wanted_m / np.maximum(gap_m, 0.01)) ** 2
+    result: FloatArray = HIGHD.acceleration_m_s2 * (1 - (speed / desired) ** 4 - interaction)
+    return result
+
+
+def _leaders(world: World, target: IntArray) -> tuple[FloatArray, IntArray]:
+    """The gap to the vehicle ahead, and its column or -1; shape (scenes, 1 + others) both.
+
+    A vehicle is in the lane of its centre and in the lane that it moves into.
+    """
+    lane = np.round(world.y_m / ROAD.lane_width_m).astype(np.int64)
+    own = np.where(world.target < 0, lane[:, 0], world.target)
+    bound = np.column_stack([own, target])
+    either = (lane[:, :, None] == lane[:, None]) | (lane[:, :, None] == bound[:, None])
+    either |= (bound[:, :, None] == lane[:, None]) | (bound[:, :, None] == bound[:, None])
+    lead_m = world.x_m[:, None, :] - world.x_m[:, :, None]
+    lead_m = np.where(either & (lead_m > 0), lead_m, np.inf)
+    nearest_m = lead_m.min(axis=2)
+    leader = np.where(np.isinf(nearest_m), -1, lead_m.argmin(axis=2))
+    return nearest_m - LENGTH_M, leader
+
+
+def _ahead_of_ego(leader: IntArray, gap_m: FloatArray, world: World) -> BoolArray:
+    """Which other vehicle is right ahead of the ego; shape (scenes, others)."""
+    columns = np.arange(1, world.x_m.shape[1])
+    result: BoolArray = (leader[:, :1] == columns) & (gap_m[:, :1] < RANGE_M)
+    return result
+
+
+def _room(world: World, target: IntArray, into: IntArray) -> tuple[BoolArray, BoolArray]:
+    """Whether each vehicle can change to the lane ``into``, and whether that change is careful.
+
+    It can where no body is beside it and it need not brake hard for the vehicle ahead there. The
+    change is careful if the vehicle behind it there need not brake hard either.
+    """
+    lane = np.round(world.y_m / ROAD.lane_width_m).astype(np.int64)
+    own = np.where(world.target < 0, lane[:, 0], world.target)
+    bound = np.column_stack([own, target])
+    there = (lane[:, None] == into[:, :, None]) | (bound[:, None] == into[:, :, None])
+    lead_m = world.x_m[:, None, :] - world.x_m[:, 1:, None]
+    n = lead_m.shape[1]
+    there[:, np.arange(n), np.arange(1, n + 1)] = False
+    ahead_m = np.where(there & (lead_m > 0), lead_m, np.inf)
+    gap_m, leader = ahead_m.min(axis=2) - LENGTH_M, ahead_m.argmin(axis=2)
+    own_m_s, other = world.speed_m_s[:, 1:], np.take_along_axis(world.speed_m_s, leader, 1)
+    brakes = np.where(np.isinf(gap_m), 0.0, _idm(own_m_s, own_m_s + 1.0, gap_m, own_m_s - other))
+    beside = (there & (np.abs(lead_m) <= LENGTH_M)).any(axis=2)
+    room = ~beside & (brakes > -SAFE_BRAKING_M_S2)
+    behind_m = np.where(there & (lead_m < 0), -lead_m, np.inf)
+    gap_m, follower = behind_m.min(axis=2) - LENGTH_M, behind_m.argmin(axis=2)
+    speed = np.take_along_axis(world.speed_m_s, follower, 1)
+    imposed = _idm(speed, speed + 1.0, gap_m, speed - own_m_s)
+    careful = np.isinf(gap_m) | (imposed > -SAFE_BRAKING_M_S2)
+    return room, careful
