@@ -1,4 +1,4 @@
-"""A highway scene as a picture, a film or a page, without a screen."""
+"""Pictures, films and HTML pages of highway scenes, made without a screen."""
 
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import Picture, draw

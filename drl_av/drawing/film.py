@@ -1,4 +1,4 @@
-"""Videos: scenes interpolated between two decisions, and a video file of pictures."""
+"""Writes videos of scenes, and interpolates a scene between two decisions."""
 
 import os
 from collections.abc import Generator, Iterable, Iterator
@@ -20,9 +20,11 @@ Picture = npt.NDArray[np.uint8]
 
 
 def interpolated(a: Snapshot, b: Snapshot, fraction: float, road: Road) -> Snapshot:
-    """The scene between ``a`` (fraction 0) and ``b`` (fraction 1), for vehicles that are in both.
+    """Return the scene at a fraction of the time from snapshot ``a`` (0) to snapshot ``b`` (1).
 
-    The distance of a vehicle along the loop is the one nearest to that of its mean speed.
+    It contains the vehicles that are in both snapshots. On a loop the distance that a vehicle
+    covers is known except for whole laps; the distance nearest to its mean speed times the time is
+    used.
     """
     a, b = _rows(a, b.ids), _rows(b, a.ids)
     expected_m = (a.speed_m_s + b.speed_m_s) / 2 * (b.time_s - a.time_s)
@@ -39,11 +41,16 @@ def interpolated(a: Snapshot, b: Snapshot, fraction: float, road: Road) -> Snaps
 
 
 def _between(a: FloatArray, b: FloatArray, fraction: float) -> FloatArray:
+    """Return the linear interpolation between two arrays."""
     return a + fraction * (b - a)
 
 
 def _rows(snapshot: Snapshot, wanted: tuple[str, ...]) -> Snapshot:
-    """The snapshot of those vehicles whose ids are wanted, the ego first and the others by id."""
+    """Return the snapshot of the vehicles whose ids are in ``wanted``.
+
+    If its ids equal ``wanted``, it is unchanged; else the ego is first and the others are sorted by
+    id.
+    """
     if snapshot.ids == wanted:
         return snapshot
     kept = [row for row, name in enumerate(snapshot.ids) if name in set(wanted)]
@@ -61,10 +68,15 @@ def _rows(snapshot: Snapshot, wanted: tuple[str, ...]) -> Snapshot:
 
 
 def write_video(path: str | os.PathLike[str], frames: Iterable[Picture], fps: float) -> int:
-    """Write uint8 frames of one shape (H, W, 3) to an .mp4 or .gif file; returns their number.
+    """Write pictures to an .mp4 or .gif file, and return their number.
 
-    The file appears under its name when it is complete. An .mp4 file is written frame by frame
-    (H.264, yuv420p, padded to even sizes). A .gif file is kept in memory, so it suits short clips.
+    ``frames`` are uint8 arrays of one shape (H, W, 3). The file appears under its name when it is
+    complete. An .mp4 file is written frame by frame (H.264, yuv420p, padded to even sizes). The
+    frames of a .gif file are kept in memory, so the clip should be short.
+
+    Raises:
+        RecordingError: the name, the folder or ``fps`` is wrong, there are no frames, or writing
+            fails.
     """
     path = Path(path)
     require_film(path, fps)
@@ -75,7 +87,12 @@ def write_video(path: str | os.PathLike[str], frames: Iterable[Picture], fps: fl
 
 
 def require_film(path: Path, fps: float) -> None:
-    """Check before any drawing that ``write_video`` can write; raises RecordingError if not."""
+    """Check before any drawing that ``write_video`` can write to ``path``.
+
+    Raises:
+        RecordingError: the suffix is not .mp4 or .gif, the folder does not exist, ``path`` is a
+            folder, or ``fps`` is not positive.
+    """
     if path.suffix.lower() not in (".mp4", ".gif"):
         given = f"not in {path.suffix}" if path.suffix else "and it has no suffix"
         raise RecordingError(f"Cannot write {path}: its name must end in .mp4 or .gif, {given}.")
@@ -91,7 +108,7 @@ def require_film(path: Path, fps: float) -> None:
 
 @contextmanager
 def _encoding(path: Path) -> Iterator[None]:
-    """Report failures of ffmpeg in one sentence."""
+    """Raise RecordingError with one sentence if the encoder fails inside the ``with`` block."""
     try:
         yield
     except (OSError, RuntimeError) as error:
@@ -103,12 +120,14 @@ def _encoding(path: Path) -> Iterator[None]:
 
 
 def _first(frames: Iterator[Picture], path: Path) -> Picture:
+    """Return the first frame; raise RecordingError if there is none."""
     for frame in frames:
         return frame
     raise RecordingError(f"Cannot write {path}: there are no frames; record an episode first.")
 
 
 def _write_mp4(temporary: Path, path: Path, frames: Iterator[Picture], fps: float) -> int:
+    """Write an .mp4 file to ``temporary`` and return the number of frames; errors name ``path``."""
     frame = _even(_first(frames, path))
     height, width = frame.shape[:2]
     with _encoding(path):
@@ -132,7 +151,7 @@ def _write_mp4(temporary: Path, path: Path, frames: Iterator[Picture], fps: floa
 def _encoder(
     temporary: Path, size: tuple[int, int], fps: float
 ) -> Generator[None, Picture | None, None]:
-    """An H.264 encoder that accepts frames of size (width, height) by ``send``."""
+    """Return an H.264 encoder that accepts frames of ``size`` (width, height) by ``send``."""
     encoder: Generator[None, Picture | None, None] = imageio_ffmpeg.write_frames(
         str(temporary),
         size,
@@ -148,12 +167,13 @@ def _encoder(
 
 
 def _even(frame: Picture) -> Picture:
-    """The frame with an even size; an odd one repeats its last row or column."""
+    """Return the frame with an even width and height; an odd one repeats its last row or column."""
     height, width = frame.shape[:2]
     return np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
 
 
 def _write_gif(temporary: Path, path: Path, frames: Iterator[Picture], fps: float) -> int:
+    """Write a .gif file to ``temporary`` and return the number of frames; errors name ``path``."""
     images = [_indexed(_first(frames, path)), *map(_indexed, frames)]
     with _encoding(path):
         images[0].save(
@@ -167,5 +187,5 @@ def _write_gif(temporary: Path, path: Path, frames: Iterator[Picture], fps: floa
 
 
 def _indexed(frame: Picture) -> Image.Image:
-    """The frame reduced to 256 colours for a .gif file."""
+    """Return the frame as an image of 256 colours, as a .gif file needs it."""
     return Image.fromarray(frame).quantize(256, dither=Image.Dither.NONE)

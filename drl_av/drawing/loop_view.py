@@ -1,4 +1,4 @@
-"""A view of the whole loop from above, counter-clockwise, with the rightmost lane outside."""
+"""Draws the whole loop from above; traffic drives counter-clockwise, lane 0 is outside."""
 
 import math
 
@@ -21,7 +21,7 @@ _CENTER, _RADIUS, _LANES_PX = (186.0, 548.0), 146.0, 48.0
 
 
 def lay_ring(sheet: Sheet, road: Road) -> None:
-    """Draw the static parts of the loop."""
+    """Draw the static parts of the loop: lanes, lane markings, barricades and circumference."""
     lanes = len(road.open_lanes)
     lane_px = _LANES_PX / lanes
     for lane in range(lanes):
@@ -45,7 +45,7 @@ def lay_ring(sheet: Sheet, road: Road) -> None:
 
 
 def draw_ring(sheet: Sheet, snapshot: Snapshot, road: Road) -> None:
-    """Draw all vehicles as dots, and the arc of the road that the overview shows."""
+    """Draw all vehicles as dots on the loop, and an arc along the part that the overview shows."""
     lane_px = _LANES_PX / len(road.open_lanes)
     turn = math.tau / road.lap_m
     ego = -math.degrees(float(snapshot.s_m[EGO]) * turn)

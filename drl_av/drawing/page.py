@@ -1,4 +1,4 @@
-"""An episode as one HTML file that plays in a browser, without an installation or a network."""
+"""Writes an episode as one HTML file that a browser plays without a network connection."""
 
 import json
 from collections.abc import Sequence
@@ -14,16 +14,17 @@ from drl_av.traffic.snapshot import Snapshot
 
 TEMPLATE = Path(__file__).with_name("page.html")
 PLACE = "EPISODE"
-"""The text in the template that the episode's data replaces."""
+"""The text in the template that is replaced by the episode's data."""
 
 
 @dataclass(frozen=True)
 class PageDecision:
-    """One decision in the data of the page."""
+    """The data of one decision on the page."""
 
     proposed: int
     """Number of the proposed action, 0 to 11."""
     executed: int
+    """Number of the action after the safety check, 0 to 11."""
     rule: str
     """The rules of the safety check that changed the action, or ``none``."""
     reward: float
@@ -31,9 +32,9 @@ class PageDecision:
     r_y: float
     r_x: float
     q: list[float] | None
-    """The driver's Q-value of each of the 12 actions; None for a driver without Q-values."""
+    """The driver's Q-values of the 12 actions; None if the driver has no Q-values."""
     collision: str | None
-    """The collision of the ego in words, or None."""
+    """The kind of the ego's collision in words, or None."""
 
 
 def write_page(
@@ -43,9 +44,10 @@ def write_page(
     snapshots: Sequence[Snapshot],
     decisions: Sequence[PageDecision],
 ) -> None:
-    """Write the page of an episode completely or not at all.
+    """Write the HTML page of an episode to ``path`` atomically.
 
-    ``snapshots`` contains the start of the episode and the scene after each decision.
+    ``snapshots`` contains the scene at the start and after each decision, so one more than
+    ``decisions``.
 
     Raises:
         DrlAvError: the file cannot be written.
@@ -74,10 +76,11 @@ def write_page(
 
 
 def _frame(snapshot: Snapshot) -> dict[str, list[float]]:
+    """Return position s, lateral position y and speed v of each vehicle, for the page's data."""
     s, y, v = _rounded(snapshot.s_m, snapshot.y_m, snapshot.speed_m_s)
     return {"s": s, "y": y, "v": v}
 
 
 def _rounded(*columns: Any) -> list[list[float]]:
-    """The columns rounded to two decimals, to keep the file small."""
+    """Return each array as a list of numbers with two decimals, which keeps the file small."""
     return [[round(float(value), 2) for value in column] for column in columns]

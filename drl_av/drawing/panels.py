@@ -1,4 +1,4 @@
-"""The caption panels: driver, decision, verdict of the safety check, reward and history."""
+"""Draws the panels beside the road: driver, decision, safety check, reward and history."""
 
 from dataclasses import dataclass
 
@@ -28,17 +28,17 @@ _HISTORY = 60
 
 @dataclass(frozen=True)
 class Caption:
-    """The contents of the panels; the defaults are right for a scene after a reset."""
+    """The contents of the panels; the defaults are those of a scene after a reset."""
 
     driver: str = ""
     vehicles: int | None = None
-    """Number of vehicles without the ego; None uses the number in the snapshot."""
+    """Number of vehicles without the ego; if None, that of the snapshot."""
     seed: int | None = None
     decision: int = 0
     proposed: str = ""
     executed: str = ""
     rule: str | None = None
-    """The rule of the safety check that fired, in words, or None."""
+    """The name of the safety rule that changed the action, or None."""
     reward: float | None = None
     r_v: float | None = None
     r_y: float | None = None
@@ -46,13 +46,13 @@ class Caption:
     speed_history: tuple[float, ...] = ()
     """The ego's speed after each decision, m/s; the panel shows the last 60 and the mean of all."""
     trigger_history: tuple[bool, ...] = ()
-    """Whether the safety check changed each of these decisions."""
+    """For each of these decisions, whether the safety check changed the action."""
     collision: str = ""
-    """The kind of the collision in words; empty without one."""
+    """The kind of the ego's collision in words; empty without a collision."""
 
 
 def lay_cards(sheet: Sheet) -> None:
-    """Draw the background plates of the caption."""
+    """Draw the backgrounds of the panels."""
     left, middle, right = (20, 352), (364, 812), (824, 1260)
     for (x0, x1), (y0, y1) in (
         (left, (384, 708)),
@@ -76,7 +76,7 @@ def lay_legend(sheet: Sheet) -> None:
 
 
 def draw_header(sheet: Sheet, snapshot: Snapshot, caption: Caption) -> None:
-    """Draw driver, traffic, seed and time above the road."""
+    """Draw the driver, the traffic, the seed, the decision and the time above the road."""
     vehicles = len(snapshot.ids) - 1 if caption.vehicles is None else caption.vehicles
     facts = [f"{vehicles} vehicle{'' if vehicles == 1 else 's'}"]
     facts += [] if caption.seed is None else [f"seed {caption.seed}"]
@@ -86,7 +86,7 @@ def draw_header(sheet: Sheet, snapshot: Snapshot, caption: Caption) -> None:
 
 
 def draw_decision(sheet: Sheet, snapshot: Snapshot, caption: Caption) -> None:
-    """Draw speed, executed and proposed action, and the verdict of the safety check."""
+    """Draw the speed, the executed and the proposed action, and the result of the safety check."""
     speed = float(snapshot.speed_m_s[EGO])
     mean = float(np.mean(caption.speed_history)) if caption.speed_history else speed
     sheet.text((384, 410), "SPEED", 13, DIM)
@@ -103,12 +103,13 @@ def draw_decision(sheet: Sheet, snapshot: Snapshot, caption: Caption) -> None:
 
 
 def _draw_field(sheet: Sheet, y: float, label: str, value: str, fill: Color) -> None:
+    """Draw a label and, below it, a value; ``y`` is the baseline of the label, px."""
     sheet.text((384, y), label, 13, DIM)
     sheet.text((384, y + 26), wrapped(value, 22, 408, 1)[0], 22, fill)
 
 
 def _draw_verdict(sheet: Sheet, caption: Caption) -> None:
-    """Draw the rule that fired or the collision on a bright plate; a dark plate without either."""
+    """Draw the safety rule or the collision on a bright background, or "none" on a dark one."""
     label, words = "SAFETY CHECK", caption.rule or "none"
     if caption.collision:
         label, words = "COLLISION", caption.collision
@@ -125,7 +126,7 @@ def _draw_verdict(sheet: Sheet, caption: Caption) -> None:
 
 
 def draw_reward(sheet: Sheet, caption: Caption) -> None:
-    """Draw the reward and its three terms as bars, from -1 at the left to 0 at the right."""
+    """Draw the reward, and its three terms as bars from -1 at the left to 0 at the right."""
     sheet.text((844, 412), "REWARD", 13, DIM)
     sheet.text((1240, 416), _number(caption.reward), 24, BRIGHT, "rs", bold=True)
     terms = (("speed", caption.r_v), ("lane", caption.r_y), ("gap", caption.r_x))
@@ -144,11 +145,12 @@ def draw_reward(sheet: Sheet, caption: Caption) -> None:
 
 
 def _number(value: float | None) -> str:
+    """Return a number as text with two decimals; "-" for None."""
     return "-" if value is None else f"{value:z.2f}"
 
 
 def draw_history(sheet: Sheet, caption: Caption) -> None:
-    """Draw the last 60 speeds, the newest at the right, and a red tick where the check fired."""
+    """Draw the last 60 speeds, the newest at the right; red marks show safety interventions."""
     left, right, top, bottom = 878.0, 1240.0, 588.0, 680.0
     sheet.text((844, 574), f"SPEED, LAST {_HISTORY} DECISIONS", 13, DIM)
     sheet.box((1161, 563, 1164, 577), ALARM)

@@ -1,4 +1,4 @@
-"""A picture of a highway scene, drawn without a screen: road near the ego, loop, caption."""
+"""Draws a picture of a scene without a screen: road near the ego, loop and panels."""
 
 from functools import lru_cache
 
@@ -27,7 +27,7 @@ Picture = npt.NDArray[np.uint8]
 def draw(
     snapshot: Snapshot, road: Road, caption: Caption, size: tuple[int, int] = SHEET_SIZE
 ) -> Picture:
-    """Draw one scene as a picture, uint8 of shape (height, width, 3).
+    """Draw one scene and return the picture, uint8 of shape (height, width, 3).
 
     ``size`` is (width, height) in px. The layout is scaled to fit, with bars at its sides if the
     aspect ratio differs.
@@ -48,7 +48,7 @@ def draw(
 
 @lru_cache(maxsize=8)
 def _background(road: Road) -> Image.Image:
-    """The static parts of the picture; callers must copy the image before drawing on it."""
+    """Return the image of the static parts; callers must copy it before they draw on it."""
     width, height = SHEET_SIZE
     size = (OVERSAMPLING * width, OVERSAMPLING * height)
     sheet = Sheet(Image.new("RGB", size, GROUND))

@@ -1,4 +1,4 @@
-"""The renderer of each render mode of the environment, and the caption of each scene."""
+"""The renderer of each render mode of the environment, and the caption of each picture."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,7 +14,7 @@ from drl_av.traffic.snapshot import Snapshot
 
 
 def next_caption(caption: Caption, reward: float, info: dict[str, Any]) -> Caption:
-    """The caption after one more decision, from the reward and the ``info`` of its step."""
+    """Return the caption after one more decision, from the step's reward and ``info``."""
     rule = info["rule"]
     return replace(
         caption,
@@ -33,37 +33,37 @@ def next_caption(caption: Caption, reward: float, info: dict[str, Any]) -> Capti
 
 
 class Renderer:
-    """A renderer that shows nothing (render mode None), and the base of the others."""
+    """The renderer of render mode None, which shows nothing, and base class of the others."""
 
     def reset(self, snapshot: Snapshot, info: dict[str, Any]) -> None:
-        """Begin an episode with the scene and the ``info`` of the environment's ``reset``."""
+        """Begin an episode, with the snapshot and the ``info`` of the environment's ``reset``."""
 
     def step(self, snapshot: Snapshot, reward: float, info: dict[str, Any]) -> None:
-        """Show one more decision, with the scene, reward and ``info`` after it."""
+        """Show one more decision, with the snapshot, the reward and the ``info`` after it."""
 
     def render(self) -> Picture | None:
-        """The picture of the present scene; None from a renderer that makes no pictures."""
+        """Return the picture of the present scene, or None from a renderer without pictures."""
         return None
 
 
 class PictureRenderer(Renderer):
-    """Draws the present scene as a picture when ``render`` is called (mode ``rgb_array``)."""
+    """The renderer of render mode ``rgb_array``: it draws the present scene in ``render``."""
 
     def __init__(self, road: Road) -> None:
         self._road = road
         self._moment: tuple[Snapshot, Caption] | None = None
 
     def reset(self, snapshot: Snapshot, info: dict[str, Any]) -> None:
-        """Begin an episode with a new caption."""
+        """Begin an episode with an empty caption."""
         self._moment = snapshot, Caption(vehicles=info["vehicles"], seed=info["seed"])
 
     def step(self, snapshot: Snapshot, reward: float, info: dict[str, Any]) -> None:
-        """Add the decision to the caption."""
+        """Store the scene and update the caption with the decision."""
         assert self._moment is not None
         self._moment = snapshot, next_caption(self._moment[1], reward, info)
 
     def render(self) -> Picture:
-        """The picture of the present scene, uint8 of shape (720, 1280, 3).
+        """Return the picture of the present scene, uint8 of shape (720, 1280, 3).
 
         Raises:
             gymnasium.error.ResetNeeded: no episode has begun.
@@ -75,12 +75,12 @@ class PictureRenderer(Renderer):
 
 
 class GuiRenderer(Renderer):
-    """Shows a line of text beside the ego in sumo-gui (render mode ``human``)."""
+    """The renderer of render mode ``human``: it shows a line of text beside the ego in sumo-gui."""
 
     def __init__(self, show: Callable[[str], None]) -> None:
         self._show = show
 
     def step(self, snapshot: Snapshot, reward: float, info: dict[str, Any]) -> None:
-        """Show the executed action, the rule that fired, the speed and the reward."""
+        """Show the executed action, the safety rule, the speed and the reward as text."""
         action, speed = ACTIONS[info["executed_action"]], info["speed_m_s"]
         self._show(f"{action} | rule: {info['rule']} | {speed:.1f} m/s | reward {reward:.2f}")

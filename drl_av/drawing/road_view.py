@@ -1,4 +1,4 @@
-"""Two views of the road near the ego, drawn as a straight road: a close-up and an overview."""
+"""Draws the road near the ego as a straight road, in a close-up and in an overview."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,10 +25,10 @@ _MOVING_SIDEWAYS_M_S = 0.05
 
 @dataclass(frozen=True)
 class Band:
-    """A section of road around the ego, drawn as a straight band from left to right."""
+    """A view of the road around the ego as a horizontal band; traffic drives to the right."""
 
     top: int
-    """Upper edge of the leftmost of three lanes, px."""
+    """Upper edge of the leftmost lane of a road with three lanes, px."""
     lane_px: int
     behind_m: float
     ahead_m: float
@@ -41,11 +41,11 @@ class Band:
         return (self.right - self.left) / (self.behind_m + self.ahead_m)
 
     def x(self, ahead_m: float) -> float:
-        """Column of a point ``ahead_m`` metres ahead of the ego, px."""
+        """Return the x coordinate of a point ``ahead_m`` metres ahead of the ego, px."""
         return self.left + (ahead_m + self.behind_m) * self.px_per_m
 
     def y(self, road: Road, y_m: float) -> float:
-        """Row of a lateral position, px; left is up."""
+        """Return the y coordinate of the lateral position ``y_m``, px; left is up."""
         lanes = len(road.open_lanes)
         lane_px = min(self.lane_px, 3 * self.lane_px / lanes)
         middle = self.top + 1.5 * self.lane_px
@@ -57,7 +57,7 @@ OVERVIEW = Band(top=276, lane_px=24, behind_m=90.0, ahead_m=150.0)
 
 
 def lay_marks(sheet: Sheet) -> None:
-    """Draw the scale of distances from the ego below the overview."""
+    """Draw the scale of distances from the ego, below the overview."""
     for mark_m in (-90, -50, 0, 50, 100, 150):
         anchor = {-90: "ls", 150: "rs"}.get(mark_m, "ms")
         text = "ego" if mark_m == 0 else f"{mark_m:+d} m"
@@ -65,7 +65,7 @@ def lay_marks(sheet: Sheet) -> None:
 
 
 def lay_asphalt(sheet: Sheet, band: Band, road: Road) -> None:
-    """Draw the static parts of a band: asphalt, edges and barricaded lanes."""
+    """Draw the static parts of a band: asphalt, road edges and barricaded lanes."""
     lanes, half = len(road.open_lanes), road.lane_width_m / 2
     verge = band.lane_px / 8
     top = band.y(road, road.center_m(lanes - 1) + half)
@@ -81,7 +81,7 @@ def lay_asphalt(sheet: Sheet, band: Band, road: Road) -> None:
 
 
 def draw_band(sheet: Sheet, band: Band, snapshot: Snapshot, road: Road) -> None:
-    """Draw the moving parts of a band: lane markings and vehicles."""
+    """Draw the moving parts of a band: lane markings, barricades and vehicles."""
     _draw_markings(sheet, band, float(snapshot.s_m[EGO]), road)
     ahead = road.ahead_m(float(snapshot.s_m[EGO]), snapshot.s_m)
     for row in reversed(range(len(snapshot.ids))):
@@ -97,6 +97,7 @@ def draw_band(sheet: Sheet, band: Band, snapshot: Snapshot, road: Road) -> None:
 
 
 def _frame_close_up(sheet: Sheet) -> None:
+    """Draw corners in the overview around the part of the road that the close-up shows."""
     left, right = OVERVIEW.x(-CLOSE_UP.behind_m), OVERVIEW.x(CLOSE_UP.ahead_m)
     upper, lower = OVERVIEW.top - 7.0, OVERVIEW.top + 3.0 * OVERVIEW.lane_px + 7
     for x, inward in ((left, 6), (right, -6)):
@@ -105,7 +106,10 @@ def _frame_close_up(sheet: Sheet) -> None:
 
 
 def _every(spacing_m: float, ego_s_m: float, road: Road, band: Band) -> Iterator[float]:
-    """Distances ahead of the ego, m, of marks about ``spacing_m`` apart on the loop."""
+    """Yield the distances ahead of the ego, metres, of equidistant marks that lie on the loop.
+
+    ``spacing_m`` is rounded so that the loop contains a whole number of marks.
+    """
     pitch_m = road.lap_m / max(1, round(road.lap_m / spacing_m))
     mark_m = -band.behind_m - (ego_s_m - band.behind_m) % pitch_m
     while mark_m < band.ahead_m:
@@ -114,7 +118,7 @@ def _every(spacing_m: float, ego_s_m: float, road: Road, band: Band) -> Iterator
 
 
 def _draw_markings(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> None:
-    """Draw dashes between lanes and blocks on barricaded lanes, at fixed places of the loop."""
+    """Draw dashes between the lanes and barricades on closed lanes, fixed to the loop."""
     thick = 1.5 if band is CLOSE_UP else 1.0
     for boundary in range(1, len(road.open_lanes)):
         y = band.y(road, road.center_m(boundary) - road.lane_width_m / 2)
@@ -126,6 +130,7 @@ def _draw_markings(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> None
 
 
 def _draw_barricade(sheet: Sheet, band: Band, ego_s_m: float, road: Road, lane: int) -> None:
+    """Draw stripes and blocks along a barricaded lane."""
     center_m, half_m = road.center_m(lane), road.lane_width_m / 2
     upper, lower = band.y(road, center_m + 0.9 * half_m), band.y(road, center_m - 0.9 * half_m)
     slant_m = (lower - upper) / band.px_per_m
@@ -142,7 +147,10 @@ def _draw_barricade(sheet: Sheet, band: Band, ego_s_m: float, road: Road, lane: 
 def _draw_vehicle(
     sheet: Sheet, band: Band, snapshot: Snapshot, road: Road, row: int, ahead_m: float
 ) -> None:
-    """Draw a vehicle in its true size, with windscreen, speed and turn signals."""
+    """Draw a vehicle in its true size, with windscreen, speed and turn signals.
+
+    ``ahead_m`` is the distance of its centre ahead of the ego's.
+    """
     y_m, speed = float(snapshot.y_m[row]), float(snapshot.speed_m_s[row])
     length, width = float(snapshot.length_m[row]), float(snapshot.width_m[row])
     left, right = band.x(ahead_m - length / 2), band.x(ahead_m + length / 2)
@@ -167,7 +175,11 @@ def _draw_vehicle(
 def _draw_signals(
     sheet: Sheet, body: tuple[float, float, float, float], sideways: float, time_s: float
 ) -> None:
-    """Draw lamps on the side to which the vehicle moves; they light half of each second."""
+    """Draw lamps at the side to which a vehicle moves, in the first half of each second.
+
+    ``body`` is (left, top, right, bottom) in px; ``sideways`` is the lateral velocity, left
+    positive.
+    """
     left, top, right, bottom = body
     if time_s % 1.0 < 0.5:
         size = 0.13 * (bottom - top)
@@ -176,7 +188,7 @@ def _draw_signals(
 
 
 def _draw_arrow(sheet: Sheet, body: tuple[float, float, float, float], sideways: float) -> None:
-    """Draw an arrow beside the ego that points to its target lane."""
+    """Draw an arrow beside the ego in the direction of its lateral velocity, left positive."""
     left, top, right, bottom = body
     up = -1 if sideways > 0 else 1
     x, y = (left + right) / 2, (top if sideways > 0 else bottom) + up * 5

@@ -1,4 +1,4 @@
-"""Drawing tools of the pictures: colours, and an oversampled image for shapes and text."""
+"""Colours, and an image with drawing functions in pixels of the picture's layout."""
 
 from functools import lru_cache
 
@@ -23,7 +23,7 @@ BRIGHT: Color = (238, 242, 248)
 DARK: Color = (14, 17, 23)
 
 SLOW_M_S, FAST_M_S = 10.0, 34.0
-"""Speeds at the two ends of the colour scale; speeds outside get the colour of the nearer end."""
+"""Speeds at the ends of the colour scale; a speed beyond an end gets the colour of that end."""
 SPEED_COLORS = np.array(
     [
         (222, 53, 48),
@@ -36,10 +36,14 @@ SPEED_COLORS = np.array(
     dtype=np.float64,
 )
 OVERSAMPLING = 2
+"""Image pixels per pixel of the layout, in each direction."""
 
 
 def speed_color(speed_m_s: float) -> Color:
-    """Colour of a speed, m/s: red is slow, blue is fast; also distinct for colour-blind people."""
+    """Return the colour of a speed in m/s, from red (slow) to blue (fast).
+
+    Colour-blind people can distinguish the colours too.
+    """
     share = np.clip((speed_m_s - SLOW_M_S) / (FAST_M_S - SLOW_M_S), 0.0, 1.0)
     knots = np.linspace(0.0, 1.0, len(SPEED_COLORS))
     red, green, blue = (round(float(np.interp(share, knots, c))) for c in SPEED_COLORS.T)
@@ -47,7 +51,7 @@ def speed_color(speed_m_s: float) -> Color:
 
 
 class Sheet:
-    """An oversampled image; its methods take coordinates in pixels of the layout."""
+    """An oversampled image; its methods draw with coordinates in pixels of the layout."""
 
     def __init__(self, image: Image.Image) -> None:
         self.image = image
@@ -73,12 +77,12 @@ class Sheet:
         self._pen.ellipse((x - r, y - r, x + r, y + r), fill)
 
     def arc(self, center: Point, radius: float, degrees: Point, fill: Color, width: float) -> None:
-        """Draw an arc inside ``radius``; ``degrees`` are clockwise from the right."""
+        """Draw an arc inside ``radius``; ``degrees`` are its two ends, clockwise from the right."""
         x, y, r = (OVERSAMPLING * v for v in (*center, radius))
         self._pen.arc((x - r, y - r, x + r, y + r), *degrees, fill, round(OVERSAMPLING * width))
 
     def line(self, points: list[Point], fill: Color, width: float) -> None:
-        """Draw a polyline."""
+        """Draw a line through all points."""
         scaled = [(OVERSAMPLING * x, OVERSAMPLING * y) for x, y in points]
         self._pen.line(scaled, fill, round(OVERSAMPLING * width), joint="curve")
 
@@ -95,7 +99,11 @@ class Sheet:
         anchor: str = "ls",
         bold: bool = False,
     ) -> None:
-        """Draw one line of text; ``anchor`` is Pillow's, by default the left baseline."""
+        """Draw one line of text; ``anchor`` is Pillow's code for the point of the text that is at
+        ``at``.
+
+        The default "ls" is the left end of the baseline.
+        """
         place = (OVERSAMPLING * at[0], OVERSAMPLING * at[1])
         stroke = 0.018 * size * OVERSAMPLING if bold else 0
         self._pen.text(
@@ -105,12 +113,13 @@ class Sheet:
 
 @lru_cache(maxsize=32)
 def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    """Return the default font of a size in pixels of the layout."""
     return ImageFont.load_default(OVERSAMPLING * size)
 
 
 @lru_cache(maxsize=512)
 def wrapped(text: str, size: int, width: int, most: int) -> tuple[str, ...]:
-    """The text in at most ``most`` lines of ``width`` px; dots replace text that does not fit."""
+    """Return the text as at most ``most`` lines of ``width`` px; dots replace the rest."""
     font = _font(size)
     lines = [""]
     for word in text.split():
@@ -125,6 +134,7 @@ def wrapped(text: str, size: int, width: int, most: int) -> tuple[str, ...]:
 
 
 def _shortened(line: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> str:
+    """Return a line that fits the width in image pixels; dots replace the end of a long line."""
     if font.getlength(line) <= width:
         return line
     while line and font.getlength(line + "...") > width:
