@@ -99,10 +99,10 @@ class Sheet:
         anchor: str = "ls",
         bold: bool = False,
     ) -> None:
-        """Draw one line of text; ``anchor`` is Pillow's code for the point of the text that is at
-        ``at``.
+        """Draw one line of text at ``at``, px of the layout.
 
-        The default "ls" is the left end of the baseline.
+        ``anchor`` is Pillow's code for the point of the text at that position; the default "ls" is
+        the left end of the baseline.
         """
         place = (OVERSAMPLING * at[0], OVERSAMPLING * at[1])
         stroke = 0.018 * size * OVERSAMPLING if bold else 0

@@ -1,4 +1,4 @@
-"""The safety checks: the check that a config names, and a mask of the permitted actions."""
+"""The safety checks: creation of the check that a config names, and the action mask."""
 
 from collections.abc import Callable
 from functools import partial
@@ -20,6 +20,7 @@ from drl_av.traffic.vehicle_types import AS_WRITTEN, VehicleTypes
 
 
 def _strict(config: Config, vehicle_types: VehicleTypes, road: Road) -> SafetyCheck:
+    """Create the check ``strict``; raise ConfigError if one of its assumptions does not hold."""
     check = Strict(config.strict, config.ego, config.simulation)
     require_assumptions(config, vehicle_types, road)
     return check
@@ -30,20 +31,21 @@ CHECKS: dict[str, Callable[[Config, VehicleTypes, Road], SafetyCheck]] = {
     "paper": lambda config, vehicle_types, road: partial(paper, config=config.safety),
     "strict": _strict,
 }
-"""How each safety check is made, by its name, from a config and a scenario's types and road.
+"""The function that creates each safety check, by name.
 
-To add a check, write its file and add a line here; the command line's help is made from it.
+Its arguments are a config, and the vehicle types and the road of a scenario. To add a check, write
+its file and add a line here; the help of the command line lists the names.
 """
 
 
 def named_check(
     config: Config, vehicle_types: VehicleTypes = AS_WRITTEN, road: Road = ROAD_AS_WRITTEN
 ) -> SafetyCheck:
-    """The safety check that a config names, for a scenario with these vehicle types and this road.
+    """Return the safety check that a config names, for a scenario's vehicle types and road.
 
     Raises:
         ConfigError: there is no check of that name; or it is ``strict``, and an assumption of its
-            argument does not hold.
+            safety proof (docs/safety.md) does not hold.
     """
     name = config.safety.check
     if name not in CHECKS:
@@ -55,21 +57,22 @@ def named_check(
 
 
 def starts_unsafe(check: SafetyCheck, scene: Scene) -> bool:
-    """Whether a check already cannot keep the ego from a collision in a first scene.
+    """Whether the check may be unable to prevent a collision from the first scene of an episode.
 
-    Only ``strict`` can tell: its base case does not hold there. Only a scenario that places its
-    vehicles exactly has such starts.
+    Only ``strict`` can tell, because its invariant must hold in the first scene; it is False for
+    every other check. Only a scenario that places its vehicles exactly can have such a scene.
     """
     return isinstance(check, Strict) and not check.fallback_is_free(scene)
 
 
 ActionMask = npt.NDArray[np.int8]
+"""Shape (12,); 1 for each action that the safety check permits, else 0."""
 
 
 def action_mask(check: SafetyCheck, scene: Scene) -> ActionMask:
-    """1 for each action that the check permits as proposed, else 0; shape (12,), int8.
+    """Return 1 for each action that the check permits as proposed, else 0; shape (12,), int8.
 
-    ``gymnasium.spaces.Discrete.sample(mask)`` accepts it. All entries are 0 if the check replaces
-    every action.
+    The argument ``mask`` of ``gymnasium.spaces.Discrete.sample`` accepts it. All entries are 0 if
+    the check replaces every action.
     """
     return np.array([check(scene, action).action == action for action in ACTIONS], np.int8)

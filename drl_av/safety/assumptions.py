@@ -1,6 +1,7 @@
-"""What the argument of ``strict`` assumes of the settings, the vehicle types and the road.
+"""The assumptions that ``strict`` makes about the settings, the vehicle types and the road.
 
-A combination that breaks an assumption is refused in one sentence that names the setting.
+The safety of ``strict`` is proved in docs/safety.md. A combination that breaks an assumption of the
+proof is refused with one sentence that names the setting.
 """
 
 from dataclasses import asdict
@@ -13,7 +14,7 @@ from drl_av.traffic.road import Road
 from drl_av.traffic.vehicle_types import AS_WRITTEN, VehicleType, VehicleTypes
 
 ROAD_AS_WRITTEN = Road(500.0, 3.8, (True, True, True))
-"""The road of a scenario that is written with the default numbers."""
+"""The road of a new scenario with the default sizes."""
 AT_MOST = {
     "traffic.acceleration_max_m_s2": "strict.acceleration_m_s2",
     "the decel of the vehicle type traffic": "strict.braking_m_s2",
@@ -26,13 +27,13 @@ AT_MOST = {
 }
 """Each name must not exceed the other, so that the vehicles keep to the bounds of ``strict``."""
 LATERAL_GAP_M = 0.6
-"""SUMO's minGapLat: vehicles in one lane drive beside each other where they keep that."""
+"""SUMO's minGapLat, the lateral gap at which two vehicles drive beside each other in one lane."""
 RANDOM_LANE_CHANGES_PER_S = 0.01
-"""The most that our kinds of traffic have."""
+"""The largest rate in our kinds of traffic."""
 
 
 def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
-    """Raise ConfigError if the argument of ``strict`` does not hold for a combination."""
+    """Raise ConfigError if an assumption of ``strict`` does not hold for this combination."""
     _require_bounds(config, vehicle_types)
     for name in ("traffic", "ego"):
         _require_model(name, getattr(vehicle_types, name), getattr(AS_WRITTEN, name))
@@ -50,6 +51,7 @@ def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road)
 
 
 def _refusal(name: str, bound: str, reason: str) -> ConfigError:
+    """Return the error that ``name`` breaks the bound ``bound``, with the reason for the bound."""
     return ConfigError(
         f"Under the check strict {name} must be {bound}, because {reason}: change it, or take "
         "the check paper."
@@ -57,6 +59,7 @@ def _refusal(name: str, bound: str, reason: str) -> ConfigError:
 
 
 def _require_bounds(config: Config, vehicle_types: VehicleTypes) -> None:
+    """Raise ConfigError if a value exceeds the other value that ``AT_MOST`` names as its bound."""
     traffic, ego = vehicle_types.traffic, vehicle_types.ego
     facts = {
         "the decel of the vehicle type traffic": traffic.braking_m_s2,
@@ -77,6 +80,7 @@ def _require_bounds(config: Config, vehicle_types: VehicleTypes) -> None:
 
 
 def _require_model(name: str, found: VehicleType, written: VehicleType) -> None:
+    """Raise ConfigError if a vehicle type has another SUMO model or parameter than as written."""
     changed = sorted(set(found.model) ^ set(written.model))
     if changed:
         key = changed[0][0]

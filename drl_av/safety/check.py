@@ -1,4 +1,4 @@
-"""The interface of a safety check: a function from a scene and a proposed action to a verdict."""
+"""The interface of a safety check, a function from a scene and a proposed action to a verdict."""
 
 from collections.abc import Callable
 from enum import Flag, auto
@@ -10,7 +10,7 @@ from drl_av.driving.scene import Scene
 
 
 class Rule(Flag):
-    """The rules of Sec. III that changed an action."""
+    """The safety rules of Sec. III of the paper, as flags; a verdict has the rules that fired."""
 
     NONE = 0
     IN_LANE = auto()
@@ -18,7 +18,7 @@ class Rule(Flag):
     OFF_ROAD = auto()
     """Rule 2: the target lane does not exist or is closed."""
     LANE_CHANGE = auto()
-    """Rule 3: a gap that the lane change needs is too small."""
+    """Rule 3: the gap to a vehicle is too small for the lane change."""
 
     @cache
     def __str__(self) -> str:
@@ -27,16 +27,16 @@ class Rule(Flag):
 
 
 class Verdict(NamedTuple):
-    """The action that the ego executes, and the rules that changed it, if any."""
+    """The action that the ego executes, and the rules that replaced the proposed action, if any."""
 
     action: Action
     rule: Rule
 
 
 SafetyCheck = Callable[[Scene, Action], Verdict]
-"""Returns the verdict on a proposed action in a scene."""
+"""A function that returns the verdict on a proposed action in a scene."""
 
 
 def permit_all(scene: Scene, proposed: Action) -> Verdict:
-    """Permit every action as proposed, without a check (the paper's ablation)."""
+    """Return every action as proposed, without a check (the ablation in the paper)."""
     return Verdict(proposed, Rule.NONE)

@@ -1,4 +1,4 @@
-"""The short-horizon safety check of Sec. III: rules 1, 2 and 3 (eq. 2 and 3)."""
+"""The check ``paper``: the short-horizon safety check of Sec. III, with its rules 1, 2 and 3."""
 
 import math
 from typing import Any, NamedTuple
@@ -12,36 +12,44 @@ from drl_av.safety.check import Rule, Verdict
 
 
 def closing_speed(front: Neighbor) -> float:
-    """Speed at which the gap to the vehicle ahead shrinks, m/s."""
+    """Return the speed at which the gap to the vehicle ahead shrinks, m/s; negative if it grows."""
     return -front.relative_speed_m_s
 
 
 def time_to_collision(gap_m: float, closing_m_s: float) -> float:
-    """T_C: seconds until the gap is closed; infinite if the gap does not shrink."""
+    """Return T_C of eq. 3 of the paper, gap / closing speed, seconds; inf without closing.
+
+    ``closing_m_s`` is positive if the gap shrinks.
+    """
     return gap_m / closing_m_s if closing_m_s > 0 else math.inf
 
 
 class Approach(NamedTuple):
-    """A net gap and the speed at which it shrinks: floats, or arrays of one shape."""
+    """A net gap, metres, and the speed at which it shrinks, m/s: two floats, or two arrays."""
 
     gap_m: Any
     closing_m_s: Any
 
 
 ABSENT = Approach(math.inf, 0.0)
+"""The approach of a vehicle that does not exist."""
 
 
 def gap_condition(gap_m: Any, closing_m_s: Any, config: SafetyConfig) -> Any:
-    """Whether eq. 2 holds: d - T_min v > d_min; for arrays an array."""
+    """Whether eq. 2 of the paper holds: gap_m - T_min * closing_m_s > d_TVmin.
+
+    ``closing_m_s`` is positive if the gap shrinks. Works elementwise on arrays.
+    """
     return gap_m - config.minimum_ttc_s * closing_m_s > config.minimum_gap_m
 
 
 def lane_change_is_safe(
     own_front: Approach, front: Approach, rear: Approach, config: SafetyConfig
 ) -> Any:
-    """Rule 3: whether eq. 2 holds for the vehicle ahead and for both vehicles in the target lane.
+    """Whether a lane change is safe by rule 3 of the paper.
 
-    An absent vehicle has an infinite gap. If the arguments hold arrays, the result is an array.
+    Eq. 2 must hold for the vehicle ahead in the own lane, and for those ahead and behind in the
+    target lane; ``ABSENT`` is a missing vehicle. Works elementwise on arrays.
     """
     return (
         gap_condition(*own_front, config)
@@ -51,7 +59,10 @@ def lane_change_is_safe(
 
 
 def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
-    """Eq. 3: hard brake, brake or maintain, depending on the time to collision."""
+    """Return the action that eq. 3 of the paper demands: hard brake, brake, or maintain.
+
+    ``ttc_s`` is the time to collision with the vehicle ahead.
+    """
     if ttc_s <= config.hard_brake_ttc_s:
         return Longitudinal.HARD_BRAKE
     if ttc_s <= config.brake_ttc_s:
@@ -60,11 +71,11 @@ def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
 
 
 def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
-    """The three rules of Sec. III. Not collision-free: see docs/safety.md.
+    """Check an action by the three rules of Sec. III; not collision-free, see docs/safety.md.
 
-    Two rules are ours because the paper is silent: a proposal that brakes at least as hard as eq. 3
-    demands is safe; and if rule 3 permits neither to continue nor to abort a lane change, the ego
-    moves to the lane that contains its centre.
+    Two rules are ours, because the paper does not define these cases: a proposal that brakes at
+    least as hard as eq. 3 demands is safe; and if rule 3 permits neither to continue nor to abort a
+    lane change, the ego moves to the lane that contains its centre.
     """
     longitudinal, in_lane = _checked_longitudinal(scene, proposed.longitudinal, config)
     lateral, across = _checked_lateral(scene, proposed.lateral, config)
@@ -75,6 +86,7 @@ def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
 def _checked_longitudinal(
     scene: Scene, proposed: Longitudinal, config: SafetyConfig
 ) -> tuple[Longitudinal, Rule]:
+    """Return the longitudinal action after rule 1 (eq. 2 and 3), and the rule that replaced it."""
     front = scene.affordances.own_front
     if front is None or front.relative_speed_m_s >= 0:
         return proposed, Rule.NONE
@@ -87,6 +99,7 @@ def _checked_longitudinal(
 
 
 def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> tuple[Lateral, Rule]:
+    """Return the lateral action after rules 2 and 3, and the rule that replaced it."""
     affordances = scene.affordances
     wanted = next_lane_change(scene.lane_change, affordances.lane, proposed)
     if wanted is None:
@@ -104,7 +117,11 @@ def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> t
 
 
 def lane_is_clear(affordances: Affordances, lane: int, config: SafetyConfig) -> bool:
-    """Rule 3: whether eq. 2 holds for the vehicle ahead, and for both vehicles in ``lane``."""
+    """Whether rule 3 of the paper permits a lane change to the lane with this index.
+
+    Eq. 2 must hold for the vehicle ahead in the ego's lane, and for those ahead and behind in
+    ``lane``.
+    """
     sign = lane - affordances.lane
     own_front, front, rear = affordances.own_front, affordances.front(sign), affordances.rear(sign)
     safe: bool = lane_change_is_safe(

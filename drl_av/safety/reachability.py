@@ -1,7 +1,7 @@
-"""Reachability bounds of the surrounding vehicles, which the check ``strict`` uses (ours).
+"""Reachability bounds of the surrounding vehicles for the check ``strict`` (ours).
 
-Which vehicles can come into the ego's way, and how far the ego may or must travel because of each
-of them. Distances and speeds broadcast over many scenes at once.
+The functions say which vehicles can get in the ego's way, and how far the ego may or must travel
+because of each vehicle. They broadcast distances and speeds, so they accept many scenes at once.
 """
 
 from collections.abc import Sequence
@@ -15,15 +15,15 @@ from drl_av.safety.stopping import stopping_distance
 from drl_av.traffic.road import ARRIVED_M, Barrier, FloatArray
 
 LINE_M = 0.01
-"""A body is in a lane if it is at least this far over the line of that lane."""
+"""A body overlaps a lane if it is at least this far over the marking of that lane."""
 STILL_M_S = 0.01
 """A vehicle that is not faster than this sideways counts as keeping its lateral position."""
 ON_LINE_M = 0.05
-"""A centre within this distance of the line between two lanes counts as being in both."""
+"""A centre within this distance of the marking between two lanes counts as being in both."""
 
 
 def lanes_under(y_m: Any, width_m: Any, lane_width_m: float) -> tuple[FloatArray, FloatArray]:
-    """Rightmost and leftmost lane that a body overlaps."""
+    """Return the indices of the rightmost and the leftmost lane that a body overlaps."""
     lowest = np.floor((y_m - width_m / 2 + LINE_M) / lane_width_m + 0.5)
     return lowest, np.ceil((y_m + width_m / 2 - LINE_M) / lane_width_m - 0.5)
 
@@ -31,10 +31,10 @@ def lanes_under(y_m: Any, width_m: Any, lane_width_m: float) -> tuple[FloatArray
 def lateral_extent(
     y_m: FloatArray, lateral_speed_m_s: FloatArray, width_m: FloatArray, lane_width_m: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Right and left end of the range in which the check expects a vehicle's body, metres.
+    """Return the right and left end of the lateral range that a vehicle's body may occupy, metres.
 
-    The range extends between the centres of the lanes that the body overlaps and the centre of the
-    lane that the vehicle moves towards.
+    Its centre may be anywhere between its present position, the centres of the lanes that the body
+    overlaps, and the centre of the lane that it moves towards.
     """
     lowest, highest = lanes_under(y_m, width_m, lane_width_m)
     moving = np.abs(lateral_speed_m_s) > STILL_M_S
@@ -53,9 +53,9 @@ def lateral_extent(
 def is_held(
     y_m: FloatArray, width_m: FloatArray, ego_y_m: Any, ego_width_m: float, lane_width_m: float
 ) -> npt.NDArray[np.bool_]:
-    """Whether a vehicle behind the ego must stay behind it, wherever it moves (bound 4).
+    """Whether a vehicle behind the ego must stay behind it by bound 4 of ``strict``.
 
-    This is so if the ego's body overlaps all lanes of the vehicle and is in front of it.
+    This is so if the ego's body is in front of it and overlaps all lanes that the vehicle overlaps.
     """
     lowest, highest = lanes_under(y_m, width_m, lane_width_m)
     ego_lowest, ego_highest = lanes_under(ego_y_m, ego_width_m, lane_width_m)
@@ -65,22 +65,22 @@ def is_held(
 
 
 class Others(NamedTuple):
-    """The other vehicles in the terms of the check; arrays of one shape, vehicles last."""
+    """The other vehicles as the check needs them; arrays of one shape (..., vehicles)."""
 
     right_m: FloatArray
     left_m: FloatArray
-    """The check expects the body of each vehicle between these two lateral positions."""
+    """The check assumes that each vehicle's body stays between these two lateral positions."""
     gap_m: FloatArray
     """Net gap to the ego along the road; 0 or less for a vehicle beside the ego."""
     is_ahead: npt.NDArray[np.bool_]
     speed_m_s: FloatArray
     most_m: FloatArray
-    """Largest distance that the ego may cover: it must stop before the vehicle's earliest stop.
+    """Distance below which the ego must stop to stay behind the vehicle's earliest stop, metres.
 
-    Infinite for a vehicle behind, and -infinite for a vehicle beside whose centre is ahead.
+    It is inf for a vehicle behind, and -inf for a vehicle beside the ego whose centre is ahead.
     """
     is_held: npt.NDArray[np.bool_]
-    """Whether the vehicle, if it is behind the ego, must stay behind it (bound 4)."""
+    """Whether the vehicle, if it is behind the ego, must stay behind it (bound 4 of ``strict``)."""
 
 
 def with_barriers(others: Others, barriers: Sequence[Barrier], clearance_m: float) -> Others:
@@ -102,7 +102,7 @@ def may_reach(
     strict: StrictConfig,
     step_s: float,
 ) -> FloatArray:
-    """``Others.most_m`` for vehicles with these gaps, sides and speeds, metres."""
+    """Return ``Others.most_m`` for vehicles with these gaps, sides and speeds, metres."""
     rest_m = stopping_distance(speed_m_s, strict.braking_m_s2, step_s)
     rest_m = np.where(gap_m > 0, gap_m + rest_m - strict.clearance_m, -np.inf)
     result: FloatArray = np.where(is_ahead, rest_m, np.inf)
@@ -110,7 +110,7 @@ def may_reach(
 
 
 def met(neighbors: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
-    """Whether each vehicle can come between two lateral positions."""
+    """Whether each vehicle's body can come between the two lateral positions, metres."""
     result: npt.NDArray[np.bool_] = (neighbors.left_m > right_m) & (neighbors.right_m < left_m)
     return result
 
@@ -118,10 +118,10 @@ def met(neighbors: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
 def must_reach(
     neighbors: Others, delay_s: FloatArray | float, strict: StrictConfig, step_s: float
 ) -> FloatArray:
-    """Smallest distance that the ego must cover so that each vehicle behind stops behind it.
+    """Return the distance that the ego must exceed so that each vehicle behind stops behind it.
 
-    In metres. The vehicle accelerates for ``delay_s`` seconds and then brakes. The result is
-    -infinite for a vehicle ahead and infinite for a vehicle beside.
+    In metres. A vehicle behind first accelerates for ``delay_s`` seconds and then brakes. The
+    result is -inf for a vehicle ahead, and inf for a vehicle beside the ego.
     """
     speed, acceleration = neighbors.speed_m_s, strict.acceleration_m_s2
     rolled_m, faster = speed * delay_s, speed + acceleration * delay_s

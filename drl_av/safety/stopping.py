@@ -1,7 +1,7 @@
-"""Stopping distances: the equations of the check ``strict`` (ours).
+"""Stopping distances, with which the check ``strict`` compares actions (ours).
 
-They hold for SUMO's semi-implicit Euler integration, in which a step moves a vehicle by the speed
-that it has after the step. They are exact for any step length, and they broadcast.
+The equations are exact for SUMO's semi-implicit Euler integration, in which a step moves a vehicle
+by the speed that it has after the step. They hold for any step length and broadcast over arrays.
 """
 
 import math
@@ -12,13 +12,13 @@ import numpy as np
 from drl_av.config import EgoConfig, SimulationConfig, StrictConfig
 
 Number = Any
-"""A float, or an array of them."""
+"""A float, or an array of floats."""
 
 
 def stopping_distance(speed_m_s: Number, braking_m_s2: float, step_s: float) -> Number:
-    """Distance that a vehicle covers while it brakes to a standstill, metres.
+    """Return the distance that a vehicle covers while it brakes to a standstill, metres.
 
-    It is v^2 / 2b - v dt / 2 if v is a multiple of b dt.
+    It is v^2 / 2b - v dt / 2 if the speed v is a multiple of b dt.
     """
     steps = np.floor(speed_m_s / (braking_m_s2 * step_s))
     return step_s * steps * (speed_m_s - braking_m_s2 * step_s * (steps + 1) / 2)
@@ -31,7 +31,10 @@ def travel(
     step_s: float,
     max_speed_m_s: float = math.inf,
 ) -> tuple[Number, Number]:
-    """Distance and speed after ``steps`` steps; the speed stays within [0, max_speed_m_s]."""
+    """Return the distance, metres, and the speed, m/s, after ``steps`` SUMO steps.
+
+    The speed stays within [0, max_speed_m_s].
+    """
     distance_m, speed = 0.0, speed_m_s
     for step in range(1, steps + 1):
         wanted = speed_m_s + acceleration_m_s2 * (step * step_s)
@@ -46,9 +49,9 @@ def reach(
     ego: EgoConfig,
     sim: SimulationConfig,
 ) -> Number:
-    """Distance that the ego covers in one decision and the hard braking after it, metres.
+    """Return the distance that an ego covers in one decision and the hard braking after it, metres.
 
-    ``acceleration_m_s2`` acts for the decision; the braking lasts until standstill.
+    ``acceleration_m_s2`` acts during the decision; the ego then brakes hard until standstill.
     """
     step_s = sim.step_length_s
     distance_m, speed = travel(

@@ -123,7 +123,7 @@ def seconds_to_line(
 def corridor(
     scene: Scene, lane_change: LaneChange | None, ego: EgoConfig, decision_s: float
 ) -> tuple[float, float]:
-    """Right and left end of the lateral range that the ego may use, metres.
+    """Return the right and left end of the lateral range that the ego's body may use, metres.
 
     It contains the lanes that the ego's body overlaps, the rest of its lane change, and the
     fallback maneuver if the ego begins it at the next decision.
@@ -140,16 +140,16 @@ def corridor(
 
 
 def lanes_about(y_m: float, lane_width_m: float) -> tuple[int, int]:
-    """The lane that contains a lateral position; both lanes, right first, if it is on their line.
+    """Return the right and the left lane that contain a lateral position; usually they are equal.
 
-    For one lane both numbers are the same.
+    They differ if the position is within ``ON_LINE_M`` of the marking between two lanes.
     """
     right, left = (y_m - ON_LINE_M) / lane_width_m, (y_m + ON_LINE_M) / lane_width_m
     return math.floor(right + 0.5), math.floor(left + 0.5)
 
 
 def fallback_maneuver(scene: Scene) -> LaneChange | None:
-    """The lane change that leads to the lane that contains the ego's centre; None without one."""
+    """Return the lane change to the lane that contains the ego's centre; None without any."""
     change = scene.lane_change
     return (
         change.reversed()
@@ -176,11 +176,11 @@ class Strict:
         self._accelerations = np.array([how.acceleration_m_s2(ego) for how in Longitudinal])
 
     def __call__(self, scene: Scene, proposed: Action) -> Verdict:
-        """The action that the ego executes in place of the proposed one, and the rules that fired.
+        """Return the action that the ego executes, and the rules that replaced the proposed action.
 
-        The longitudinal action is the proposed one if it keeps the fallback maneuver free, or else
-        the next slower one that does. The lateral action is the proposed one if the check permits
-        it together with that longitudinal action, or else that of the fallback maneuver.
+        The longitudinal action is the proposed one if it keeps the fallback maneuver free, else the
+        next slower one that does. The lateral action is the proposed one if the check permits it
+        together with that longitudinal action, else that of the fallback maneuver.
         """
         affordances, neighbors, fallback = (
             scene.affordances,
@@ -191,7 +191,7 @@ class Strict:
         speed = affordances.ego_speed_m_s
         reaches = reach(speed, self._accelerations, self._ego, self._simulation).tolist()
         may_m = self._may_reach(scene, fallback, neighbors)
-        order = milder(proposed.longitudinal)
+        order = same_or_slower(proposed.longitudinal)
         safe = next((how for how in order if reaches[how] < may_m), Longitudinal.HARD_BRAKE)
         rule = Rule.NONE if safe == proposed.longitudinal else Rule.IN_LANE
         if wanted is None or wanted == fallback:
@@ -206,7 +206,7 @@ class Strict:
         return Verdict(Action(lateral, safe), rule)
 
     def _slowest(self, how: Longitudinal) -> Longitudinal:
-        """The action whose reach is the least that the ego may cover with action ``how``."""
+        """Return the action whose reach is the least that the ego may have with ``how``."""
         by_number = self._ego.longitudinal_reference == "acceleration"
         return how if by_number else Longitudinal.HARD_BRAKE
 
@@ -236,13 +236,13 @@ class Strict:
         return with_barriers(others, barriers, clearance_m) if barriers else others
 
     def fallback_is_free(self, scene: Scene) -> bool:
-        """The invariant: whether the ego hits no vehicle ahead in its fallback maneuver."""
+        """Whether the invariant holds: the ego hits no vehicle ahead in its fallback maneuver."""
         ego, speed = self._ego, scene.affordances.ego_speed_m_s
         rolled_m = float(reach(speed, -ego.hard_brake_m_s2, ego, self._simulation))
         return rolled_m < self._may_reach(scene, fallback_maneuver(scene), self.others(scene))
 
     def _may_reach(self, scene: Scene, fallback: LaneChange | None, neighbors: Others) -> float:
-        """The largest distance that the ego may cover in its fallback maneuver, metres."""
+        """Return the distance below which the ego must stop in its fallback maneuver, metres."""
         ends_m = corridor(scene, fallback, self._ego, self._simulation.decision_interval_s)
         return float(neighbors.most_m[met(neighbors, *ends_m)].min(initial=np.inf))
 
@@ -277,6 +277,6 @@ class Strict:
         return bool(at_least_m > must_m[meets & ~neighbors.is_held].max(initial=-np.inf))
 
 
-def milder(longitudinal: Longitudinal) -> tuple[Longitudinal, ...]:
-    """A longitudinal action and all actions that brake harder, mildest first."""
+def same_or_slower(longitudinal: Longitudinal) -> tuple[Longitudinal, ...]:
+    """Return the given action and all actions with a lower acceleration, fastest first."""
     return ORDER[ORDER.index(longitudinal) :]
