@@ -4,7 +4,7 @@ BIN := .venv/bin
 DEMO := demo
 DENSITIES := 1 5 10 15 20 25 30
 
-.PHONY: setup demo test lint prove docs pretrained level_1 results clean
+.PHONY: setup demo test lint prove docs rllib pretrained level_1 results clean
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
@@ -32,6 +32,14 @@ docs: setup
 
 test: lint
 	$(BIN)/python -m pytest -n 2
+
+# RLlib, which pins another gymnasium, in a virtual environment of its own (minutes).
+RLLIB ?= $(HOME)/.cache/drl-av/rllib
+rllib:
+	$(PYTHON) -m venv $(RLLIB)
+	grep -v '^gymnasium==' constraints.txt > $(RLLIB)/constraints.txt
+	$(RLLIB)/bin/python -m pip install --quiet -c $(RLLIB)/constraints.txt 'ray[rllib]' -e .
+	$(RLLIB)/bin/python examples/rllib_ppo.py 2
 
 # The argument of the check strict, lemma by lemma (seconds).
 prove: setup
@@ -64,6 +72,7 @@ results: setup
 	$(call text,speed_bound.txt,tools/bound_speeds.py)
 	$(call text,background_traffic.txt,-m verification.background_traffic)
 	$(call text,long_run.txt,-m verification.long_run --episodes 5000 --out runs/long_run.csv)
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[benchmark]'
 	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
 	$(BIN)/python tools/draw_drive.py docs/drive.gif
 	$(BIN)/python tools/refresh_tables.py

@@ -7,8 +7,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.wrappers import RecordEpisodeStatistics
+from gymnasium.wrappers import RecordEpisodeStatistics, RecordVideo
 from gymnasium.wrappers.vector import RecordEpisodeStatistics as RecordVectorStatistics
+from shown import ROOT, run
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
@@ -110,3 +111,100 @@ def test_workers_of_stable_baselines3_drive_as_dummies_do(method: str) -> None:
             vector.close()
         driven.append(np.array(seen))
     assert np.array_equal(*driven)
+
+
+def test_gymnasium_s_record_video_films_an_episode(tmp_path: Path) -> None:
+    config = CONFIG.updated("simulation", decisions_per_episode=2)
+    made = gymnasium.make(ID, config=config, render_mode="rgb_array")
+    env = RecordVideo(made, str(tmp_path), disable_logger=True)
+    env.reset(seed=1)
+    assert [env.step(0)[3] for _ in range(2)] == [False, True]
+    env.close()
+    [film] = tmp_path.glob("*.mp4")
+    assert film.stat().st_size > 1000
+
+
+def test_maskable_ppo_of_sb3_contrib_chooses_permitted_actions_only() -> None:
+    from sb3_contrib import MaskablePPO
+    from sb3_contrib.common.maskable.evaluation import evaluate_policy
+    from sb3_contrib.common.maskable.utils import get_action_masks
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.vec_env import VecEnv
+
+    vector = make_vec_env(ID, n_envs=2, seed=0, env_kwargs={"config": CONFIG})
+    assert isinstance(vector, VecEnv)
+    model = MaskablePPO("MlpPolicy", vector, n_steps=20, batch_size=20, seed=0, device="cpu")
+    model.learn(80)
+    evaluate_policy(model, vector, n_eval_episodes=2, warn=False)
+    observations = vector.reset()
+    fired = []
+    for _ in range(DECISIONS - 1):
+        masks = get_action_masks(vector)
+        assert masks.shape == (2, 12)
+        actions, _ = model.predict(observations, action_masks=masks)  # type: ignore[arg-type]
+        observations, _, _, infos = vector.step(actions)  # type: ignore[assignment]
+        fired += [info["rule"] for info in infos]
+    vector.close()
+    assert set(fired) == {"none"}
+
+
+def test_rl_zoo3_trains_and_enjoys_with_the_hyperparameters_that_ship(tmp_path: Path) -> None:
+    short = "config:{'simulation': {'decisions_per_episode': 10}}"
+    shared = ["--algo", "dqn", "--env", ID, "--gym-packages", "drl_av", "-f", str(tmp_path)]
+    shared += ["--env-kwargs", short, "--device", "cpu"]
+    shared += ["--seed", "1"]
+    tuned = ["--conf-file", str(ROOT / "examples" / "rl_zoo3.yml"), "-n", "60"]
+    tuned += ["--eval-freq", "30", "--eval-episodes", "1", "--eval-env-kwargs", short]
+    printed = run(tmp_path, "-m", "rl_zoo3.train", *shared, *tuned).stdout
+    assert "Eval num_timesteps=60" in printed
+    printed = run(tmp_path, "-m", "rl_zoo3.enjoy", *shared, "--no-render", "-n", "25").stdout
+    assert "Mean reward" in printed
+
+
+def test_torchrl_collects_an_episode_and_finds_its_specs_kept() -> None:
+    from torchrl.envs.libs.gym import GymEnv
+    from torchrl.envs.utils import check_env_specs
+
+    env = GymEnv(ID, config=CONFIG)
+    check_env_specs(env, seed=3)
+    rollout = env.rollout(2 * DECISIONS)
+    env.close()
+    assert rollout["observation"].shape == (DECISIONS, 27)
+    assert rollout["next", "truncated"].flatten().tolist() == [False] * 9 + [True]
+
+
+def test_tianshou_trains_in_two_environments_of_one_process() -> None:
+    from tianshou.algorithm import DQN
+    from tianshou.algorithm.modelfree.dqn import DiscreteQLearningPolicy
+    from tianshou.algorithm.optim import AdamOptimizerFactory
+    from tianshou.data import Collector, CollectStats, VectorReplayBuffer
+    from tianshou.env import DummyVectorEnv
+    from tianshou.trainer import OffPolicyTrainerParams
+    from tianshou.utils.net.common import Net
+
+    training, evaluation = (
+        DummyVectorEnv([lambda: gymnasium.make(ID, config=CONFIG) for _ in range(2)])
+        for _ in range(2)
+    )
+    net = Net(state_shape=(27,), action_shape=12, hidden_sizes=[8])
+    actions = gymnasium.spaces.Discrete(12)
+    policy = DiscreteQLearningPolicy(model=net, action_space=actions, eps_training=0.5)
+    agent = DQN(policy=policy, optim=AdamOptimizerFactory(lr=1e-3), target_update_freq=10)
+    params = OffPolicyTrainerParams(
+        training_collector=Collector[CollectStats](
+            agent, training, VectorReplayBuffer(100, 2), exploration_noise=True
+        ),
+        test_collector=Collector[CollectStats](agent, evaluation),
+        max_epochs=1,
+        epoch_num_steps=60,
+        collection_step_num_env_steps=20,
+        update_step_num_gradient_steps_per_sample=0.1,
+        batch_size=16,
+        test_step_num_episodes=2,
+        verbose=False,
+        show_progress=False,
+    )
+    found = agent.run_training(params)
+    for vector in (training, evaluation):
+        vector.close()
+    assert (found.train_step, found.test_episode) == (60, 4)

@@ -7,10 +7,11 @@ import sys
 import xml.etree.ElementTree as ET
 from dataclasses import fields
 from html import unescape
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from shown import ROOT, fenced, run, run_commands
+from shown import ROOT, fenced, read, run, run_commands
 
 from drl_av.cli import VERBS
 from drl_av.config import Config
@@ -18,6 +19,15 @@ from drl_av.config.reference import SECTIONS, settings
 from drl_av.driving.affordances import INDICATORS
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+ARGUMENTS = {
+    "cleanrl_dqn": ["240"],
+    "compare_drivers": ["2"],
+    "maskable_ppo": ["64"],
+    "sb3_dqn": ["120"],
+}
+"""Arguments that shorten an example."""
+ELSEWHERE = {"rllib_ppo"}
+"""Examples that need another environment: ``make rllib``."""
 
 
 @pytest.fixture(scope="module")
@@ -97,9 +107,19 @@ def test_the_settings_file_of_the_guide_trains(tmp_path: Path) -> None:
     assert '\nlateral_plant = "steering"\n' in (tmp_path / "mine" / "config.toml").read_text()
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "example",
+    [path for path in EXAMPLES if path.stem not in ELSEWHERE],
+    ids=lambda path: path.stem,
+)
 def test_an_example_runs(example: Path, tmp_path: Path) -> None:
-    assert run(tmp_path, str(example)).stdout
+    assert run(tmp_path, str(example), *ARGUMENTS.get(example.stem, [])).stdout
+
+
+def test_the_versions_of_the_libraries_are_those_that_are_tested() -> None:
+    shown = dict(re.findall(r"^\| (\w+) \| ([\d.]+) \|", read("docs/libraries.md"), re.MULTILINE))
+    assert shown == {name: version(name) for name in shown}
+    assert len(shown) == 7
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)

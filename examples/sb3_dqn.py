@@ -1,0 +1,33 @@
+"""stable-baselines3: train a DQN beside its evaluation, and compare it with the shipped driver.
+
+python examples/sb3_dqn.py [STEPS]
+"""
+
+import sys
+
+from stable_baselines3 import DQN
+from stable_baselines3.common.callbacks import EvalCallback
+from stable_baselines3.common.env_util import make_vec_env
+
+import drl_av
+
+ID = "drl_av/Highway-v0"
+
+
+def main(steps: int = 20_000) -> None:
+    """Train, evaluate twice on the way, save the agent, and drive it in the same traffic."""
+    training = make_vec_env(ID, seed=0)
+    evaluation = make_vec_env(ID, seed=1)
+    callback = EvalCallback(evaluation, n_eval_episodes=2, eval_freq=steps // 2)
+    model = DQN("MlpPolicy", training, gamma=0.93, learning_rate=1e-3, seed=0, device="cpu")
+    model.learn(steps, callback=callback)
+    model.save("sb3_dqn.zip")
+    training.close()
+    evaluation.close()
+    drivers = ["sb3_dqn.zip", "pretrained"]
+    for row in drl_av.evaluate(drivers, vehicles=15, episodes=2, seed=800_000):
+        print(f"{row.driver}, seed {row.seed}: {row.mean_speed_m_s:.1f} m/s")
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
