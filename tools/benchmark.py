@@ -1,23 +1,23 @@
-"""How fast everything is, each row measured beside its rival in this run.
+"""Measures the speed of environment and training, each beside a rival in the same run.
 
-    python tools/benchmark.py                       every row
-    python tools/benchmark.py env train --json      some of them, for machines
+    python tools/benchmark.py                       measure all rows
+    python tools/benchmark.py env train --json      measure some rows, print JSON
 
-    env          the environment at 30 vehicles, resets included, beside bare libsumo: the same
-                 commands to the same vehicles, step by step, and nobody who looks
+    env          the environment at 30 vehicles, with resets, beside bare libsumo, which executes
+                 the same commands step by step, without observations and decisions
     step         a training step (sampled batch, double Q target, gradient, Adam) beside a bare
                  gradient step of PyTorch on one batch: autograd and fused Adam
-    train        Algorithm 1 from end to end beside stable-baselines3's DQN on the same
-                 environment with the same traffic seeds, network, batch and buffer; torch on one
-                 thread in both; with the paper's 1 to 30 vehicles, and with 30 in every episode
+    train        Algorithm 1 of the paper beside stable-baselines3's DQN on the same environment
+                 with the same traffic seeds, network, batch and buffer; torch on one thread in
+                 both; with the paper's 1 to 30 vehicles, and with 30 in every episode
     highway-env  the environment beside HighwayEnv's highway-v0 at 3 lanes, 30 vehicles and one
-                 decision a second, simulated at its own default of 15 Hz
-    processes    two processes that drive at once beside one
-    scaling      the environment beside bare stepping at 5 to 240 vehicles, from 30 on at one
-                 density, and how much the cost of a decision grows
+                 decision per second, simulated at its own default of 15 Hz
+    processes    two processes that drive at the same time beside one
+    scaling      the environment beside bare libsumo at 5 to 240 vehicles, from 30 on at one
+                 density; a last row compares the cost of a decision at both ends
 
-Figures are medians over rounds in which all rows take turns, after a round of warm-up; a ratio is
-the median of the ratios round by round. All but ``processes`` runs on one core.
+Numbers are per second, medians over rounds in which all rows take turns, after a round of warm-up;
+a ratio is the median of the ratios of the rounds. All rows but ``processes`` run on one core.
 """
 
 import argparse
@@ -40,7 +40,7 @@ SEEDS = 1_000
 
 
 class Result(NamedTuple):
-    """What a row came to."""
+    """The result of a row: medians per second of ours and of the rival, and their ratio."""
 
     name: str
     ours: float
@@ -51,7 +51,7 @@ class Result(NamedTuple):
 
 
 def main() -> None:
-    """Parse, measure, print."""
+    """Parse the command line, measure the rows, and print their results."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -78,7 +78,10 @@ def main() -> None:
 
 
 def in_turn(rows: Sequence[Row], rounds: int) -> Iterator[Result]:
-    """Measure all rows in each round, and their rivals right after them."""
+    """Measure all rows in each round, each rival right after its row; yield the results.
+
+    The first of ``rounds`` + 1 rounds is for warm-up and does not count.
+    """
     pairs: dict[str, list[tuple[float, float]]] = {row.name: [] for row in rows}
     for number in range(rounds + 1):
         for row in rows:
@@ -101,7 +104,7 @@ def in_turn(rows: Sequence[Row], rounds: int) -> Iterator[Result]:
 
 
 def result(row: Row, pairs: Sequence[tuple[float, float]]) -> Result:
-    """Medians over the rounds."""
+    """Return the medians over the rounds; ``pairs`` holds (ours, rival's) per second by round."""
     ours, beside = (statistics.median(side) for side in zip(*pairs, strict=True))
     ratio = statistics.median(a / b for a, b in pairs)
     if row.least_ratio is None:
@@ -120,7 +123,7 @@ def result(row: Row, pairs: Sequence[tuple[float, float]]) -> Result:
 
 
 def table(results: Sequence[Result]) -> str:
-    """A line a row: ours and the rival's in so many a second, and their ratio."""
+    """Return the results as text, one line for each row."""
     lines = [f"{'':<56}{'ours':>10}{'beside':>10}{'ratio':>8}  wanted"]
     for name, ours, beside, ratio, wanted, met in results:
         places = 1 if max(ours, beside) < 100 else 0

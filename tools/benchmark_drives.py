@@ -1,4 +1,4 @@
-"""Episodes that ``benchmark.py`` drives over and over: by the environment, by bare libsumo."""
+"""Drives the episodes of ``benchmark.py``, with the environment and with bare libsumo."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -10,18 +10,21 @@ from unittest.mock import patch
 from drl_av.env.highway import HighwayEnv
 
 COMMANDS = ("setSpeed", "changeSublane", "changeLaneRelative")
-"""The functions of ``sumo.vehicle`` with which the environment moves SUMO."""
+"""The functions of ``sumo.vehicle`` with which the environment commands vehicles."""
 STEP = "simulationStep"
 Call = partial[Any]
 
 
 def start(env: HighwayEnv, seed: int) -> tuple[Any, dict[str, Any]]:
-    """Start the episode of a traffic seed with as many vehicles as every episode has."""
+    """Reset the environment to a traffic seed, with ``traffic.vehicles_min`` vehicles."""
     return env.reset(seed=seed, options={"vehicles": env.config.traffic.vehicles_min})
 
 
 def recorded(env: HighwayEnv, driver: Any, seeds: Sequence[int]) -> dict[int, list[int]]:
-    """What the driver does by the episode's seed, so that the driver itself is not timed."""
+    """Drive each seed's episode once; return the driver's action numbers by seed.
+
+    They are executed again later, so that the driver itself is not timed.
+    """
     actions: dict[int, list[int]] = {}
     for seed in seeds:
         observation, _ = start(env, seed)
@@ -34,7 +37,7 @@ def recorded(env: HighwayEnv, driver: Any, seeds: Sequence[int]) -> dict[int, li
 
 
 def drive(env: HighwayEnv, actions: dict[int, list[int]]) -> float:
-    """Decisions a second of the environment."""
+    """Execute the actions of each episode, and return the environment's decisions per second."""
     begun = time.perf_counter()
     for seed, row in actions.items():
         start(env, seed)
@@ -44,7 +47,7 @@ def drive(env: HighwayEnv, actions: dict[int, list[int]]) -> float:
 
 
 def commanded(env: HighwayEnv, actions: dict[int, list[int]]) -> dict[int, list[Call]]:
-    """Every call with which the environment moves SUMO in these episodes, by the episode's seed."""
+    """Execute the actions of each episode; return the environment's calls of libsumo by seed."""
     calls: dict[int, list[Call]] = {}
     for seed, row in actions.items():
         start(env, seed)
@@ -61,13 +64,13 @@ def commanded(env: HighwayEnv, actions: dict[int, list[int]]) -> dict[int, list[
 
 
 def note(calls: list[Call], function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function of libsumo, and remember the call."""
+    """Call a function of libsumo, append the call to ``calls``, and return its result."""
     calls.append(partial(function, *arguments))
     return function(*arguments)
 
 
 def step_bare(env: HighwayEnv, calls: dict[int, list[Call]]) -> float:
-    """Decisions a second of libsumo alone: the same traffic, nobody looks at it or decides."""
+    """Repeat the calls with libsumo alone, in the same traffic; return decisions per second."""
     config = env.config
     begun, steps = time.perf_counter(), 0
     for seed, row in calls.items():

@@ -1,4 +1,8 @@
-"""The rows of ``benchmark.py``: what is measured, and what stands beside it."""
+"""The rows of ``benchmark.py``: what each measures, and the rival that it measures beside it.
+
+A function ``..._rows`` prepares the episodes of some traffic seeds and returns rows; ``stack``
+closes the environments in the end.
+"""
 
 import math
 import multiprocessing
@@ -32,32 +36,33 @@ from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_sc
 VEHICLES = 30
 NUMBERS = (5, 10, 30, 60, 120, 240)
 STEPS = 500
-"""Gradient steps a round."""
+"""Number of gradient steps in a round."""
 Rate = Callable[[], float]
 
 
 class Row(NamedTuple):
-    """Two measurements, in so many a second, and what is wanted of them."""
+    """Two functions that measure a rate per second, and the least values that we want."""
 
     name: str
     ours: Rate
     beside: Rate
+    """The rival's measurement."""
     least_ratio: float | None = None
     least_ours: float = 0.0
 
 
 def exploring(config: Config) -> Config:
-    """The same settings with exploration held."""
+    """Return the settings with a constant epsilon of 0.2."""
     return config.updated("learning", epsilon_start=0.2, epsilon_end=0.2)
 
 
 def crowded(vehicles: int = VEHICLES) -> Config:
-    """The paper's settings with as many vehicles in every episode, and exploration held."""
+    """Return the paper's settings with this number of vehicles and a constant epsilon of 0.2."""
     return exploring(Config().updated("traffic", vehicles_min=vehicles, vehicles_max=vehicles))
 
 
 def env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
-    """Decisions a second."""
+    """Return the row of the environment's decisions per second beside bare libsumo's."""
     env = stack.enter_context(closing(HighwayEnv(config=crowded())))
     actions = recorded(env, load_learned(PRETRAINED)[0], seeds)
     ours, bare = partial(drive, env, actions), partial(step_bare, env, commanded(env, actions))
@@ -65,7 +70,7 @@ def env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
 
 
 def step_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
-    """Gradient steps a second."""
+    """Return the row of training steps per second beside bare gradient steps of PyTorch."""
     config, rng = Config().learning, np.random.default_rng(0)
     buffer, learner = make_buffer(config, 27), Learner(QNetwork(rng))
     for _ in range(5_000):
@@ -81,7 +86,7 @@ def step_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
 
 
 def repeat(step: Callable[[], None]) -> float:
-    """Steps a second."""
+    """Call ``step`` STEPS times, and return the calls per second."""
     begun = time.perf_counter()
     for _ in range(STEPS):
         step()
@@ -89,7 +94,7 @@ def repeat(step: Callable[[], None]) -> float:
 
 
 def bare_step(rows: int) -> Callable[[], None]:
-    """Double DQN on one batch in plain PyTorch."""
+    """Return a function that makes a gradient step of double DQN on one batch in plain PyTorch."""
     rng = np.random.default_rng(0)
     online, target = multilayer_perceptron(), multilayer_perceptron()
     adam = torch.optim.Adam(online.parameters(), lr=1e-4, fused=True)
@@ -109,7 +114,7 @@ def bare_step(rows: int) -> Callable[[], None]:
 
 
 def multilayer_perceptron() -> torch.nn.Module:
-    """The network of the paper as a module of PyTorch."""
+    """Return the Q-network of the paper as a module of PyTorch."""
     return torch.nn.Sequential(
         torch.nn.Linear(27, 100),
         torch.nn.LeakyReLU(),
@@ -120,7 +125,10 @@ def multilayer_perceptron() -> torch.nn.Module:
 
 
 def train_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
-    """Decisions a second, with a gradient step each; with 30 vehicles it is mostly SUMO's time."""
+    """Return the rows of training: decisions per second, with a gradient step for each.
+
+    With 30 vehicles most of the time is SUMO's.
+    """
     few, most = Config().traffic.vehicles_min, Config().traffic.vehicles_max
     return [
         train_row(f"{few} to {most} vehicles", exploring(Config()), seeds, stack, 2.5),
@@ -135,7 +143,7 @@ def train_row(
     stack: ExitStack,
     least_ratio: float | None = None,
 ) -> Row:
-    """Both learn in the traffic of the same few seeds, round after round."""
+    """Return a row of our training beside stable-baselines3's, on the same few traffic seeds."""
     ours, theirs = (stack.enter_context(closing(Rounds(config, seeds))) for _ in range(2))
     training, rival = make_training(ours), stable_baselines3(theirs)
 
@@ -149,7 +157,7 @@ def train_row(
 
 
 class Rounds(HighwayEnv):
-    """Starts with the same seeds in turn, whatever seed is asked for."""
+    """An environment that resets to the given traffic seeds in turn, whatever seed is requested."""
 
     def __init__(self, config: Config, seeds: Sequence[int]) -> None:
         super().__init__(config=config)
@@ -158,12 +166,12 @@ class Rounds(HighwayEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start the next one."""
+        """Reset to the next of the seeds."""
         return super().reset(seed=next(self._seeds), options=options)
 
 
 def stable_baselines3(env: HighwayEnv) -> Any:
-    """Its DQN with our settings; it has one buffer and no double Q target."""
+    """Return stable-baselines3's DQN with our settings; it has one buffer, no double Q target."""
     from stable_baselines3 import DQN
 
     config = env.config.learning
@@ -187,7 +195,7 @@ def stable_baselines3(env: HighwayEnv) -> Any:
 
 
 def learn(model: Any, seeds: Sequence[int]) -> float:
-    """Decisions a second of stable-baselines3."""
+    """Let stable-baselines3 learn, and return its decisions per second."""
     decisions = 200 * len(seeds)
     model._last_obs = None  # another environment has had SUMO meanwhile: reset
     begun = time.perf_counter()
@@ -196,7 +204,7 @@ def learn(model: Any, seeds: Sequence[int]) -> float:
 
 
 def highway_env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
-    """Decisions a second."""
+    """Return the row of the environment's decisions per second beside HighwayEnv's."""
     import highway_env  # noqa: F401 (registers its ids)
 
     [ours] = env_rows(seeds, stack)
@@ -208,7 +216,7 @@ def highway_env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
 
 
 def drive_on(env: gymnasium.Env[Any, Any], action: int, seeds: Sequence[int]) -> float:
-    """Decisions a second of an environment that is given one action."""
+    """Drive an environment with one constant action, and return its decisions per second."""
     begun, decisions = time.perf_counter(), 0
     for seed in seeds:
         env.reset(seed=seed)
@@ -221,7 +229,10 @@ def drive_on(env: gymnasium.Env[Any, Any], action: int, seeds: Sequence[int]) ->
 
 
 def processes_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
-    """Decisions a second of all processes together; no row on a machine of one core."""
+    """Return the row of decisions per second of two processes together beside one process.
+
+    There is no row if the machine has one core.
+    """
     cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [-1, -1]
     if len(cores) < 2:
         print("one core: no row for two processes", file=sys.stderr)
@@ -249,7 +260,7 @@ def processes_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
 
 
 def work(pipe: "Connection[Any, Any]", core: int, seeds: Sequence[int]) -> None:
-    """A process that drives whenever it is told to, and tells how many decisions it made."""
+    """Run in a worker process: for each True on the pipe, drive and send the decisions made."""
     if core >= 0:
         os.sched_setaffinity(0, {core})
     with closing(HighwayEnv(config=crowded())) as env:
@@ -261,7 +272,10 @@ def work(pipe: "Connection[Any, Any]", core: int, seeds: Sequence[int]) -> None:
 
 
 def scaling_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
-    """Decisions a second with ever more vehicles, placed evenly; 60 a kilometre from 30 on."""
+    """Return rows of decisions per second with 5 to 240 vehicles, placed evenly.
+
+    From 30 vehicles on there are 60 on each kilometre.
+    """
     home, rows = Path(stack.enter_context(tempfile.TemporaryDirectory())), []
     for number in NUMBERS:
         folder = home / str(number)
@@ -275,7 +289,10 @@ def scaling_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
 
 
 def even_traffic(number: int) -> ScenarioDescription:
-    """That many vehicles and the ego, evenly over three lanes; 500 m of road for each 30."""
+    """Return a scenario with this number of vehicles and the ego, evenly over three lanes.
+
+    The loop is 500 m long for each 30 vehicles, at least 500 m.
+    """
     circumference_m = 500.0 * max(1.0, number / VEHICLES)
     pitch_m = circumference_m / math.ceil((number + 1) / 3)
     vehicles = (

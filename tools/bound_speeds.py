@@ -1,10 +1,10 @@
-"""The gain over the baselines that no driver can exceed: full acceleration on an empty road.
+"""Computes the gain over the best baseline that no driver can exceed.
 
     python tools/bound_speeds.py
 
-The ego's mean speed in the episodes of ``docs/results/density_sweep.csv`` if it accelerated at
-``ego.accelerate_m_s2`` to ``ego.max_speed_m_s`` with no vehicle in its way, and the gain of that
-over the best baseline, paired by episode.
+The bound is the ego's mean speed in the episodes of ``docs/results/density_sweep.csv`` if it
+accelerated at ``ego.accelerate_m_s2`` to ``ego.max_speed_m_s`` on an empty road. The gain of that
+over the best baseline is paired by episode.
 """
 
 import argparse
@@ -27,7 +27,7 @@ RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 
 def main() -> None:
-    """Print the bound at each density."""
+    """Print the largest possible gain at each number of vehicles."""
     argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     ).parse_args()
@@ -53,7 +53,10 @@ def main() -> None:
 
 
 def fastest_m_s(env: HighwayEnv, episode: Speed) -> float:
-    """Mean over the decisions of the speed after each."""
+    """Return the ego's mean speed over an episode if no vehicle were in its way, m/s.
+
+    The mean is over the speeds after each decision.
+    """
     env.reset(seed=episode.seed, options={"vehicles": episode.vehicles})
     ego, simulation = env.config.ego, env.config.simulation
     ends_s = simulation.decision_interval_s * np.arange(1, simulation.decisions_per_episode + 1)

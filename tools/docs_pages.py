@@ -1,4 +1,4 @@
-"""Hook of mkdocs: the pages and tables of the site that are made from the code.
+"""Makes pages and tables of the documentation from the code, as a hook of mkdocs.
 
 ``mkdocs.yml`` names this file. A page in PAGES exists only in the built site. A table in TABLES
 replaces the line ``<!-- from code: NAME -->`` of a page.
@@ -34,14 +34,14 @@ LATERAL = ("keep the lane", "change to the right", "change to the left")
 
 
 def table(heading: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """A table in Markdown."""
+    """Return a table in Markdown; a ``|`` in a cell is escaped."""
     lines = [heading, ["---"] * len(heading), *rows]
     cells = ([str(cell).replace("|", "\\|") for cell in line] for line in lines)
     return "\n".join("| " + " | ".join(line) + " |" for line in cells)
 
 
 def actions() -> str:
-    """The 12 actions: a row a lateral action, a column a longitudinal one."""
+    """Return the Markdown table of the 12 action numbers: lateral rows, longitudinal columns."""
     ego = Config().ego
     columns = [
         f"{LONGITUDINAL[how]} ({how.acceleration_m_s2(ego):+g} m/s²)".replace("+0 ", "0 ")
@@ -55,7 +55,7 @@ def actions() -> str:
 
 
 def observation() -> str:
-    """The 27 affordance indicators in short: a row a lane."""
+    """Return a short Markdown table of the 27 affordance indicators, one row for each lane."""
     rows = []
     for place in range(0, 4 * len(SLOTS), 8):
         lane = SLOTS[place // 4].removesuffix("_front")
@@ -70,7 +70,7 @@ def observation() -> str:
 
 
 def indicators() -> str:
-    """The 27 affordance indicators, a row each."""
+    """Return the Markdown table of the 27 affordance indicators, one row for each."""
     rows = []
     for place, name in enumerate(INDICATORS):
         slot = next((slot for slot in SLOTS if name.startswith(f"{slot}_")), None)
@@ -80,7 +80,7 @@ def indicators() -> str:
 
 
 def groups() -> str:
-    """The groups of indicators that an observation may name."""
+    """Return the Markdown table of the groups of indicators that an observation may name."""
     rows = [
         [f"`{group}`", ", ".join(f"`{name}`" for name in names)] for group, names in GROUPS.items()
     ]
@@ -95,7 +95,7 @@ TABLES: dict[str, Callable[[], str]] = {
 
 
 def settings_page() -> str:
-    """Every setting, by section."""
+    """Return the page of all settings, by section, in Markdown."""
     lines = [
         "# Settings",
         "",
@@ -114,7 +114,7 @@ def settings_page() -> str:
 
 
 def command_line_page() -> str:
-    """The help of every verb."""
+    """Return the page with the help of each verb, in Markdown."""
     parser = command_line()
     [verbs] = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
     lines = ["# Command line", "", "What `drl-av VERB --help` prints.", "", *block(parser)]
@@ -124,7 +124,7 @@ def command_line_page() -> str:
 
 
 def block(parser: argparse.ArgumentParser) -> list[str]:
-    """A parser's help as a block of text."""
+    """Return a parser's help as the lines of a Markdown code block."""
     return ["```text", parser.format_help().rstrip(), "```"]
 
 
@@ -135,7 +135,7 @@ PAGES: dict[str, Callable[[], str]] = {
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pages made from the code."""
+    """Add the pages made from the code to mkdocs' files (mkdocs calls this)."""
     from mkdocs.structure.files import File
 
     for path, make in PAGES.items():
@@ -144,5 +144,5 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Put the tables made from the code into a page."""
+    """Put the tables made from the code into a page (mkdocs calls this)."""
     return re.sub(r"<!-- from code: (\w+) -->", lambda m: TABLES[m[1]](), markdown)

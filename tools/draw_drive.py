@@ -1,4 +1,4 @@
-"""The README's moving picture: the shipped driver overtakes.
+"""Draws the animated GIF of the README: the shipped driver overtakes.
 
 python tools/draw_drive.py docs/drive.gif
 """
@@ -17,13 +17,13 @@ from drl_av.env.rollout import rollout
 FRAMES_PER_DECISION = 6
 FRAME_MS = 90
 ROAD_PART = (0, 0, 1280, 376)
-"""Of the whole picture: the header and the two views of the road."""
+"""Part of the picture that is kept, (left, top, right, bottom) in pixels: header and road."""
 WIDTH_PX = 880
 COLOURS = 128
 
 
 def main() -> None:
-    """Drive one episode, and draw some of its decisions."""
+    """Drive one episode, and write some of its decisions as a GIF."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path, metavar="FILE.gif")
     parser.add_argument("--seed", type=int, default=3, help="of the traffic (default: 3)")
@@ -39,7 +39,7 @@ def main() -> None:
 
 
 def overtaking(seed: int, vehicles: int, first: int, last: int) -> list[Image.Image]:
-    """Frames of the road between two decisions of an episode of the shipped driver."""
+    """Drive an episode with the shipped driver; return frames of decisions first to last."""
     choices = find_drivers(["pretrained"])
     config = default_config(choices).updated("simulation", decisions_per_episode=last)
     env = HighwayEnv(config=config)
@@ -57,7 +57,7 @@ def overtaking(seed: int, vehicles: int, first: int, last: int) -> list[Image.Im
 
 
 def with_one_palette(frames: list[Image.Image]) -> list[Image.Image]:
-    """The frames with few colours, the same in all, so that what stands still costs nothing."""
+    """Reduce all frames to the same few colours, so that still parts need no bytes in the file."""
     palette = frames[0].quantize(COLOURS, Image.Quantize.MAXCOVERAGE)
     return [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
 

@@ -1,4 +1,4 @@
-"""Write a scenario folder; the same as ``drl-av scenario DIR``."""
+"""Writes a scenario folder, exactly as ``drl-av scenario DIR`` does."""
 
 import sys
 

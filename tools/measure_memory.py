@@ -1,9 +1,9 @@
-"""Whether resident memory grows over thousands of resets; exit status 1 where it does by 5 %.
+"""Measures whether resident memory grows over thousands of resets; exit status 1 if by 5 %.
 
     python tools/measure_memory.py --resets 5000
 
-Each reset is followed by a few decisions of the driver ``random``. Growth is counted from after
-the first 200 resets, when every cache is full. Linux only: reads /proc.
+The driver ``random`` makes a few decisions after each reset. Growth is measured from the end of
+the first 200 resets, when every cache is full. Linux only, because it reads /proc.
 """
 
 import argparse
@@ -22,13 +22,13 @@ MOST_GROWTH = 0.05
 
 
 def resident_bytes() -> int:
-    """Memory that this process holds in RAM."""
+    """Return the resident memory of this process in bytes."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
 def resets(env: HighwayEnv, number: int, vehicles: int, decisions: int) -> Iterator[int]:
-    """Reset that often, and drive a little each time; yields how often so far."""
+    """Reset ``number`` times with a few random decisions each; yield the resets done so far."""
     driver = RandomDriver()
     for done in range(1, number + 1):
         observation, _ = env.reset(seed=SEEDS + done, options={"vehicles": vehicles})
@@ -41,7 +41,7 @@ def resets(env: HighwayEnv, number: int, vehicles: int, decisions: int) -> Itera
 
 
 def main() -> int:
-    """Reset, and print the growth."""
+    """Reset the environments, print the memory's growth; return 1 if it is 5 % or more, else 0."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--resets", type=int, default=5_000, help="after the first (default: 5000)")
     parser.add_argument("--environments", type=int, default=1, help="in turns (default: 1)")

@@ -1,7 +1,7 @@
-"""Write the tables of README.md and docs/ anew, from docs/results and from the code.
+"""Writes the tables of README.md and docs/ again, from docs/results and from the code.
 
 python tools/refresh_tables.py            rewrite the pages
-python tools/refresh_tables.py --check    exit 1 where a page and its sources differ
+python tools/refresh_tables.py --check    exit with 1 if a page and its sources differ
 
 A page has a table between the lines ``<!-- table: NAME -->`` and ``<!-- end -->``.
 """
@@ -23,7 +23,7 @@ PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 
 
 def experiment_table(results: Results) -> str:
-    """The experiments: their files, their meaning, and what a row of their table is."""
+    """Return the Markdown table of the experiments: command, meaning, meaning of a row, files."""
     lines = []
     for name, each in EXPERIMENTS.items():
         files = [each.table, *each.derived, *(f"{figure}.png" for figure in each.figures)]
@@ -40,7 +40,7 @@ TABLES: dict[str, Callable[[Results], str]] = {
 
 
 def refreshed(page: str, shown: set[str]) -> str:
-    """The page with every table made anew; their names are added to ``shown``."""
+    """Return a page's text with all its tables made again; add their names to ``shown``."""
 
     def fresh(match: re.Match[str]) -> str:
         name = match[2]
@@ -54,7 +54,7 @@ def refreshed(page: str, shown: set[str]) -> str:
 
 
 def main() -> int:
-    """Rewrite the pages, or compare them."""
+    """Rewrite the pages, or with --check compare them; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true", help="compare only")
     check, shown, differ = parser.parse_args().check, set[str](), False
