@@ -1,1 +1,4 @@
-"""Search for a way round the safety checks, beside the package and not in its wheel."""
+"""Proves the argument of ``strict``, and searches for collisions under the safety checks.
+
+The argument is stated in ``drl_av/safety/strict.py``; this package is not part of the wheel.
+"""

@@ -1,12 +1,13 @@
-"""Whether the background traffic collides with itself, and how it drives, mix by mix.
+"""Checks that the background traffic has no collisions, and measures how it drives.
 
     python -m verification.background_traffic --episodes 500
     python -m verification.background_traffic --episodes 200 --vehicles 30 --mix calm paper
 
-SUMO drives the ego too, like the vehicles around it. A line a mix: shares of finite-state machine,
-level 0 and level 1 (the rest is SUMO's IDM) or a kind of traffic, episodes, decisions of vehicles,
-vehicles in a collision by SUMO, overlaps of bodies swept through each SUMO step, mean speed, lane
-changes a vehicle and minute. Exits with 1 where anything collided.
+SUMO also drives the ego, like the vehicles around it. It prints one line for each mix, which is a
+kind of traffic, or the shares of the drivers finite-state, level 0 and level 1 (the rest is SUMO's
+IDM). The line gives episodes, decisions of vehicles, vehicles in a collision according to SUMO,
+overlaps of bodies swept through each SUMO step, mean speed, and lane changes per vehicle and
+minute. The exit status is 1 if anything collided.
 """
 
 import argparse
@@ -39,7 +40,7 @@ SEEDS = 810_000
 
 
 class SweptTally(TrafficTally):
-    """Counts the pairs of bodies that touch when they are swept through a SUMO step."""
+    """A TrafficTally that also counts pairs of bodies that touch when swept through a SUMO step."""
 
     def __init__(self, env: HighwayEnv) -> None:
         super().__init__(env)
@@ -47,12 +48,12 @@ class SweptTally(TrafficTally):
         self._before: Snapshot | None = None
 
     def drive(self, driver: Driver, seed: int, vehicles: int) -> None:
-        """Add an episode."""
+        """Drive an episode and add it to the statistics."""
         self._before = None
         super().drive(driver, seed, vehicles)
 
     def after_step(self, shot: Snapshot) -> None:
-        """Look at a SUMO step."""
+        """Add the collisions and overlaps of one SUMO step; ``shot`` is the snapshot after it."""
         super().after_step(shot)
         before = self._before or self._env.scene.snapshot
         moves = motions(before, shot, self._env.road)
@@ -61,7 +62,7 @@ class SweptTally(TrafficTally):
 
 
 def check(config: Config, episodes: int, vehicles: Sequence[int]) -> SweptTally:
-    """Drive the episodes of a mix, the numbers of vehicles in turn."""
+    """Drive episodes, with the numbers of vehicles in turn, and return their statistics."""
     with closing(HighwayEnv(config=config)) as env:
         tally = SweptTally(env)
         for episode in range(episodes):
@@ -71,7 +72,7 @@ def check(config: Config, episodes: int, vehicles: Sequence[int]) -> SweptTally:
 
 
 def with_mix(mix: str) -> Config:
-    """The default config with a kind of traffic, or with shares, written ``FSM,L0,L1``."""
+    """Return the default config with a kind of traffic, or with shares written ``FSM,L0,L1``."""
     if mix in TRAFFIC_KINDS:
         return Config().with_traffic(mix)
     finite_state, level_0, level_1 = map(float, mix.split(","))
@@ -84,7 +85,7 @@ def with_mix(mix: str) -> Config:
 
 
 def main() -> int:
-    """Check each mix and print its line."""
+    """Check each mix and print its line; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--episodes", type=int, default=500, help="a mix (default: 500)")
     parser.add_argument(

@@ -1,7 +1,7 @@
-"""The check ``strict`` for many scenes at once, in arrays, for millions of decisions.
+"""Computes the check ``strict`` for many scenes at once, in arrays, for millions of decisions.
 
-It uses the equations of ``safety/strict.py``, which broadcast. Only the choices between them are
-implemented a second time, and a test compares the results of both.
+It uses the functions of ``drl_av/safety``, which broadcast. Only the choice of the action is
+implemented a second time; a test compares the results with those of ``strict`` itself.
 """
 
 import numpy as np
@@ -36,7 +36,7 @@ PLACE = np.array([ORDER.index(how) for how in Longitudinal])
 
 
 class BatchStrict:
-    """The check ``strict`` for a world of many scenes."""
+    """The check ``strict`` as a BatchCheck: a function of a World of many scenes."""
 
     def __init__(self, config: Config) -> None:
         self._config = config
@@ -44,7 +44,7 @@ class BatchStrict:
         self._rates = np.array([how.acceleration_m_s2(ego) for how in Longitudinal])
 
     def __call__(self, world: World, proposal: IntArray) -> IntArray:
-        """The executed actions, 0 to 11, for the proposed ones; shape (scenes,)."""
+        """Return the action to execute for each proposed one; both are 0 to 11, shape (scenes,)."""
         sign, longitudinal = SIGN[proposal // 4], proposal % 4
         neighbors, lane = self._others(world), _lane(world.y_m[:, 0])
         speed, still = world.speed_m_s[:, :1], world.target == NONE
@@ -66,7 +66,7 @@ class BatchStrict:
         return result
 
     def free(self, world: World) -> BoolArray:
-        """The invariant: whether the fallback maneuver is free in each scene."""
+        """Return whether the invariant of ``strict`` holds in each scene: the fallback is free."""
         ego = self._config.ego
         rolled_m = reach(world.speed_m_s[:, 0], -ego.hard_brake_m_s2, ego, self._config.simulation)
         result: BoolArray = np.asarray(rolled_m) < self._may_reach(world, self._others(world))

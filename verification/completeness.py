@@ -1,13 +1,14 @@
-"""How often ``strict`` refuses what a search shows to be safe, by family of the falsifier's scenes.
+"""Measures how often ``strict`` refuses actions that a search shows to be safe, by family.
 
     python -m verification.completeness                # minutes
     python -m verification.completeness --scenes 400 --adversaries 200
 
-The states are those that the falsifier's random adversary leads to. A refused acceleration counts
-as safe if, after a decision with it, braking hard meets no collision under any of the adversaries
-tried. A refused maneuver counts as safe if the ego, which then goes on to its end, braking hard or
-at the speed that the check permits, meets none. More adversaries find more collisions, so the
-shares of safe ones are upper bounds. Ends with status 1 if in some state no action is permitted.
+The families of scenes are those of ``verification/falsification.py``, and the states are those to
+which its random adversary leads. A refused acceleration counts as safe if the ego, after one
+decision with it, brakes hard without a collision against each adversary tried. A refused maneuver
+counts as safe if the ego completes it without a collision, braking hard or at the speed that the
+check permits. More adversaries find more collisions, so the shares of safe actions are upper
+bounds. The exit status is 1 if in some state no action is permitted.
 """
 
 import argparse
@@ -37,42 +38,45 @@ from verification.kinematic_simulator import (
 )
 
 DECISIONS = 10
-"""Long enough to come to rest."""
+"""Decisions of a scene: enough for the ego to stop."""
 ACCELERATE, HARD_BRAKE = (
     Action(Lateral.KEEP, how).number for how in (Longitudinal.ACCELERATE, Longitudinal.HARD_BRAKE)
 )
 RATES_M_S2, SIDES = (-4.0, 0.0, 2.0), (-1.0, 0.0, 1.0)
-"""What an adversary tells another vehicle to do."""
+"""Accelerations and sides (-1 right, 1 left) that an adversary commands other vehicles."""
 SCRIPTS = np.array([(rate, side) for rate in RATES_M_S2 for side in SIDES])
 CHANGES = 0.3
-"""Chance that a vehicle is told something else in a decision."""
+"""Probability that a vehicle's command changes at a decision."""
 
 
 class Refusals(NamedTuple):
-    """States and actions that the check refuses there, one a row."""
+    """Pairs of a state and an action that the check refuses in it, one pair for each scene."""
 
     world: World
     proposal: IntArray
     is_maneuver: BoolArray
-    """Whether the maneuver is refused; else only the acceleration."""
+    """Whether the lateral part of the action is refused; if not, only its acceleration is."""
 
     def at(self, rows: IntArray) -> "Refusals":
-        """Copies of some rows."""
+        """Return copies of the pairs with the indices ``rows``."""
         return Refusals(rows_of(self.world, rows), self.proposal[rows], self.is_maneuver[rows])
 
 
 STATE = ("x_m", "y_m", "speed_m_s", "lateral_m_s", "origin", "target", "lane_s")
-"""The arrays of a world."""
+"""Names of the arrays of a World."""
 
 
 def rows_of(world: World, rows: IntArray) -> World:
-    """Copies of some scenes of a world."""
+    """Return a World with copies of the scenes that have the indices ``rows``."""
     arrays: Any = [getattr(world, name)[rows].copy() for name in STATE]
     return World(*arrays)
 
 
 def visited(family: Family, config: Config, scenes: int, seed: int) -> World:
-    """The states of some scenes at each decision, under the check and a random adversary."""
+    """Simulate scenes under ``strict`` with a random adversary; return the states at all decisions.
+
+    Each state is one scene of the returned World.
+    """
     rng, judge, mover = np.random.default_rng(seed), BatchStrict(config), Mover(config)
     world = family.start(rng.random((scenes, PLACED * family.others)), config)
     states = []
@@ -84,14 +88,17 @@ def visited(family: Family, config: Config, scenes: int, seed: int) -> World:
 
 
 def on_road(world: World, proposal: IntArray) -> BoolArray:
-    """Whether there is a lane where the action leads."""
+    """Return whether the lane exists to which each proposed action leads; shape (scenes,)."""
     lane = np.round(world.y_m[:, 0] / ROAD.lane_width_m) + SIGN[proposal // 4]
     result: BoolArray = (world.target != NONE) | ((lane >= 0) & (lane < len(ROAD.open_lanes)))
     return result
 
 
 def refusals(world: World, judge: BatchStrict) -> tuple[Refusals, BoolArray]:
-    """What the check refuses in each state; and whether it permits anything there."""
+    """Ask the check about all 12 actions in each state.
+
+    Returns the refused pairs, and whether the check permits any action in each state, (scenes,).
+    """
     scenes, rows, found = np.arange(len(world.x_m)), [], np.zeros(len(world.x_m), dtype=np.bool_)
     for number in range(len(ACTIONS)):
         proposal = np.full(len(scenes), number)
@@ -107,7 +114,11 @@ def refusals(world: World, judge: BatchStrict) -> tuple[Refusals, BoolArray]:
 def adversary(
     number: int, shape: tuple[int, int], proposal: IntArray, rng: np.random.Generator
 ) -> Iterator[Orders]:
-    """One of the adversaries: the first ones tell everybody the same for ever, the others vary."""
+    """Yield the commands of adversary ``number`` for each decision; ``shape`` is (scenes, others).
+
+    The first 9 adversaries give all vehicles one constant command, the next 9 a random constant
+    command for each vehicle, and the others random commands that change.
+    """
     script = np.full(shape, number % len(SCRIPTS))
     if number >= len(SCRIPTS):
         script = rng.integers(0, len(SCRIPTS), shape)
@@ -119,10 +130,11 @@ def adversary(
 
 
 Response = Callable[[World, IntArray], IntArray]
+"""A function from a world and proposed actions to executed actions, 0 to 11; (scenes,)."""
 
 
 class Forced:
-    """Executes the first actions as they are, and answers as it is told to afterwards."""
+    """Executes the first proposed actions unchanged; afterwards ``response`` decides."""
 
     def __init__(self, response: Response) -> None:
         self._response, self._begun = response, False
@@ -135,7 +147,10 @@ class Forced:
 
 
 def responses(config: Config, is_maneuver: bool) -> tuple[Response, ...]:
-    """What the ego may do after a refused action, for the action to count as safe."""
+    """Return the ways in which the ego may go on after a refused action.
+
+    The action counts as safe if at least one of them avoids all collisions.
+    """
     check = BatchStrict(config)
 
     def goes_on(world: World, brakes: IntArray) -> IntArray:
@@ -149,7 +164,10 @@ def responses(config: Config, is_maneuver: bool) -> tuple[Response, ...]:
 
 
 def safe(pairs: Refusals, config: Config, adversaries: int, seed: int) -> BoolArray:
-    """Whether no adversary makes the ego collide, by one of its ways of going on."""
+    """Return whether each refused pair is safe: some response avoids a collision with all tried.
+
+    ``adversaries`` is the number of adversaries to try; the result has shape (scenes,).
+    """
     result = np.zeros(len(pairs.proposal), dtype=np.bool_)
     for is_maneuver in (False, True):
         for response in responses(config, is_maneuver):
@@ -165,12 +183,12 @@ def safe(pairs: Refusals, config: Config, adversaries: int, seed: int) -> BoolAr
 
 
 def share(of: BoolArray) -> float | None:
-    """Of the true ones; None without any."""
+    """Return the share of True values; None if the array is empty."""
     return float(of.mean()) if len(of) else None
 
 
 def measured(name: str, config: Config, scenes: int, adversaries: int, seed: int) -> dict[str, Any]:
-    """A row of the table."""
+    """Measure one family, and return its row of the table."""
     judge, world = BatchStrict(config), visited(FAMILIES[name], config, scenes, seed)
     pairs, found = refusals(world, judge)
     every = [np.full(len(found), number) for number in range(len(ACTIONS))]

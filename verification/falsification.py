@@ -1,4 +1,4 @@
-"""Falsification of a safety check: families of scenes, and an adversary that learns (CMA-ES).
+"""Searches for collisions under a safety check: families of scenes, an adversary with CMA-ES.
 
 The adversary chooses the start, the commands of every other vehicle in each decision, and the
 proposed actions of the ego. The simulator limits the other vehicles to the bounds of
@@ -27,29 +27,31 @@ from verification.kinematic_simulator import (
 DECISIONS = 14
 """Decisions of a scene: enough for braking to a standstill, and for two lane changes."""
 POPULATION, GENERATIONS = 100, 20
-"""Scenes in a generation, and generations until the adversary starts again."""
+"""Scenes in a generation of CMA-ES, and generations until it restarts."""
 PLACED, RATES = 6, 2
 """Number of genes for the start of each other vehicle, and for each vehicle in each decision."""
 
 
 BRAKES = 99.0
-"""Braking command that the bounds reduce to the hardest allowed one, m/s^2."""
+"""A braking command, m/s^2, that the simulator reduces to the hardest allowed one."""
 
 
 class Family(NamedTuple):
     """A family of scenes: the function that creates its starts, and a scripted adversary."""
 
     others: int
+    """Number of other vehicles."""
     start: Callable[[FloatArray, Config], World]
     """Creates the starts from numbers in (0, 1), shape (scenes, PLACED * others)."""
     script: tuple[float, float, int]
-    """The scripted adversary: acceleration and side of the others, proposal of the ego."""
+    """The scripted adversary: the others' acceleration, m/s^2, and side; the proposed action."""
 
 
 def needed_gap(speed: FloatArray, other: FloatArray, config: Config) -> FloatArray:
-    """Smallest gap to the vehicle ahead with which the start is safe by the check's own criterion.
+    """Return the smallest gap, m, to a vehicle ahead that the check's own criterion calls safe.
 
-    The criterion of ``strict`` is a free fallback maneuver; that of any other check is eq. 2.
+    ``speed`` is the ego's, ``other`` that of the vehicle ahead, m/s. The criterion of ``strict`` is
+    a free fallback maneuver; that of the other checks is eq. 2 of the paper.
     """
     if config.safety.check == "strict":
         strict, sim = config.strict, config.simulation
@@ -64,7 +66,11 @@ def needed_gap(speed: FloatArray, other: FloatArray, config: Config) -> FloatArr
 def placed(
     ego_lane: IntArray, ego_speed: FloatArray, x_m: FloatArray, lane: Any, speed: FloatArray
 ) -> World:
-    """A world of vehicles in their lanes; ``x_m`` is the others' centres ahead of the ego's."""
+    """Return a World of vehicles in the centres of their lanes.
+
+    ``x_m``, ``lane`` and ``speed`` of the other vehicles have shape (scenes, others); ``x_m`` is
+    how far their centres are ahead of the ego's.
+    """
     scenes = len(ego_speed)
     return World(
         5000.0 + np.column_stack([np.zeros(scenes), x_m]),
@@ -82,7 +88,7 @@ def _ahead(u: FloatArray, ego: FloatArray, speed: FloatArray, config: Config) ->
 
 
 def lead_brakes(u: FloatArray, config: Config) -> World:
-    """One vehicle ahead in the ego's lane."""
+    """Create scenes with one vehicle ahead in the ego's lane."""
     ego, speed = 30.0 * u[:, 0], 40.0 * u[:, 1]
     x_m = _ahead(u[:, 2], ego, speed, config)
     one = np.ones(len(u), dtype=np.int64)
@@ -90,14 +96,17 @@ def lead_brakes(u: FloatArray, config: Config) -> World:
 
 
 def cut_in(u: FloatArray, config: Config) -> World:
-    """One in the next lane, anywhere from beside the ego to far ahead."""
+    """Create scenes with one vehicle in the left lane, from beside the ego to 130 m ahead."""
     ego, speed = 30.0 * u[:, 0], 40.0 * u[:, 1]
     one = np.ones(len(u), dtype=np.int64)
     return placed(one, ego, 130.0 * u[:, 2:3], 2.0 * one[:, None], speed[:, None])
 
 
 def both_sides(u: FloatArray, config: Config) -> World:
-    """The ego in the right lane, one about as far in the left, both bound for the middle one."""
+    """Create scenes with the ego in the right lane and a vehicle near it in the left lane.
+
+    Both can change to the middle lane. Another vehicle is ahead in the ego's lane.
+    """
     ego, speed = 30.0 * u[:, 0], np.column_stack([40.0 * u[:, 1], 40.0 * u[:, 2]])
     zero = np.zeros(len(u), dtype=np.int64)
     x_m = np.column_stack([100.0 * u[:, 3] - 50.0, _ahead(u[:, 4], ego, speed[:, 1], config)])
@@ -105,7 +114,7 @@ def both_sides(u: FloatArray, config: Config) -> World:
 
 
 def standing(u: FloatArray, config: Config) -> World:
-    """A standing vehicle ahead in the ego's lane, and one in the next."""
+    """Create scenes with a standing vehicle ahead in the ego's lane, and one in the next lane."""
     ego, zero = 30.0 * u[:, 0], np.zeros(len(u), dtype=np.int64)
     speed = np.zeros((len(u), 2))
     x_m = np.column_stack([_ahead(u[:, 1], ego, speed[:, 0], config), 200.0 * u[:, 2] - 20.0])
@@ -113,7 +122,7 @@ def standing(u: FloatArray, config: Config) -> World:
 
 
 def overtaker(u: FloatArray, config: Config) -> World:
-    """A fast one from behind in the lane that the ego would enter, and one ahead in its own."""
+    """Create scenes with a fast vehicle behind in the next lane, and one ahead in the own lane."""
     ego, zero = 30.0 * u[:, 0], np.zeros(len(u), dtype=np.int64)
     speed = np.column_stack([20.0 + 20.0 * u[:, 1], 40.0 * u[:, 2]])
     x_m = np.column_stack([-150.0 * u[:, 3], _ahead(u[:, 4], ego, speed[:, 1], config)])
@@ -121,7 +130,7 @@ def overtaker(u: FloatArray, config: Config) -> World:
 
 
 def anything(u: FloatArray, config: Config) -> World:
-    """Four vehicles anywhere; those ahead in the ego's lane are far enough."""
+    """Create scenes with four vehicles anywhere; those in the ego's lane have safe gaps to it."""
     ego_lane = np.floor(3 * u[:, 20]).astype(np.int64)
     lane, speed = np.floor(3 * u[:, 4:8]), 40.0 * u[:, 8:12]
     ego = 30.0 * u[:, 21]
@@ -146,29 +155,31 @@ FAMILIES: dict[str, Family] = {
     "anything": Family(4, anything, (-BRAKES, 1, 9)),
 }
 CONSTANT_SPEED = Family(1, lead_brakes, (0.0, 0, 0))
-"""The plainest case: the vehicle ahead keeps its speed, and the ego asks for "maintain"."""
+"""The simplest family: the vehicle ahead keeps its speed, and the proposed action is maintain."""
 
 
 class Tally(NamedTuple):
-    """The results of some scenes."""
+    """How many scenes were simulated, and in how many the ego had a collision."""
 
     scenes: int
     ego_hits: int
+    """Scenes in which the ego hit a vehicle."""
     was_hit: int
+    """Scenes in which a vehicle hit the ego."""
     least_m: float
     """Smallest separation of the ego in all scenes, metres; negative if bodies overlap."""
 
 
 def genes(family: Family) -> int:
-    """Length of a genome."""
+    """Return the number of genes that encode one scene of a family."""
     return PLACED * family.others + RATES * (family.others + 1) * DECISIONS
 
 
 def orders(genome: FloatArray, family: Family, config: Config) -> Iterator[Orders]:
-    """The commands of all vehicles that a genome, shape (scenes, genes), encodes, by decision.
+    """Yield the commands for each decision that genomes, shape (scenes, genes), encode.
 
-    A gene of 0 is half-way between the bounds, and a gene beyond 1 is at a bound. A gene beyond 0.7
-    commands a lateral movement.
+    An acceleration gene of 0 is half-way between the bounds; beyond +-0.67 it is at a bound. A
+    lateral gene beyond +-0.7 commands a lateral movement.
     """
     strict, n = config.strict, family.others
     commands = genome[:, PLACED * n :].reshape(len(genome), DECISIONS, RATES, n + 1)
@@ -186,7 +197,7 @@ def orders(genome: FloatArray, family: Family, config: Config) -> Iterator[Order
 
 
 def scripted(family: Family, scenes: int) -> Iterator[Orders]:
-    """The commands of the scripted adversary."""
+    """Yield the commands of the family's scripted adversary for each decision."""
     rate, side, proposal = family.script
     shape = (scenes, family.others)
     for _ in range(DECISIONS):
@@ -196,9 +207,10 @@ def scripted(family: Family, scenes: int) -> Iterator[Orders]:
 def play(
     world: World, commands: Iterator[Orders], check: BatchCheck, mover: Mover
 ) -> tuple[FloatArray, IntArray]:
-    """Drive scenes to their end; returns the smallest separation and the result of each.
+    """Simulate all scenes of ``world``; return the ego's smallest separation, m, and the result.
 
-    The result is 0 without a collision, 1 if the ego hit a vehicle, 2 if a vehicle hit the ego.
+    Both have shape (scenes,). The result is 0 without a collision, 1 if the ego hit something, 2 if
+    a vehicle hit the ego.
     """
     for order in commands:
         mover.decision(world, check(world, order.proposal), order)
@@ -211,7 +223,10 @@ def play(
 def search(
     family: Family, config: Config, check: BatchCheck, mover: Mover, scenes: int, seed: int
 ) -> Iterator[Tally]:
-    """Run the learning adversary; yields one tally for each generation."""
+    """Search for collisions with CMA-ES over ``scenes`` scenes; yield a Tally for each generation.
+
+    The adversary minimizes the ego's smallest separation.
+    """
     import cma
 
     left, restart = scenes, 0

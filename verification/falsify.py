@@ -1,4 +1,4 @@
-"""Search for scenes in which a safety check lets the ego hit a vehicle that keeps to the bounds.
+"""Searches for scenes in which a safety check lets the ego hit a vehicle that keeps to the bounds.
 
     python -m verification.falsify                      # the envelope of the paper's check
     python -m verification.falsify --check strict --scenes 100000   # an adversary that learns
@@ -51,13 +51,16 @@ ENVELOPE = FAMILIES | {"constant-speed": CONSTANT_SPEED}
 
 
 def check_of(config: Config) -> BatchCheck:
-    """The check that a config names, for many scenes."""
+    """Return the safety check that a config names, as a function of many scenes."""
     strict = config.safety.check == "strict"
     return BatchStrict(config) if strict else one_by_one(named_check(config))
 
 
 def envelope(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
-    """Share of starts that lead to a collision by the ego, by family, plant and closing speed."""
+    """Measure the share of starts that end in a collision, with the scripted adversaries.
+
+    Returns one row for each family, plant and range of closing speed.
+    """
     rows = []
     for name in names:
         family = ENVELOPE[name]
@@ -86,7 +89,7 @@ def envelope(config: Config, names: list[str], scenes: int, seed: int) -> list[d
 
 
 def search(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
-    """The results of the search with CMA-ES in each family."""
+    """Search each family with CMA-ES; return one row of results for each."""
     rows = []
     for name in names:
         tallies = list(learn(FAMILIES[name], config, check_of(config), Mover(config), scenes, seed))
@@ -106,7 +109,10 @@ def summed(name: str, tallies: list[Tally]) -> dict[str, Any]:
 
 
 def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
-    """Drive the scenes of a random adversary in SUMO and in the kinematic simulator."""
+    """Drive scenes of a random adversary in SUMO and in the kinematic simulator.
+
+    Returns one row for each family: collisions, and deviations between both simulators.
+    """
     from verification.in_sumo import SumoWorld
 
     rows, sumo = [], SumoWorld(config)

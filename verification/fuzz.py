@@ -1,4 +1,4 @@
-"""Mutations of every kind of input: each is refused in one sentence, or is used; none crashes.
+"""Tries mutated inputs of every kind: each must be used, or refused in one sentence.
 
 Run longer with: python -m verification.fuzz --inputs 20000 --seed 1
 """
@@ -33,7 +33,7 @@ WORDS = (
 
 
 def mutated(data: bytes, rng: random.Random) -> bytes:
-    """The data cut, flipped, repeated, or with something absurd in it, at one to four places."""
+    """Return the bytes changed at one to four places: cut, flipped, repeated, or made absurd."""
     found = bytearray(data)
     for _ in range(rng.randint(1, 4)):
         start = rng.randrange(len(found) + 1)
@@ -111,11 +111,11 @@ KINDS: dict[str, Attempt] = {
 
 
 def fuzz(kind: str, inputs: int, seed: int) -> int:
-    """Try so many inputs of a kind; returns how many were refused, each in one sentence.
+    """Try ``inputs`` mutated inputs of a kind; return how many were refused in one sentence.
 
     Raises:
-        AssertionError: an input led to nonsense, a traceback or a poor sentence; its number is
-            named, by which the same input is made again.
+        AssertionError: an input led to a wrong result, a traceback or a bad message; the error
+            names its number, from which the same input can be made again.
     """
     refused = 0
     for number in range(inputs):
@@ -134,7 +134,7 @@ def fuzz(kind: str, inputs: int, seed: int) -> int:
 
 
 def run() -> None:
-    """Try the inputs that the command line asks for, kind by kind."""
+    """Try as many inputs as the command line asks for, and print how many were refused."""
     parser = argparse.ArgumentParser(description="Try mutated inputs of every kind.")
     parser.add_argument("--inputs", type=int, default=20_000, help="in all")
     parser.add_argument("--seed", type=int, default=0)

@@ -1,4 +1,4 @@
-"""One scene of the falsifier in SUMO, where each vehicle follows the kinematic simulator."""
+"""Drives a scene of the falsifier in SUMO with the speeds of the kinematic simulator."""
 
 import tempfile
 from collections.abc import Iterator
@@ -21,11 +21,11 @@ from verification.kinematic_simulator import BatchCheck, Mover, Orders, World
 
 LAP_M = 2000.0
 START_M = 500.0
-"""Position of the ego's front bumper; the other vehicles are placed around the ego."""
+"""Position of the ego's front bumper along the loop at the start."""
 
 
 class SumoWorld:
-    """SUMO as a second plant beside the kinematic simulator."""
+    """Drives scenes in SUMO and in the kinematic simulator at the same time, and compares them."""
 
     def __init__(self, config: Config) -> None:
         folder = Path(tempfile.mkdtemp()) / "loop"
@@ -37,7 +37,11 @@ class SumoWorld:
     def play(
         self, world: World, commands: Iterator[Orders], check: BatchCheck, mover: Mover
     ) -> tuple[Collision | None, Collision | None, float]:
-        """The ego's collision in SUMO and in the simulator, and the largest deviation, metres."""
+        """Drive a world of one scene to its first collision or its end.
+
+        Returns the ego's collision in SUMO, its collision in the simulator (None without one), and
+        the largest deviation between the vehicles' positions in both, metres.
+        """
         simulation = self._start(world)
         apart_m, ego_x_m = 0.0, float(world.x_m[0, 0])
         for order in commands:

@@ -1,4 +1,4 @@
-"""A kinematic simulator of many scenes: an ego under a check, other vehicles within bounds.
+"""Simulates many scenes at once without SUMO: an ego under a check, and other vehicles.
 
 An adversary commands the other vehicles, which obey within the bounds of ``safety/strict.py``.
 Arrays have shape (scenes,) for the ego and (scenes, others) for the other vehicles.
@@ -28,12 +28,12 @@ BoolArray = npt.NDArray[np.bool_]
 ROAD = Road(10_000.0, 3.8, (True, True, True))
 LENGTH_M, WIDTH_M = 5.0, 1.8
 NONE = -9
-"""Origin and target of an ego that changes no lane."""
+"""Value of ``origin`` and ``target`` in a scene whose ego is not changing lanes."""
 FASTEST_M_S = 40.0
 TOUCHING_M = 1e-9
-"""An overlap of bodies up to this is a rounding error."""
+"""Largest overlap of bodies that counts as a rounding error."""
 SIGN = np.array([0, -1, 1])
-"""Direction of a lateral action: left +1, right -1."""
+"""Direction of a lateral action, by its number: keep 0, right -1, left +1."""
 
 
 @dataclass
@@ -41,16 +41,19 @@ class World:
     """The state of all vehicles in many scenes; the simulator changes it in place."""
 
     x_m: FloatArray
-    """Centres along the road; shape (scenes, 1 + others) as the next arrays, the ego's first."""
+    """Centres along the road; shape (scenes, 1 + others) as the next three, the ego's first."""
     y_m: FloatArray
     speed_m_s: FloatArray
     lateral_m_s: FloatArray
+    """Lateral speed, left positive."""
     origin: IntArray
+    """Lane that the ego's lane change comes from, or NONE; shape (scenes,)."""
     target: IntArray
+    """Lane that the ego's lane change goes to, or NONE; shape (scenes,)."""
     lane_s: FloatArray
     """Time for which the ego's body has overlapped each lane, seconds; shape (scenes, lanes)."""
     collisions: dict[int, Collision] = field(default_factory=dict)
-    """The ego's collision by scene; a scene with a collision has ended."""
+    """The ego's collision; the key is the index of the scene, which has then ended."""
 
     def __post_init__(self) -> None:
         self.least_m = np.full(self.x_m[:, 1:].shape, np.inf)
@@ -60,7 +63,7 @@ class World:
         """
 
     def scene(self, row: int) -> Scene:
-        """One of the scenes, as the input of a safety check."""
+        """Return the scene of index ``row`` as the input of a safety check."""
         names = tuple(f"vehicle{other}" for other in range(1, self.x_m.shape[1]))
         size = np.ones(self.x_m.shape[1])
         shot = Snapshot(
@@ -79,7 +82,7 @@ class World:
 
 
 class Orders(NamedTuple):
-    """The commands of the adversary for one decision."""
+    """The commands of the adversary for all scenes in one decision."""
 
     proposal: IntArray
     """The proposed actions of the ego, 0 to 11; shape (scenes,)."""
@@ -94,7 +97,7 @@ BatchCheck = Callable[[World, IntArray], IntArray]
 
 
 def one_by_one(check: SafetyCheck) -> BatchCheck:
-    """A safety check that is called for each scene separately."""
+    """Return a BatchCheck that calls a safety check for each scene separately."""
 
     def checked(world: World, proposal: IntArray) -> IntArray:
         verdicts = (check(world.scene(row), ACTIONS[n]) for row, n in enumerate(proposal.tolist()))
@@ -104,7 +107,7 @@ def one_by_one(check: SafetyCheck) -> BatchCheck:
 
 
 class Integration(Enum):
-    """How far a vehicle moves in a step in which its speed changes."""
+    """Integration method: at which speed a vehicle moves in a step that changes its speed."""
 
     EULER = "euler"
     """Semi-implicit, as SUMO does by default: at the speed after the step."""
@@ -114,28 +117,35 @@ class Integration(Enum):
     """Explicit Euler, eq. 5 of the paper: at the speed before the step."""
 
     def mean_speed(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """The speed at which a vehicle moves in a step, m/s."""
+        """Return the speed at which a vehicle moves in a step, m/s, from those before and after."""
         if self is Integration.BALLISTIC:
             return (before + after) / 2
         return after if self is Integration.EULER else before
 
 
 class Mover:
-    """Moves a world by SUMO steps."""
+    """Advances the vehicles of a World kinematically, in steps as long as those of SUMO."""
 
     def __init__(self, config: Config, integration: Integration = Integration.EULER) -> None:
         self._config, self._integration = config, integration
         self.step_s = config.simulation.step_length_s
 
     def decision(self, world: World, executed: IntArray, orders: Orders) -> None:
-        """Simulate one decision; a scene stops at the SUMO step of its collision."""
+        """Advance all scenes of ``world``, in place, by one decision interval.
+
+        ``executed`` holds the ego's action number, 0 to 11, in each scene. A scene stops at the
+        step of its first collision.
+        """
         for _ in self.steps(world, executed, orders):
             pass
 
     def steps(
         self, world: World, executed: IntArray, orders: Orders
     ) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Simulate one decision; yields speeds and lateral positions after each SUMO step."""
+        """Advance as ``decision``, and yield speeds and lateral positions after each step.
+
+        Both arrays have shape (scenes, 1 + others), the ego first.
+        """
         lateral, longitudinal = executed // 4, executed % 4
         self._steer(world, SIGN[lateral])
         ego = self._config.ego
@@ -147,7 +157,10 @@ class Mover:
         world.lateral_m_s[:, 0] = np.where(arrived, 0.0, world.lateral_m_s[:, 0])
 
     def _steer(self, world: World, sign: IntArray) -> None:
-        """As ``maneuver.steered``."""
+        """Start, reverse or continue the ego's lane changes, as ``maneuver.next_lane_change``.
+
+        ``sign``, shape (scenes,), is the direction of each lateral action: left +1, right -1.
+        """
         lane = np.floor(world.y_m[:, 0] / ROAD.lane_width_m + 0.5).astype(np.int64)
         still = world.target == NONE
         starts, turns = still & (sign != 0), ~still & (sign == world.origin - world.target)
@@ -177,7 +190,10 @@ class Mover:
     def _collide(
         self, world: World, from_x_m: FloatArray, from_y_m: FloatArray, going: BoolArray
     ) -> None:
-        """Record the collisions of a step; leaving the road counts first."""
+        """Record the ego's collisions of a step, given the positions before it.
+
+        In a scene where the ego also leaves the road, that is its collision.
+        """
         sizes_m = (LENGTH_M, WIDTH_M)
         least_m = swept_separation((from_x_m, from_y_m), (world.x_m, world.y_m), *sizes_m)
         world.least_m = np.minimum(world.least_m, least_m)
@@ -244,9 +260,9 @@ class Mover:
         return result
 
     def _shared_s(self, world: World) -> FloatArray:
-        """Time for which the ego has been in a lane that each other vehicle is in or moves into.
+        """Return how long the ego has been in a lane that each other vehicle is in or moves into.
 
-        It includes this SUMO step; -1 if they share no lane.
+        The time, s, shape (scenes, others), includes this step; it is -1 if they share no lane.
         """
         lowest, highest = lanes_under(world.y_m[:, :1], WIDTH_M, ROAD.lane_width_m)
         lanes = np.arange(len(ROAD.open_lanes))
@@ -285,7 +301,10 @@ class Mover:
 
 
 def _bound_for(y_m: FloatArray, side: FloatArray) -> FloatArray:
-    """The lane that a vehicle between two centres, or on one, moves into on a side."""
+    """Return the lane to whose centre a vehicle at ``y_m`` moves: left (side > 0) or right (< 0).
+
+    A vehicle on a centre moves to that of the next lane; for side 0 it is the nearest lane.
+    """
     place = y_m / ROAD.lane_width_m
     right, left = np.ceil(place - 1e-6) - 1, np.floor(place + 1e-6) + 1
     result: FloatArray = np.where(side > 0, left, np.where(side < 0, right, np.round(place)))
@@ -293,7 +312,7 @@ def _bound_for(y_m: FloatArray, side: FloatArray) -> FloatArray:
 
 
 def _going(world: World) -> BoolArray:
-    """Which scenes have not ended."""
+    """Return which scenes have not had a collision yet, shape (scenes,)."""
     going = np.ones(len(world.x_m), dtype=np.bool_)
     going[list(world.collisions)] = False
     return going

@@ -1,10 +1,11 @@
-"""Prove the argument of the check ``strict``, lemma by lemma, for the settings of a config.
+"""Proves the argument of the check ``strict``, lemma by lemma, for the settings of a config.
 
     python -m verification.prove                      # the default settings
     python -m verification.prove --config FILE.toml   # other settings
 
-Z3 proves each lemma over exact reals, for every speed and gap; rounding is bounded beside it.
-Ends with status 1 where a lemma fails: the argument does not cover these settings.
+The argument is stated in ``drl_av/safety/strict.py``. Z3 proves each lemma over exact reals, for
+every speed and gap; a last step bounds the effect of rounding. The exit status is 1 if a lemma
+fails, so that the argument does not cover these settings.
 """
 
 import argparse
@@ -26,13 +27,14 @@ WIDTH = max(len(lemma.name) for lemma in LEMMAS)
 
 
 class Result(NamedTuple):
-    """What became of a lemma."""
+    """The result of the attempt to prove a lemma."""
 
     name: str
     says: str
+    """The lemma in words."""
     seconds: float
     model: Model | None
-    """A counterexample; None where the lemma is proved."""
+    """A counterexample, or None if the lemma is proved."""
 
     def __str__(self) -> str:
         verdict = "proved " if self.model is None else "REFUTED"
@@ -40,11 +42,11 @@ class Result(NamedTuple):
 
 
 def prove(config: Config) -> Iterator[Result]:
-    """The lemmas in order.
+    """Check each lemma with Z3, in order, then the rounding; yield each result.
 
     Raises:
-        ConfigError: the lemmas do not describe the settings.
-        UndecidedError: Z3 neither proves nor refutes one of them in time.
+        ConfigError: the lemmas do not apply to these settings.
+        UndecidedError: Z3 neither proves nor refutes a lemma within 120 s for each claim.
     """
     numbers = argument(config)
     for lemma in LEMMAS:
@@ -55,7 +57,10 @@ def prove(config: Config) -> Iterator[Result]:
 
 
 def refuted(lemma: Lemma, numbers: Argument) -> Model | None:
-    """A counterexample to a lemma; raises UndecidedError, naming the lemma."""
+    """Return a counterexample to a lemma, or None if Z3 proves all its claims.
+
+    Raises UndecidedError, which names the lemma, if Z3 refutes no claim and leaves one open.
+    """
     undecided = None
     for claim in lemma.claims(numbers):
         try:
@@ -69,7 +74,7 @@ def refuted(lemma: Lemma, numbers: Argument) -> Model | None:
 
 
 def rounding(config: Config, numbers: Argument) -> Result:
-    """Whether the clearance covers rounding."""
+    """Check that ``strict.clearance_m`` exceeds the effect of rounding; return the result."""
     begun_s = time.monotonic()
     off_m = rounding_m(config, numbers)
     says = (
@@ -82,7 +87,7 @@ def rounding(config: Config, numbers: Argument) -> Result:
 
 
 def told(model: dict[str, Fraction]) -> str:
-    """The numbers of a counterexample."""
+    """Return the numbers of a counterexample as text."""
     return ", ".join(f"{name} {float(value):.6g}" for name, value in model.items())
 
 

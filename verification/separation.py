@@ -1,4 +1,4 @@
-"""Smallest separation from the ego on straight paths, and the kind of collision, for many scenes.
+"""Computes the smallest separation from the ego on straight paths, for many scenes.
 
 The method differs from that of ``traffic/collisions.py``, so that each can check the other.
 """
@@ -10,17 +10,17 @@ from drl_av.traffic.road import FloatArray, Road
 from drl_av.traffic.snapshot import Collision
 
 Places = tuple[FloatArray, FloatArray]
-"""Centres along and across the road; the last axis is of the ego and the others."""
+"""(x, y): the centres along and across the road, m; the last axis is the vehicle, ego first."""
 STRAIGHT = Road(1e9, 1.0, (True,))
-"""A road that is practically endless for a scene."""
+"""A road so long that a scene never reaches its end."""
 
 
 def swept_separation(starts: Places, ends: Places, length_m: float, width_m: float) -> FloatArray:
-    """The smallest separation from the ego on straight paths; shape (scenes, others).
+    """Return the smallest separation of each vehicle from the ego, m, shape (scenes, others).
 
-    Separation is the larger of the gaps along and across the road, negative if bodies overlap. Over
-    time it is the maximum of four linear functions, so that its minimum is at an intersection of
-    two of them, or at the start or the end.
+    All vehicles move on straight paths from ``starts`` to ``ends``. Separation is the larger of the
+    gaps along and across the road, negative if bodies overlap. Over time it is the maximum of four
+    linear functions, so its minimum is at an intersection of two of them, at the start or the end.
     """
     ahead_m, left_m = (at[:, 1:] - at[:, :1] for at in starts)
     forward_m, aside_m = (
@@ -48,7 +48,7 @@ def swept_separation(starts: Places, ends: Places, length_m: float, width_m: flo
 
 
 def first_collision(starts: Places, ends: Places, length_m: float, width_m: float) -> Collision:
-    """The ego's first collision in one scene in which it has one; arrays of shape (1 + others,)."""
+    """Return the ego's first collision in a scene that has one; arrays of shape (1 + others,)."""
     (x_m, y_m), (to_x_m, to_y_m) = starts, ends
     columns = (values.tolist() for values in (x_m, y_m, to_x_m - x_m, to_y_m - y_m))
     ego, *others = zip(*columns, strict=True)

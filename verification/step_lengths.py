@@ -1,10 +1,10 @@
-"""What the SUMO step length changes in the traffic, and what it costs.
+"""Measures how the SUMO step length changes the traffic, and what it costs in speed.
 
     python -m verification.step_lengths --out docs/results/step_length.csv
 
-For each step length the same seeded episodes with 30 vehicles, the ego driven by ``idm``: mean
-speed of the traffic, lane changes a vehicle, vehicles that SUMO reports in a collision, and, in a
-drive of its own, decisions a second. Integration is semi-implicit Euler, SUMO's default.
+The driver ``idm`` drives the same seeded episodes with 30 vehicles for each step length. The table
+holds the mean speed of the traffic, its lane changes per vehicle and minute, the vehicles that SUMO
+reports in a collision, and the decisions per second. Integration is semi-implicit Euler.
 """
 
 import argparse
@@ -26,7 +26,7 @@ SEEDS = 2_000
 
 
 def measure(step_length_s: float, episodes: int, vehicles: int) -> dict[str, float]:
-    """One row of the table."""
+    """Drive the episodes with one step length, and return its row of the table."""
     config = Config().updated("simulation", step_length_s=step_length_s)
     with closing(HighwayEnv(config=config)) as env:
         driver, seeds, begun_s = IdmDriver(config.safety), range(SEEDS, SEEDS + episodes), now()

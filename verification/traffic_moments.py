@@ -1,10 +1,10 @@
-"""How traffic drives by itself, beside published measurements of real highways.
+"""Measures how the background traffic drives, beside published measurements of real highways.
 
     python -m verification.traffic_moments --traffic calm naturalistic
 
-SUMO drives the ego too, and it is left out. The moments are those of all decisions after the first
-30 s and of all vehicles together: speed, and behind a vehicle of the same lane at most 120 m ahead
-the range (net gap), the time gap (range by speed) and the relative speed.
+SUMO also drives the ego, which does not count. The statistics are over all other vehicles at all
+decisions after the first 30 s: speed; and for vehicles with a leader in their lane at most 120 m
+ahead, the range (net gap), the time gap (range / speed) and the relative speed.
 """
 
 import argparse
@@ -35,7 +35,7 @@ IGNORED = Command(0.0, 0.0, 0.0)
 
 
 class Moments(NamedTuple):
-    """Of the traffic of some episodes, or of a published data set (NaN where it tells none)."""
+    """Statistics of the traffic of some episodes, or of a data set; NaN if it gives no number."""
 
     speed_m_s: float = math.nan
     speed_sd_m_s: float = math.nan
@@ -55,7 +55,7 @@ HIGHD = Moments(lane_changes_per_km=0.12)
 
 
 class Following(NamedTuple):
-    """Vehicles behind another one of their lane at one moment; arrays of shape (F,)."""
+    """The F vehicles that follow a leader in their lane at one moment; arrays of shape (F,)."""
 
     range_m: FloatArray
     time_gap_s: FloatArray
@@ -63,7 +63,10 @@ class Following(NamedTuple):
 
 
 def following(shot: Snapshot, road: Road) -> Following:
-    """Who follows whom, by the lanes that their centres are in; the ego follows nobody."""
+    """Find the vehicles that follow a leader in the same lane; the ego does not count as one.
+
+    A vehicle is in the lane that contains its centre.
+    """
     lane = lanes(shot, road)
     ahead_m = (shot.s_m - shot.s_m[:, None]) % road.lap_m
     gap_m = ahead_m - (shot.length_m + shot.length_m[:, None]) / 2
@@ -79,13 +82,13 @@ def following(shot: Snapshot, road: Road) -> Following:
 
 
 def lanes(shot: Snapshot, road: Road) -> FloatArray:
-    """The lane of each vehicle."""
+    """Return the index of the lane that contains each vehicle's centre, shape (1 + N,)."""
     found: FloatArray = np.floor(shot.y_m / road.lane_width_m + 0.5)
     return found
 
 
 def moments(config: Config, episodes: int, vehicles: Sequence[int] = VEHICLES) -> Moments:
-    """Drive the episodes of a traffic, the numbers of vehicles in turn."""
+    """Drive episodes, with the numbers of vehicles in turn; return the traffic's statistics."""
     shots = [drive(config, SEEDS + n, vehicles[n % len(vehicles)]) for n in range(episodes)]
     road = load_scenario(find_scenario(config.simulation.scenario)).road
     speed = np.concatenate([shot.speed_m_s[1:] for episode in shots for shot in episode])
@@ -111,7 +114,7 @@ def moments(config: Config, episodes: int, vehicles: Sequence[int] = VEHICLES) -
 
 
 def drive(config: Config, seed: int, vehicles: int) -> list[Snapshot]:
-    """The snapshots of an episode after its start."""
+    """Drive an episode; return the snapshot after each decision but the first 30."""
     scenario = load_scenario(find_scenario(config.simulation.scenario))
     level_1 = load_level_1(scenario.road) if config.traffic.level_1_share else None
     drivers = TrafficDrivers(config, scenario.road, scenario.vehicle_types, level_1)
@@ -129,7 +132,10 @@ def drive(config: Config, seed: int, vehicles: int) -> list[Snapshot]:
 
 
 def table(columns: dict[str, Moments]) -> str:
-    """A row a moment, a column a traffic, then the measured ones; ``*`` within 10 % of these."""
+    """Return the table as text: a row for each statistic, a column for each traffic or data set.
+
+    A ``*`` marks a value within 10 % of a measured one.
+    """
     measured = {"US naturalistic": US_NATURALISTIC, "highD": HIGHD}
     lines = ["".join(f"{word:>22}" for word in ("", *columns, *measured))]
     for name in Moments._fields:
@@ -141,7 +147,7 @@ def table(columns: dict[str, Moments]) -> str:
 
 
 def mark(name: str, value: float) -> str:
-    """``*`` within 10 % of the number that either data set gives."""
+    """Return ``*`` if a statistic is within 10 % of that of either data set, else a blank."""
     known = [getattr(one, name) for one in (US_NATURALISTIC, HIGHD)]
     near = any(abs(value - one) <= TOLERANCE * one for one in known if not math.isnan(one))
     return "*" if near else " "

@@ -1,4 +1,4 @@
-"""Statistics of the background traffic: its speed, lane changes and collisions."""
+"""Counts speed, lane changes and collisions of the background traffic over episodes."""
 
 import numpy as np
 
@@ -11,19 +11,19 @@ from verification.traffic_moments import lanes
 
 
 class TrafficTally:
-    """Sums over the episodes of an environment, without the ego."""
+    """Statistics of the background traffic, without the ego, over the episodes that it drives."""
 
     def __init__(self, env: HighwayEnv) -> None:
         self._env = env
         env.simulation.after_step = self.after_step
         self.vehicle_decisions, self.lane_changes = 0, 0
         self.speeds_m_s: list[float] = []
-        """Mean over the vehicles, after the reset and after each decision."""
+        """Mean speed of the vehicles after each reset and after each decision."""
         self.colliding = 0
-        """Vehicles that SUMO reports in a collision with each other, once an episode."""
+        """Vehicles that SUMO reports in a collision with each other, each once per episode."""
 
     def drive(self, driver: Driver, seed: int, vehicles: int) -> None:
-        """Add an episode."""
+        """Drive an episode and add it to the statistics."""
         self._colliding: set[str] = set()
         scenes: list[Snapshot] = []
         for decision in rollout(self._env, driver, seed, vehicles):
@@ -43,11 +43,11 @@ class TrafficTally:
 
     @property
     def mean_speed_m_s(self) -> float:
-        """Mean speed of the vehicles."""
+        """Mean speed of the vehicles, m/s."""
         return float(np.mean(self.speeds_m_s))
 
     @property
     def lane_changes_a_minute(self) -> float:
-        """Lane changes of a vehicle in a minute."""
+        """Mean number of lane changes of a vehicle per minute."""
         seconds = self.vehicle_decisions * self._env.config.simulation.decision_interval_s
         return 60 * self.lane_changes / seconds

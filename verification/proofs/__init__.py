@@ -1,1 +1,1 @@
-"""The argument of ``drl_av/safety/strict.py`` as lemmas over exact reals, which Z3 proves."""
+"""States the argument of ``drl_av/safety/strict.py`` as lemmas over exact reals for Z3."""

@@ -1,4 +1,4 @@
-"""The exact numbers that the argument of ``strict`` rests on, as a config and its scenario say."""
+"""Collects the exact numbers on which the argument of ``strict`` depends, from a config."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -12,7 +12,11 @@ from drl_av.traffic.scenario import find_scenario, load_scenario
 
 @dataclass(frozen=True)
 class Argument:
-    """What the check assumes; then what the vehicles really do, which a mutant changes."""
+    """The numbers of the argument of ``strict``, as exact fractions in SI units.
+
+    Fields without a default are what the check assumes. Those with one describe what the vehicles
+    really do; the tests change them, and the proof must then fail.
+    """
 
     step_s: Fraction
     steps: int
@@ -20,31 +24,31 @@ class Argument:
     most_m_s: Fraction
     """The ego's highest speed."""
     rates_m_s2: tuple[Fraction, ...]
-    """Of the four longitudinal actions, in the order of ``Longitudinal``."""
+    """Accelerations of the four longitudinal actions, in the order of ``Longitudinal``."""
     by_number: bool
-    """Whether an action moves the ego by its number alone, and no car-following model does."""
+    """True if the action alone sets the ego's acceleration, False with a car-following model."""
     hard_m_s2: Fraction
     braking_m_s2: Fraction
     acceleration_m_s2: Fraction
     lateral_m_s: Fraction
     response_s: Fraction
     follower_m_s2: Fraction
-    """Braking that a vehicle behind is counted on for."""
+    """Braking that the check expects of a vehicle behind (positive)."""
     clearance_m: Fraction
     change_s: Fraction
     """Duration of a lane change."""
     lane_m: Fraction
     width_m: Fraction
-    """Of every vehicle's body."""
+    """Width of each vehicle's body."""
     others_most_m_s: Fraction = Fraction(60)
     lead_braking_m_s2: Fraction = Fraction(0)
     """Hardest braking of a vehicle ahead."""
     response_steps: int = 0
     """SUMO steps after which a vehicle behind brakes for the ego in its lane."""
     cut_in_steps: int = 0
-    """SUMO steps that the ego goes on for in the gap that a vehicle cutting in leaves."""
+    """SUMO steps for which the ego keeps its acceleration after a vehicle begins to cut in."""
     abort_decisions: int = 1
-    """Decisions until the ego answers a vehicle that enters its target lane."""
+    """Decisions until the ego reacts to a vehicle that enters its target lane."""
 
     @property
     def decision_s(self) -> Fraction:
@@ -52,20 +56,20 @@ class Argument:
 
     @property
     def stride_m(self) -> Fraction:
-        """How far a lane change moves the ego sideways in one decision."""
+        """Distance that a lane change moves the ego sideways in one decision."""
         return self.lane_m / self.change_s * self.decision_s
 
 
 def exact(number: float) -> Fraction:
-    """The number as it is written: 0.1 is a tenth."""
+    """Return the decimal number that a float is written as: 1/10 for 0.1."""
     return Fraction(repr(number))
 
 
 def argument(config: Config) -> Argument:
-    """The numbers of a config.
+    """Return the numbers of a config and its scenario.
 
     Raises:
-        ConfigError: the lateral plant is not the one that the lemmas on lane changes describe.
+        ConfigError: ``ego.lateral_plant`` is not ``kinematic``, which the lemmas describe.
         ScenarioError: the scenario cannot be read.
     """
     ego, strict, simulation = config.ego, config.strict, config.simulation

@@ -1,4 +1,4 @@
-"""Lemmas on the vehicle behind, in whose lane a lane change brings the ego."""
+"""Lemmas on the vehicle behind the ego in the lane that the ego's lane change enters."""
 
 from collections.abc import Iterator
 from fractions import Fraction
@@ -17,7 +17,10 @@ from verification.proofs.motion import (
 
 
 def response_claims(a: Argument) -> Iterator[Claim]:
-    """From each place, and by each action, with which the ego comes over the line in a decision."""
+    """Yield one claim for each start position and action with which the ego enters the new lane.
+
+    It does so within one decision; the claim is that of ``handed_over``.
+    """
     for y_m in places(a):
         path = going(y_m, 1, a.steps, a)
         over = next((step for step, at_m in enumerate(path, 1) if is_over(at_m, a)), None)
@@ -28,13 +31,16 @@ def response_claims(a: Argument) -> Iterator[Claim]:
 
 
 def seconds_to_line(y_m: Fraction, a: Argument) -> Fraction:
-    """When the check takes the ego's body to be over the line, if within this decision; else 0."""
+    """Return the time until the ego's body is over the lane marking, s, as the check computes it.
+
+    It is 0 if that is not within this decision.
+    """
     steps = ceil(((a.lane_m - a.width_m) / 2 - y_m) / (a.stride_m / a.steps))
     return (steps if 0 < steps <= a.steps else 0) * a.step_s
 
 
 def pair(p: Problem, a: Argument) -> tuple[Term, Term, Term]:
-    """Speeds of the ego and of the vehicle behind it, and the gap between."""
+    """Add an ego and a vehicle behind it to a problem; return both speeds and the gap."""
     gap_m = p.unknown("gap", 0)
     p.assume(gap_m > 0)
     ego = p.unknown("ego_speed", 0, a.most_m_s)
@@ -42,9 +48,10 @@ def pair(p: Problem, a: Argument) -> tuple[Term, Term, Term]:
 
 
 def handed_over(a: Argument, rate: Fraction, over: int, delay_s: Fraction) -> Claim:
-    """It stays behind from when the ego's body is over its line, and may stop behind at the end.
+    """Claim that the vehicle behind does not touch the ego, and can stop behind it at the end.
 
-    The check counts on it to brake after ``delay_s``; the body is over after ``over`` steps.
+    The ego's body is over the lane marking after ``over`` steps of a decision with acceleration
+    ``rate``. The check expects the vehicle to brake ``delay_s`` after the decision begins.
     """
     p = Problem()
     speed, follower, gap_m = pair(p, a)
@@ -64,14 +71,17 @@ def handed_over(a: Argument, rate: Fraction, over: int, delay_s: Fraction) -> Cl
 
 
 def any_speed(p: Problem, before: Term, step: int, a: Argument) -> Term:
-    """A speed of the ego after a step in which it may do whatever it can."""
+    """Add and return a speed of the ego after a step in which it does anything it can."""
     speed = p.unknown(f"ego_speed_{step}", 0, a.most_m_s)
     p.assume(speed >= before - a.hard_m_s2 * a.step_s)
     return speed
 
 
 def behind(p: Problem, before: Term, step: int, responds: int, a: Argument) -> Term:
-    """A speed of the vehicle behind after a step: it accelerates up to a step, then brakes."""
+    """Return the speed after a step of the vehicle behind.
+
+    It accelerates within its bound up to the step ``responds``, and brakes afterwards.
+    """
     if step > responds:
         return p.largest([before - a.follower_m_s2 * a.step_s, 0 * before])
     speed = p.unknown(f"follower_speed_{step}", 0, a.others_most_m_s)
@@ -80,7 +90,7 @@ def behind(p: Problem, before: Term, step: int, responds: int, a: Argument) -> T
 
 
 def follower_claims(a: Argument) -> Iterator[Claim]:
-    """The vehicle behind brakes; the ego does whatever it can."""
+    """Yield the claim that a vehicle behind that brakes stays behind, whatever the ego does."""
     p = Problem()
     ego, follower, gap_m = pair(p, a)
     p.assume(gap_m + ego_stops(p.largest, ego, a) > follower_stops(p.largest, follower, a))

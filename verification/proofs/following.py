@@ -1,8 +1,8 @@
-"""Lemmas on the vehicle ahead: following it, being cut in on, and the end of a lane.
+"""Lemmas on the vehicle ahead: the ego follows it, it cuts in, or it is the end of a lane.
 
-All rest on ``following``. Of a step it needs only that the ego could roll it and brake hard within
-some distance, and of a decision ``decision`` shows that what is left of its ``reach`` is such a
-distance at each of its steps; so the proof holds for any number of them.
+All use the lemma ``following``, on one SUMO step in which the ego can roll and then brake hard
+within some distance. The lemma ``decision`` shows that at each step of a decision the rest of its
+``reach`` is such a distance. The proof therefore holds for any number of steps and decisions.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,10 @@ from verification.proofs.motion import (
 
 
 def stopping_claims(a: Argument) -> Iterator[Claim]:
-    """The piece that the floor picks is the largest, and the roll of a step and what follows."""
+    """Yield the claims that the piece which the floor selects is the stopping distance.
+
+    It is the largest piece, and equals the distance of one braking step plus that of the rest.
+    """
     brakes = [(a.hard_m_s2, a.most_m_s), (a.braking_m_s2, a.others_most_m_s)]
     for braking, most in [*brakes, (a.follower_m_s2, a.others_most_m_s)]:
         p, pace = Problem(), braking * a.step_s
@@ -41,7 +44,10 @@ def stopping_claims(a: Argument) -> Iterator[Claim]:
 
 
 def following(p: Problem, a: Argument, stands: bool = False) -> tuple[Term, ...]:
-    """A gap to a vehicle ahead and its speeds before and after a step; and those of the ego."""
+    """Add an ego and a vehicle ahead of it to a problem, which stands if ``stands``.
+
+    Returns the ego's speed, the gap, and the other vehicle's speeds before and after a step.
+    """
     ego, gap_m = p.unknown("ego_speed", 0, a.most_m_s), p.unknown("gap", 0)
     most = 0 if stands else a.others_most_m_s
     other, after = p.unknown("other_speed", 0, most), p.unknown("other_speed_after", 0, most)
@@ -50,7 +56,10 @@ def following(p: Problem, a: Argument, stands: bool = False) -> tuple[Term, ...]
 
 
 def step_claims(a: Argument, stands: bool = False) -> Iterator[Claim]:
-    """A step within a distance in which the ego could stop behind the vehicle ahead."""
+    """Yield the claims that a step keeps the gap and the ability to stop behind the vehicle ahead.
+
+    Before the step the ego can roll it and then stop within a distance that is short enough.
+    """
     p = Problem()
     ego, gap_m, other, after = following(p, a, stands)
     distance_m, clearance_m = p.unknown("distance"), p.unknown("clearance")
@@ -65,7 +74,10 @@ def step_claims(a: Argument, stands: bool = False) -> Iterator[Claim]:
 
 
 def between() -> Claim:
-    """A gap that is there before and after a step is there in it: it changes at one rate."""
+    """Claim that a gap that is positive before and after a step is positive within it.
+
+    The gap changes at a constant rate within the step.
+    """
     p = Problem()
     before_m, after_m = p.unknown("before"), p.unknown("after")
     part = p.unknown("part", 0, 1)
@@ -74,7 +86,10 @@ def between() -> Claim:
 
 
 def decision_claims(a: Argument) -> Iterator[Claim]:
-    """What is left of a reach covers each step of the decision and braking hard after it."""
+    """Yield one claim for each action and step of a decision: the rest of the reach suffices.
+
+    It covers the distance of that step and of braking hard afterwards.
+    """
     for rate in a.rates_m_s2:
         for step in range(a.steps):
             p = Problem()
@@ -87,7 +102,7 @@ def decision_claims(a: Argument) -> Iterator[Claim]:
 
 
 def fallback_claims(a: Argument) -> Iterator[Claim]:
-    """Braking hard for a decision reaches as far as braking hard."""
+    """Yield the claim that a decision of hard braking reaches as far as hard braking alone."""
     p = Problem()
     speed = p.unknown("ego_speed", 0, a.most_m_s)
     hard = a.rates_m_s2[Longitudinal.HARD_BRAKE]
@@ -95,9 +110,10 @@ def fallback_claims(a: Argument) -> Iterator[Claim]:
 
 
 def cut_in_claims(a: Argument) -> Iterator[Claim]:
-    """At any step of a decision one that begins to move in leaves the rest of a reach.
+    """Yield one claim for each action and step at which a vehicle begins to cut in.
 
-    Under a car-following model the rate may be any on the way there, and another one afterwards.
+    It says that the rest of the ego's reach ends before that vehicle. With a car-following model
+    the acceleration before may be any that is not above the action's.
     """
     for planned in a.rates_m_s2:
         for steps in range(a.steps + 1 if a.by_number else a.steps):
@@ -111,7 +127,10 @@ def cut_in_claims(a: Argument) -> Iterator[Claim]:
 
 
 def between_two_claims(a: Argument) -> Iterator[Claim]:
-    """One that moves in ahead of another that is ahead of the ego, so that this may stop."""
+    """Yield the claim on a vehicle that cuts in ahead of the vehicle ahead of the ego.
+
+    If the vehicle ahead can stop behind it, the ego also stops behind it.
+    """
     p = Problem()
     gap_m, beyond_m, length_m = p.unknown("gap", 0), p.unknown("beyond"), p.unknown("length", 0)
     other_m, entering_m = p.unknown("other_rolls", 0), p.unknown("entering_rolls", 0)
@@ -123,7 +142,10 @@ def between_two_claims(a: Argument) -> Iterator[Claim]:
 
 
 def lane_end_claims(a: Argument) -> Iterator[Claim]:
-    """The same steps towards what stands for ever, and at rest."""
+    """Yield the claims of ``step_claims`` for a standing vehicle, and one for an ego at rest.
+
+    The end of a lane counts as a vehicle that stands there.
+    """
     yield from step_claims(a, stands=True)
     p = Problem()
     _, gap_m, _, _ = following(p, a, stands=True)

@@ -1,4 +1,4 @@
-"""Lemmas on the ego's way across the road: its corridor, and its abort at each second."""
+"""Lemmas on the ego's lateral motion: its corridor, and the abort of a lane change."""
 
 from collections.abc import Iterator
 from fractions import Fraction
@@ -23,7 +23,7 @@ SIDES = (-1, 1)
 
 
 class Way(NamedTuple):
-    """An ego anywhere between lane 0 and the next lane on a side, in a lane change to either."""
+    """A case of the lemmas: an ego anywhere between lane 0 and the lane beside it on ``side``."""
 
     p: Problem
     y_m: Term
@@ -31,14 +31,15 @@ class Way(NamedTuple):
     end: int
     """The lane in which the lane change ends."""
     sign: int
+    """Direction of the lane change: left +1, right -1."""
     back: int
-    """The lane in which the fallback at the next decision ends."""
+    """The lane in which the fallback from the next decision ends."""
     after_m: Term
-    """Where that decision finds the ego."""
+    """The ego's lateral position at the next decision."""
 
 
 def ways(a: Argument) -> Iterator[Way]:
-    """All cases."""
+    """Yield all cases: each side, each end of the lane change, and each end of the fallback."""
     for side in SIDES:
         for end in (0, side):
             for back in (0, side):
@@ -50,12 +51,15 @@ def ways(a: Argument) -> Iterator[Way]:
 
 
 def between(start_m: Term, y_m: Term, end_m: Term) -> Term:
-    """Whether a position is between two others."""
+    """Return the fact that a position lies between two others, or on one of them."""
     return z3.Or(z3.And(start_m <= y_m, y_m <= end_m), z3.And(end_m <= y_m, y_m <= start_m))
 
 
 def corridor_claims(a: Argument) -> Iterator[Claim]:
-    """In the decision, and on the fallback after it; a vehicle that is not met stays outside."""
+    """Yield the claims that the ego stays in its corridor, and touches no vehicle outside it.
+
+    They cover the decision and the fallback after it.
+    """
     for toward in (-1, 0, 1):
         for p, y_m, _, end, sign, back, after_m in ways(a):
             later_m, other_m, at_m = (p.unknown(n) for n in ("y_later", "other_y", "other_y_later"))
@@ -73,7 +77,10 @@ def corridor_claims(a: Argument) -> Iterator[Claim]:
 
 
 def fallback_corridor_claims(a: Argument) -> Iterator[Claim]:
-    """Where that decision finds the lane change in progress, and where it finds it arrived."""
+    """Yield the claims that the fallback's corridor at the next decision is within this one.
+
+    The lane change is then still in progress, or completed.
+    """
     for p, y_m, side, end, sign, back, after_m in ways(a):
         way = corridor(p, y_m, end, sign, a)
         then = corridor(p, after_m, back, side if back else -side, a)
@@ -85,7 +92,10 @@ def fallback_corridor_claims(a: Argument) -> Iterator[Claim]:
 
 
 def own_lane_claims(a: Argument) -> Iterator[Claim]:
-    """For a centre anywhere between two lanes, and for both lanes where it is on their line."""
+    """Yield the claims that the ego's body overlaps the lane that contains its centre.
+
+    On the marking between two lanes the centre counts to both.
+    """
     for lane in (-1, 0, 1):
         p = Problem()
         y_m = p.unknown("y", -a.lane_m, a.lane_m)
@@ -95,9 +105,10 @@ def own_lane_claims(a: Argument) -> Iterator[Claim]:
 
 
 def places(a: Argument) -> list[Fraction]:
-    """Where a decision finds the ego on its way from lane 0 to lane 1, its body in lane 0 still.
+    """Return the ego's lateral positions at decisions of a lane change from lane 0 to lane 1.
 
-    Whole decisions from the lane that it left, or, if it was on its way back there, from lane 1.
+    They are whole decisions away from the centre of lane 0, or of lane 1 after an abort; the body
+    is still within lane 0.
     """
     seconds = range(ceil(a.lane_m / a.stride_m))
     found = {k * a.stride_m for k in seconds} | {a.lane_m - k * a.stride_m for k in seconds}
@@ -105,12 +116,15 @@ def places(a: Argument) -> list[Fraction]:
 
 
 def is_over(y_m: Fraction, a: Argument) -> bool:
-    """Whether the ego's body is over the line to lane 1."""
+    """Return whether the ego's body is over the lane marking between lanes 0 and 1."""
     return y_m + a.width_m / 2 - LINE > a.lane_m / 2
 
 
 def going(y_m: Fraction, lane: int, steps: int | None, a: Argument) -> list[Fraction]:
-    """Positions after each of some SUMO steps, or all, on the way to a lane's centre."""
+    """Return the lateral positions after each SUMO step on the way from ``y_m`` to a lane's centre.
+
+    There are at most ``steps`` of them; None means all.
+    """
     found, end_m, stride_m = [y_m], lane * a.lane_m, a.stride_m / a.steps
     while found[-1] != end_m and (steps is None or len(found) <= steps):
         left_m = end_m - found[-1]
@@ -119,9 +133,10 @@ def going(y_m: Fraction, lane: int, steps: int | None, a: Argument) -> list[Frac
 
 
 def entering_claims(a: Argument) -> Iterator[Claim]:
-    """From each place where bound 3 does not keep the other one out of lane 1 yet.
+    """Yield the claims on a vehicle that enters the ego's target lane, lane 1, from its other side.
 
-    It comes from beyond that lane, and no farther than to its centre.
+    There is one for each position of the ego at which bound 3 of ``strict`` still permits this. The
+    vehicle moves at most to the centre of lane 1.
     """
     for start_m in places(a):
         seen = going(start_m, 1, a.abort_decisions * a.steps, a)
@@ -131,7 +146,10 @@ def entering_claims(a: Argument) -> Iterator[Claim]:
 
 
 def entered(a: Argument, start_m: Fraction, path: list[Fraction]) -> Claim:
-    """The other one moves in from the start of a decision on, the ego along a path to its end."""
+    """Claim that the ego, on a path to its end, does not touch a vehicle that enters lane 1.
+
+    The vehicle begins at the start of the decision, in which the ego is at ``start_m``.
+    """
     p = Problem()
     y_m, other_m = p.unknown("y", start_m, start_m), p.unknown("other_y", a.lane_m)
     theirs, way = extent(p, other_m, 0, a), corridor(p, y_m, 1, 1, a)

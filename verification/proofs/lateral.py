@@ -1,7 +1,7 @@
-"""Where vehicles are across the road: the model of the lanes that ``strict`` argues with.
+"""Models lanes and lateral positions as ``drl_av/safety/reachability.py`` does, for Z3.
 
-``p`` is the problem that a floor adds its definition to; lateral positions are measured from the
-centre of the lane that a lane change began in, lane 0.
+Lateral positions are in metres, left positive, from the centre of lane 0. The functions add facts
+about rounded numbers to the problem ``p``.
 """
 
 from typing import NamedTuple
@@ -17,39 +17,42 @@ LINE, ON_LINE, CENTERED = exact(LINE_M), exact(ON_LINE_M), exact(ARRIVED_M)
 
 
 class Span(NamedTuple):
-    """Right and left end, metres."""
+    """A range of lateral positions, from its right to its left end, metres."""
 
     right_m: Term
     left_m: Term
 
 
 def lanes_under(p: Problem, y_m: Term, a: Argument) -> tuple[Term, Term]:
-    """Rightmost and leftmost lane that a body is over."""
+    """Return the rightmost and the leftmost lane that a body centred at ``y_m`` overlaps."""
     right_m, left_m = y_m - a.width_m / 2 + LINE, y_m + a.width_m / 2 - LINE
     half = z3.Q(1, 2)
     return p.floor(right_m / a.lane_m + half), p.ceil(left_m / a.lane_m - half)
 
 
 def lanes_about(p: Problem, y_m: Term, a: Argument) -> tuple[Term, Term]:
-    """The lane that a position lies in, or both lanes where it is on their line."""
+    """Return the lane that contains a position, twice, or both lanes if it is on their marking."""
     half = z3.Q(1, 2)
     right, left = (y_m - ON_LINE) / a.lane_m, (y_m + ON_LINE) / a.lane_m
     return p.floor(right + half), p.floor(left + half)
 
 
 def lies_in(y_m: Term, lane: int, a: Argument) -> Term:
-    """Whether a position may be taken to lie in a lane: it does, or is on its line."""
+    """Return the fact that a position lies in a lane or on its marking."""
     aside_m = y_m - lane * a.lane_m
     return z3.And(aside_m <= a.lane_m / 2 + ON_LINE, aside_m >= -a.lane_m / 2 - ON_LINE)
 
 
 def next_position(p: Problem, y_m: Term, end: int, sign: int, a: Argument) -> Term:
-    """Where the ego is a decision later in a lane change to the right (-1) or left (1)."""
+    """Return the ego's position one decision later in a lane change right (-1) or left (1).
+
+    ``end`` is the lane in which the lane change ends.
+    """
     return y_m + sign * p.smallest([sign * (end * a.lane_m - y_m), a.stride_m + 0 * y_m])
 
 
 def corridor(p: Problem, y_m: Term, end: int, sign: int, a: Argument) -> Span:
-    """What ``strict.corridor`` takes for the ego's way in a lane change."""
+    """Return the ego's corridor in a lane change to lane ``end``, as ``strict.corridor``."""
     after_m = next_position(p, y_m, end, sign, a)
     lanes = [*lanes_under(p, y_m, a), *lanes_about(p, after_m, a)]
     places = [y_m, end * a.lane_m + 0 * y_m, *(a.lane_m * lane for lane in lanes)]
@@ -57,7 +60,10 @@ def corridor(p: Problem, y_m: Term, end: int, sign: int, a: Argument) -> Span:
 
 
 def extent(p: Problem, y_m: Term, toward: int, a: Argument) -> Span:
-    """Where a vehicle's body may be that stands still sideways (0) or moves to one side."""
+    """Return where the body of another vehicle may be, as ``lateral_extent``.
+
+    ``toward`` is the sign of its lateral speed: left +1, right -1, none 0.
+    """
     lowest, highest = lanes_under(p, y_m, a)
     below, above = p.floor(y_m / a.lane_m), p.ceil(y_m / a.lane_m)
     off_m = p.smallest([y_m - below * a.lane_m, above * a.lane_m - y_m])

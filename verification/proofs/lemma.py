@@ -1,4 +1,4 @@
-"""What a lemma is, and how Z3 proves or refutes it."""
+"""Defines lemmas and claims, and proves or refutes a claim with Z3."""
 
 from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
@@ -10,73 +10,74 @@ from drl_av.errors import DrlAvError
 from verification.proofs.argument import Argument
 
 Term = Any
-"""A number or a truth of Z3."""
+"""A real number or a truth value of Z3."""
 TIMEOUT_S = 120
 
 
 class UndecidedError(DrlAvError):
-    """Z3 found neither a proof nor a counterexample in time."""
+    """Raised if Z3 finds neither a proof nor a counterexample in TIMEOUT_S seconds."""
 
 
 class Claim(NamedTuple):
-    """One of the statements that a lemma consists of: what is known, and what follows."""
+    """A statement for Z3 to prove: the goal follows from what is known."""
 
     known: list[Term]
     goal: Term
     names: dict[str, Term]
-    """What a counterexample gives the values of."""
+    """The unknowns by name, whose values a counterexample gives."""
 
 
 class Problem:
-    """Unknown numbers, and what is known of them."""
+    """Collects unknown numbers, and facts that are known about them, for a claim."""
 
     def __init__(self) -> None:
         self._known: list[Term] = []
         self._names: dict[str, Term] = {}
 
     def unknown(self, name: str, low: Term = None, high: Term = None) -> Term:
-        """A real number within bounds, inclusive."""
+        """Add an unknown real number, within inclusive bounds if given, and return it."""
         term = self._names[name] = z3.Real(name)
         self.assume(*([] if low is None else [term >= low]))
         self.assume(*([] if high is None else [term <= high]))
         return term
 
     def assume(self, *facts: Term) -> None:
-        """Know more."""
+        """Add facts to what is known."""
         self._known.extend(facts)
 
     def largest(self, terms: Sequence[Term]) -> Term:
-        """The largest of some numbers."""
+        """Return a new number that is known to be the largest of ``terms``."""
         term = z3.FreshReal()
         self.assume(*(term >= each for each in terms), z3.Or([term <= each for each in terms]))
         return term
 
     def smallest(self, terms: Sequence[Term]) -> Term:
-        """The smallest of some numbers."""
+        """Return a number that is known to be the smallest of ``terms``."""
         return -self.largest([-each for each in terms])
 
     def floor(self, number: Term) -> Term:
-        """The largest whole number up to a number."""
+        """Return a number that is known to be ``number`` rounded down."""
         whole = z3.FreshInt()
         self.assume(whole <= number, number < whole + 1)
         return z3.ToReal(whole)
 
     def ceil(self, number: Term) -> Term:
-        """The smallest whole number from a number on."""
+        """Return a number that is known to be ``number`` rounded up."""
         return -self.floor(-number)
 
     def follows(self, *goals: Term) -> Claim:
-        """The claim that all of these follow from what is known so far."""
+        """Return the claim that all ``goals`` follow from what is known so far."""
         return Claim(list(self._known), z3.And(*goals), dict(self._names))
 
 
 class Lemma(NamedTuple):
-    """A part of the argument."""
+    """One lemma of the argument of ``strict``: its name, its statement, and the claims for Z3."""
 
     name: str
     says: str
-    """In one sentence."""
+    """The statement in one sentence."""
     claims: Callable[[Argument], Iterator[Claim]]
+    """Returns the claims that together prove the lemma for given numbers."""
 
 
 Model = dict[str, Fraction]
@@ -84,12 +85,12 @@ Model = dict[str, Fraction]
 
 
 def counterexample(claim: Claim, *also: Term) -> Model | None:
-    """Numbers for which what is known holds and the goal does not; None without any.
+    """Let Z3 search for numbers with which the known facts and ``also`` hold, but not the goal.
 
-    ``also`` narrows those looked for.
+    Returns None if there are none, so that the claim is proved.
 
     Raises:
-        UndecidedError: Z3 found neither a proof nor a counterexample in time.
+        UndecidedError: Z3 finds neither a proof nor a counterexample in TIMEOUT_S seconds.
     """
     solver = z3.Solver()
     solver.set("timeout", 1000 * TIMEOUT_S)

@@ -1,7 +1,7 @@
-"""How far vehicles roll, as pieces that are linear: the model of ``drl_av/safety/stopping.py``.
+"""Models how far vehicles roll by linear pieces, as ``drl_av/safety/stopping.py`` computes it.
 
-Every function works on Z3's terms, on fractions and on arrays alike; ``largest`` is how the largest
-of some of them is taken.
+The functions work on terms of Z3, on fractions and on arrays; their argument ``largest`` is the
+function that takes the largest of such numbers. Distances are in metres, speeds in m/s.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,9 +27,10 @@ class Line(NamedTuple):
 
 
 def lines(braking: Fraction, most: Fraction, step_s: Fraction) -> list[Line]:
-    """The pieces up to a speed: one for each number of steps after which a vehicle still rolls.
+    """Return the linear pieces of the stopping distance for speeds up to ``most``.
 
-    ``stopping_distance`` takes the piece of ``floor(speed / (braking * step))`` steps.
+    Piece k is that of a vehicle that still rolls after k steps; ``stopping_distance`` uses the
+    piece k = floor(speed / (braking * step)).
     """
     return [
         Line(step_s * k, step_s * k * braking * step_s * (k + 1) / 2)
@@ -40,19 +41,19 @@ def lines(braking: Fraction, most: Fraction, step_s: Fraction) -> list[Line]:
 def stopping(
     largest: Largest, speed: Number, braking: Fraction, most: Fraction, step_s: Fraction
 ) -> Number:
-    """How far a vehicle rolls that brakes from now on; no faster than ``most`` before."""
+    """Return how far a vehicle rolls that brakes from now on; its speed is at most ``most``."""
     return largest([line(speed) for line in lines(braking, most, step_s)])
 
 
 def bounded(largest: Largest, speed: Number, most: Fraction) -> Number:
-    """A speed within [0, most]."""
+    """Return the speed limited to [0, most]."""
     return -largest([-largest([speed, 0 * speed]), -most + 0 * speed])
 
 
 def speeds(
     largest: Largest, speed: Number, rate: Number, steps: int, argument: Argument
 ) -> list[Number]:
-    """The ego's speeds before and after each of some steps at an acceleration."""
+    """Return the ego's speed now and after each of ``steps`` steps with acceleration ``rate``."""
     return [speed] + [
         bounded(largest, speed + rate * (step * argument.step_s), argument.most_m_s)
         for step in range(1, steps + 1)
@@ -60,7 +61,7 @@ def speeds(
 
 
 def reach(largest: Largest, speed: Number, rate: Number, steps: int, argument: Argument) -> Number:
-    """How far the ego rolls in some steps at an acceleration and in braking hard afterwards."""
+    """Return how far the ego rolls in ``steps`` steps with ``rate`` and in braking hard then."""
     after = speeds(largest, speed, rate, steps, argument)
     return sum(argument.step_s * each for each in after[1:]) + ego_stops(
         largest, after[-1], argument
@@ -68,32 +69,32 @@ def reach(largest: Largest, speed: Number, rate: Number, steps: int, argument: A
 
 
 def ego_stops(largest: Largest, speed: Number, argument: Argument) -> Number:
-    """How far the ego rolls that brakes hard."""
+    """Return how far the ego rolls if it brakes hard from now on."""
     return stopping(largest, speed, argument.hard_m_s2, argument.most_m_s, argument.step_s)
 
 
 def lead_stops(largest: Largest, speed: Number, argument: Argument) -> Number:
-    """How far the check takes a vehicle ahead to roll at least."""
+    """Return how far a vehicle ahead rolls at least, by the bounds of the check."""
     return stopping(
         largest, speed, argument.braking_m_s2, argument.others_most_m_s, argument.step_s
     )
 
 
 def follower_stops(largest: Largest, speed: Number, argument: Argument) -> Number:
-    """How far a vehicle behind rolls that brakes as it is counted on to."""
+    """Return how far a vehicle behind rolls that brakes as the check expects."""
     most = argument.others_most_m_s + 20 * argument.acceleration_m_s2
     return stopping(largest, speed, argument.follower_m_s2, most, argument.step_s)
 
 
 def may_reach(largest: Largest, gap_m: Number, speed: Number, argument: Argument) -> Number:
-    """How far the ego may roll behind a vehicle ahead."""
+    """Return how far the ego may roll at most behind a vehicle ahead."""
     return gap_m + lead_stops(largest, speed, argument) - argument.clearance_m
 
 
 def must_reach(
     largest: Largest, gap_m: Number, speed: Number, delay_s: Fraction, argument: Argument
 ) -> Number:
-    """How far the ego must roll ahead of a vehicle that brakes for it after a delay."""
+    """Return how far the ego must roll at least ahead of a vehicle that brakes after a delay."""
     gained = argument.acceleration_m_s2 * delay_s
     rolled_m = speed * delay_s + gained * (delay_s + argument.step_s) / 2
     stops_m = follower_stops(largest, speed + gained, argument)
@@ -103,7 +104,10 @@ def must_reach(
 def cut_in_gap(
     largest: Largest, speed: Number, rate: Number, other_m: Number, argument: Argument
 ) -> Number:
-    """The gap beyond which one that rolls so far may begin to move in ahead of the ego."""
+    """Return the gap above which a vehicle may begin to cut in ahead of the ego, m.
+
+    ``other_m`` is how far that vehicle rolls at least.
+    """
     rolled_m = reach(largest, speed, rate, argument.cut_in_steps, argument)
     spare_m = rolled_m - other_m
     return largest([spare_m, 0 * spare_m]) + argument.clearance_m

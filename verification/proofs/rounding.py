@@ -1,8 +1,8 @@
-"""How far rounding takes the check's distances from the exact ones, by interval arithmetic.
+"""Bounds the effect of rounding on the distances of the check ``strict``, by interval arithmetic.
 
 The functions of ``drl_av/safety`` run on ``Rounded`` numbers instead of floats. Each is a range of
-exact numbers and how far the float in its place may be off: an operation of IEEE 754 is off by at
-most ``UNIT`` of its result. Fractions bound all of it, so that the bounds are not rounded.
+exact numbers and a bound of the error of the float in its place. An operation of IEEE 754 has an
+error of at most ``UNIT`` times its result. All bounds are exact fractions.
 """
 
 from __future__ import annotations
@@ -22,24 +22,25 @@ from verification.proofs.argument import Argument
 
 UNIT = Fraction(1, 2**53)
 SETTING = 4 * UNIT
-"""How far a setting, or a product of a few of them, is from the number as it is written."""
+"""Largest relative error of a setting, or of a product of a few settings."""
 POSITION_M = Fraction(1, 10**9)
-"""How far a gap between positions of up to 50 km may be off before the check sees it."""
+"""Largest error of a gap between positions of up to 50 km before the check reads it."""
 FLOOR = Fraction(1, 10**9)
-"""Most by which a number may be off of which a floor is taken."""
+"""Largest error of a number that is rounded down."""
 PICKS = 3
-"""A floor may give the whole number of a range, or one of its two neighbours."""
+"""Largest number of results that rounding down a range may have: one, and its neighbours."""
 
 
 @dataclass(frozen=True)
 class Rounded:
-    """A float: the exact number that it stands for is within a range; of two ranges, add them."""
+    """A float that stands for an exact number in [low, high], and differs from it by an error."""
 
     low: Fraction
     high: Fraction
     error: Fraction = Fraction(0)
+    """Largest difference between the float and the exact number."""
     pick: int = 0
-    """Which of the whole numbers possible a floor takes."""
+    """Index of the result, among those possible, that rounding down returns."""
 
     @property
     def ends(self) -> tuple[Fraction, Fraction]:
@@ -92,7 +93,7 @@ class Rounded:
 
 
 def rounded(number: Any) -> Rounded:
-    """A setting or a whole number among rounded ones."""
+    """Convert a setting or a whole number to a Rounded; return a Rounded as it is."""
     if isinstance(number, Rounded):
         return number
     exact = Fraction(number)
@@ -101,7 +102,10 @@ def rounded(number: Any) -> Rounded:
 
 
 def _computed(ends: list[Fraction], error: Fraction, a: Rounded, b: Rounded) -> Rounded:
-    """The result of an operation on numbers that may be off already."""
+    """Return the result of an operation with its rounding error added.
+
+    ``ends`` holds the possible exact results, ``error`` the error that comes from a and b.
+    """
     low, high = min(ends), max(ends)
     error += UNIT * (max(abs(low), abs(high)) + error)
     return Rounded(low, high, error, max(a.pick, b.pick))
@@ -134,7 +138,10 @@ UFUNCS: dict[str, Callable[..., Rounded]] = {
 
 
 def slices(most: Fraction, pace: Fraction, gained: Fraction) -> Iterator[Any]:
-    """Speeds up to the highest in ranges after which, and a gain, the floor is one number."""
+    """Yield ranges of speeds that together cover [0, most], each PICKS times.
+
+    Within a range, (speed + gained) / pace rounds down to one number, except for rounding errors.
+    """
     steps = range(floor((most + abs(gained)) / pace) + 2)
     ends = {k * pace - gained for k in steps} | {Fraction(0), most, most - gained, -gained}
     inside = sorted(end for end in ends if 0 <= end <= most)
@@ -144,10 +151,10 @@ def slices(most: Fraction, pace: Fraction, gained: Fraction) -> Iterator[Any]:
 
 
 def rounding_m(config: Config, a: Argument) -> Fraction:
-    """Most by which rounding may make a decision of the check wrong, metres.
+    """Return the largest effect of rounding on a comparison of the check, metres.
 
-    The sum for the two sides of a comparison: the reach of the ego, and how far it may or must.
-    A wrong floor takes the piece of one step more or less, which is as long as it is off there.
+    It is the sum of the errors of both sides: the ego's reach, and how far it may or must roll. A
+    wrong rounding down selects the next linear piece, which there has almost the same value.
     """
     strict, ego, step_s = config.strict, config.ego, config.simulation.step_length_s
     gap_m: Any = Rounded(Fraction(1, 1000), Fraction(50_000), POSITION_M)
@@ -177,5 +184,5 @@ def rounding_m(config: Config, a: Argument) -> Fraction:
 
 
 def largest_error(numbers: list[Any]) -> Fraction:
-    """Most by which any of them may be off."""
+    """Return the largest error of some Rounded numbers; 0 if there are none."""
     return max((number.error for number in numbers), default=Fraction(0))
