@@ -1,4 +1,4 @@
-"""``loop``: a closed circular highway, which stands for an infinite straight one."""
+"""The kind of scenario ``loop``: a closed circular highway instead of an infinite straight one."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -12,7 +12,7 @@ from drl_av.traffic.road import Road
 BARRICADES_FILE = "barricades.add.xml"
 DEMO_VEHICLES = 16
 DEMO_PITCH_M = 30.0
-"""Smallest distance between demo vehicles on a lane."""
+"""Smallest distance between two demo vehicles in a lane."""
 DEMO_SPEEDS_M_S = (30.0, 22.0, 26.0, 20.0, 32.0, 24.0, 28.0)
 DEMO_START_SPEED_M_S = 15.0
 BLOCK_M, BLOCK_PITCH_M, BLOCK_WIDTH_M = 3.0, 6.0, 0.8
@@ -21,7 +21,7 @@ BLOCK_COLORS = ("190,190,190", "220,90,30")
 
 
 def read_layout(network: ET.Element, description: ScenarioDescription, name: str) -> Layout:
-    """The loop of a network; raises ScenarioError if it is not the described one."""
+    """Return the layout of a network file; raise ScenarioError if it is not the described loop."""
     loop = read_loop(network, description, name)
     road = Road(loop.circumference_m, description.lane_width_m, description.open_lanes)
     laps = 2 + round(1e5 / road.lap_m)
@@ -29,12 +29,12 @@ def read_layout(network: ET.Element, description: ScenarioDescription, name: str
 
 
 def additional(description: ScenarioDescription) -> dict[str, ET.Element]:
-    """The drawing of the barricaded lanes, if there are any."""
+    """Return the file that draws the barricaded lanes, by file name; empty without such lanes."""
     return {BARRICADES_FILE: _barricades(description)} if description.barricaded_lanes else {}
 
 
 def _barricades(description: ScenarioDescription) -> ET.Element:
-    """Pavement and blocks in two colours; SUMO draws no pavement on closed lanes."""
+    """Return polygons of pavement and blocks, because SUMO draws no pavement on closed lanes."""
     root = ET.Element("additional")
     circumference_m, width_m = description.circumference_m, description.lane_width_m
     blocks = math.floor(circumference_m / BLOCK_PITCH_M)
@@ -52,19 +52,21 @@ def _barricades(description: ScenarioDescription) -> ET.Element:
 
 
 def _patch(radius_m: float, width_m: float, start_turn: float, end_turn: float) -> str:
+    """Return the corners of a piece of a lane; the turns are angles as fractions of a full turn."""
     inner_m, outer_m = radius_m - width_m / 2, radius_m + width_m / 2
     corners = ((inner_m, start_turn), (inner_m, end_turn), (outer_m, end_turn))
     return " ".join(point(*corner) for corner in (*corners, (outer_m, start_turn), corners[0]))
 
 
 def _polygon(root: ET.Element, name: str, color: str, layer: str, shape: str) -> None:
+    """Add a polygon to a SUMO additional file; the part of ``name`` before "_" is its type."""
     kind = name.split("_")[0]
     attributes = {"id": name, "type": kind, "color": color, "fill": "1", "layer": layer}
     ET.SubElement(root, "poly", attributes, shape=shape)
 
 
 def demo_vehicles(description: ScenarioDescription) -> tuple[PlacedVehicle, ...]:
-    """The placed vehicles of the scenario, or vehicles spread evenly over its open lanes."""
+    """Return the vehicles that the scenario places, or demo vehicles evenly over its open lanes."""
     if description.vehicles:
         return description.vehicles
     lanes = [lane for lane, is_open in enumerate(description.open_lanes) if is_open]
@@ -88,6 +90,7 @@ def demo_vehicles(description: ScenarioDescription) -> tuple[PlacedVehicle, ...]
 
 
 def _traffic(description: ScenarioDescription) -> ET.Element:
+    """Return SUMO's route file with the demo vehicles, which drive around the loop."""
     root = ET.Element("routes")
     laps = math.ceil(DEMO_END_S * description.speed_limit_m_s / description.circumference_m) + 1
     edges = " ".join(f"e{i}" for i in range(EDGES))
@@ -112,6 +115,7 @@ def _traffic(description: ScenarioDescription) -> ET.Element:
 
 
 def _edge_and_position(description: ScenarioDescription, position_m: float) -> tuple[int, float]:
+    """Return the number of the edge, and the position on it, metres, of a position on the loop."""
     lengths_m = edge_lengths_m(description.circumference_m)
     edge = min(int(position_m // lengths_m[0]), EDGES - 1)
     return edge, position_m - edge * lengths_m[0]

@@ -1,4 +1,4 @@
-"""The vehicles of an episode: those that start, and those that enter and leave an open road."""
+"""The vehicles of an episode: those at the start, and those that enter and leave an open road."""
 
 from collections.abc import Iterator, Sequence
 
@@ -30,15 +30,16 @@ from drl_av.traffic.snapshot import EGO
 
 
 class Fleet:
-    """The vehicles that are on the road now; one row for each, the ego's first.
+    """The vehicles that are on the road now; index 0 of each array is the ego.
 
     Raises:
-        ConfigError: a setting permits vehicles that the road does not take.
+        ConfigError: the settings allow vehicles that are too fast or too wide for the road, or
+            other drivers than SUMO's on an open road.
     """
 
     population: Population
     kinds: npt.NDArray[np.intp]
-    """The kind of driver of each row, ``population.Kind``."""
+    """The kind of driver of each vehicle, a value of ``population.Kind``."""
     length_m: FloatArray
     width_m: FloatArray
 
@@ -55,7 +56,7 @@ class Fleet:
 
     @property
     def capacity(self) -> int:
-        """Largest number of other vehicles that can be placed at random."""
+        """Largest number of vehicles besides the ego that can start at random positions."""
         traffic = self._config.traffic
         length_m = traffic.longest_m(self.scenario.description.vehicle_length_m)
         if self._start is not None:
@@ -64,23 +65,28 @@ class Fleet:
 
     @property
     def placed(self) -> int | None:
-        """Number of other vehicles that the scenario places exactly; None if it places none."""
+        """Number of vehicles besides the ego that the scenario places exactly, or None."""
         placed = self.scenario.description.vehicles
         return len(placed) - 1 if placed else None
 
     @property
     def usual(self) -> int | None:
-        """Number of other vehicles at the start that the scenario implies; None if it implies none.
+        """Number of vehicles besides the ego at the start that the scenario implies, or None.
 
-        It places so many, or its inflow keeps so many on an open road. In the second case an
-        episode may ask for another number, and the inflow changes with it.
+        It is the number of placed vehicles, or on an open road the number that corresponds to its
+        inflow. In the second case an episode may use another number, and the inflow changes with
+        it.
         """
         if self._start is None or self.placed is not None:
             return self.placed
         return vehicles_of_flow(self._start, self._config.traffic)
 
     def draw(self, seed: int, vehicles: int) -> None:
-        """Draw an episode's vehicles from its seed; raises ScenarioError if they do not fit."""
+        """Draw the vehicles of an episode from its seed: the ego and ``vehicles`` others.
+
+        Raises:
+            ScenarioError: the vehicles do not fit on the road.
+        """
         rng, description = np.random.default_rng(seed), self.scenario.description
         config, length_m, start = self._config, description.vehicle_length_m, self._start
         self._inflow = None
@@ -106,16 +112,20 @@ class Fleet:
     def _random_lane_changes(
         self, rng: np.random.Generator, chance: float
     ) -> Iterator[list[tuple[int, int]]]:
-        """As ``random_lane_changes`` for the vehicles on the road at each decision."""
+        """Yield the random lane changes of each decision, like ``population.random_lane_changes``.
+
+        The number of vehicles may change between two decisions.
+        """
         while True:
             draws = rng.random((2, len(self.population.ids)))
             rows = np.flatnonzero(draws[0] < chance).tolist()
             yield [(row, 1 if draws[1, row] < 0.5 else -1) for row in rows if row != EGO]
 
     def random_lane_changes(self, y_m: Sequence[float]) -> list[tuple[int, int]]:
-        """The random lane changes of the next decision, pairs of row and side (left +1, right -1).
+        """Return the random lane changes of the next decision, as pairs (row, side).
 
-        On an open road no vehicle changes to a lane that begins or ends on the way.
+        The side is +1 for left and -1 for right; ``y_m`` holds the lateral position of each row. On
+        an open road no vehicle changes to a lane that begins or ends within the road.
         """
         drawn = next(self._lane_changes)
         if self._start is None or not drawn:
@@ -126,7 +136,9 @@ class Fleet:
     def exchange(
         self, time_s: float, s_m: Sequence[float], y_m: Sequence[float], speed_m_s: Sequence[float]
     ) -> int | None:
-        """Remove the vehicles that have left an open road, and add those that enter it.
+        """Remove the vehicles that have left an open road, and add those that enter it now.
+
+        ``time_s`` is the time since the reset; the sequences hold the state of each vehicle.
 
         Returns:
             The number of vehicles that enter, which are the last rows; None if nothing changes.
@@ -151,7 +163,10 @@ class Fleet:
         y_m: Sequence[float],
         speed_m_s: Sequence[float],
     ) -> dict[int, Last]:
-        """The last vehicle in each lane; a vehicle is in all lanes that its body overlaps."""
+        """Return the vehicle nearest to the start of each lane, by lane index.
+
+        A vehicle is in all lanes that its body overlaps.
+        """
         last: dict[int, Last] = {}
         lane_of = self.scenario.road.lane_of
         for row in rows:
@@ -162,6 +177,7 @@ class Fleet:
         return last
 
     def _describe(self, population: Population) -> None:
+        """Set the population, and the length and width of each vehicle."""
         self.population = population
         types, traffic = self.scenario.vehicle_types, self._config.traffic
         sizes = (types.ego, *[types.traffic] * (len(population.ids) - 1))

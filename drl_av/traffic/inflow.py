@@ -1,4 +1,4 @@
-"""The vehicles of an open road: those at the start of an episode, and those that enter later."""
+"""The vehicles of an open road: those at the start of an episode, and those that enter it later."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -18,9 +18,10 @@ SUPPLY = 64
 
 
 def vehicles_of_flow(start: OpenStart, traffic: TrafficConfig) -> int:
-    """The number of vehicles on an open road that corresponds to its inflow.
+    """Return the number of vehicles on an open road that corresponds to its inflow.
 
-    They drive at the slowest desired speed, because in each lane vehicles follow the slowest.
+    They are assumed to drive at the lowest desired speed, because vehicles follow the slowest one
+    of their lane.
     """
     per_m = start.flow_per_h / 3600 / max(traffic.desired_speed_min_m_s, 1.0)
     return round(per_m * start.span_m * len(start.lanes))
@@ -34,9 +35,9 @@ def draw_open_population(
     traffic: TrafficConfig,
     ego: EgoConfig,
 ) -> Population:
-    """Draw the ego and ``vehicles`` others along an open road, each with its own parameters.
+    """Draw the ego and ``vehicles`` others on an open road, with random parameters.
 
-    The other vehicles are spread evenly over the lanes, and at random along them.
+    The vehicles are spread evenly over the lanes, at random positions. Cars are ``length_m`` long.
 
     Raises:
         ScenarioError: the vehicles do not fit on the lanes.
@@ -67,22 +68,26 @@ def draw_open_population(
 
 
 def open_capacity(start: OpenStart, length_m: float, start_gap_m: float) -> int:
-    """Largest number of vehicles, including the ego, that can start on an open road."""
+    """Return the largest number of vehicles, the ego included, that can start on an open road.
+
+    ``length_m`` is the length of the longest vehicle.
+    """
     return len(start.lanes) * int((start.span_m - length_m) // (length_m + start_gap_m))
 
 
 class Last(NamedTuple):
-    """The last vehicle in a lane, behind which the next one enters."""
+    """The last vehicle in a lane, behind which the next vehicle enters."""
 
     rear_m: float
+    """Position of its rear bumper; inf without a vehicle."""
     speed_m_s: float
 
 
 class Inflow:
     """The vehicles that enter an open road during an episode, drawn from its seed.
 
-    In each lane the times between two entries are a shifted exponential distribution, whose mean
-    keeps the number of vehicles on the road. A vehicle for which there is no room waits.
+    In each lane the time between two entries has a shifted exponential distribution, whose mean
+    keeps the number of vehicles on the road. A vehicle waits until there is room for it.
     """
 
     def __init__(
@@ -106,13 +111,18 @@ class Inflow:
         self._due_s = {lane: rng.random() * self._headway_s() for lane in start.lanes}
 
     def _headway_s(self) -> float:
+        """Draw the time between two entries in a lane, seconds."""
         spare_s = max(self._mean_s - self._shortest_s, 0.0)
         return self._shortest_s + (
             self._rng.exponential() * spare_s if spare_s < np.inf else spare_s
         )
 
     def entering(self, time_s: float, last: Mapping[int, Last]) -> Population | None:
-        """The vehicles that enter now, in lanes whose last vehicle leaves room; None for none."""
+        """Return the vehicles that enter at ``time_s``, or None without any.
+
+        ``last`` holds the last vehicle of each lane, by lane index; a lane without vehicles is
+        missing.
+        """
         entering = [
             vehicle
             for lane in self._lanes
@@ -127,7 +137,7 @@ class Inflow:
         return found
 
     def _placed(self, lane: int, last: Last) -> Population | None:
-        """The next vehicle of a lane behind its last one; None if there is no room for it."""
+        """Return the next vehicle of a lane at its start, or None if there is no room for it."""
         vehicle = self._waiting.get(lane)
         if vehicle is None:
             vehicle = self._waiting[lane] = self._next()
@@ -156,6 +166,7 @@ class Inflow:
         )
 
     def _next(self) -> Population:
+        """Return the next vehicle, with random parameters and without a position."""
         vehicle = next(self._supply, None)
         if vehicle is None:
             self._supply = self._drawn()
@@ -163,7 +174,7 @@ class Inflow:
         return vehicle
 
     def _drawn(self) -> Iterator[Population]:
-        """More vehicles with their parameters; the first row of a draw, the ego's, is left out."""
+        """Draw ``SUPPLY`` vehicles with random parameters; the row of the ego is left out."""
         n, streams = SUPPLY + 1, self._rng.spawn(2)
         zeros: npt.NDArray[np.intp] = np.zeros(n, dtype=np.intp)
         places = Places(zeros, np.zeros(n), np.full(n, np.inf), np.arange(n))

@@ -8,48 +8,49 @@ from drl_av.traffic.road import Road
 
 
 class OpenStart(NamedTuple):
-    """Where the vehicles of an open road start and enter."""
+    """The positions at which vehicles start on an open road and enter it."""
 
     lanes: tuple[int, ...]
-    """The lanes of the other vehicles, which extend along the whole road."""
+    """Indices of the lanes of the other vehicles; these lanes extend along the whole road."""
     span_m: float
-    """The other vehicles start from 0 to here; those that drive farther have left."""
+    """The other vehicles start between 0 and this position, and leave the road beyond it."""
     flow_per_h: float
-    """Inflow of each of these lanes, vehicles an hour."""
+    """Inflow of each of these lanes, vehicles per hour."""
     ego_lane: int | None
-    """The lane in which the ego starts; None is one of ``lanes`` at random."""
+    """Index of the lane in which the ego starts; None chooses one of ``lanes`` at random."""
     ego_front_m: float
-    """Where the ego's front bumper starts."""
+    """Position of the ego's front bumper at the start."""
     ego_speed_m_s: float | None = None
-    """The ego's speed at the start; None is that of the traffic in its lane."""
+    """Speed of the ego at the start; None is a safe speed behind the vehicle ahead."""
 
 
 class Layout(NamedTuple):
-    """The road of a scenario in the terms of the simulation and in those of SUMO."""
+    """The road of a scenario, as the simulation needs it and as SUMO describes it."""
 
     road: Road
     routes: dict[str, tuple[str, ...]]
-    """Edge ids in driving order, by the name of a route."""
+    """The SUMO edge ids of each route, in driving order; the key is the name of the route."""
     lane_positions: dict[str, tuple[int, float]]
-    """By lane id: the lane's index on the road, and the position of its start, metres."""
+    """By SUMO lane id: index of the lane, and position of its start along the road, metres."""
     start: OpenStart | None = None
-    """None on a loop, on which the vehicles start anywhere."""
+    """None on a loop, on which the vehicles may start at any position."""
 
 
 class ScenarioKind(NamedTuple):
-    """A kind of scenario: its description, and its files in a scenario folder.
+    """A kind of scenario: its description, and the functions that write and read its files.
 
-    Each function takes a description; ``read`` also takes the root of the network file and the name
-    of that file. It raises ScenarioError if the network is not the described one.
+    Each function takes a description. ``read`` takes the root element of the network file, the
+    description and the name of the file, and raises ScenarioError if the network is not the
+    described one.
     """
 
     meaning: str
     description: type[Any]
-    """A frozen dataclass; the metadata of its fields are the help of the command line."""
+    """A frozen dataclass; the command line shows the metadata of its fields as help."""
     network_text: Callable[[Any], str]
-    """The text of the network file."""
+    """Returns the text of the network file."""
     read: Callable[[ET.Element, Any, str], Layout]
     traffic: Callable[[Any], ET.Element]
-    """The demo traffic, with which SUMO alone opens the scenario."""
+    """Returns the demo traffic, which is used when SUMO alone opens the scenario."""
     additional: Callable[[Any], dict[str, ET.Element]] = lambda description: {}
-    """More files that SUMO loads before its vehicles, by file name."""
+    """Returns more files that SUMO loads before its vehicles, by file name."""

@@ -1,7 +1,7 @@
 """The kinds of scenarios by name.
 
-To add a kind, write its file and add a line to ``KINDS``; the help of the command line and the docs
-are made from it.
+To add a kind, write its file and add a line to ``KINDS``, from which the help of the command line
+and the docs are generated.
 """
 
 from typing import Any
@@ -18,7 +18,11 @@ KINDS: dict[str, ScenarioKind] = {"loop": LOOP, "straight": STRAIGHT, "merge": M
 
 
 def kind_name(description: Any) -> str:
-    """The name of the kind of scenario that a description describes; raises ScenarioError."""
+    """Return the name of the kind of scenario to which a description belongs.
+
+    Raises:
+        ScenarioError: no kind has a description of this class.
+    """
     for name, kind in KINDS.items():
         if type(description) is kind.description:
             return name
@@ -29,11 +33,15 @@ def kind_name(description: Any) -> str:
 
 
 def kind_of(description: Any) -> ScenarioKind:
-    """The kind of scenario that a description describes; raises ScenarioError."""
+    """Return the kind of scenario to which a description belongs.
+
+    Raises:
+        ScenarioError: no kind has a description of this class.
+    """
     return KINDS[kind_name(description)]
 
 
 def stated_kind(description: Any) -> str:
-    """The line of TOML that names the kind; empty for a loop, whose files have no such line."""
+    """Return the TOML line that names the kind; "" for a loop, whose file has no such line."""
     name = kind_name(description)
     return "" if name == "loop" else f'kind = "{name}"\n'

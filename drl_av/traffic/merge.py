@@ -1,4 +1,4 @@
-"""``merge``: an on-ramp joins an open highway by an acceleration lane, which ends."""
+"""The kind of scenario ``merge``: an on-ramp joins an open highway by an acceleration lane."""
 
 from dataclasses import dataclass
 
@@ -14,21 +14,21 @@ from drl_av.traffic.open_road import (
 from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
 
 GORE_M = 500.0
-"""Where the ramp joins the highway."""
+"""Position at which the ramp joins the highway."""
 RAMP_ASIDE_M = 20.0
-"""Distance from the highway at which the beginning of the ramp is drawn."""
+"""Lateral distance from the highway at which the start of the ramp is drawn."""
 RAMP_SPEED_M_S = 15.0
-"""Speed of the ego at the beginning of the ramp."""
+"""Speed of the ego at its start on the ramp."""
 
 
 @dataclass(frozen=True)
 class MergeDescription(OpenDescription):
-    """An on-ramp, which is lane 0, beside a highway; the ego starts on the ramp."""
+    """A highway with an on-ramp, which is lane 0; the ego starts on the ramp."""
 
     ramp_m: float = setting(
         100.0,
         "ours",
-        "way of the ego on the ramp before it joins the highway, metres",
+        "distance of the ego's start before the point where the ramp joins the highway, metres",
         low=20,
         high=400,
     )
@@ -36,11 +36,15 @@ class MergeDescription(OpenDescription):
         250.0, "ours", "length of the acceleration lane, metres", low=50, high=2000
     )
     after_m: float = setting(
-        500.0, "ours", "way from the end of that lane to the end, metres", low=50, high=40_000
+        500.0,
+        "ours",
+        "distance from the end of the acceleration lane to the end of the road, metres",
+        low=50,
+        high=40_000,
     )
 
     def plan(self) -> OpenPlan:
-        """The highway before, beside and after the acceleration lane, and the ramp."""
+        """Return the road: a highway before, beside and after its acceleration lane, and a ramp."""
         lane_end_m = GORE_M + self.acceleration_lane_m
         end_m, front_m = lane_end_m + self.after_m, GORE_M - self.ramp_m
         begin_m = front_m - self.vehicle_length_m

@@ -1,4 +1,4 @@
-"""The road of a scenario as SUMO's network file, built by netconvert."""
+"""Writes the road of a scenario as a SUMO network file, built by netconvert."""
 
 import math
 import os
@@ -14,49 +14,55 @@ from drl_av.traffic.connection import missing_library, program
 from drl_av.traffic.description import ScenarioDescription
 
 DEMO_END_S = 3600
-"""End of the demo traffic."""
+"""Time at which the demo traffic ends."""
 EDGES = 4
+"""Number of edges of a loop."""
 CHORD_M = 6.0
-"""Length of the straight pieces that draw the circle, at most."""
+"""Largest length of the straight pieces that approximate the circle."""
 PRECISION = 6
 """Decimals of every length and coordinate in the network file."""
 
 
 def edge_lengths_m(circumference_m: float) -> tuple[float, ...]:
-    """Lengths of the edges, metres; they are equal, but the last one absorbs the rounding."""
+    """Return the lengths of a loop's edges; they are equal, but the last absorbs the rounding."""
     length_m = round(circumference_m / EDGES, PRECISION)
     last_m = round(circumference_m - (EDGES - 1) * length_m, PRECISION)
     return (*[length_m] * (EDGES - 1), last_m)
 
 
 def point(radius_m: float, turn: float) -> str:
-    """The text ``x,y`` of a point on a circle around the origin; ``turn`` is from 0 to 1."""
+    """Return the text ``x,y`` of a point on a circle around the origin, metres.
+
+    ``turn`` is its counter-clockwise angle as a fraction of a full turn; 0 is on the x axis.
+    """
     angle = 2 * math.pi * turn
     x, y = radius_m * math.cos(angle), radius_m * math.sin(angle)
     return f"{x + 0.0:.{PRECISION}f},{y + 0.0:.{PRECISION}f}".replace("-0.000000", "0.000000")
 
 
 def xml_text(root: ET.Element) -> str:
-    """An indented XML document; the text is the same on every machine."""
+    """Return an element as an indented XML document; the text is the same on every machine."""
     ET.indent(root, "    ")
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, "unicode") + "\n"
 
 
 def network_text(description: ScenarioDescription) -> str:
-    """The text of the network file: a counter-clockwise loop of four edges, no junction lanes.
+    """Return the text of a loop's network file: four edges without junction lanes between them.
 
     Raises:
-        ScenarioError: netconvert refused the description.
+        ScenarioError: netconvert refuses the description.
         SimulationError: netconvert cannot be run.
     """
     return netconvert({"node": _nodes(description), "edge": _edges(description)})
 
 
 def netconvert(parts: Mapping[str, ET.Element]) -> str:
-    """The text of a network file that netconvert builds from its nodes, edges and connections.
+    """Return the text of the network file that netconvert builds from its inputs.
+
+    ``parts`` are the root elements of the inputs, by kind ("node", "edge", "connection").
 
     Raises:
-        ScenarioError: netconvert refused them.
+        ScenarioError: netconvert refuses the inputs.
         SimulationError: netconvert cannot be run.
     """
     with tempfile.TemporaryDirectory() as scratch:
@@ -71,6 +77,7 @@ def netconvert(parts: Mapping[str, ET.Element]) -> str:
 
 
 def _nodes(description: ScenarioDescription) -> ET.Element:
+    """Return netconvert's input with the nodes of a loop."""
     radius_m = description.circumference_m / (2 * math.pi)
     root = ET.Element("nodes")
     for i in range(EDGES):
@@ -80,6 +87,7 @@ def _nodes(description: ScenarioDescription) -> ET.Element:
 
 
 def _edges(description: ScenarioDescription) -> ET.Element:
+    """Return netconvert's input with the edges of a loop, their shapes and barricaded lanes."""
     radius_m = description.circumference_m / (2 * math.pi)
     pieces = math.ceil(description.circumference_m / EDGES / CHORD_M)
     root = ET.Element("edges")
@@ -102,6 +110,12 @@ def _edges(description: ScenarioDescription) -> ET.Element:
 
 
 def _run_netconvert(files: Sequence[str], network: Path) -> None:
+    """Let netconvert write the file ``network``; ``files`` are the options that name its inputs.
+
+    Raises:
+        ScenarioError: netconvert refuses the inputs.
+        SimulationError: netconvert cannot be run.
+    """
     executable = program("netconvert")
     arguments = [
         *files,

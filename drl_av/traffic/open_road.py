@@ -1,4 +1,4 @@
-"""Open roads as SUMO's networks: the plan of a road, written by netconvert and read again."""
+"""Open roads as SUMO networks: the plan of a road, and functions that write and read it."""
 
 import xml.etree.ElementTree as ET
 from abc import ABC, abstractmethod
@@ -25,16 +25,16 @@ from drl_av.traffic.network import DEMO_END_S, PRECISION, netconvert, xml_text
 from drl_av.traffic.road import Road
 
 BEYOND_M = 250.0
-"""The traffic is followed so far beyond the end of the ego's way, which is the ego's range."""
+"""Length of road with other vehicles beyond the end of the ego's way; it is the ego's range."""
 RUN_OUT_M = 500.0
-"""SUMO's road goes on so far beyond that end, so that no vehicle leaves SUMO while followed."""
+"""Length of SUMO's road beyond that end. Vehicles leave the fleet before they reach SUMO's end."""
 DEMO_EGO_DEPARTS_S = 60
 TOLERANCE = 1e-6
 __all__ = ["BEYOND_M", "Edge", "OpenDescription", "OpenPlan", "open_kind", "xml_text"]
 
 
 class Edge(NamedTuple):
-    """A part of an open road, with the same lanes from its beginning to its end."""
+    """A part of an open road that has the same lanes from its beginning to its end."""
 
     id: str
     begin_m: float
@@ -42,14 +42,14 @@ class Edge(NamedTuple):
     lanes: range
     """Indices of its lanes on the road, rightmost first."""
     drawn_aside_m: tuple[float, float] = (0.0, 0.0)
-    """Distance to the right at which its beginning and its end are drawn; only a drawing."""
+    """Distance to the right at which its beginning and its end are drawn in sumo-gui."""
 
 
 class OpenPlan(NamedTuple):
-    """An open road: its edges in SUMO, and the same road as decisions see it.
+    """An open road: its edges and routes in SUMO, and the same road as the simulation needs it.
 
-    A lane leads on to the lane of the same index on each edge that begins where its own ends. The
-    last route is that of the ego in the demo traffic.
+    Each lane continues in the lane of the same index on every edge that begins where its edge ends.
+    The last route is that of the ego in the demo traffic.
     """
 
     edges: tuple[Edge, ...]
@@ -60,11 +60,11 @@ class OpenPlan(NamedTuple):
 
 @dataclass(frozen=True)
 class OpenDescription(ABC):
-    """The settings that all open roads have; a kind adds its own and plans the road.
+    """The settings that all open roads have; a subclass adds its own settings and the plan.
 
     Raises:
         ScenarioError: a value has a wrong type or is out of bounds, or a placed vehicle is not on
-            the road or overlaps another one.
+            the road, too fast, or overlaps another one.
     """
 
     lanes: int = LANES()
@@ -73,7 +73,7 @@ class OpenDescription(ABC):
     vehicle_length_m: float = VEHICLE_LENGTH_M()
     vehicle_width_m: float = VEHICLE_WIDTH_M()
     flow_per_h: float = setting(
-        1000.0, "ours", "inflow of each lane of the highway, vehicles an hour", low=0, high=2400
+        1000.0, "ours", "inflow of each lane of the highway, vehicles per hour", low=0, high=2400
     )
     vehicles: tuple[PlacedVehicle, ...] = ()
 
@@ -95,20 +95,20 @@ class OpenDescription(ABC):
 
     @abstractmethod
     def plan(self) -> OpenPlan:
-        """The road of this description."""
+        """Return the road of this description."""
 
     def to_toml(self) -> str:
-        """The description as TOML text."""
+        """Return the description as TOML text, without its kind."""
         return tomli_w.dumps(asdict(self))
 
 
 def open_kind(meaning: str, description: type[OpenDescription]) -> ScenarioKind:
-    """The kind of scenario of an open road, from the class that describes it."""
+    """Return the kind of scenario of open roads that the class ``description`` describes."""
     return ScenarioKind(meaning, description, network_text, read_layout, traffic)
 
 
 def _edges(description: OpenDescription) -> list[Edge]:
-    """The edges of a road in SUMO, where the last ones go on beyond the end of the ego's way."""
+    """Return the edges of a road in SUMO; the last ones extend beyond the end of the ego's way."""
     plan = description.plan()
     end_m = plan.road.end_m
     return [
@@ -118,7 +118,12 @@ def _edges(description: OpenDescription) -> list[Edge]:
 
 
 def network_text(description: OpenDescription) -> str:
-    """The text of the network file of an open road; raises ScenarioError or SimulationError."""
+    """Return the text of the network file of an open road.
+
+    Raises:
+        ScenarioError: netconvert refuses the road.
+        SimulationError: netconvert cannot be run.
+    """
     edges = _edges(description)
     roots = {name: ET.Element(f"{name}s") for name in ("node", "edge", "connection")}
     nodes: dict[tuple[float, float], str] = {}
@@ -136,7 +141,7 @@ def network_text(description: OpenDescription) -> str:
 
 
 def _add_edge(root: ET.Element, edge: Edge, nodes: list[str], description: OpenDescription) -> None:
-    """Lanes lie to the right of the line that an edge is drawn along."""
+    """Add an edge to netconvert's input; its lanes lie to the right of its shape."""
     leftmost = len(description.plan().road.open_lanes) - 1
     line_m = -(leftmost - edge.lanes[-1]) * description.lane_width_m
     places = zip((edge.begin_m, edge.end_m), edge.drawn_aside_m, strict=True)
@@ -153,11 +158,12 @@ def _add_edge(root: ET.Element, edge: Edge, nodes: list[str], description: OpenD
 
 
 def _text(value_m: float) -> str:
+    """Return a coordinate as text with a fixed number of decimals."""
     return f"{value_m + 0.0:.{PRECISION}f}"
 
 
 def _connections(edges: list[Edge]) -> set[tuple[str, str, str, str]]:
-    """From each lane to the lane that goes on: edge, lane in it, next edge, lane in that."""
+    """Return the connections of lanes as (edge, its lane, next edge, its lane)."""
     return {
         (one.id, str(lane - one.lanes[0]), other.id, str(lane - other.lanes[0]))
         for one in edges
@@ -169,7 +175,11 @@ def _connections(edges: list[Edge]) -> set[tuple[str, str, str, str]]:
 
 
 def read_layout(network: ET.Element, description: OpenDescription, name: str) -> Layout:
-    """The road of a network; raises ScenarioError if it is not the described one."""
+    """Return the layout of a network file; ``network`` is its root element, ``name`` its name.
+
+    Raises:
+        ScenarioError: the road is not the described one; the message contains ``name``.
+    """
     plan, edges = description.plan(), _edges(description)
     found = {lane.attrib.get("id", ""): lane for lane in network.iter("lane")}
     positions = {
@@ -195,7 +205,10 @@ def read_layout(network: ET.Element, description: OpenDescription, name: str) ->
 def _difference(
     found: dict[str, ET.Element], wanted: dict[str, Edge], description: OpenDescription
 ) -> str | None:
-    """How the lanes of a network differ from the described ones; it completes a sentence."""
+    """Return how the lanes of a network differ from the described ones, or None if they do not.
+
+    The result completes a sentence "The road ...".
+    """
     if set(found) != set(wanted):
         return f"has other lanes than described, one is {min(set(found) ^ set(wanted))!r}"
     for lane_id, lane in found.items():
@@ -217,7 +230,7 @@ def _difference(
 
 
 def traffic(description: OpenDescription) -> ET.Element:
-    """The demo traffic: inflow in each lane, and an ego that follows."""
+    """Return SUMO's route file with the demo traffic: an inflow in each lane, and later the ego."""
     plan = description.plan()
     root = ET.Element("routes")
     for name, edges in plan.routes.items():

@@ -1,4 +1,4 @@
-"""A vehicle of a population put on the road of a running SUMO."""
+"""Adds a vehicle of a population to a running SUMO."""
 
 from typing import Any
 
@@ -12,9 +12,12 @@ from drl_av.traffic.snapshot import EGO
 def place(
     vehicle: Any, row: int, population: Population, layout: Layout, traffic: TrafficConfig
 ) -> None:
-    """Add the vehicle of a row where it starts, with its own parameters."""
+    """Add the vehicle with index ``row`` to SUMO at its start position, with its parameters.
+
+    ``vehicle`` is the domain ``vehicle`` of libsumo or traci.
+    """
     name, speed = population.ids[row], float(population.speed_m_s[row])
-    lane_id, position_m = _berth(layout, population.lane[row], population.front_m[row])
+    lane_id, position_m = _lane_and_position(layout, population.lane[row], population.front_m[row])
     route, kind = _route(layout, lane_id), EGO_ID if row == EGO else "traffic"
     vehicle.add(name, route, kind, "now", departSpeed="0")
     if population.is_truck[row]:
@@ -34,15 +37,15 @@ def place(
 
 
 def _route(layout: Layout, lane_id: str) -> str:
-    """The name of the first route that contains the edge of a lane."""
+    """Return the name of the first route that contains the edge of a SUMO lane."""
     if len(layout.routes) == 1:
         return next(iter(layout.routes))
     edge = lane_id.rpartition("_")[0]
     return next(name for name, edges in layout.routes.items() if edge in edges)
 
 
-def _berth(layout: Layout, lane: int, front_m: float) -> tuple[str, float]:
-    """The lane id and the position on it of a place on the road."""
+def _lane_and_position(layout: Layout, lane: int, front_m: float) -> tuple[str, float]:
+    """Return the SUMO lane id of a position on the road, and the position on that lane, metres."""
     best = max(
         (start_m, lane_id)
         for lane_id, (index, start_m) in layout.lane_positions.items()

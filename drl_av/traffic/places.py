@@ -1,4 +1,4 @@
-"""Where the vehicles of an episode start, and how fast: drawn at random, and safe."""
+"""The positions and speeds at which the vehicles of an episode start: random, but safe."""
 
 from typing import NamedTuple
 
@@ -9,24 +9,29 @@ from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.traffic.road import FloatArray, Road
 
 COMFORTABLE_BRAKING_M_S2 = 2.0
+"""Braking with which each vehicle can stop behind the vehicle ahead at the start."""
 
 
 class Places(NamedTuple):
-    """Places of vehicles along a ring; one row for each."""
+    """The start positions of vehicles along a ring; one row for each vehicle, the ego's first."""
 
     lane: npt.NDArray[np.intp]
     front_m: FloatArray
-    """Position of the front bumper."""
+    """Position of the front bumper along the ring."""
     gap_m: FloatArray
-    """Net gap to the vehicle ahead."""
+    """Net gap to the vehicle ahead in the same lane."""
     leader: npt.NDArray[np.intp]
-    """Row of the vehicle ahead."""
+    """Row of the vehicle ahead in the same lane."""
 
 
 def random_lanes(
     rng: np.random.Generator, n: int, road: Road, room: int, evenness: float
 ) -> npt.NDArray[np.intp]:
-    """The lane of each row: equal chances for the ego, random shares of this episode for others."""
+    """Draw the lane index of each of ``n`` vehicles, row 0 is the ego; shape (n,).
+
+    Each open lane has the same chance for the ego, and a random chance in this episode for the
+    other vehicles. ``room`` is the number of vehicles that fit on all open lanes.
+    """
     open_lanes = np.flatnonzero(road.open_lanes)
     berths = np.full(len(open_lanes), room // len(open_lanes))
     shares = rng.dirichlet(np.full(len(open_lanes), evenness))
@@ -48,7 +53,10 @@ def ring_places(
     pitch_m: FloatArray,
     start_gap_m: float,
 ) -> Places:
-    """Random places of vehicles in their lanes, along a ring of ``ring_m`` metres."""
+    """Draw the positions of vehicles in their lanes, along a ring of ``ring_m`` metres.
+
+    ``pitch_m`` is the length of each vehicle plus ``start_gap_m``, the smallest gap.
+    """
     n = len(lane)
     front_m, gap_m, leader = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.intp)
     for index in np.unique(lane):
@@ -64,7 +72,11 @@ def ring_places(
 def safe_speeds(
     desired: FloatArray, headway: FloatArray, gap_m: FloatArray, leader: npt.NDArray[np.intp]
 ) -> FloatArray:
-    """Speeds at which each vehicle keeps its headway and can stop behind the vehicle ahead, m/s."""
+    """Return the largest speeds at which each vehicle keeps its headway and can stop in time, m/s.
+
+    Each vehicle is at most as fast as desired, and can stop behind the vehicle ahead, which is row
+    ``leader``, with comfortable braking of both.
+    """
     free_m = np.maximum(gap_m - STANDSTILL_GAP_M, 0.0)
     speed = np.minimum(desired, free_m / headway)
     for _ in range(len(speed)):

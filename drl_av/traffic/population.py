@@ -1,4 +1,4 @@
-"""The vehicles at the start of an episode: positions and parameters, drawn at random."""
+"""The vehicles at the start of an episode, with random positions and parameters."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
@@ -17,12 +17,13 @@ EGO_ID = "ego"
 SPREAD_M = 250.0
 """Vehicles start within this distance of the ego (Sec. IV-B)."""
 DECISIONS_AT_ONCE = 256
+"""Number of decisions whose random lane changes are drawn at once."""
 STANDING_M_S = 0.1
 """Speed of standing vehicles; SUMO's models react to them, but not to vehicles that SUMO stops."""
 
 
 class Kind(IntEnum):
-    """The driver of a background vehicle."""
+    """The kind of driver of a background vehicle."""
 
     SUMO = 0
     """SUMO's IDM and SL2015; also the value in the ego's row."""
@@ -30,33 +31,33 @@ class Kind(IntEnum):
     LEVEL_0 = 2
     LEVEL_1 = 3
     HARD_BRAKING = 4
-    """The finite-state machine, which sometimes brakes as hard as it can."""
+    """The finite-state machine, which brakes as hard as it can at random times."""
 
 
 @dataclass(frozen=True)
 class Population:
-    """The vehicles at the start of an episode; all arrays have 1 + N rows, the ego's first."""
+    """The vehicles of an episode; each array has shape (1 + N,), with the ego at index 0."""
 
     ids: tuple[str, ...]
     lane: npt.NDArray[np.intp]
     front_m: FloatArray
-    """Position of the front bumper along the loop, [0, circumference)."""
+    """Position of the front bumper along the road, in [0, ``Road.lap_m``)."""
     speed_m_s: FloatArray
     desired_speed_m_s: FloatArray
     headway_s: FloatArray
     acceleration_m_s2: FloatArray
     speed_gain: FloatArray
-    """Lane-change eagerness, SUMO's lcSpeedGain."""
+    """SUMO's lcSpeedGain, the eagerness to change lanes for speed."""
     is_truck: npt.NDArray[np.bool_]
 
     def rows(self, wanted: Sequence[int]) -> "Population":
-        """The population of some of the rows, in that order."""
+        """Return the population of the wanted rows, in their order."""
         kept = list(wanted)
         arrays = {item.name: getattr(self, item.name)[kept] for item in fields(self)[1:]}
         return Population(ids=tuple(self.ids[row] for row in kept), **arrays)
 
     def joined(self, other: "Population") -> "Population":
-        """The population of both; the rows of ``other`` follow."""
+        """Return the population of both; the rows of ``other`` come last."""
         arrays = {
             item.name: np.concatenate((getattr(self, item.name), getattr(other, item.name)))
             for item in fields(self)[1:]
@@ -83,7 +84,7 @@ def require_speed_limit(config: Config, description: ScenarioDescription) -> Non
 
 
 def require_truck_width(config: Config, description: ScenarioDescription) -> None:
-    """Raise ConfigError where trucks are wider than a lane."""
+    """Raise ConfigError if trucks can occur and are wider than a lane."""
     width_m, lane_m = config.traffic.truck_width_m, description.lane_width_m
     if config.traffic.truck_share and width_m > lane_m:
         raise ConfigError(
@@ -93,7 +94,10 @@ def require_truck_width(config: Config, description: ScenarioDescription) -> Non
 
 
 def capacity(road: Road, length_m: float, start_gap_m: float) -> int:
-    """Largest number of vehicles, including the ego, that can start on the road."""
+    """Return the largest number of vehicles, the ego included, that can start on a loop.
+
+    ``length_m`` is the length of the longest vehicle, ``start_gap_m`` the smallest net gap.
+    """
     ring_m = min(road.lap_m, 2 * SPREAD_M)
     return sum(road.open_lanes) * int(ring_m // (length_m + start_gap_m))
 
@@ -106,10 +110,10 @@ def draw_population(
     traffic: TrafficConfig,
     ego: EgoConfig,
 ) -> Population:
-    """Draw the ego and ``vehicles`` other vehicles within 250 m, each with its own parameters.
+    """Draw the ego and ``vehicles`` others within 250 m of it, with random parameters.
 
-    Cars have ``length_m``. Trucks and unusual vehicles are drawn from streams of their own, so that
-    the others stay as they are.
+    Cars are ``length_m`` long. Trucks and unusual vehicles are drawn from separate random streams,
+    so that they do not change the other vehicles.
 
     Raises:
         ScenarioError: the vehicles do not fit on the open lanes.
@@ -136,12 +140,12 @@ def draw_population(
 def pitches_m(
     is_truck: npt.NDArray[np.bool_], length_m: float, traffic: TrafficConfig
 ) -> FloatArray:
-    """The length of each vehicle and the smallest gap between vehicles at the start, metres."""
+    """Return the length of each vehicle plus the smallest gap at the start, metres, shape (n,)."""
     return np.where(is_truck, traffic.truck_length_m, length_m) + traffic.start_gap_m
 
 
 def draw_trucks(rng: np.random.Generator, n: int, traffic: TrafficConfig) -> npt.NDArray[np.bool_]:
-    """Whether each vehicle is a truck; the ego, row 0, is not."""
+    """Draw whether each of ``n`` vehicles is a truck, shape (n,); the ego, row 0, is none."""
     is_truck = rng.random(n) < traffic.truck_share
     is_truck[0] = False
     return is_truck
@@ -155,7 +159,11 @@ def with_drivers(
     traffic: TrafficConfig,
     ego: EgoConfig,
 ) -> Population:
-    """The population at these places, with the parameters of each driver."""
+    """Return the population at these positions, with random parameters of each driver.
+
+    ``streams`` are the random streams of the unusual vehicles and of the trucks; ``rng`` is for the
+    rest.
+    """
     n, (unusual, trucks) = len(is_truck), streams
     desired = rng.uniform(traffic.desired_speed_min_m_s, traffic.desired_speed_max_m_s, n)
     desired[0] = ego.max_speed_m_s
@@ -185,7 +193,10 @@ def _make_some_unusual(
     speed_gain: FloatArray,
     traffic: TrafficConfig,
 ) -> None:
-    """Make some vehicles but the ego stand, crawl or overtake fast, by the config's shares."""
+    """Make some of the other vehicles stand, crawl or overtake fast, by the shares in ``traffic``.
+
+    It changes ``desired_m_s`` and ``speed_gain`` in place; the ego, row 0, does not change.
+    """
     draws, places = rng.random((2, len(desired_m_s)))
     which = np.searchsorted(np.cumsum(traffic.unusual_shares), draws, side="right")
     which[0] = len(traffic.unusual_shares)
@@ -198,7 +209,7 @@ def _make_some_unusual(
 
 
 def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig) -> Population:
-    """The vehicles that a scenario places exactly, with the mean parameters of the config.
+    """Return the vehicles that a scenario places exactly, with the mean parameters of ``traffic``.
 
     Raises:
         ScenarioError: the ego is not among them.
@@ -226,9 +237,9 @@ def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig)
 
 
 def draw_kinds(seed: int, n: int, traffic: TrafficConfig) -> npt.NDArray[np.intp]:
-    """The kind of driver of each row, shape (n,), drawn by the shares; ``Kind.SUMO`` for the ego.
+    """Draw the kind of driver of each row by the shares, shape (n,); the ego's is ``Kind.SUMO``.
 
-    They use a separate random stream, so the shares do not change the vehicles' other parameters.
+    The kinds have a separate random stream, so they do not change the other parameters.
     """
     limits = np.cumsum(traffic.shares)
     draws = np.random.default_rng([seed, 3]).random(n)
@@ -240,9 +251,10 @@ def draw_kinds(seed: int, n: int, traffic: TrafficConfig) -> npt.NDArray[np.intp
 def random_lane_changes(
     rng: np.random.Generator, n: int, chance: float
 ) -> Iterator[list[tuple[int, int]]]:
-    """The random lane changes of each decision, as pairs of row and side; an endless iterator.
+    """Yield for each decision, endlessly, the random lane changes as pairs (row, side).
 
-    Sides are left +1 and right -1. The ego, row 0, has no random lane changes.
+    The side is +1 for left and -1 for right. ``chance`` is the probability that a vehicle changes
+    lanes at a decision; the ego, row 0, never does.
     """
     while True:
         draws = rng.random((DECISIONS_AT_ONCE, 2, n))

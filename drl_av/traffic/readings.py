@@ -1,4 +1,4 @@
-"""Reads the state of SUMO's vehicles in the coordinates of a snapshot."""
+"""Reads the state of SUMO's vehicles, in the coordinates of a snapshot."""
 
 from collections.abc import Sequence
 from types import ModuleType
@@ -11,7 +11,7 @@ STATE = ("getLaneID", "getLanePosition", "getLateralLanePosition", "getSpeed", "
 
 
 class Readings:
-    """Reads the state of the vehicles of an episode; one row for each, the ego's first."""
+    """Reads the state of the vehicles; a row is an index into ``ids``, the ego's is 0."""
 
     def __init__(
         self, sumo: ModuleType, scenario: Scenario, ids: Sequence[str], length_m: FloatArray
@@ -23,14 +23,14 @@ class Readings:
         self._lane, self._at, self._aside, *self._speeds = getters(sumo, STATE)
 
     def place(self, row: int) -> tuple[float, float]:
-        """The centre of one vehicle, (s, y): along the loop, [0, circumference), and across it."""
+        """Return the centre (s, y) of a vehicle: its position along and across the road, metres."""
         name = self._ids[row]
         lane, start_m = self._lane_positions[self._lane(name)]
         along_m = (start_m + self._at(name) - self._half_m[row]) % self._lap_m
         return along_m, lane * self._lane_m + self._aside(name)
 
     def state(self) -> tuple[list[float], ...]:
-        """Of all vehicles: s, y, speed along the road and lateral speed, a list of rows each."""
+        """Return s, y, speed and lateral speed: four lists with one value for each vehicle."""
         ids, lap_m, lane_m = self._ids, self._lap_m, self._lane_m
         at_m, aside_m, speed, lateral = (
             [*map(read, ids)] for read in (self._at, self._aside, *self._speeds)
@@ -44,7 +44,7 @@ class Readings:
         return along_m, across_m, speed, lateral
 
     def lane_change(self, row: int) -> int:
-        """The lane change of SUMO's model for a vehicle: +1 left, -1 right, 0 none."""
+        """Return the lane change that SUMO's model would make now: +1 left, -1 right, 0 none."""
         bits = self._sumo.constants
         for sign, wish in ((1, bits.LCA_LEFT), (-1, bits.LCA_RIGHT)):
             state = self._sumo.vehicle.getLaneChangeState(self._ids[row], sign)[0]

@@ -66,7 +66,7 @@ def ask_for_speeds(
     step_s = config.simulation.step_length_s
     if traffic_commands or config.traffic.keep_stopping_distance:
         ours = {EGO, *(wish.row for wish in traffic_commands)}
-        _hold_back(vehicle, [ids[row] for row in range(len(ids)) if row not in ours], step_s)
+        _limit_speeds(vehicle, [ids[row] for row in range(len(ids)) if row not in ours], step_s)
     for row, acceleration_m_s2, _ in traffic_commands:
         name = ids[row]
         speed, most = vehicle.getSpeed(name), stoppable_speed(vehicle, name, step_s)
@@ -76,7 +76,7 @@ def ask_for_speeds(
             vehicle.setSpeed(name, min(most, max(0.0, speed + acceleration_m_s2 * step_s)))
 
 
-def _hold_back(vehicle: Any, names: Sequence[str], step_s: float) -> None:
+def _limit_speeds(vehicle: Any, names: Sequence[str], step_s: float) -> None:
     """Limit the speed of SUMO-driven vehicles to ``stoppable_speed`` for the next SUMO step."""
     for name in names:
         most = stoppable_speed(vehicle, name, step_s)

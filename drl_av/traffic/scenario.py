@@ -1,4 +1,4 @@
-"""Scenario folders: write one with netconvert, read and verify one, find a shipped one."""
+"""Functions that write, read and verify scenario folders, and that find the shipped ones."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -37,18 +37,18 @@ WRITE_ANEW = "write the scenario anew with: drl-av scenario DIR"
 
 @dataclass(frozen=True)
 class Scenario:
-    """A scenario folder that was read and verified."""
+    """A scenario folder that has been read and verified."""
 
     folder: Path
     description: Any
-    """Of the class that its kind of scenario names."""
+    """An object of the class ``ScenarioKind.description`` of its kind."""
     layout: Layout
     additional_files: tuple[Path, ...]
     """The files that SUMO loads before any vehicle: vehicle types, and barricades if any."""
     vehicle_types: VehicleTypes
-    """The types in the scenario's file; the sizes in ``description`` are the larger of the two."""
+    """The types in the scenario's file; ``description`` has the larger size of the two types."""
     as_written: bool
-    """True if the checksums in the folder match; False if the folder has no checksums."""
+    """Whether the folder has checksums, which match; False if it has no checksums."""
 
     @property
     def road(self) -> Road:
@@ -57,22 +57,22 @@ class Scenario:
 
     @property
     def network_file(self) -> Path:
-        """SUMO's network file."""
+        """Path of SUMO's network file."""
         return self.folder / scenario_files.NETWORK_FILE
 
     @property
     def vehicle_types_file(self) -> Path:
-        """The file with the vehicle types "traffic" and "ego"."""
+        """Path of the file with the vehicle types "traffic" and "ego"."""
         return self.folder / scenario_files.VEHICLE_TYPES_FILE
 
     @property
     def view_file(self) -> Path:
-        """The file with the view settings of sumo-gui."""
+        """Path of the file with the view settings of sumo-gui."""
         return self.folder / scenario_files.VIEW_FILE
 
 
 def write_scenario(folder: str | Path, description: Any) -> None:
-    """Write a scenario folder completely or not at all; equal descriptions give equal bytes.
+    """Write a scenario folder atomically; equal descriptions give equal bytes.
 
     Raises:
         ScenarioError: the folder exists and is not empty, it cannot be written, SUMO cannot read
@@ -90,17 +90,19 @@ def write_scenario(folder: str | Path, description: Any) -> None:
 
 
 def _require_readable(folder: Path) -> None:
+    """Raise ScenarioError if the path contains a comma, which SUMO cannot read."""
     if "," in str(folder):
         raise ScenarioError(f"SUMO cannot read {folder}, which has a comma in it: rename it.")
 
 
 def _require_free(folder: Path) -> None:
+    """Raise ScenarioError if the folder exists and is not empty."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ScenarioError(f"{folder} exists and is not empty: remove it, or name another folder.")
 
 
 def load_scenario(folder: str | Path) -> Scenario:
-    """Read a scenario folder and verify that its road is the one it describes.
+    """Read a scenario folder, and verify that its files agree with each other.
 
     Raises:
         ScenarioError: the folder does not exist, a file is missing, damaged or changed, or the road
@@ -136,7 +138,11 @@ def load_scenario(folder: str | Path) -> Scenario:
 
 
 def _with_sizes(description: Any, types: VehicleTypes, name: str) -> Any:
-    """The description with the sizes of the vehicle types, which a user may have changed."""
+    """Return the description with the sizes of the vehicle types, which the user may have changed.
+
+    Raises:
+        ScenarioError: the sizes are not allowed; the message begins with ``name``.
+    """
     try:
         return replace(
             description, vehicle_length_m=types.longest_m, vehicle_width_m=types.widest_m
@@ -146,7 +152,7 @@ def _with_sizes(description: Any, types: VehicleTypes, name: str) -> Any:
 
 
 def _require_unchanged(folder: Path) -> bool:
-    """Compare the files with their checksums; returns False if the folder has none.
+    """Return whether the folder has checksums; raise ScenarioError if a file does not match them.
 
     No other check would notice a changed digit in the vehicle types.
     """
@@ -167,7 +173,7 @@ def _require_unchanged(folder: Path) -> bool:
 
 
 def shipped_scenarios() -> dict[str, Path]:
-    """The folders of the scenarios that the package contains, by name."""
+    """Return the folders of the scenarios that the package contains, by name."""
     package = Path(__file__).parents[1]
     for home in (package / "sumo_scenarios", package.parent / "sumo_scenarios"):
         found = home.glob(f"*/{scenario_files.DESCRIPTION_FILE}")
@@ -177,7 +183,9 @@ def shipped_scenarios() -> dict[str, Path]:
 
 
 def find_scenario(name_or_path: str | Path | None = None) -> Path:
-    """The folder of a scenario, given its path or the name of a shipped one; None is the default.
+    """Return the folder of a scenario, from its path or the name of a shipped one.
+
+    None is the default scenario.
 
     Raises:
         ScenarioError: no folder and no shipped scenario has that name.
@@ -195,6 +203,7 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
 
 
 def _text(path: Path) -> str:
+    """Return the text of a UTF-8 file; raise ScenarioError if it cannot be read."""
     try:
         return read_regular_file(path, WRITE_ANEW).decode("utf-8-sig")
     except UnicodeDecodeError as error:

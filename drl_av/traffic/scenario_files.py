@@ -1,4 +1,4 @@
-"""The files of a scenario folder of any kind: network, vehicle types, view, checksums."""
+"""The files of a scenario folder: network, vehicle types, demo traffic, view, checksums."""
 
 import hashlib
 import xml.etree.ElementTree as ET
@@ -26,14 +26,14 @@ ALL_FILES = (
     CONFIG_FILE,
     VIEW_FILE,
 )
-"""The files that the checksums cover; other files in the folder belong to the user."""
+"""The files that have checksums; other files in the folder belong to the user."""
 
 
 def scenario_texts(description: Any) -> dict[str, str]:
-    """The text of every file of a scenario folder, by file name.
+    """Return the text of each file of a scenario folder, by file name.
 
     Raises:
-        ScenarioError: netconvert refused the description.
+        ScenarioError: netconvert refuses the description.
         SimulationError: netconvert cannot be run.
     """
     kind = kind_of(description)
@@ -50,18 +50,19 @@ def scenario_texts(description: Any) -> dict[str, str]:
 
 
 def checksums(files: Mapping[str, bytes]) -> str:
-    """One line for each file, in the format of ``sha256sum``."""
+    """Return the checksums of files in the format of ``sha256sum``, one line for each file."""
     return "".join(
         f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in sorted(files.items())
     )
 
 
 def additional_files(description: Any) -> tuple[str, ...]:
-    """Names of the files that SUMO loads before its vehicles: types, and barricades if any."""
+    """Return the names of the files that SUMO loads before its vehicles, vehicle types first."""
     return (VEHICLE_TYPES_FILE, *kind_of(description).additional(description))
 
 
 def _vehicle_types(description: Any) -> ET.Element:
+    """Return SUMO's additional file with the vehicle types."""
     root = ET.Element("additional")
     size = description.vehicle_length_m, description.vehicle_width_m
     for attributes in type_attributes(*size):
@@ -70,6 +71,7 @@ def _vehicle_types(description: Any) -> ET.Element:
 
 
 def _configuration(description: Any) -> ET.Element:
+    """Return the SUMO configuration that opens the scenario with its demo traffic."""
     sections = {
         "input": {
             "net-file": NETWORK_FILE,
@@ -95,10 +97,10 @@ def _configuration(description: Any) -> ET.Element:
 
 
 def _view() -> ET.Element:
-    """Real-world colours, and a caption on each vehicle from its parameter ``caption``.
+    """Return view settings of sumo-gui: real-world colours, and a caption beside each vehicle.
 
-    The view sets no viewport, which would undo the zoom of the simulation, and no delay, with which
-    libsumo's close never returns.
+    The caption is the vehicle's parameter ``caption``. The view sets no viewport, which would undo
+    the zoom of the simulation, and no delay, with which libsumo's close never returns.
     """
     root = ET.Element("viewsettings")
     scheme = ET.SubElement(root, "scheme", name="real world")

@@ -1,4 +1,4 @@
-"""One simulation in SUMO: load, place the vehicles, advance by one decision, close."""
+"""One simulation in SUMO: it loads a scenario, places vehicles, and advances by one decision."""
 
 import weakref
 from collections.abc import Callable, Iterable, Sequence
@@ -27,6 +27,7 @@ from drl_av.traffic.scenario import Scenario
 from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot, TrafficCommand
 
 RANDOM_LANE_CHANGE_S = 5.0
+"""Time for which SUMO tries to execute a random lane change."""
 VIEW = "View #0"
 GUI_ZOOM = 350.0
 """Zoom of sumo-gui in percent; its window then shows about 120 m of road."""
@@ -57,11 +58,11 @@ class Simulation:
         self._step_ms = round(1000 * config.simulation.step_length_s)
 
     def reset(self, seed: int, vehicles: int) -> Snapshot:
-        """Empty the road and place the vehicles that are drawn with a seed.
+        """Remove all vehicles, and place the ego and ``vehicles`` others drawn with ``seed``.
 
         The episode depends on (scenario, config, seed, vehicles) and the commands alone, whatever
-        ran in this process before. An unchanged scenario does not depend on SUMO's clock and random
-        numbers, so SUMO continues to run. For a changed scenario SUMO starts again.
+        ran in this process before. With an unchanged scenario nothing depends on SUMO's clock and
+        random numbers, so SUMO continues to run. With a changed scenario SUMO starts again.
 
         Raises:
             ScenarioError: the vehicles do not fit on the road.
@@ -88,7 +89,7 @@ class Simulation:
         return self._described()
 
     def _described(self) -> Snapshot:
-        """Prepare for the vehicles that are on the road now; returns their snapshot."""
+        """Prepare to read the vehicles that are on the road now, and return their snapshot."""
         self._ids = self.fleet.population.ids
         self._readings = Readings(self._sumo, self.scenario, self._ids, self.fleet.length_m)
         snapshot = self._snapshot()
@@ -105,11 +106,11 @@ class Simulation:
     def advance(
         self, commands: Sequence[Command], traffic_commands: Sequence[TrafficCommand] = ()
     ) -> tuple[Snapshot, Collision | None]:
-        """Execute one command in each SUMO step; stop at the step in which the ego collides.
+        """Execute one command for the ego in each SUMO step, until the ego collides.
 
-        This method alone decides on collisions: it sweeps the bodies along their motion in each
-        SUMO step, in which they may pass through each other (``traffic/collisions.py``). SUMO
-        executes the traffic commands as far as it finds them safe.
+        Return the snapshot after the last step, and the ego's collision or None. Only this method
+        detects collisions, by the motion of the bodies within each SUMO step
+        (``traffic/collisions.py``). SUMO executes the traffic commands as far as they are safe.
 
         Raises:
             SimulationError: SUMO does not run or ended unexpectedly, for example because the user
@@ -149,7 +150,7 @@ class Simulation:
         self._sumo.vehicle.setParameter(EGO_ID, "caption", text)
 
     def close(self) -> None:
-        """End SUMO, if it still runs; the next reset starts it again."""
+        """End SUMO if it still runs; the next reset starts it again."""
         if self._release is not None:
             self._release()  # does nothing the second time
 
@@ -163,7 +164,7 @@ class Simulation:
         self._sumo = instance.sumo
 
     def _exchanged(self, snapshot: Snapshot) -> Snapshot:
-        """The snapshot after vehicles have left an open road and others have entered it."""
+        """Return the snapshot after vehicles have left an open road and others have entered it."""
         state = self._s_m, self._y_m, self._speed_m_s
         entered = self.fleet.exchange(snapshot.time_s, *state)
         if entered is None:
@@ -183,7 +184,7 @@ class Simulation:
         """
         if self._owns_sumo() and self.scenario.as_written and not self._gui:
             with suppress(*self._errors):  # SUMO has ended, or another program has changed it
-                self._vacate()
+                self._remove_vehicles()
                 self._populate(range(len(self._ids)))
                 return
         self.close()
@@ -195,7 +196,7 @@ class Simulation:
             self._sumo.route.add(name, list(edges))
         self._populate(range(len(self._ids)))
 
-    def _vacate(self) -> None:
+    def _remove_vehicles(self) -> None:
         for name in self._sumo.vehicle.getLoadedIDList():
             self._sumo.vehicle.remove(name)
         self._sumo.simulationStep()  # frees the names of the vehicles
@@ -208,7 +209,7 @@ class Simulation:
                 leave_to_commands(self._sumo.vehicle, self._ids[row])
 
     def _step(self, command: Command, near: Sequence[int]) -> Collision | None:
-        """Execute one SUMO step; returns the ego's collision with one of the rows ``near``."""
+        """Execute one SUMO step; return the ego's collision with a row in ``near``, or None."""
         if not self._command(command):
             return Collision(CollisionKind.HIT_EDGE, None)
         self._sumo.simulationStep()
@@ -219,7 +220,7 @@ class Simulation:
         return collision
 
     def _moves(self, rows: Sequence[int]) -> dict[int, Motion]:
-        """The motions of vehicles since their positions were last read, by row."""
+        """Return the motion of the vehicle in each row since its position was last read."""
         moves = {}
         for row in rows:
             s_m, y_m = self._readings.place(row)
@@ -228,7 +229,7 @@ class Simulation:
         return moves
 
     def _command(self, command: Command) -> bool:
-        """Send the ego's next position to SUMO; returns False if it is not on open lanes."""
+        """Send the ego's next position and speed to SUMO; return False if it leaves the lanes."""
         if self._ego_lateral_speed_m_s is None:
             return True
         vehicle = self._sumo.vehicle
@@ -243,7 +244,7 @@ class Simulation:
         return True
 
     def _stays_on_its_lanes(self, command: Command) -> bool:
-        """Whether the ego is on lanes that have not ended, where the command brings its front."""
+        """Return whether the ego stays on open lanes if it executes the command."""
         width_m, half_m = float(self.fleet.width_m[EGO]), float(self.fleet.length_m[EGO]) / 2
         if not self.road.partial_lanes:
             return self.road.holds(command.y_m, width_m)

@@ -1,4 +1,4 @@
-"""``straight``: an open highway, on which vehicles enter at the beginning and leave at the end."""
+"""The kind of scenario ``straight``: an open highway that vehicles enter and leave at its ends."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from drl_av.traffic.open_road import (
 from drl_av.traffic.road import OPEN_LAP_M, Road
 
 START_M = 300.0
-"""Where the ego starts, so that all followers in range are on the road."""
+"""Position at which the ego starts, so far that all followers in its range are on the road."""
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,11 @@ class StraightDescription(OpenDescription):
     """An open highway with inflow in each lane."""
 
     length_m: float = setting(
-        2000.0, "ours", "way of the ego from its start to the end, metres", low=300, high=40_000
+        2000.0, "ours", "distance from the ego's start to the end, metres", low=300, high=40_000
     )
 
     def plan(self) -> OpenPlan:
-        """One edge with all lanes."""
+        """Return the road, which has one edge with all lanes."""
         end_m, lanes = START_M + self.length_m, range(self.lanes)
         return OpenPlan(
             edges=(Edge("road", 0.0, end_m, lanes),),
