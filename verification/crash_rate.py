@@ -1,14 +1,14 @@
-"""The crash rate of the shipped driver among people, by importance sampling.
+"""Estimates the crash rate of the shipped driver among human drivers, by importance sampling.
 
     python -m verification.crash_rate --tests 20000
 
-A test is 27 s on a three-lane highway, 800 m at 30 m/s, among nine people (``naturalistic.py``).
-The adversary makes dangerous acts near the ego more frequent; the weights of the tests remove the
-bias. For each check: crashes per test with a 95 % interval, those in which the ego hit a vehicle,
-and km between them. The published figures for a three-lane SUMO highway are 4.36e-4 crashes per
-test for a shield and 2.22e-4 for a driver (Comparison-DenseLearning-ProvablySafeRL); its tests
-differ: people drive by tables of data in SUMO, change lanes within one second, and their own
-steering and gaps are not those of ``naturalistic.py``.
+A test is 27 s on a three-lane highway, 800 m at 30 m/s, among nine human drivers, whose model is in
+``naturalistic.py``. The adversary makes dangerous acts near the ego more frequent; the weights of
+the tests remove the bias. For each check it prints the crashes per test with a 95 % interval, those
+in which the ego hit a vehicle, and the distance between these. The published figures for a
+three-lane SUMO highway are 4.36e-4 crashes per test for a shield and 2.22e-4 for a driver
+(Comparison-DenseLearning-ProvablySafeRL). Its tests differ: drivers follow tables of data in SUMO,
+change lanes within one second, and have other steering and gaps than in ``naturalistic.py``.
 """
 
 import argparse
@@ -38,7 +38,7 @@ from verification.naturalistic import (
 )
 
 SECONDS = 27
-"""Decisions of a test."""
+"""Number of decisions of a test, one per second."""
 BATCH = 500
 """Tests that are simulated together."""
 CHECKS = ("permit_all", "paper", "strict", "real")
@@ -46,17 +46,18 @@ CHECKS = ("permit_all", "paper", "strict", "real")
 
 
 class Outcome(NamedTuple):
-    """The tests of one check; arrays have shape (tests,)."""
+    """The results of all tests of one check; arrays have shape (tests,)."""
 
     weights: FloatArray
+    """Importance weight of each test."""
     ego_hit: FloatArray
     """1 where the ego hit a vehicle, else 0."""
     was_hit: FloatArray
     """1 where a vehicle hit the ego, else 0."""
     km: FloatArray
-    """Distance of the ego."""
+    """Distance that the ego drove."""
     unanswered: FloatArray
-    """Decisions of each test in which the check changed the action that it had itself chosen."""
+    """Number of decisions in which the check permits no action, not even that of its choice."""
 
 
 class Rate(NamedTuple):
@@ -71,9 +72,9 @@ class Rate(NamedTuple):
 
 
 def rate(crashed: FloatArray, weights: FloatArray) -> Rate:
-    """The weighted share of crashes and its interval.
+    """Return the weighted share of crashes and its 95 % interval; arrays have shape (tests,).
 
-    With no crash the upper end is that of a test whose weight is the largest: 3 of n tests.
+    Without a crash the upper end is 3 / n (the rule of three) times the largest weight.
     """
     n, weighted = len(crashed), crashed * weights
     if not crashed.any():
@@ -84,14 +85,17 @@ def rate(crashed: FloatArray, weights: FloatArray) -> Rate:
 
 
 def settings(check: str) -> Config:
-    """The config of one of ``CHECKS``."""
+    """Return the config of one of ``CHECKS``."""
     if check == "permit_all":
         return Config().updated("safety", check=check)
     return under(Config(), check)
 
 
 def proposals(world: World, driver: Driver, scale: ObservationScale) -> IntArray:
-    """The driver's action in each scene without a collision, 0 to 11; 0 in the others."""
+    """Ask the driver for its action number, 0 to 11, in each scene; shape (scenes,).
+
+    It is 0 in scenes that ended with a collision.
+    """
     proposed = np.zeros(len(world.x_m), np.int64)
     for row in range(len(world.x_m)):
         if row not in world.collisions:
@@ -101,7 +105,10 @@ def proposals(world: World, driver: Driver, scale: ObservationScale) -> IntArray
 
 
 def run(config: Config, tests: int, frequencies: Frequencies, seed: int) -> Outcome:
-    """Simulate the tests of one check; another check with the same seed has the same starts."""
+    """Simulate the tests of one check, and return their results.
+
+    With the same seed, the starts of two checks differ only in the gaps that the checks require.
+    """
     batches = [range(first, min(first + BATCH, tests)) for first in range(0, tests, BATCH)]
     parts = [_batch(config, len(each), frequencies, (seed, each.start)) for each in batches]
     return Outcome(*(np.concatenate(column) for column in zip(*parts, strict=True)))
@@ -129,7 +136,7 @@ def _batch(
 
 
 def report(check: str, outcome: Outcome) -> str:
-    """The lines of one check."""
+    """Return the text that reports the results of one check."""
     crashed = outcome.ego_hit + outcome.was_hit
     rates = [rate(hits, outcome.weights) for hits in (crashed, outcome.ego_hit, outcome.was_hit)]
     km = float((outcome.km * outcome.weights).sum() / outcome.weights.sum())
@@ -144,7 +151,7 @@ def report(check: str, outcome: Outcome) -> str:
 
 
 def main() -> int:
-    """Simulate and print."""
+    """Simulate the tests of each check and print its report; return 0."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,10 +1,10 @@
-"""People who drive around the ego in the kinematic simulator, and an adversary among them.
+"""Models human drivers around the ego in the kinematic simulator, and an adversary among them.
 
 Each vehicle decides once a second. It follows the intelligent driver model with the calibration of
-highD (Zhang and Sun), with noise; at times it brakes hard, or changes lanes. The frequencies are
+highD (Zhang and Sun) and noise; at random it brakes hard or changes lanes. The frequencies are
 those of the naturalistic driving data in Comparison-DenseLearning-ProvablySafeRL at 30 m/s; the
-starts have the speeds and ranges of the SPMD and IVBSS studies. The adversary makes the dangerous
-acts near the ego more frequent, and each scene keeps the weight that removes its bias.
+starts have the speeds and ranges of the SPMD and IVBSS studies. The adversary makes dangerous acts
+near the ego more frequent, and each scene has an importance weight that removes this bias.
 """
 
 from typing import NamedTuple
@@ -26,7 +26,7 @@ from verification.kinematic_simulator import (
 )
 
 HIGHD = Idm(1.17, 3.22, 1.46, 2.40)
-"""Time headway, standstill gap, acceleration and comfortable braking: highD, population mean."""
+"""IDM of highD, population means: headway, standstill gap, acceleration, comfortable braking."""
 SPEED_M_S, SPEED_SD_M_S, RELATIVE_SD_M_S = 30.05, 3.48, 1.3
 """Speed, and relative speed of two vehicles: SPMD and IVBSS."""
 RANGE_M, RANGE_LOG_SD = 34.0, 0.57
@@ -38,9 +38,9 @@ HARD_BRAKES_PER_S, HARD_BRAKE_M_S2 = 4e-3, (3.0, 4.0)
 LANE_CHANGES_PER_S = 1.25e-3
 """Frequency of lane changes to each side."""
 CARELESS_SHARE = 0.01
-"""Share of the lane changes before which the driver does not look at the vehicle behind (ours)."""
+"""Share of the lane changes whose driver ignores the vehicle behind in the new lane (ours)."""
 SAFE_BRAKING_M_S2 = 3.0
-"""Hardest braking that a lane change imposes: D2RL's MOBIL."""
+"""Hardest braking that a careful lane change may require of others, as in D2RL's MOBIL."""
 LATERAL_M_S, LATERAL_SD_M_S, LATERAL_LIMITS_M_S = 1.2, 0.35, (0.5, 2.6)
 """Lateral speed of a lane change: exiD, cars."""
 EMERGENCY_BRAKING_M_S2 = 9.0
@@ -49,12 +49,12 @@ PER_LANE = 3
 
 
 class Frequencies(NamedTuple):
-    """How often the acts near the ego happen, each second."""
+    """Probabilities per second of dangerous acts near the ego."""
 
     hard_brake: float
-    """By the vehicle ahead of the ego."""
+    """The vehicle ahead of the ego brakes hard."""
     lane_change: float
-    """Into the ego's lane, by a vehicle beside or ahead of it."""
+    """A vehicle beside or ahead of the ego changes into its lane."""
     careless: float
     """Share of such lane changes that are careless."""
 
@@ -62,11 +62,11 @@ class Frequencies(NamedTuple):
 PEOPLE = Frequencies(HARD_BRAKES_PER_S, LANE_CHANGES_PER_S, CARELESS_SHARE)
 ADVERSARY = Frequencies(0.03, 0.02, 0.5)
 NEAR_M = (-6.0, 30.0)
-"""Where a lane change into the ego's lane is dangerous: the centre ahead of the ego's, metres."""
+"""A lane change into the ego's lane is dangerous if its centre is so far ahead of the ego's, m."""
 
 
 class UnboundedMover(Mover):
-    """The simulator without the bounds that ``strict`` assumes for the other vehicles."""
+    """A Mover that does not restrict the other vehicles to the bounds of ``strict``."""
 
     def __init__(self, config: Config) -> None:
         bounds = {"braking_m_s2": EMERGENCY_BRAKING_M_S2, "acceleration_m_s2": 2.0}
@@ -81,7 +81,7 @@ class UnboundedMover(Mover):
 
 
 def starts(scenes: int, config: Config, rng: np.random.Generator) -> World:
-    """Traffic of three vehicles in each of three lanes around the ego.
+    """Draw scenes with three vehicles in each of three lanes around the ego.
 
     The vehicle ahead of the ego is at least as far away as the ego's check requires, because the
     start is not the ego's decision.
@@ -106,18 +106,19 @@ def starts(scenes: int, config: Config, rng: np.random.Generator) -> World:
 
 
 class Traffic:
-    """The decisions of the people, or of the adversary among them, in many scenes.
+    """Decides for the human drivers, or the adversary among them, in many scenes.
 
     Args:
         world: The scenes at their start.
-        frequencies: How often the acts near the ego happen; ``PEOPLE`` gives all weights 1.
+        frequencies: Probabilities of dangerous acts near the ego; with ``PEOPLE`` all weights are
+            1.
         rng: The source of all random numbers.
     """
 
     def __init__(self, world: World, frequencies: Frequencies, rng: np.random.Generator) -> None:
         shape = world.x_m[:, 1:].shape
         self.weights = np.ones(shape[0])
-        """The probability of each scene's acts among people, divided by that with the adversary."""
+        """Importance weights, (scenes,): probability of the acts so far without/with adversary."""
         self._frequencies, self._rng = frequencies, rng
         self._desired_m_s = world.speed_m_s[:, 1:] + np.abs(rng.normal(0, 2.0, shape)) + 1.0
         self._target = np.round(world.y_m[:, 1:] / ROAD.lane_width_m).astype(np.int64)
@@ -125,7 +126,7 @@ class Traffic:
         self._lateral_m_s = np.clip(drawn, *LATERAL_LIMITS_M_S)
 
     def decide(self, world: World, proposal: IntArray) -> Orders:
-        """The acts of the next second, beside the ego's ``proposal``."""
+        """Decide for the next second; return the commands of the others with the ego's action."""
         gap_m, leader = _leaders(world, self._target)
         acceleration = self._following(world, gap_m, leader)
         ahead = _ahead_of_ego(leader, gap_m, world)
@@ -149,7 +150,7 @@ class Traffic:
         return result
 
     def _change_lanes(self, world: World) -> None:
-        """Begin lane changes; a change that is begun goes on to the centre of its lane."""
+        """Draw which vehicles begin a lane change; they complete it to the centre of the lane."""
         often = self._frequencies
         lane = np.round(world.y_m / ROAD.lane_width_m).astype(np.int64)
         still = np.abs(world.y_m[:, 1:] - self._target * ROAD.lane_width_m) < 1e-3
@@ -175,7 +176,11 @@ class Traffic:
     def _happens(
         self, frequency: FloatArray, among_people: float, counts: BoolArray | None = None
     ) -> BoolArray:
-        """Draw events, and multiply the weight of each scene by their ratios of probabilities."""
+        """Draw events with the probabilities ``frequency``, shape (scenes, others); return them.
+
+        Multiplies each scene's weight by the ratios of ``among_people`` to these probabilities.
+        Only events with ``counts`` happen and change the weight; None means all.
+        """
         happens = self._rng.random(frequency.shape) < frequency
         ratio = np.where(happens, among_people / frequency, (1 - among_people) / (1 - frequency))
         counts = np.ones(frequency.shape, np.bool_) if counts is None else counts
@@ -186,7 +191,10 @@ class Traffic:
 def _idm(
     speed: FloatArray, desired: FloatArray | float, gap_m: FloatArray, closing: FloatArray
 ) -> FloatArray:
-    """``car_following.idm_acceleration`` for arrays, with the calibration of highD."""
+    """Return IDM accelerations, m/s^2, as ``car_following.idm_acceleration``, for arrays.
+
+    The calibration is that of highD; ``closing`` is positive if the gap shrinks.
+    """
     spread = 2 * np.sqrt(HIGHD.acceleration_m_s2 * HIGHD.comfortable_braking_m_s2)
     wanted_m = HIGHD.standstill_gap_m + np.maximum(
         0.0, speed * HIGHD.headway_s + speed * closing / spread
@@ -197,9 +205,10 @@ def _idm(
 
 
 def _leaders(world: World, target: IntArray) -> tuple[FloatArray, IntArray]:
-    """The gap to the vehicle ahead, and its column or -1; shape (scenes, 1 + others) both.
+    """Return each vehicle's gap to the one ahead, m, and the column of that one; -1 if none.
 
-    A vehicle is in the lane of its centre and in the lane that it moves into.
+    Both have shape (scenes, 1 + others). A vehicle is in the lane of its centre and in the lane
+    that it moves into; ``target`` holds the latter for the others.
     """
     lane = np.round(world.y_m / ROAD.lane_width_m).astype(np.int64)
     own = np.where(world.target < 0, lane[:, 0], world.target)
@@ -214,17 +223,17 @@ def _leaders(world: World, target: IntArray) -> tuple[FloatArray, IntArray]:
 
 
 def _ahead_of_ego(leader: IntArray, gap_m: FloatArray, world: World) -> BoolArray:
-    """Which other vehicle is right ahead of the ego; shape (scenes, others)."""
+    """Return which other vehicle is the one ahead of the ego, if near; shape (scenes, others)."""
     columns = np.arange(1, world.x_m.shape[1])
     result: BoolArray = (leader[:, :1] == columns) & (gap_m[:, :1] < RANGE_M)
     return result
 
 
 def _room(world: World, target: IntArray, into: IntArray) -> tuple[BoolArray, BoolArray]:
-    """Whether each vehicle can change to the lane ``into``, and whether that change is careful.
+    """Return whether each vehicle can change to the lane ``into``, and whether that is careful.
 
-    It can where no body is beside it and it need not brake hard for the vehicle ahead there. The
-    change is careful if the vehicle behind it there need not brake hard either.
+    It can if no vehicle is beside it there and it need not brake hard for the vehicle ahead. The
+    change is careful if the vehicle behind need not brake hard either. Shapes: (scenes, others).
     """
     lane = np.round(world.y_m / ROAD.lane_width_m).astype(np.int64)
     own = np.where(world.target < 0, lane[:, 0], world.target)

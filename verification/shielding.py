@@ -1,10 +1,10 @@
-"""Three ways to put a safety check between an agent and the road, compared by training.
+"""Compares by training three ways to put a safety check between an agent and the road.
 
     python -m verification.shielding --seeds 10 --out docs/results/shielding.csv
 
-masking                  the agent chooses among the permitted actions only
-replacement              the check executes another action in place of a refused one
-replacement and penalty  the same, and each refused action lowers the reward
+masking                  the agent chooses only among the permitted actions
+replacement              the check replaces a refused action by another one
+replacement and penalty  the same, and each refused action reduces the reward
 
 The agent is PPO of sb3-contrib with its default settings, the check is ``strict``, the environment
 ``drl_av/Highway-v0``; the comparison is that of Krasowski et al., arXiv:2205.06750. A training
@@ -39,7 +39,7 @@ from verification.shielding_report import COLUMNS, FINAL, METHODS, TRAINING, fig
 PENALTY = 0.5
 """Reward that a refused action loses in the method with a penalty."""
 BIN = 5_000
-"""Decisions of a training that a row of the table sums up."""
+"""Number of decisions of a training over which a row of the table has its means."""
 SETTINGS: dict[str, Any] = {}
 """Settings of the agent that differ from the defaults of sb3-contrib: none."""
 EVALUATION_SEED = 930_000
@@ -57,7 +57,7 @@ class Decided(NamedTuple):
 
 
 class PenalizedReward:
-    """The reward of the paper minus a penalty for a refused action; remembers each decision."""
+    """Computes the paper's reward minus a penalty for a refused action; records each decision."""
 
     def __init__(self, penalty: float) -> None:
         self.penalty = penalty
@@ -72,23 +72,26 @@ class PenalizedReward:
 
 
 class Agent:
-    """A trained agent as a driver, greedy; with ``masking`` it chooses a permitted action."""
+    """Makes a greedy driver of a trained agent; with ``masking`` it chooses a permitted action."""
 
     def __init__(self, model: Any, env: HighwayEnv, masking: bool) -> None:
         self._model, self._env, self._masking = model, env, masking
 
     def start(self, seed: int) -> None:
-        """Do nothing: the agent has no memory."""
+        """Do nothing: the agent has no state and draws no random numbers."""
 
     def act(self, scene: Scene, observation: Observation) -> Action:
-        """The action of highest probability."""
+        """Return the agent's action of highest probability."""
         masks = self._env.action_masks() if self._masking else None
         number, _ = self._model.predict(observation, action_masks=masks, deterministic=True)
         return ACTIONS[int(number)]
 
 
 def trained(method: str, seed: int, steps: int, episodes: int) -> Iterator[dict[str, Any]]:
-    """Train one agent; yield the rows of its training, and those of its evaluation."""
+    """Train one agent for ``steps`` decisions, then evaluate it; yield the rows of both.
+
+    The evaluation has ``episodes`` episodes at each number of vehicles.
+    """
     from sb3_contrib import MaskablePPO
     from stable_baselines3.common.utils import set_random_seed
 
@@ -121,7 +124,7 @@ def trained(method: str, seed: int, steps: int, episodes: int) -> Iterator[dict[
 
 
 def means(decided: list[Decided]) -> dict[str, float]:
-    """The columns of some decisions."""
+    """Return the means over some decisions, and their collisions, by column of the table."""
     return {
         "mean_reward": float(np.mean([each.reward for each in decided])),
         "mean_speed_m_s": float(np.mean([each.speed_m_s for each in decided])),
@@ -131,7 +134,7 @@ def means(decided: list[Decided]) -> dict[str, float]:
 
 
 def main() -> int:
-    """Make the missing trainings, then write the figure and print the table."""
+    """Do the missing trainings, then write the figure and print the table; return 0."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
     parser.add_argument("--seeds", type=int, default=10, help="trainings a method (default: 10)")

@@ -1,4 +1,4 @@
-"""The table and the figure of ``verification/shielding.py``."""
+"""Makes the table and the figure of ``verification/shielding.py``."""
 
 from pathlib import Path
 
@@ -13,17 +13,17 @@ COLUMNS = (
     *("method", "seed", "stage", "step"),
     *("mean_reward", "mean_speed_m_s", "refused_share", "ego_hits"),
 )
-"""``step`` is the last decision of a training's row, and the vehicles of an evaluation's row."""
+"""Columns; ``step`` is a training row's last decision, or an evaluation row's vehicle number."""
 CURVES = {
     "mean_reward": ("reward per decision", 1.0),
     "mean_speed_m_s": ("mean speed, m/s", 1.0),
     "refused_share": ("refused actions, %", 100.0),
 }
-"""Label and factor of the columns that the figure shows."""
+"""The columns in the figure, each with its label and the factor to its unit."""
 
 
 def over_seeds(rows: list[Row], column: str) -> Mean:
-    """The mean over the trainings of each training's mean, with its interval."""
+    """Return the mean over the trainings of each one's mean of a column, with its 95 % interval."""
     by_seed: dict[str, list[float]] = {}
     for row in rows:
         by_seed.setdefault(row["seed"], []).append(float(row[column]))
@@ -31,7 +31,10 @@ def over_seeds(rows: list[Row], column: str) -> Mean:
 
 
 def table(rows: list[Row]) -> str:
-    """Each method while learning and after it: means and 95 % intervals over the trainings."""
+    """Return the Markdown table of each method, while it learns and after that.
+
+    The values are means over the trainings with 95 % intervals.
+    """
     lines = []
     for method in METHODS:
         for stage in (TRAINING, FINAL):
@@ -50,7 +53,7 @@ def table(rows: list[Row]) -> str:
 
 
 def figure(rows: list[Row], path: Path) -> None:
-    """Draw the curves of the trainings, with 95 % intervals; raises DrlAvError."""
+    """Draw the learning curves with 95 % intervals to a PNG file; raises DrlAvError on failure."""
     drawing, axes = panels((12, 4), 1, len(CURVES))
     learning = [row for row in rows if row["stage"] == TRAINING]
     for axis, (column, (label, factor)) in zip(axes, CURVES.items(), strict=True):

@@ -10,7 +10,7 @@ from drl_av.errors import ScenarioError
 from drl_av.traffic.kinds import KINDS
 
 FLAGS = {"barricaded_lanes": "--barricade"}
-"""Names of options that differ from those of the settings."""
+"""Options whose name is not that of the setting, by setting."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +29,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _users() -> dict[str, dict[str, Field[Any]]]:
-    """The settings by name, and each by the name of a kind that has it."""
+    """Return for each setting the kinds of scenario that have it, with its dataclass field."""
     users: dict[str, dict[str, Field[Any]]] = {}
     for kind, entry in KINDS.items():
         for item in fields(entry.description):
@@ -43,7 +43,10 @@ def _flag(name: str) -> str:
 
 
 def _parsing(item: Field[Any]) -> dict[str, Any]:
-    """How an option is parsed; without the option the setting keeps its default."""
+    """Return the arguments of ``add_argument`` for a setting, by its type.
+
+    Without the option the namespace has no such attribute, so that the setting keeps its default.
+    """
     if item.type is float:
         return {"type": float, "metavar": "X", "default": argparse.SUPPRESS}
     if item.type is int:
