@@ -14,7 +14,7 @@ from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_sc
 MAINTAIN = 0
 
 ROADWORKS = ScenarioDescription(circumference_m=800.0, barricaded_lanes=(0,))
-"""Any number of vehicles, at places drawn anew in each episode; lane 0, on the right, is closed."""
+"""Any number of vehicles, at random places; lane 0, on the right, is closed."""
 
 STORY = ScenarioDescription(
     circumference_m=800.0,

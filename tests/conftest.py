@@ -24,8 +24,8 @@ def screen() -> Iterator[str]:
     with subprocess.Popen(arguments, pass_fds=(writer,), stderr=subprocess.DEVNULL) as server:
         os.close(writer)
         try:
-            with os.fdopen(reader) as told:
-                number = told.readline().strip()
+            with os.fdopen(reader) as stream:
+                number = stream.readline().strip()
             if not number:
                 pytest.fail("Xvfb started, but opened no screen.", pytrace=False)
             yield f":{number}"

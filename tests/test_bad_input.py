@@ -1,6 +1,6 @@
 """No bad input gets through: files cut, flipped and swapped, and command lines of any words.
 
-Whatever comes in, either it means the same as before or one sentence says what is wrong.
+Each input either means the same as before or is refused in one sentence.
 """
 
 import contextlib
@@ -213,16 +213,16 @@ def test_a_command_line_works_or_says_in_one_line_what_is_wrong(
     finally:
         shutil.rmtree(folder)
     event(f"{words[0]}: {status}")
-    told = err.getvalue()
-    assert "Traceback" not in told
+    message = err.getvalue()
+    assert "Traceback" not in message
     if status == 2:
-        assert told.startswith("usage: drl-av")
+        assert message.startswith("usage: drl-av")
     elif status == 1:
-        assert told.startswith("drl-av: ")
-        assert told.endswith(".\n")
-        assert told.count("\n") == 1
+        assert message.startswith("drl-av: ")
+        assert message.endswith(".\n")
+        assert message.count("\n") == 1
     else:
-        assert (status, told) == (0, "")
+        assert (status, message) == (0, "")
 
 
 # Scenario folders
@@ -238,7 +238,7 @@ def roads(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def driven(folder: Path) -> bytes:
-    """Where everybody is after three decisions."""
+    """The positions of all vehicles after three decisions."""
     with closing(HighwayEnv(folder, safety_check="permit_all")) as env:
         env.reset(seed=3)
         for action in (1, 8, 8):

@@ -21,7 +21,7 @@ from pathlib import Path
 import traci
 from drl_av.evaluation.recording import load_recording
 from drl_av.evaluation.replay import replay_session
-recording, told = load_recording(Path(sys.argv[1])), []
+recording, shown = load_recording(Path(sys.argv[1])), []
 
 def width():
     (left, _), (right, _) = traci.gui.getBoundary("View #0")
@@ -38,7 +38,7 @@ def watch(decision):
         time.sleep(0.1)  # a busy machine draws later
     if decisions == 5:
         gui.screenshot("View #0", sys.argv[2])
-    told.append({
+    shown.append({
         "tracked": gui.getTrackedVehicle("View #0"),
         "caption": traci.vehicle.getParameter("ego", "caption"),
         "box": gui.getBoundary("View #0"),
@@ -46,7 +46,7 @@ def watch(decision):
     })
 
 again, result = replay_session(recording).drive("human", watch)
-print(json.dumps({"hash": again.hash(), "decisions": told}))
+print(json.dumps({"hash": again.hash(), "decisions": shown}))
 """
 
 
@@ -82,7 +82,7 @@ def folder(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 @pytest.fixture(scope="module")
 def watched(screen: str, folder: Path) -> dict:  # type: ignore[type-arg]
-    """What sumo-gui told while it replayed the recording."""
+    """What sumo-gui shown while it replayed the recording."""
     picture = str(folder / "sumo_gui.png")
     ended = run(screen, "-c", WATCH, str(folder / "episode.npz"), picture)
     assert ended.returncode == 0, ended.stderr

@@ -61,7 +61,7 @@ def recording() -> Recording:
 
 
 def of_a_process(*arguments: str, **environment: str) -> str:
-    """The hash that a process of its own comes to."""
+    """The hash that a new process prints."""
     ended = subprocess.run(
         [sys.executable, "-c", PROGRAM, *arguments],
         env=os.environ | environment,

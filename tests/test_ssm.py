@@ -92,7 +92,7 @@ def trip(driver: Driver, seed: int, vehicles: int, scenario: str) -> Trip:
 
 
 def logged(file: Path) -> dict[tuple[float, str], float]:
-    """What the device says of the ego following somebody: TTC by our time and by the foe."""
+    """The values of the device for the ego as a follower: TTC by our time and by the foe."""
     found = {}
     for conflict in ET.parse(file).getroot().iter("conflict"):
         spans = [conflict.find(name) for name in ("timeSpan", "typeSpan", "TTCSpan")]

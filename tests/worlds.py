@@ -1,4 +1,4 @@
-"""Worlds built by hand: a road, an ego, and whoever is around it.
+"""Worlds built by hand: a road, an ego, and the vehicles around it.
 
 Distances between vehicles are net gaps, as in the stories that the tests tell: ``ahead(20)`` has
 20 m between the ego's front bumper and its rear bumper.

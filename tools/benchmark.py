@@ -127,9 +127,9 @@ def table(results: Sequence[Result]) -> str:
     lines = [f"{'':<56}{'ours':>10}{'beside':>10}{'ratio':>8}  wanted"]
     for name, ours, beside, ratio, wanted, met in results:
         places = 1 if max(ours, beside) < 100 else 0
-        told = {None: "", True: f"{wanted}: met", False: f"{wanted}: MISSED"}[met]
+        verdict = {None: "", True: f"{wanted}: met", False: f"{wanted}: MISSED"}[met]
         numbers = f"{ours:>10,.{places}f}{beside:>10,.{places}f}{ratio:>8.2f}"
-        lines.append(f"{name:<56}{numbers}  {told}".rstrip())
+        lines.append(f"{name:<56}{numbers}  {verdict}".rstrip())
     return "\n".join(lines)
 
 

@@ -1,4 +1,4 @@
-"""Who broke which of the bounds that ``driving/strict.py`` puts on the other vehicles, and when."""
+"""The auditor: which vehicles broke which of the bounds that ``strict`` assumes, and when."""
 
 import math
 from typing import NamedTuple
@@ -32,14 +32,14 @@ class Breach(NamedTuple):
 
 
 class Auditor:
-    """Watches an episode SUMO step by SUMO step."""
+    """Records the broken bounds of an episode, SUMO step by SUMO step."""
 
     def __init__(self, config: Config, road: Road) -> None:
         self._config, self._road = config, road
         self.start()
 
     def start(self) -> None:
-        """Forget; a new episode begins."""
+        """Clear the records before a new episode."""
         self.breaches: list[Breach] = []
         self.cut_ins_m: list[float] = []
         """By how much each cut-in ahead of the ego exceeded the gap it had to leave."""
@@ -48,7 +48,7 @@ class Auditor:
         self._lane_s = np.full(len(self._road.open_lanes), np.inf)
 
     def watch(self, after: Snapshot) -> None:
-        """Look at the vehicles after a SUMO step; the first call only remembers."""
+        """Compare the vehicles with those one SUMO step before; the first call only stores them."""
         before, self._before = self._before, after
         if before is None or len(before.ids) == 1:
             return
@@ -68,22 +68,23 @@ class Auditor:
         found = {b.bound for b in self.breaches if b.vehicle == vehicle and b.time_s >= since_s}
         return "; ".join(sorted(found))
 
-    def _tell_one(self, after: Snapshot, row: int, bound: str) -> None:
+    def _record(self, after: Snapshot, row: int, bound: str) -> None:
         self.breaches.append(Breach(after.time_s, after.ids[row], bound))
 
     def _tell(self, after: Snapshot, broken: BoolArray, bound: str) -> None:
         for row in np.flatnonzero(broken):
-            self._tell_one(after, int(row) + 1, bound)
+            self._record(after, int(row) + 1, bound)
 
     def _ahead_m(self, shot: Snapshot) -> FloatArray:
-        """How far ahead of the ego everybody is, round the loop; from 0 to its length."""
+        """Distances ahead of the ego round the loop, m, from 0 to its length; shape (vehicles,)."""
         ahead_m: FloatArray = (shot.s_m - shot.s_m[EGO]) % self._road.lap_m
         return ahead_m
 
     def _watch_sides(self, before: Snapshot, after: Snapshot) -> None:
-        """Bound 3, for those that began to move into a lane of the ego's in this SUMO step.
+        """Check bound 3 for vehicles that began to move into the ego's lanes in this SUMO step.
 
-        One that the ego leaves in this step is none: SUMO moves a vehicle after those before it.
+        A lane that the ego leaves in this step does not count: SUMO moves a vehicle after those
+        ahead of it.
         """
         step_s, width_m = self._config.simulation.step_length_s, self._road.lane_width_m
         lowest, highest = lanes_under(before.y_m, before.width_m, width_m)
@@ -109,18 +110,21 @@ class Auditor:
         return side, lane((to_m - side * ARRIVED_M) / width_m)
 
     def _judge_entry(self, after: Snapshot, row: int, there: BoolArray) -> None:
-        """One that begins to move into the ego's lane, in which others are there."""
+        """Record a vehicle that moves into the ego's lane with too small a gap.
+
+        ``there`` marks the vehicles that already are in the lane.
+        """
         lengths_m = (after.length_m[row] + after.length_m[EGO]) / 2
         ahead_m, lap_m = self._ahead_m(after), self._road.lap_m
         gap_m, behind_m = ahead_m[row] - lengths_m, lap_m - ahead_m[row] - lengths_m
         if min(gap_m, behind_m) <= 0:
-            self._tell_one(after, row, BESIDE)
+            self._record(after, row, BESIDE)
             return
         there[EGO] = False
         if not (there & (ahead_m < ahead_m[row])).any():
             self._judge_cut_in(after, row, float(gap_m), gap_m < behind_m)
         if not (there & (ahead_m > ahead_m[row])).any() and self._must_hit(after, behind_m)[row]:
-            self._tell_one(after, row, TOO_FAST)
+            self._record(after, row, TOO_FAST)
 
     def _judge_cut_in(self, after: Snapshot, row: int, gap_m: float, is_nearer: bool) -> None:
         config = self._config
@@ -130,10 +134,10 @@ class Auditor:
         if is_nearer:
             self.cut_ins_m.append(float(gap_m - needs_m))
         if gap_m <= needs_m:
-            self._tell_one(after, row, CUT_IN)
+            self._record(after, row, CUT_IN)
 
     def _must_hit(self, shot: Snapshot, behind_m: FloatArray | float) -> BoolArray:
-        """Who could not stop so far behind the ego if both braked as hard as they can from now."""
+        """Which vehicles could not stop behind the ego if both braked fully from now on."""
         strict, step_s = self._config.strict, self._config.simulation.step_length_s
         rolled_m = stopping_distance(shot.speed_m_s, strict.braking_m_s2, step_s)
         hard_m_s2 = self._config.ego.hard_brake_m_s2
@@ -142,7 +146,7 @@ class Auditor:
         return result
 
     def _watch_followers(self, before: Snapshot, after: Snapshot, acceleration: FloatArray) -> None:
-        """Bound 4: braked less than it must, and has to hit the ego now if that brakes hard."""
+        """Check bound 4: a vehicle behind that braked too little to avoid a hard-braking ego."""
         strict, step_s = self._config.strict, self._config.simulation.step_length_s
         lanes = np.arange(len(self._lane_s))
         lowest, highest = lanes_under(before.y_m, before.width_m, self._road.lane_width_m)

@@ -1,10 +1,10 @@
-"""Drive the random driver under ``strict`` for a million decisions, and explain every collision.
+"""Drive the random driver under ``strict`` for a million decisions, and explain each collision.
 
     python -m verification.long_run --episodes 5000 --out long_run.csv
 
-A row an episode is appended as it ends; the same command goes on where it was stopped, and
-``--first`` and ``--episodes`` part the work. Ends with status 1 if the ego hit something, or was
-hit by a vehicle that broke no bound.
+Each episode appends a row. The same command continues after an interruption; ``--first`` and
+``--episodes`` divide the work. The exit status is 1 if the ego hit something, or was hit by a
+vehicle that broke no bound.
 """
 
 import argparse
@@ -50,11 +50,11 @@ COLUMNS = (
     *("cut_ins", "least_cut_in_margin_m"),
 )
 BLAME_S = 10.0
-"""How far back a broken bound explains a collision."""
+"""A bound broken up to this long before a collision explains it."""
 
 
 class Watched:
-    """An environment whose every SUMO step an auditor sees."""
+    """An environment with an auditor of every SUMO step."""
 
     def __init__(self, config: Config) -> None:
         self.env = HighwayEnv(config=config)
@@ -63,7 +63,7 @@ class Watched:
         self._driver = RandomDriver()
 
     def start(self, seed: int) -> None:
-        """Begin an episode, as a driver does, and audit it anew."""
+        """Begin an episode of the driver and of the auditor."""
         self._driver.start(seed)
         self.auditor.start()
         self.auditor.watch(self.env.scene.snapshot)
@@ -73,7 +73,7 @@ class Watched:
         return self._driver.act(scene, observation)
 
     def episode(self, mix: str, seed: int) -> dict[str, Any]:
-        """Drive one episode; its row."""
+        """Drive one episode; returns its row."""
         metrics, vehicles = EpisodeMetrics(), 1 + seed % 30
         for decision in rollout(self.env, self, seed, vehicles):
             metrics.add(decision)
@@ -145,7 +145,7 @@ def main() -> int:
 
 
 def report(rows: list[dict[str, str]]) -> int:
-    """Print what happened; 1 if something has no excuse."""
+    """Print a summary; returns 1 if no broken bound explains a collision, or if the ego hit."""
     decisions = sum(int(row["decisions"]) for row in rows)
     margins = [float(row["least_cut_in_margin_m"]) for row in rows if row["least_cut_in_margin_m"]]
     hits = [row for row in rows if row["ego_hit"] == "True"]

@@ -106,7 +106,7 @@ def main() -> int:
     for result in failed:
         print(
             f"These settings are not covered: the lemma {result.name} fails, for example at "
-            f"{told(result.model or {})}.",
+            f"{written(result.model or {})}.",
             file=sys.stderr,
         )
     return 1 if failed else 0

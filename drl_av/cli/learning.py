@@ -186,11 +186,11 @@ def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, ri
             finished = False
         except SimulationError as error:
             raise SimulationError(
-                f"{str(error).removesuffix('.')}; the run goes on from its last checkpoint "
+                f"{str(error).removesuffix('.')}; the run continues from its last checkpoint "
                 f"with: {again}."
             ) from error
     if not finished:
-        print(f"drl-av: stopped; go on with: {again}", file=sys.stderr)
+        print(f"drl-av: stopped; continue with: {again}", file=sys.stderr)
         return INTERRUPTED
     episodes = training.config.learning.episodes
     print(f"{run.folder}: {episodes} episodes; compare it with the driver {rival}:")

@@ -1,4 +1,4 @@
-"""Computes means over episodes with 95 % confidence intervals, by driver and vehicle number."""
+"""Means of episodes with their 95 % confidence intervals, by driver and density."""
 
 import json
 import math
@@ -13,7 +13,7 @@ from drl_av.files import write_whole
 
 
 class Mean(NamedTuple):
-    """A mean, and the half-width of its 95 % confidence interval in the same unit."""
+    """A mean and the half-width of its 95 % confidence interval."""
 
     value: float
     half_width: float
@@ -23,10 +23,7 @@ class Mean(NamedTuple):
 
 
 def mean_with_interval(values: Iterable[float]) -> Mean:
-    """Compute the mean of independent values with its 95 % confidence interval (Student's t).
-
-    The half-width is infinite for a single value.
-    """
+    """Mean and Student's t interval of independent values; infinite half-width for one value."""
     from scipy import stats
 
     sample = np.array(list(values), dtype=float)
@@ -38,7 +35,7 @@ def mean_with_interval(values: Iterable[float]) -> Mean:
 
 
 class Summary(NamedTuple):
-    """The statistics of one driver at one number of vehicles around the ego."""
+    """The statistics of one driver at one density."""
 
     driver: str
     safety_check: str
@@ -53,7 +50,7 @@ class Summary(NamedTuple):
 
 
 def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
-    """Summarize episodes for each driver, check and number of vehicles, in order of first rows."""
+    """One summary for each driver and number of vehicles, in the order of their first rows."""
     groups: dict[tuple[int, str, str], list[EpisodeResult]] = {}
     for row in rows:
         groups.setdefault((row.vehicles, row.driver, row.safety_check), []).append(row)
@@ -75,7 +72,7 @@ def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
 
 
 def write_summaries(path: Path, summaries: Iterable[Summary]) -> None:
-    """Write the summaries as a JSON list of objects; raises DrlAvError if the write fails."""
+    """Write a JSON list with one object per summary; raises DrlAvError if it cannot be written."""
     objects = [
         {name: _plain(value) for name, value in summary._asdict().items()} for summary in summaries
     ]
@@ -83,7 +80,7 @@ def write_summaries(path: Path, summaries: Iterable[Summary]) -> None:
 
 
 def _plain(value: object) -> object:
-    """Convert a value for JSON: a Mean becomes an object, an infinite half-width becomes null."""
+    """A value for JSON, which has no infinity: the half-width of a single episode is null."""
     if not isinstance(value, Mean):
         return value
     known = math.isfinite(value.half_width)

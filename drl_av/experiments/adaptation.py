@@ -1,7 +1,4 @@
-"""The experiment ``adaptation``: safety triggers with and without continual adaptation.
-
-It corresponds to Fig. 9 of the paper, with the shipped driver.
-"""
+"""Safety triggers of the shipped driver with continual adaptation and without (Fig. 9)."""
 
 from itertools import product
 from pathlib import Path
@@ -27,22 +24,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CHANGES: dict[str, dict[str, Any]] = {"adaptation": {}, "no_adaptation": {"learning_rate": 0.0}}
-"""The [learning] settings that each variant changes from those of ``drl-av adapt``."""
+"""What each variant changes in the settings of ``drl-av adapt``; the traffic is the same."""
 BLOCK = 100
-"""Number of episodes of which a row of ``adaptation.csv`` holds the means."""
+"""Episodes that a row of the table sums up."""
 SUMMED_OVER = 10_000
-"""Number of episodes of which a row of the table in the documentation holds the means."""
+"""Episodes that a row of the summary sums up."""
 FILTERED_OVER = 10_000
-"""Number of episodes in the moving average of Sec. IV-D of the paper."""
+"""Episodes of the paper's moving average, Sec. IV-D."""
 LABELS = {"adaptation": "goes on learning", "no_adaptation": "does not"}
 COLORS = {"adaptation": "#d55e00", "no_adaptation": "#000000"}
 
 
 def adaptation_plan(options: ReproduceOptions) -> Plan:
-    """Plan to continue the training of the shipped driver, with and without learning.
+    """The shipped driver continued on as many seeds as the full learning curves, at least one.
 
-    There are ``options.full_seeds`` seeds, at least one. Because the driver continues with the
-    experience of its training, that training is repeated first; its folder contains the others.
+    It continues with the experience of its training. That training is therefore repeated, and its
+    folder contains the folders of the others.
     """
     shipped = default_config(find_drivers(["pretrained"]))
     origin = _job("pretrained", options.laid_over(shipped), options.runs)
@@ -66,10 +63,7 @@ def _job(
 
 
 def adaptation_table(results: Results) -> str:
-    """Return the Markdown table of both variants, one row for each 10,000 episodes.
-
-    It ends at the last episode that both variants have driven.
-    """
+    """The table: both variants for each 10,000 episodes, up to the last that both have driven."""
     rows = results.rows("adaptation.csv")
     last = {row["variant"]: int(row["episode"]) for row in rows}
     lines = []
@@ -93,10 +87,7 @@ def adaptation_table(results: Results) -> str:
 
 
 def adaptation_figure(rows: list[Row]) -> "Figure":
-    """Draw the safety triggers per episode of both variants, means over all seeds.
-
-    Bold lines are moving averages over 10,000 episodes, faint ones means over 100 episodes.
-    """
+    """Mean over the last 10,000 episodes, or as many as there are; faint, over each block."""
     figure, axes = one_panel(
         "episode", f"safety triggers an episode\n(mean of the last {FILTERED_OVER:,} episodes)"
     )
@@ -112,7 +103,7 @@ def adaptation_figure(rows: list[Row]) -> "Figure":
 
 
 def _over_seeds(rows: list[Row]) -> tuple[FloatArray, FloatArray]:
-    """Return the episodes that all seeds have, and the mean of their triggers over the seeds."""
+    """Episodes that every seed has, and the mean over the seeds of their triggers."""
     seeds: dict[str, dict[int, float]] = {}
     for row in rows:
         own = seeds.setdefault(row["seed"], {})
@@ -123,10 +114,10 @@ def _over_seeds(rows: list[Row]) -> tuple[FloatArray, FloatArray]:
 
 
 def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> FloatArray:
-    """Return the moving average of ``values`` over the last ``over`` episodes, shape (rows,).
+    """Moving average of the rows' values over the last ``over`` episodes, one value for each row.
 
-    Each value is a mean over the episodes since the previous row; ``episodes`` holds the last
-    episode of each row. Only rows that lie completely within the window count.
+    ``episodes`` holds the last episode of each row. Only rows that lie completely within the last
+    ``over`` episodes count.
     """
     counts = np.diff(episodes, prepend=0.0)
     sums = np.concatenate(([0.0], np.cumsum(values * counts)))

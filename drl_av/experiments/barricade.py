@@ -1,7 +1,7 @@
-"""The experiment ``barricade``: learning beside a closed lane, with the check and without.
+"""Learning beside a closed lane, with the check and without (Sec. II-C, "Need for safety").
 
-It corresponds to Sec. II-C of the paper, "Need for safety". The same agent is trained on a highway
-whose right lane is closed, with the check and without; then the trained drivers drive greedily.
+The same agent is trained on the highway whose right lane is barricaded, with its check and
+without. Then the trained drivers drive greedily.
 """
 
 from collections.abc import Generator, Iterator, Sequence
@@ -39,22 +39,19 @@ SEEDS = (0, 1)
 EPISODES = 120
 TRAINED_EPISODES, TRAINED_VEHICLES = 20, 15
 PHASES = ("training", "trained")
-"""Values of the column ``phase``: exploration, then the greedy driver on seeds 0, 1, ..."""
+"""``training`` explores, ``trained`` is the greedy driver afterwards, on traffic seeds 0, 1, ..."""
 STYLES = {"permit_all": ("#c2185b", "without a check"), "paper": ("#1976d2", "with the check")}
 
 
 class BarricadeMetrics(EpisodeMetrics):
-    """Computes the metrics of an episode, and counts the proposals to enter the closed lane."""
+    """The metrics of an episode, with the proposals to enter the closed lane."""
 
     def __init__(self, road: Road) -> None:
         super().__init__()
         self._road = road
         self.barricade_proposals = 0
         self.hit = ""
-        """What the ego hit: "barricade", "road edge" or "vehicle".
-
-        It is "by vehicle" if another vehicle hit the ego, and "" without a collision.
-        """
+        """The obstacle of the ego's collision, or "by vehicle" if it was hit; "" without one."""
 
     def add(self, decision: Decision) -> None:
         """Add the next decision of the episode."""
@@ -72,10 +69,7 @@ class BarricadeMetrics(EpisodeMetrics):
 
 
 def barricade_config(check: str, seed: int, episodes: int) -> Config:
-    """Return the config of a training beside the closed lane: the preset ``fast``, simplified.
-
-    It has one network and leaves out most of our additions to the paper's algorithm.
-    """
+    """The preset ``fast`` beside the closed lane, with one network and fewer of our additions."""
     plain = {"networks": 1, "batch_size": 64, "learning_rate": 2e-3, "counterfactuals": 0}
     plain |= {"discount": 0.9, "speed_weight": 0.0, "unsafe_penalty": 0.0, "lane_change_margin": 0}
     fast = preset("fast").updated("learning", seed=seed, episodes=episodes, **plain)
@@ -84,34 +78,34 @@ def barricade_config(check: str, seed: int, episodes: int) -> Config:
 
 @dataclass(frozen=True)
 class BarricadeTraining:
-    """A cell of the table: one training beside the closed lane, and drives of its driver."""
+    """A training beside the closed lane, and the episodes of the driver that it trained."""
 
     config: Config
     trained_episodes: int
     training: None = None
-    """None, because the cell needs no training by a TrainingJob."""
+    """It needs no other training first."""
 
     @property
     def key(self) -> Row:
-        """The columns and values that all rows of the cell have in common."""
+        """The columns that its rows have in common."""
         return {"safety_check": self.config.safety.check, "seed": str(self.config.learning.seed)}
 
     def check(self) -> None:
-        """Do nothing: the store of results compares the settings."""
+        """Its settings are those of the table, which the store compares."""
 
     def reported(self) -> list[Row]:
-        """Return no rows, because an interrupted training begins again."""
+        """No rows: a training that was interrupted begins again."""
         return []
 
     def missing(self, rows: Sequence[Row]) -> int:
-        """Return the number of rows to make: all or 0; raises ValueError if only some exist."""
+        """All of its rows or none; raises ValueError where there are some."""
         size = self.config.learning.episodes + self.trained_episodes
         if rows and len(rows) != size:
             raise ValueError(f"{len(rows)} of {size} rows of a training")
         return size - len(rows)
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Train with the config, then drive the trained driver; yield one row for each episode."""
+        """Train with the check of the config, a row an episode; then drive the trained driver."""
         from drl_av.learning.assembly import make_training
 
         with closing(HighwayEnv(config=self.config)) as env:
@@ -133,7 +127,7 @@ class BarricadeTraining:
 
 
 def barricade_plan(options: ReproduceOptions) -> Plan:
-    """Plan one training for each check and seed; their sizes are fixed and take minutes."""
+    """The plan: a training for each check and seed, with fixed numbers that take minutes."""
     configs = [
         options.laid_over(barricade_config(check, seed, EPISODES))
         .updated("simulation", scenario=SCENARIO)
@@ -152,7 +146,7 @@ def _place(row: Row) -> tuple[int, int, int, int]:
 
 
 def barricade_figure(rows: list[Row]) -> "Figure":
-    """Draw the collisions with the barricade in training, and the trained drivers' proposals."""
+    """The figure: collisions with the barricade in training, and proposals of trained drivers."""
     figure, (learning, trained) = panels((9, 3.8), 1, 2, width_ratios=(3, 2))
     for place, check in enumerate(dict.fromkeys(row["safety_check"] for row in rows)):
         own = [row for row in rows if row["safety_check"] == check]
@@ -176,7 +170,7 @@ def _by_seed(rows: Sequence[Row]) -> Iterator[list[Row]]:
 
 
 def _draw_learning(axes: "Axes", rows: Sequence[Row], color: str, label: str) -> None:
-    """Draw the cumulative collisions with the barricade: thin for each training, bold the mean."""
+    """A line a training, their mean in bold."""
     runs = [np.cumsum([row["hit"] == "barricade" for row in own]) for own in _by_seed(rows)]
     episodes = np.arange(1, len(runs[0]) + 1)
     for run in runs:
@@ -185,11 +179,7 @@ def _draw_learning(axes: "Axes", rows: Sequence[Row], color: str, label: str) ->
 
 
 def _draw_trained(axes: "Axes", rows: Sequence[Row], bar: tuple[int, str, str]) -> None:
-    """Draw the share of proposals to enter the closed lane: a dot for each driver, a bar the mean.
-
-    ``bar`` is the bar's position, label and colour; below it stands in how many episodes the ego
-    hit something.
-    """
+    """A dot a driver, and the episodes that ended in a collision of its own making."""
     place, label, color = bar
     shares = [
         100

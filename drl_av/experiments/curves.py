@@ -1,8 +1,4 @@
-"""The experiment ``curves``: learning curves of Algorithm 1 of the paper and of two variants.
-
-The variants are training without the safety check (Fig. 7 of the paper), and prioritized replay
-instead of two buffers (Fig. 9).
-"""
+"""Learning curves: Algorithm 1 with and without the check, and with another replay (Fig. 7, 9)."""
 
 import math
 from collections.abc import Sequence
@@ -31,10 +27,10 @@ CHANGES: dict[str, dict[str, dict[str, Any]]] = {
     "permit_all": {"safety": {"check": "permit_all"}},
     "prioritized": {"learning": {"replay": "prioritized"}},
 }
-"""The settings that each variant changes, by section of the config."""
+"""The settings that each variant changes."""
 PAPER_SEEDS, PAPER_EPISODES = 200, 10_000
 PAPER_REWARD = -0.025
-"""Reward per decision of the paper's trained driver (Sec. IV-C of the paper)."""
+"""Reward per decision of the paper's trained driver, Sec. IV-C."""
 LABELS = {
     "paper": "two buffers, safety check",
     "permit_all": "two buffers, no safety check",
@@ -50,10 +46,7 @@ PANELS = {
 
 
 def curve_plan(options: ReproduceOptions) -> Plan:
-    """Plan to train each variant on each seed for ``options.episodes`` episodes.
-
-    The first ``options.full_seeds`` seeds then continue to the end of the schedule.
-    """
+    """The plan: every variant on every seed up to ``episodes``, some to the full schedule."""
     config = options.laid_over(Config())
     configs = {variant: variant_config(config, variant) for variant in VARIANTS}
     goals = curve_jobs(options, config)
@@ -63,14 +56,14 @@ def curve_plan(options: ReproduceOptions) -> Plan:
 
 
 def variant_config(base: Config, variant: str, seed: int = 0) -> Config:
-    """Return the config of one training of a variant; raises ConfigError if a setting is wrong."""
+    """The settings of one training; raises ConfigError."""
     for section, settings in CHANGES[variant].items():
         base = base.updated(section, **settings)
     return base.updated("learning", seed=seed)
 
 
 def curve_jobs(options: ReproduceOptions, config: Config) -> list[TrainingJob]:
-    """Return the training jobs of the learning curves: each variant on each seed."""
+    """The training jobs of the learning curves: every variant on every seed."""
     schedule = config.learning.episodes
     return [
         TrainingJob(
@@ -85,7 +78,7 @@ def curve_jobs(options: ReproduceOptions, config: Config) -> list[TrainingJob]:
 
 
 def convergence_table(results: Results) -> str:
-    """Return the Markdown table of each variant's final performance and episode of convergence."""
+    """The table: final performance of each variant, and its episode of convergence."""
     columns = {
         "reward per decision": ("reward", 3),
         "mean speed, m/s": ("mean_speed_m_s", 2),
@@ -105,10 +98,7 @@ def convergence_table(results: Results) -> str:
 
 
 def cost_table(results: Results) -> str:
-    """Return the Markdown table of the computing time that the paper's 200 trainings would take.
-
-    It extrapolates the wall times of our longest trainings of each variant.
-    """
+    """The table: computing time of the paper's 200 trainings per variant, from our full ones."""
     seconds = results.made_by("curves.csv")["wall_time_s"]
     episodes: dict[str, dict[str, int]] = {}
     for row in results.rows("curves.csv"):
@@ -128,19 +118,13 @@ def cost_table(results: Results) -> str:
 
 
 def check_figure(rows: list[Row]) -> "Figure | None":
-    """Draw reward and collisions of learning with and without the safety check.
-
-    Fig. 7 of the paper; None if the rows have neither variant.
-    """
+    """Learning with the safety check and without it: reward and collisions (Fig. 7)."""
     columns = ("mean_reward", "training_reward", "training_collisions")
     return _figure(rows, ("paper", "permit_all"), columns)
 
 
 def replay_figure(rows: list[Row]) -> "Figure | None":
-    """Draw reward and safety triggers of learning with two buffers and with prioritized replay.
-
-    Fig. 9 of the paper, left; None if the rows have neither variant.
-    """
+    """Two buffers against prioritized replay: reward and safety triggers (Fig. 9, left)."""
     return _figure(rows, ("paper", "prioritized"), ("mean_reward", "safety_triggers"))
 
 
@@ -163,10 +147,7 @@ def _figure(rows: list[Row], names: Sequence[str], columns: Sequence[str]) -> "F
 
 
 def _draw(axes: "Axes", rows: Sequence[Row], variant: str, column: str) -> None:
-    """Draw a variant's mean over the seeds with its 95 % band, and a dot at convergence.
-
-    Thin lines are the single seeds that go at least as far as the mean.
-    """
+    """Mean and band up to the last common episode, a dot at convergence; thin, the longer seeds."""
     found, color = curve(rows, variant, column), COLORS[variant]
     seeds = len(found.values)
     means = np.array([mean.value for mean in found.means])

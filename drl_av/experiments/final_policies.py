@@ -1,4 +1,4 @@
-"""The experiment ``final_policies``: evaluates the final drivers of the learning curves."""
+"""The final policies of the learning curves, in the traffic of the evaluation."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,10 +17,7 @@ COLUMNS = ("seed", "mean_reward", "mean_speed_m_s", "collided", "ego_hit")
 
 
 def final_plan(options: ReproduceOptions) -> Plan:
-    """Plan to evaluate the drivers of the trainings that stop at ``options.episodes``.
-
-    Each driver has the settings of its training, so also its safety check.
-    """
+    """The trainings of the curves that stop at ``options.episodes``, each with its own check."""
     jobs = curve_jobs(options, options.laid_over(Config()))
     final = [job for job in jobs if job.stop <= options.episodes]
     empty = f"No training stops at episode {options.episodes}: final_policies needs more --seeds."
@@ -28,10 +25,7 @@ def final_plan(options: ReproduceOptions) -> Plan:
 
 
 def final_table(results: Results) -> str:
-    """Return the Markdown table of final performance by variant.
-
-    A value is the mean over the variant's drivers of the mean over each driver's episodes.
-    """
+    """Final performance: mean over the policies of a variant of the mean of each."""
     rows = results.rows("final_policies.csv")
     columns: dict[str, tuple[Callable[[Row], float], int]] = {
         "reward per decision": (lambda row: float(row["mean_reward"]), 3),

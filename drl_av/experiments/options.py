@@ -1,4 +1,4 @@
-"""The options of ``drl-av reproduce``, and the progress that an experiment reports."""
+"""The options of ``drl-av reproduce``, and how an experiment reports its progress."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -6,9 +6,9 @@ from typing import NamedTuple
 from drl_av.config import Config, load_config, located
 
 ENGINES = ("loky", "ray")
-"""The libraries that can distribute the trainings over processes."""
+"""The programs that distribute the trainings over processes."""
 VARIANTS = ("paper", "permit_all", "prioritized")
-"""The variants of training that the learning curves compare, see ``experiments.curves``."""
+"""The trainings that the learning curves compare."""
 
 
 class ReproduceOptions(NamedTuple):
@@ -16,38 +16,35 @@ class ReproduceOptions(NamedTuple):
 
     variants: tuple[str, ...] = VARIANTS
     seeds: int = 5
-    """Number of trainings of each variant."""
+    """Trainings of each variant."""
     episodes: int = 3000
-    """Episodes of each training; its schedule is still ``config.learning.episodes`` long."""
+    """Episodes of each training, of a schedule of ``config.learning.episodes``."""
     full_seeds: int = 1
-    """Number of trainings of each variant that continue to the end of the schedule."""
+    """Trainings of each variant that continue to the end of the schedule."""
     drives: int = 100
     """Evaluation episodes of each driver at each number of vehicles."""
     jobs: int = 2
-    """Number of processes."""
+    """Processes at once."""
     engine: str = "loky"
     runs: Path = Path("runs/reproduce")
-    """Folder that contains the folders of the trainings, from which they continue."""
+    """Folder of the trainings' own folders, from which they continue."""
     out: Path = Path("docs/results")
     """Folder of the tables, their provenance and the figures."""
     config: str | None = None
     """TOML file with settings that replace those of each experiment."""
 
     def laid_over(self, config: Config) -> Config:
-        """Return the settings of an experiment, changed by the user's TOML file.
-
-        Raises ConfigError if the file or a setting in it is wrong.
-        """
+        """An experiment's settings, changed by the user's file; raises ConfigError."""
         return located(load_config(self.config, config))
 
 
 class Progress(NamedTuple):
-    """The progress of an experiment, for the progress bar."""
+    """The progress of an experiment."""
 
     done: int
-    """Number of episodes driven; ``total`` is the number to drive."""
+    """Episodes."""
     total: int
     label: str = ""
-    """Text beside the progress bar."""
+    """Shown beside the progress bar."""
     line: str = ""
-    """A line to print above the bar; empty for none."""
+    """Printed above the bar; empty for nothing."""

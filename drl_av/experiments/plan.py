@@ -1,4 +1,4 @@
-"""Makes the rows that an experiment's table lacks: trains drivers, then evaluates them."""
+"""How an experiment makes the rows that its table lacks: it trains, and then it drives."""
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
@@ -15,7 +15,7 @@ from drl_av.files import Row
 
 
 class Cell(Protocol):
-    """A group of rows of a table that one training or one evaluation makes together."""
+    """A group of rows of a table that one training or one evaluation produces together."""
 
     @property
     def key(self) -> Row:
@@ -23,22 +23,19 @@ class Cell(Protocol):
 
     @property
     def training(self) -> TrainingJob | None:
-        """The training that must end before the rows can be made, or None."""
+        """The training that the rows need, or None."""
 
     def check(self) -> None:
         """Raise DrlAvError if the rows cannot be made; called before any training."""
 
     def missing(self, rows: Sequence[Row]) -> int:
-        """Return the number of episodes still to drive; ``rows`` are the existing rows of the cell.
-
-        Raises ValueError if they are damaged.
-        """
+        """Number of rows still to make; raises ValueError if the existing ``rows`` are damaged."""
 
     def reported(self) -> list[Row]:
-        """Return the rows that the training's folder holds; [] if rows need an evaluation."""
+        """The rows that the training's folder already holds, without an evaluation."""
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Make and yield the rows that ``rows`` lacks, in ``jobs`` processes."""
+        """Make the missing rows with ``jobs`` processes."""
 
 
 @dataclass(frozen=True)
@@ -46,28 +43,27 @@ class Plan:
     """The cells of a table, in stages that are made one after the other."""
 
     made_with: MadeWith
-    """The settings and drivers of the rows."""
     stages: Sequence[Sequence[Cell]]
     order: Callable[[Row], Any]
-    """Returns the sort key of a row, which is unique in the table."""
+    """The place of a row in the table; no two have the same."""
     next_cell: Callable[[list[Row], Cell], Cell | None] = lambda rows, cell: None
-    """Returns a further cell, given the rows so far and the last cell; None to stop."""
+    """The cell after the last one, which depends on the rows so far; None for no more."""
     line: Callable[[list[Row], Cell], str] = lambda rows, cell: ""
-    """Returns the line to print when a cell is complete; empty for none."""
+    """Printed when a cell is complete; empty for nothing."""
     empty: str = ""
-    """The line to print if there are no cells."""
+    """Printed where there are no cells."""
 
     def make(
         self, store: ResultStore, options: ReproduceOptions
     ) -> Generator[Progress, None, None]:
-        """Do the trainings and evaluations whose rows the store lacks; yield the progress.
+        """Train and drive what the store lacks.
 
-        The store is saved when a training or a cell ends, and when the work is interrupted. Rows
-        that it has are not made again, even if the folders of their trainings are lost.
+        The store is saved when a training or a cell ends, and where the work is interrupted. Rows
+        that it has are not made again, even where the folders of their trainings are lost.
 
         Raises:
-            DrlAvError: rows are damaged, a training's folder has other settings or later episodes,
-                or a file cannot be written.
+            DrlAvError: rows are damaged; a training's folder has other settings or later
+                episodes; the disk refuses.
             SimulationError: a training or an evaluation failed.
         """
         cells = [cell for stage in self.stages for cell in stage]
@@ -115,7 +111,7 @@ def _label(cell: Cell) -> str:
 
 
 def _made(cell: Cell, store: ResultStore, options: ReproduceOptions) -> Generator[Row, None, None]:
-    """Make and yield the missing rows of a cell; save the store when the cell is complete."""
+    """The missing rows of a cell; saves them when they are complete."""
     rows, begun_s = store.of(cell.key), monotonic()
     if cell.training:
         _require_drivers(store, [cell.training])
@@ -133,7 +129,7 @@ def _made(cell: Cell, store: ResultStore, options: ReproduceOptions) -> Generato
 def _train(
     stage: Sequence[Cell], store: ResultStore, options: ReproduceOptions
 ) -> Generator[Progress, None, None]:
-    """Do the trainings of incomplete cells, after those that they continue; yield the progress."""
+    """Do the trainings of incomplete cells, after the trainings that these continue."""
     incomplete = _incomplete(stage, store)
     begun = [cell.training for cell in incomplete if cell.training and cell.training.begun]
     _require_drivers(store, [job.origin for job in begun if job.origin])
@@ -158,13 +154,13 @@ def _train(
 
 
 def _require_drivers(store: ResultStore, jobs: Iterable[TrainingJob]) -> None:
-    """Raise DrlAvError if the table has rows of other policies of these trainings."""
+    """Raise DrlAvError where the table has rows of other drivers of the same names."""
     trained = [job for job in jobs if job.policy.is_file()]
     store.require(MadeWith({}, {job.name: checksum(job.policy) for job in trained}))
 
 
 def _collect(cells: Sequence[Cell], store: ResultStore, options: ReproduceOptions) -> None:
-    """Put the rows that the trainings report into the table, if they are more than it has."""
+    """Add the reports of trainings to the table, where these are more than it has."""
     with report_corrupt_table(store.path):
         changed = [store.put(cell.key, cell.reported()) for cell in cells]
     for job in {cell.training for cell in cells if cell.training}:

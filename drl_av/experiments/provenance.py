@@ -1,4 +1,4 @@
-"""Describes how results were made: the command, versions, SUMO's steps and the machine."""
+"""The provenance of results: the command, versions, SUMO's steps and the machine."""
 
 import os
 import platform
@@ -16,11 +16,11 @@ from drl_av.drivers import policy_file
 
 PACKAGES = ("drl-av", "eclipse-sumo", "torch", "numpy", "gymnasium")
 INTEGRATION = "semi-implicit Euler"
-"""SUMO's integration method: its default, which no setting changes."""
+"""SUMO's default, which no setting changes."""
 
 
 def provenance(config: Config, **facts: Any) -> dict[str, Any]:
-    """Return the facts about this process on which results depend, plus the caller's ``facts``."""
+    """Everything about this process that a results file depends on, and the caller's own facts."""
     return {
         "command": command(),
         "date": datetime.now(UTC).date().isoformat(),
@@ -35,7 +35,7 @@ def provenance(config: Config, **facts: Any) -> dict[str, Any]:
 
 
 def command() -> str:
-    """Return the command line that starts this process, as typed in the project's folder."""
+    """The command line of this process, as it is given in the project's folder."""
     program = Path(sys.argv[0])
     called = {
         "tools": ["python", f"tools/{program.name}"],
@@ -45,7 +45,7 @@ def command() -> str:
 
 
 def made_by(seconds: float) -> str:
-    """Return command, wall time, date, versions and machine in one line, for results as text."""
+    """Command, time, versions and machine in one line, for results that are a text."""
     facts = provenance(Config())
     versions = ", ".join(f"{package} {facts[package]}" for package in ("python", *PACKAGES))
     return (
@@ -55,9 +55,7 @@ def made_by(seconds: float) -> str:
 
 
 def checksum(policy: Path) -> str:
-    """Return the SHA-256 of a policy file's weights, without its config.
-
-    It identifies a driver even if later versions add settings.
+    """SHA-256 of a policy file's tensors: the same driver, whatever settings were added since.
 
     Raises:
         CheckpointError: as ``policy_file.load``.
@@ -67,7 +65,7 @@ def checksum(policy: Path) -> str:
 
 
 def machine() -> str:
-    """Return the processor's model, the number of cores and the operating system, as text."""
+    """Processor, number of cores, and operating system."""
     model = platform.processor() or platform.machine()
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.is_file():
@@ -78,9 +76,9 @@ def machine() -> str:
 
 
 def blas() -> str:
-    """Return the BLAS libraries of this process and the kernels they chose, as text.
+    """The linear algebra libraries of this process, and the kernels each chose.
 
-    Other kernels round differently, so that a training with them gives another network.
+    Networks trained with other kernels differ in their last bits, and then in all.
     """
     libraries = [info for info in threadpool_info() if info["user_api"] == "blas"]
     found = [

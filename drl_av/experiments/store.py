@@ -1,4 +1,4 @@
-"""Stores results: a CSV table, and a JSON file beside it with the table's provenance."""
+"""The store of results: a CSV table, and a JSON file beside it with the table's provenance."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -17,7 +17,7 @@ from drl_av.experiments.provenance import provenance
 from drl_av.files import Row, read_table, require_writable, write_table, write_whole
 
 Derived = Mapping[str, Callable[[list[Row]], list[Row]]]
-"""Functions that compute further tables from the rows of a table, by the file name of each."""
+"""Names of tables that are computed from another one, and how."""
 
 
 class MadeWith(NamedTuple):
@@ -28,12 +28,12 @@ class MadeWith(NamedTuple):
 
     settings: Mapping[str, Config]
     policies: Mapping[str, str | None] = {}
-    """SHA-256 of the learned drivers' weights; None if all drivers are rule-based."""
+    """SHA-256 of learned drivers; None where all drivers of the table are rules."""
     episodes: Mapping[str, int] = {}
-    """Number of training episodes of the drivers."""
+    """Training episodes of the drivers."""
 
     def contradicts(self, other: "MadeWith") -> bool:
-        """Return whether both have a different config, policy or episode number for some name."""
+        """Whether a setting, policy or number of episodes has two values for the same name."""
         pairs: list[tuple[Mapping[str, Any], Mapping[str, Any]]]
         pairs = [*zip(self, other, strict=True)]
         shared = bool(self.settings and other.settings)
@@ -42,7 +42,7 @@ class MadeWith(NamedTuple):
         )
 
     def extended(self, other: "MadeWith") -> "MadeWith":
-        """Return the settings and drivers of both as one value; ``other`` wins for equal names."""
+        """The settings and drivers of both, as one value."""
         return MadeWith(
             {**self.settings, **other.settings},
             {**self.policies, **other.policies},
@@ -54,8 +54,8 @@ class ResultStore:
     """A table on disk to which only missing rows are added, sorted by ``order(row)``.
 
     Raises:
-        DrlAvError: the table was made with other settings or another driver, is damaged, or cannot
-            be written.
+        DrlAvError: the table was made with other settings or another driver, or it is damaged, or
+            the disk refuses.
     """
 
     def __init__(
@@ -82,25 +82,22 @@ class ResultStore:
         self.require(made_with)
 
     def of(self, key: Row) -> list[Row]:
-        """Return the rows whose columns have the values in ``key``."""
+        """The rows whose columns have the values in ``key``."""
         return [row for row in self.rows if key.items() <= row.items()]
 
     def require(self, made_with: MadeWith) -> None:
-        """Record the settings and drivers of new rows.
-
-        Raises DrlAvError if they contradict those of the existing rows.
-        """
+        """Record with what new rows are made; raises DrlAvError if it differs for existing rows."""
         if made_with.contradicts(self._made_with):
             raise settings_mismatch(self.path)
         self._made_with = self._made_with.extended(made_with)
 
     def require_columns(self, row: Row) -> None:
-        """Raise DrlAvError if the table's rows have other columns than ``row``."""
+        """Raise DrlAvError if the columns of the table differ from those of the row."""
         if self.rows and row.keys() != self.rows[0].keys():
             raise settings_mismatch(self.path)
 
     def put(self, key: Row, rows: Sequence[Row]) -> bool:
-        """Replace the rows of ``key`` by ``rows`` if these are more; return whether it did."""
+        """Replace the rows of a key if there are more new rows than old; returns whether it did."""
         if len(rows) <= len(self.of(key)):
             return False
         self.require_columns(rows[0])
@@ -109,13 +106,13 @@ class ResultStore:
         return True
 
     def save(self, options: ReproduceOptions) -> None:
-        """Write the provenance, the table and the derived tables in this order, each atomically."""
+        """Write the sidecar, the table and the derived tables in this order, each atomically."""
         write_sidecar(self.path, self._facts(options))
         write_table(self.path, self.rows[0], self.rows)
         self.save_derived()
 
     def save_derived(self) -> None:
-        """Write the tables that derive from this one; raises DrlAvError if that fails."""
+        """Write the tables that derive from this one; raises DrlAvError."""
         if self.rows:
             with report_corrupt_table(self.path):
                 derived = self._derive()
@@ -147,10 +144,7 @@ class ResultStore:
 
 
 def _stored(facts: dict[str, Any], table: Path) -> MadeWith:
-    """Return the settings and drivers that the provenance ``facts`` of a table name.
-
-    Damaged facts cause the errors that ``report_corrupt_table`` replaces.
-    """
+    """The settings and drivers that a sidecar names; for use in ``report_corrupt_table``."""
     settings, name = facts["settings"], str(sidecar(table))
     if "simulation" in settings:
         config = stored_config(settings, name)
@@ -160,45 +154,43 @@ def _stored(facts: dict[str, Any], table: Path) -> MadeWith:
 
 
 def _seconds(facts: dict[str, Any]) -> dict[str, float]:
-    """Return the wall times in the facts, s, by name of training, or "" for all rows together."""
+    """Wall times by the name of a training, or under "" for all rows together."""
     times = facts["wall_time_s"] if facts else {}
     named: dict[str, Any] = times if isinstance(times, dict) else {"": times}
     return {name: float(seconds) for name, seconds in named.items()}
 
 
 def stored_config(settings: dict[str, Any], name: str) -> Config:
-    """Return the config with which a table was made; missing settings get their former defaults.
-
-    ``name`` is the file that an error names.
+    """The config with which a table was made; missing settings get their old defaults.
 
     Raises:
-        ConfigError: ``settings`` holds settings that this version does not know.
+        ConfigError: it holds settings that this version does not know.
     """
     return from_toml(tomli_w.dumps(settings), OLD_DEFAULTS, name)
 
 
 @contextmanager
 def report_corrupt_table(table: Path) -> Iterator[None]:
-    """Replace the errors that damaged rows or facts cause in the block by DrlAvError."""
+    """Turn errors that damaged rows or facts cause in the block into DrlAvError."""
     try:
         yield
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise DrlAvError(
-            f"{table}, or what stands beside it, is damaged or of another version ({error!r}): "
-            "put both back as they were, or move them away to make them anew."
+            f"{table}, or the file beside it, is damaged or of another version ({error!r}): "
+            "put both back as they were, or move them away to make them again."
         ) from error
 
 
 def settings_mismatch(table: Path) -> DrlAvError:
-    """Return the error for a table that was made with other settings or drivers."""
+    """The error for a table that was made with other settings or drivers."""
     return DrlAvError(
         f"{table} was made with other settings or another driver: choose another folder with "
-        f"--out, or move it and {sidecar(table).name} away to make it anew."
+        f"--out, or move it and {sidecar(table).name} away to make it again."
     )
 
 
 def read_rows(table: Path) -> list[Row]:
-    """Read the rows of a table as text; [] if the file does not exist. Raises as ``read_table``."""
+    """The rows of a table as text; empty if there is no file. Raises as ``read_table``."""
     return read_table(table) if table.exists() else []
 
 
@@ -216,21 +208,21 @@ def seeds_held(rows: Iterable[Row], drivers: int = 1, first: int = 0) -> int:
 
 
 def sidecar(table: Path) -> Path:
-    """Return the path of a table's provenance file: ``curves.json`` for ``curves.csv``."""
+    """The file with a table's provenance: ``curves.csv`` has ``curves.json`` beside it."""
     return table.with_suffix(".json")
 
 
 def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
-    """Write the provenance of a table atomically; raises DrlAvError if the write fails."""
+    """Write the provenance of a table atomically; raises DrlAvError if it cannot be written."""
     write_whole(sidecar(table), json.dumps(facts, indent=2).encode() + b"\n")
 
 
 def read_sidecar(table: Path) -> dict[str, Any]:
-    """Read the provenance of a table; {} if neither the table nor its provenance file exists.
+    """The provenance of a table; empty if neither the table nor its sidecar exists.
 
     Raises:
-        DrlAvError: the file is missing beside a table, cannot be read, or holds no JSON object.
-        TypeError: settings, policies or episodes in it are not JSON objects.
+        DrlAvError: the sidecar cannot be read, or is missing beside a table.
+        TypeError: the sidecar is not a JSON object.
     """
     path = sidecar(table)
     if not path.exists() and not table.exists():
@@ -238,7 +230,7 @@ def read_sidecar(table: Path) -> dict[str, Any]:
     if not path.exists():
         raise DrlAvError(
             f"{table} has no {path.name} beside it that says what made it: put that back, or move "
-            "the table away to make it anew."
+            "the table away to make it again."
         )
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))

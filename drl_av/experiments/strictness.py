@@ -1,4 +1,4 @@
-"""The experiment ``strict`` (ours): what the check ``strict`` costs the shipped driver in speed."""
+"""The speed that the check ``strict`` costs the shipped driver, by density and bound (ours)."""
 
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 COLUMNS = ("seed", "mean_speed_m_s", "collided", "ego_hit", "safety_triggers")
 VEHICLES = 15
-"""Number of vehicles in the episodes in which one bound is changed."""
+"""Number of vehicles with which the bounds are changed, one at a time."""
 BOUNDS: dict[str, tuple[float, ...]] = {
     "braking_m_s2": (6.0, 9.0),
     "acceleration_m_s2": (4.0,),
@@ -41,7 +41,7 @@ BOUNDS: dict[str, tuple[float, ...]] = {
     "follower_braking_m_s2": (3.0,),
     "clearance_m": (0.0, 2.0),
 }
-"""The other values of each bound of [strict]; our traffic keeps to the defaults."""
+"""Values of each bound besides its default, to which our traffic keeps."""
 LABELS = {
     "braking_m_s2": "braking ahead",
     "acceleration_m_s2": "acceleration behind",
@@ -69,10 +69,7 @@ def under(config: Config, bounds: str) -> Config:
 
 
 def strict_plan(options: ReproduceOptions) -> Plan:
-    """Plan to evaluate the shipped driver under ``paper`` and ``strict`` at each density.
-
-    Then it drives among 15 vehicles under ``strict`` with one bound changed at a time.
-    """
+    """The plan: the shipped driver with both checks at every density, then with changed bounds."""
     config = options.laid_over(default_config(find_drivers([DRIVER])))
     keys = [(check, "", "", n) for n in DENSITIES for check in ("paper", "strict")]
     keys += [
@@ -96,7 +93,7 @@ def strict_plan(options: ReproduceOptions) -> Plan:
 
 
 def strict_table(results: Results) -> str:
-    """Return the Markdown table of speed change from ``paper`` to ``strict``, and collisions."""
+    """The change of the mean speed under ``strict``, percent, and the collisions."""
     rows = [row for row in results.rows("strict.csv") if not row["bound"]]
     densities = densities_of(rows)
     strict = [
@@ -111,10 +108,7 @@ def strict_table(results: Results) -> str:
 
 
 def summary_table(results: Results) -> str:
-    """Return the Markdown table of each driver's results over all densities up to 30 vehicles.
-
-    The shipped driver has a second row, under ``strict``.
-    """
+    """Each driver over the densities up to the paper's 30 vehicles; the shipped one also strict."""
     driven: dict[tuple[str, str], list[Row]] = {}
     for row in results.rows(density_sweep.TABLE):
         if int(row["vehicles"]) <= PAPER_VEHICLES:
@@ -132,7 +126,7 @@ def summary_table(results: Results) -> str:
 
 
 def strict_figure(rows: list[Row]) -> "Figure":
-    """Draw the change in mean speed from ``paper`` to ``strict``, %, by density and by bound."""
+    """The figure: change of the mean speed from ``paper`` to ``strict`` on the same seeds, %."""
     figure, (by_density, by_bound) = panels((11.5, 4), 1, 2)
     plain = [row for row in rows if not row["bound"]]
     numbers = densities_of(row for row in plain if row["check"] == "strict")
@@ -153,9 +147,7 @@ def strict_figure(rows: list[Row]) -> "Figure":
 
 
 def change(rows: Iterable[Row], plain: Iterable[Row], vehicles: int) -> Mean:
-    """Return the change in mean speed from ``paper`` to ``strict`` at a number of vehicles, %.
-
-    The episodes under ``strict`` are those in ``rows``, those under ``paper`` are in ``plain``.
+    """The change of the mean speed from ``paper`` in ``plain`` to ``strict`` in ``rows``, percent.
 
     Raises:
         DrlAvError: the traffic seeds of both differ.
@@ -168,9 +160,7 @@ def change(rows: Iterable[Row], plain: Iterable[Row], vehicles: int) -> Mean:
 
 
 def speed_change(changed: Iterable[Row], plain: Iterable[Row]) -> Mean:
-    """Return the mean change of the speed from ``plain`` to ``changed``, in percent of ``plain``.
-
-    The episodes are paired by traffic; a negative change is a loss of speed.
+    """The change of the mean speed between rows of the same traffic, in percent of ``plain``.
 
     Raises:
         DrlAvError: the traffic seeds of both differ.
@@ -181,7 +171,7 @@ def speed_change(changed: Iterable[Row], plain: Iterable[Row]) -> Mean:
     )
     if not after or after.keys() != before.keys():
         raise DrlAvError(
-            "The drives under strict and paper are not of the same seeds: make them anew with "
+            "The drives under strict and paper are not of the same seeds: make them again with "
             "drl-av reproduce."
         )
     speed = sum(before.values()) / len(before)

@@ -23,7 +23,7 @@ PossiblyInfinite = Annotated[float, "possibly infinite"]
 Columns = type | Iterable[str]
 """A dataclass or NamedTuple whose fields are the columns, or the columns' names."""
 RowType = TypeVar("RowType")
-_REMEDY = "put the table back as it was written, or make it anew"
+_REMEDY = "put the table back as it was written, or make it again"
 _KINDS: dict[Any, str] = {
     str: "text",
     int: "a whole number",
@@ -170,7 +170,7 @@ def _require_columns(path: Path, header: list[str], types: Mapping[str, Any]) ->
             found = "no column" if column not in header else "more than one column"
             raise DrlAvError(
                 f"The table {path} has {found} {column!r}: "
-                "name a table of another kind, or make this one anew."
+                "name a table of another kind, or make this one again."
             )
 
 

@@ -112,7 +112,7 @@ def warm_start(training: Training, policy_file: Path) -> bool:
     count, wanted = trained_with.learning.networks, training.config.learning.networks
     if count != wanted:
         raise CheckpointError(
-            f"{policy_file} was trained with learning.networks = {count}: go on with as many, "
+            f"{policy_file} was trained with learning.networks = {count}: continue with as many, "
             f"not {wanted}."
         )
     training.restore(tensors, numbers)

@@ -104,7 +104,7 @@ class Ring:
         if not fits:
             raise CheckpointError(
                 f"The stored experience does not fit a buffer of {capacity} rows of {width} "
-                "numbers: go on with the configuration the run was started with."
+                "numbers: continue with the configuration the run was started with."
             )
         self.filled, self.next_slot = len(rows), int(next_slot)
         self.rows[: self.filled] = rows

@@ -58,6 +58,6 @@ def restore_rng(rng: np.random.Generator, state: dict[str, Any]) -> None:
         rng.bit_generator.state = state
     except (ValueError, TypeError, KeyError) as error:
         raise CheckpointError(
-            f"The stored state of a random generator is not one of {rng.bit_generator}: go on "
+            f"The stored state of a random generator is not one of {rng.bit_generator}: continue "
             "with the version of numpy the run was started with."
         ) from error

@@ -188,7 +188,7 @@ class Learner:
             if stored is None or stored.shape != tensor.shape or stored.dtype != np.float32:
                 raise CheckpointError(
                     f"The stored learner's {name!r} does not fit a network of "
-                    f"{' -> '.join(map(str, self.network.sizes))}: go on with the configuration "
+                    f"{' -> '.join(map(str, self.network.sizes))}: continue with the configuration "
                     "the run was started with."
                 )
         for name, tensor in self._tensors().items():

@@ -158,7 +158,7 @@ class PrioritizedBuffer(UniformBuffer):
         )
         if not fits:
             raise CheckpointError(
-                "The stored priorities do not fit the stored experience: go on with the "
+                "The stored priorities do not fit the stored experience: continue with the "
                 "configuration the run was started with."
             )
         self.ring.restore(state)

@@ -45,7 +45,7 @@ def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road)
         raise _refusal(
             "traffic.random_lane_changes_per_s",
             f"at most {most:g}, and not {found:g}",
-            "a vehicle that is asked again in the middle of a lane change goes on with it even "
+            "a vehicle that gets a second request in the middle of a lane change continues it even "
             "into a vehicle beside it",
         )
 

@@ -49,7 +49,7 @@ def read_loop(network: ET.Element, description: ScenarioDescription, name: str) 
     except (_LoopMismatch, KeyError, ValueError) as error:
         reason = str(error) if isinstance(error, _LoopMismatch) else f"lacks or misstates {error}"
         raise ScenarioError(
-            f"The road in {name} {reason}: write the scenario anew with: drl-av scenario DIR."
+            f"The road in {name} {reason}: write the scenario again with: drl-av scenario DIR."
         ) from error
     return Loop(edges, positions, s_m)
 

@@ -46,8 +46,8 @@ class Readings:
     def lane_change(self, row: int) -> int:
         """Return the lane change that SUMO's model would make now: +1 left, -1 right, 0 none."""
         bits = self._sumo.constants
-        for sign, wish in ((1, bits.LCA_LEFT), (-1, bits.LCA_RIGHT)):
+        for sign, wanted in ((1, bits.LCA_LEFT), (-1, bits.LCA_RIGHT)):
             state = self._sumo.vehicle.getLaneChangeState(self._ids[row], sign)[0]
-            if state & wish and not state & bits.LCA_BLOCKED:
+            if state & wanted and not state & bits.LCA_BLOCKED:
                 return sign
         return 0

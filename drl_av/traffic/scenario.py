@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 DEFAULT_SCENARIO = "circular_three_lane"
-WRITE_ANEW = "write the scenario anew with: drl-av scenario DIR"
+WRITE_AGAIN = "write the scenario again with: drl-av scenario DIR"
 
 
 @dataclass(frozen=True)
@@ -110,19 +110,19 @@ def load_scenario(folder: str | Path) -> Scenario:
     """
     folder = Path(folder).absolute()
     if not folder.is_dir():
-        raise ScenarioError(f"There is no scenario folder {folder}: {WRITE_ANEW}.")
+        raise ScenarioError(f"There is no scenario folder {folder}: {WRITE_AGAIN}.")
     _require_readable(folder)
     name = scenario_files.DESCRIPTION_FILE
     described = {kind: KINDS[kind].description for kind in KINDS}
     description = from_toml(_text(folder / name), str(folder / name), described)
     additional = [folder / name for name in scenario_files.additional_files(description)]
     types_file, *others = additional
-    types = read_xml(types_file, ADDITIONAL, WRITE_ANEW).iter("vType")
+    types = read_xml(types_file, ADDITIONAL, WRITE_AGAIN).iter("vType")
     vehicle_types = read_types([element.attrib for element in types], str(types_file))
     description = _with_sizes(description, vehicle_types, str(types_file))
     for path in others:
-        read_xml(path, ADDITIONAL, WRITE_ANEW)
-    read_xml(folder / scenario_files.VIEW_FILE, VIEW, WRITE_ANEW)
+        read_xml(path, ADDITIONAL, WRITE_AGAIN)
+    read_xml(folder / scenario_files.VIEW_FILE, VIEW, WRITE_AGAIN)
     network_file = folder / scenario_files.NETWORK_FILE
     network = read_xml(network_file, NETWORK, WRITE_ANEW)
     layout = kind_of(description).read(network, description, str(network_file))
@@ -160,14 +160,14 @@ def _require_unchanged(folder: Path) -> bool:
     if not record.exists():
         return False
     names = {path.name for path in folder.iterdir()} & set(scenario_files.ALL_FILES)
-    contents = {name: read_regular_file(folder / name, WRITE_ANEW) for name in names}
+    contents = {name: read_regular_file(folder / name, WRITE_AGAIN) for name in names}
     found = scenario_files.checksums(contents).splitlines()
     changed = set(found) ^ set(_text(record).splitlines())
     if changed:
         name = min(line.split("  ")[-1] for line in changed)
         raise ScenarioError(
             f"{folder} was changed after it was written, the first difference is in {name!r}: "
-            f"{WRITE_ANEW}, or remove {record.name} if the change is intended."
+            f"{WRITE_AGAIN}, or remove {record.name} if the change is intended."
         )
     return True
 
@@ -205,6 +205,6 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
 def _text(path: Path) -> str:
     """Return the text of a UTF-8 file; raise ScenarioError if it cannot be read."""
     try:
-        return read_regular_file(path, WRITE_ANEW).decode("utf-8-sig")
+        return read_regular_file(path, WRITE_AGAIN).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ScenarioError(f"{path} cannot be read ({error}): {WRITE_ANEW}.") from error
+        raise ScenarioError(f"{path} cannot be read ({error}): {WRITE_AGAIN}.") from error

@@ -78,7 +78,7 @@ class Simulation:
                 raise
             raise SimulationError(
                 f"SUMO cannot load the scenario {self.scenario.folder} "
-                f"({' '.join(str(error).split()).rstrip('.')}): write it anew, or undo what was "
+                f"({' '.join(str(error).split()).rstrip('.')}): write it again, or undo what was "
                 "changed in it."
             ) from error
         if self._gui:

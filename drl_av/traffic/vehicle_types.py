@@ -109,7 +109,7 @@ def read_types(elements: Iterable[Mapping[str, Any]], name: str) -> VehicleTypes
         found[kind] = _read_type(attributes, f"{name}: the vehicle type {kind!r}")
     if missing := sorted(set(COLORS) - set(found)):
         raise ScenarioError(
-            f"{name}: there is no vehicle type {missing[0]!r}: write the scenario anew with: "
+            f"{name}: there is no vehicle type {missing[0]!r}: write the scenario again with: "
             "drl-av scenario DIR."
         )
     return VehicleTypes(**found)

@@ -1,4 +1,4 @@
-"""The command line: its help, and every bad input told in one sentence without a traceback."""
+"""The command line: its help, and every bad input reported in one sentence without a traceback."""
 
 import errno
 import os
@@ -37,7 +37,7 @@ PACKAGE = Path(cli.__file__).parent
 TINY = "[simulation]\ndecisions_per_episode = 5\n[learning]\nepisodes = 2\n"
 
 
-def told(capsys: pytest.CaptureFixture[str]) -> str:
+def error_message(capsys: pytest.CaptureFixture[str]) -> str:
     """The one sentence on stderr."""
     text = capsys.readouterr().err
     assert text.startswith("drl-av: ")
@@ -162,7 +162,7 @@ def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[
         (["reproduce", "--config", "missing.toml"], r"missing.toml cannot be read"),
     ],
 )
-def test_bad_input_is_told_in_one_sentence(
+def test_bad_input_is_reported_in_one_sentence(
     words: list[str],
     sentence: str,
     tmp_path: Path,
@@ -171,7 +171,7 @@ def test_bad_input_is_told_in_one_sentence(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(words) == 1
-    assert re.search(sentence, told(capsys))
+    assert re.search(sentence, error_message(capsys))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -189,7 +189,7 @@ def test_bad_input_is_told_in_one_sentence(
     ],
 )
 @pytest.mark.parametrize("verb", ["train --out run", "evaluate idm", "replay --driver idm"])
-def test_bad_settings_are_told_with_the_file_and_the_way_out(
+def test_bad_settings_are_reported_with_the_file_and_a_remedy(
     verb: str,
     text: str,
     sentence: str,
@@ -200,24 +200,26 @@ def test_bad_settings_are_told_with_the_file_and_the_way_out(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text(text)
     assert main([*verb.split(), "--config", "mine.toml"]) == 1
-    message = told(capsys)
+    message = error_message(capsys)
     assert re.search(sentence, message)
     assert "mine.toml" in message
     assert not (tmp_path / "run").exists()
 
 
-def test_broken_network_is_told(scenario: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_broken_network_is_reported(scenario: Path, capsys: pytest.CaptureFixture[str]) -> None:
     network = scenario / "highway.net.xml"
     os.truncate(network, network.stat().st_size // 2)
     assert main(["evaluate", "idm", "--scenario", str(scenario)]) == 1
-    assert f"{network} is damaged or cut short" in told(capsys)
+    assert f"{network} is damaged or cut short" in error_message(capsys)
 
 
-def test_network_without_a_loop_is_told(scenario: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_network_without_a_loop_is_reported(
+    scenario: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     network = scenario / "highway.net.xml"
     network.write_text(re.sub(r"\s*<connection .*?/>", "", network.read_text()))
     assert main(["evaluate", "idm", "--scenario", str(scenario)]) == 1
-    assert str(network) in told(capsys)
+    assert str(network) in error_message(capsys)
 
 
 def test_scenario_folder_that_is_there_is_kept(
@@ -225,26 +227,26 @@ def test_scenario_folder_that_is_there_is_kept(
 ) -> None:
     before = sorted(path.read_bytes() for path in scenario.iterdir())
     assert main(["scenario", str(scenario)]) == 1
-    assert "exists and is not empty" in told(capsys)
+    assert "exists and is not empty" in error_message(capsys)
     assert sorted(path.read_bytes() for path in scenario.iterdir()) == before
 
 
 def test_place_that_is_a_file_is_no_run(settings: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["train", "--out", str(settings)]) == 1
-    assert "exists already" in told(capsys)
+    assert "exists already" in error_message(capsys)
     assert main(["train", "--out", str(settings / "run"), "--config", str(settings)]) == 1
-    assert "run cannot be made (File exists)" in told(capsys)
+    assert "run cannot be made (File exists)" in error_message(capsys)
     assert settings.read_text() == TINY
 
 
-def test_missing_shipped_driver_is_told(
+def test_missing_shipped_driver_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(policy_file, "PRETRAINED", tmp_path / "pretrained")
     assert main(["evaluate"]) == 1
-    assert "lacks the driver that ships with drl-av" in told(capsys)
+    assert "lacks the driver that ships with drl-av" in error_message(capsys)
     assert main(["replay", "--video", str(tmp_path / "drive.gif")]) == 1
-    assert "lacks the driver that ships with drl-av" in told(capsys)
+    assert "lacks the driver that ships with drl-av" in error_message(capsys)
 
 
 def test_missing_system_library_is_named() -> None:
@@ -261,14 +263,14 @@ sys.meta_path.insert(0, Finder())
     assert ended.stderr.count("\n") == 1
 
 
-def test_sumo_gui_without_a_display_is_told() -> None:
+def test_sumo_gui_without_a_display_is_reported() -> None:
     ended = program("", "replay", "--driver", "idm", DISPLAY="")
     assert ended.returncode == 1
     assert ended.stderr.startswith("drl-av: sumo-gui has no screen to open on: ")
     assert ended.stderr.count("\n") == 1
 
 
-def test_full_disk_is_told_and_the_table_of_before_is_kept(
+def test_full_disk_is_reported_and_the_table_of_before_is_kept(
     settings: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -283,7 +285,7 @@ def test_full_disk_is_told_and_the_table_of_before_is_kept(
     monkeypatch.setattr(os, "fsync", full)
     words = ["evaluate", "idm", "--vehicles", "3", "--episodes", "1", "--config", str(settings)]
     assert main([*words, "--out", str(out)]) == 1
-    assert "rows.partial.csv cannot be written (No space left on device)" in told(capsys)
+    assert "rows.partial.csv cannot be written (No space left on device)" in error_message(capsys)
     assert out.read_text() == "before"
     assert sorted(tmp_path.iterdir()) == [out, settings]
 
@@ -312,7 +314,7 @@ def test_output_without_a_terminal_has_no_bar_and_a_table_of_whole_words(
     assert '"ci95_half_width"' in (tmp_path / "summary.json").read_text()
 
 
-def test_long_names_fold_and_checks_are_told_apart(capsys: pytest.CaptureFixture[str]) -> None:
+def test_long_names_fold_and_checks_are_distinguished(capsys: pytest.CaptureFixture[str]) -> None:
     mean = Mean(123.456, 10.0)
     long = "runs/" + "x" * 60 + "/end"
     summary = Summary(long, "paper", 30, 50, mean, mean, 50, 50, mean, mean)
@@ -336,16 +338,16 @@ def test_closed_pipe_is_no_traceback(settings: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "status", "told"),
+    ("command", "status", "reported"),
     [
         ("{ sleep 0.1; %s; echo $? >&2; } | true", "1", ""),
         ("%s > /dev/full; echo $? >&2", "1", "The output cannot be written (No space left on"),
         ("%s >&-; echo $? >&2", "0", ""),
     ],
-    ids=["nobody reads", "full", "closed"],
+    ids=["no reader", "full", "closed"],
 )
 def test_output_that_cannot_be_written_is_no_complaint_of_python(
-    command: str, status: str, told: str, tmp_path: Path
+    command: str, status: str, reported: str, tmp_path: Path
 ) -> None:
     program = f"{sys.executable} -m drl_av scenario loop"
     ended = subprocess.run(
@@ -358,12 +360,12 @@ def test_output_that_cannot_be_written_is_no_complaint_of_python(
     )
     *lines, last = ended.stderr.splitlines()
     assert last == status
-    assert len(lines) == bool(told)
-    assert told in ended.stderr
+    assert len(lines) == bool(reported)
+    assert reported in ended.stderr
     assert (tmp_path / "loop").is_dir()
 
 
-def test_a_terminal_without_the_character_is_told_its_number(settings: Path) -> None:
+def test_a_terminal_without_the_character_shows_its_number(settings: Path) -> None:
     words = ("evaluate", "idm", "--vehicles", "1", "--episodes", "1", "--config", str(settings))
     ended = program("", *words, PYTHONIOENCODING="ascii")
     assert ended.returncode == 0
@@ -390,5 +392,5 @@ def test_a_file_that_a_command_reads_is_not_written_over(
     source.write_text("[traffic]\nvehicles_max = 3\n")
     link.symlink_to(source)
     assert main([word.format(input=source, link=link) for word in words]) == 1
-    assert "is an input of this command: name another file to write." in told(capsys)
+    assert "is an input of this command: name another file to write." in error_message(capsys)
     assert source.read_text() == "[traffic]\nvehicles_max = 3\n"

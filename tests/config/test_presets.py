@@ -56,14 +56,14 @@ def test_a_preset_has_its_name_and_nothing_stands_for_the_paper_s(
     assert as_config("./fast") == as_config(Path("fast")) == FIVE
 
 
-@pytest.mark.parametrize(("sections", "text", "told"), WRONG)
+@pytest.mark.parametrize(("sections", "text", "message"), WRONG)
 def test_sections_are_refused_as_a_file_of_them_is(
-    sections: dict[Any, Any], text: str, told: str, tmp_path: Path
+    sections: dict[Any, Any], text: str, message: str, tmp_path: Path
 ) -> None:
     file = tmp_path / "wrong.toml"
     file.write_text(text)
     for given in (sections, file):
-        with pytest.raises(ConfigError, match=told):
+        with pytest.raises(ConfigError, match=message):
             as_config(given)
 
 

@@ -51,7 +51,7 @@ def test_what_is_saved_holds_the_numbers() -> None:
     assert from_toml(config.to_toml()) == config
 
 
-def test_an_unknown_kind_is_told_with_the_nearest() -> None:
+def test_an_unknown_kind_is_reported_with_the_nearest() -> None:
     with pytest.raises(ConfigError, match=r"'hazard' \(did you mean 'hazards'\?\); the kinds are:"):
         from_toml('[traffic]\nkind = "hazard"\n')
     with pytest.raises(ConfigError, match=r"no kind of traffic 5; the kinds"):

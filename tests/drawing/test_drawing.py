@@ -106,7 +106,7 @@ def test_ego_moving_left_signals_on_its_left_side_only() -> None:
 
 
 @pytest.mark.parametrize(
-    "told",
+    "caption",
     [
         Caption(rule="in lane: the gap is too short " * 10),
         Caption(collision="ego hit the vehicle ahead"),
@@ -116,9 +116,9 @@ def test_ego_moving_left_signals_on_its_left_side_only() -> None:
         Caption(driver="x" * 500),
     ],
 )
-def test_what_the_caption_tells_is_seen_below_or_above_the_road(told: Caption) -> None:
+def test_the_caption_is_drawn_below_or_above_the_road(caption: Caption) -> None:
     plain = draw(scene((0.0, 3.8)), ROAD, Caption())
-    differs = (draw(scene((0.0, 3.8)), ROAD, told) != plain).any(axis=2)
+    differs = (draw(scene((0.0, 3.8)), ROAD, caption) != plain).any(axis=2)
     assert differs.any()
     assert not differs[48:384].any()
     assert not differs[:, :18].any()
@@ -221,7 +221,7 @@ def test_frames_that_fail_leave_the_former_video_and_no_pieces(tmp_path: Path, n
         ("ride.gif", 5, 0, "no frames"),
     ],
 )
-def test_what_cannot_be_written_is_told_in_one_sentence(
+def test_a_film_that_cannot_be_written_is_reported_in_one_sentence(
     tmp_path: Path, name: str, fps: float, number: int, message: str
 ) -> None:
     with pytest.raises(RecordingError, match=message) as error:
@@ -246,9 +246,11 @@ except RecordingError as error:
 
 
 @pytest.mark.parametrize("name", ["ride.mp4", "ride.gif"])
-def test_full_disk_is_told_in_one_sentence_and_leaves_nothing(tmp_path: Path, name: str) -> None:
+def test_full_disk_is_reported_in_one_sentence_and_leaves_nothing(
+    tmp_path: Path, name: str
+) -> None:
     command = [sys.executable, "-c", FULL_DISK, str(tmp_path / name)]
-    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
-    assert "check that the disk has room" in told.stdout
-    assert told.stdout.count("\n") == 1
+    ended = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    assert "check that the disk has room" in ended.stdout
+    assert ended.stdout.count("\n") == 1
     assert list(tmp_path.iterdir()) == []

@@ -63,8 +63,8 @@ def test_a_picture_shows_the_last_moment_with_the_caption_since_the_reset() -> N
     shown.reset(before, START)
     assert np.array_equal(shown.render(), draw(before, ROAD, Caption(vehicles=7, seed=42)))
     shown.step(after, -0.2, KEPT)
-    told = next_caption(Caption(), -0.2, KEPT)
-    assert np.array_equal(shown.render(), draw(after, ROAD, told))
+    caption = next_caption(Caption(), -0.2, KEPT)
+    assert np.array_equal(shown.render(), draw(after, ROAD, caption))
     shown.reset(before, START)
     assert np.array_equal(shown.render(), draw(before, ROAD, Caption(vehicles=7, seed=42)))
 

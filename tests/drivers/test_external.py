@@ -58,15 +58,15 @@ def test_it_stands_in_the_table_beside_the_others_in_several_processes(module: s
 
 
 @pytest.mark.parametrize(
-    ("word", "told"),
+    ("word", "message"),
     [
         ("no_such_module:f", "No module named 'no_such_module'"),
         ("my_own_drivers:missing", "has no attribute 'missing'"),
         ("my_own_drivers:nothing", "made a int, which is no driver: return an object with start"),
     ],
 )
-def test_a_factory_that_makes_no_driver_is_refused(word: str, told: str, module: str) -> None:
-    with pytest.raises(ConfigError, match=told):
+def test_a_factory_that_makes_no_driver_is_refused(word: str, message: str, module: str) -> None:
+    with pytest.raises(ConfigError, match=message):
         driver_of_factory(word, Config())
 
 

@@ -53,7 +53,7 @@ def test_a_lane_change_begins_only_where_it_gains_more_than_the_margin(
     assert decided(values, margin) == expected
 
 
-def test_what_has_begun_goes_on_or_back_by_value_alone() -> None:
+def test_what_has_begun_continues_or_back_by_value_alone() -> None:
     back, on = {ACCELERATE: 0.5, MAINTAIN_RIGHT: 0.501}, {ACCELERATE: 0.5, ACCELERATE_LEFT: 0.501}
     assert decided(back, 0.2, UNDER_WAY) == MAINTAIN_RIGHT
     assert decided(on, 0.2, UNDER_WAY) == ACCELERATE_LEFT

@@ -35,7 +35,7 @@ def act(world, **mobil: float) -> Lateral:
 
 def test_free_lane_at_the_left_draws_the_ego_from_behind_a_slow_leader() -> None:
     world = scene(ahead(40, speed_m_s=15), ahead(40, RIGHT, speed_m_s=15))
-    # own lane: -1.466; left: 1.5 * (1 - 16/81) = 1.2037; gain 2.67, nobody else concerned
+    # own lane: -1.466; left: 1.5 * (1 - 16/81) = 1.2037; gain 2.67, no other vehicle is affected
     assert driver().gain(world, 1) == pytest.approx(1.5 * 65 / 81 + 1.466382, abs=1e-4)
     assert driver().gain(world, -1) == pytest.approx(0.0)
     assert act(world) is Lateral.LEFT

@@ -44,7 +44,9 @@ def test_it_decides_as_the_shipped_driver_on_10_000_observations(exported: Path)
         assert ACTIONS[actions[row]] == wanted, row
 
 
-def test_a_lane_change_begins_only_above_the_margin_and_goes_on_without_one(exported: Path) -> None:
+def test_a_lane_change_begins_only_above_the_margin_and_continues_without_one(
+    exported: Path,
+) -> None:
     session = onnxruntime.InferenceSession(exported, providers=["CPUExecutionProvider"])
     indicators = np.stack([decision.scene.affordances.vector() for decision in shipped_episode()])
     changing = np.zeros(len(indicators), dtype=bool)

@@ -85,7 +85,7 @@ def test_a_word_that_is_neither_a_driver_nor_a_path_is_refused() -> None:
         find_drivers(["idm", "idm-mobli"])
 
 
-def test_runs_of_one_name_are_told_apart_and_drivers_mix(tmp_path: Path) -> None:
+def test_runs_of_one_name_are_distinguished_and_drivers_mix(tmp_path: Path) -> None:
     a, b, c = (run_folder(tmp_path / name) for name in ("a/run", "b/run", "other"))
     specs = find_drivers([str(a), "idm", str(b), str(c), "idm", "random"])
     assert specs == (

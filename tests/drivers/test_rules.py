@@ -67,7 +67,7 @@ def test_idm_never_proposes_what_the_check_would_slow_down(world: Scene) -> None
 @pytest.mark.parametrize(
     ("wish", "lateral"), [(1, Lateral.LEFT), (-1, Lateral.RIGHT), (0, Lateral.KEEP)]
 )
-def test_idm_sumo_changes_lanes_as_sumo_wishes(wish: int, lateral: Lateral) -> None:
+def test_idm_sumo_changes_lanes_as_sumo_requests(wish: int, lateral: Lateral) -> None:
     world = scene(ahead(15.1, CENTER, 15.0), wish=wish)
     assert act(IdmSumoDriver(CONFIG), world) == Action(lateral, MAINTAIN)
 

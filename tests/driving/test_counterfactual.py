@@ -51,7 +51,7 @@ def test_had_it_accelerated_the_vehicle_ahead_is_1_m_50_nearer_and_the_one_behin
     )
 
 
-def test_had_it_begun_a_lane_change_everybody_is_0_76_m_further_right() -> None:
+def test_had_it_begun_a_lane_change_all_others_are_0_76_m_further_right() -> None:
     affordances = had_it(TO_LEFT, scene(ahead(30, LEFT), behind(12, RIGHT)))
     assert affordances is not None
     assert (affordances.ego_y_m, affordances.ego_lateral_speed_m_s) == pytest.approx((4.56, 0.76))
@@ -121,7 +121,7 @@ def test_in_sumo_the_ego_and_those_ahead_are_where_it_said() -> None:
             if said is None:
                 continue
             known += 1
-            told, true = said.vector(), env.scene.affordances.vector()
-            assert told[ahead_and_own] == pytest.approx(true[ahead_and_own], abs=1e-6)
-            assert told[rear_gaps] == pytest.approx(true[rear_gaps], abs=1.0)
+            predicted, true = said.vector(), env.scene.affordances.vector()
+            assert predicted[ahead_and_own] == pytest.approx(true[ahead_and_own], abs=1e-6)
+            assert predicted[rear_gaps] == pytest.approx(true[rear_gaps], abs=1.0)
     assert known > 5

@@ -58,7 +58,7 @@ def test_a_lane_change_takes_5_s_at_0_76_m_s_and_ends_on_the_centre(step_s: floa
     assert running == [LaneChange(1, 2)] * 4 + [None] * 2
 
 
-def test_the_same_side_again_lets_it_go_on_and_then_starts_the_next() -> None:
+def test_the_same_side_again_lets_it_continue_and_then_starts_the_next() -> None:
     worlds = drive(scene(y_m=RIGHT), *[TO_LEFT] * 7)
     assert lateral_positions(worlds) == pytest.approx([0.76, 1.52, 2.28, 3.04, 3.8, 4.56, 5.32])
     assert worlds[-1].lane_change == LaneChange(1, 2)
@@ -165,7 +165,7 @@ def test_a_lane_change_is_judged_by_where_the_ego_is_not_by_when_it_began() -> N
 
 
 def recovered(y_m: float, v_y: float) -> LaneChange | None:
-    """What is in progress, from the two indicators alone."""
+    """The lane change in progress, from the two indicators alone."""
     if v_y == 0:
         return None
     between = y_m / LANE_M

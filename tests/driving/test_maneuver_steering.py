@@ -85,7 +85,7 @@ def test_the_heading_is_that_of_the_two_speeds() -> None:
     assert world.lane_change.reversed().heading_rad == world.lane_change.heading_rad
 
 
-def test_an_ego_that_stops_halfway_stays_there_and_goes_on_where_it_headed() -> None:
+def test_an_ego_that_stops_halfway_stays_there_and_continues_where_it_headed() -> None:
     standing = scene(y_m=5.7, v_y=0.0, speed_m_s=0.0, lane_change=LaneChange(1, 2, heading_rad=0.3))
     [still] = drive(standing, KEEP)
     assert (places([still]), still.lane_change) == ([5.7], LaneChange(1, 2, 0.3))

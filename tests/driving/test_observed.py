@@ -1,4 +1,4 @@
-"""What an ego that SUMO drives did, told from where it was and where it is."""
+"""The action of an ego that SUMO drives, from its positions before and after."""
 
 import pytest
 from worlds import CENTER, LEFT, ROAD, changing, scene, snapshot
@@ -36,7 +36,7 @@ def test_an_ego_that_gained_1_5_m_s_in_a_second_accelerated() -> None:
     assert seen(scene(), CENTER, 16.5) == ((Lateral.KEEP, Longitudinal.HARD_BRAKE), None)
 
 
-def test_a_lane_change_begins_goes_on_and_ends_on_the_centre() -> None:
+def test_a_lane_change_begins_continues_and_ends_on_the_centre() -> None:
     assert seen(scene(), CENTER + 0.76) == (Action(Lateral.LEFT, MAINTAIN), LaneChange(1, 2))
     assert seen(scene(), CENTER - 0.38) == (Action(Lateral.RIGHT, MAINTAIN), LaneChange(1, 0))
     on_the_way = changing(origin=1, target=2, seconds=3)  # over the line already
@@ -56,7 +56,7 @@ def test_one_that_turns_round_aborts() -> None:
     assert seen(just_begun, CENTER) == (Action(Lateral.RIGHT, MAINTAIN), None)
 
 
-def test_one_that_passes_a_centre_without_a_stop_goes_on_to_the_lane_after_that() -> None:
+def test_one_that_passes_a_centre_without_a_stop_continues_to_the_lane_after_that() -> None:
     on_the_way = changing(origin=0, target=1, seconds=4)
     found = seen(on_the_way, CENTER + 0.4)
     assert found == (Action(Lateral.KEEP, MAINTAIN), LaneChange(1, 2))

@@ -21,8 +21,8 @@ def test_gymnasium_has_nothing_to_say() -> None:
         warnings.simplefilter("always")
         check_env(made.unwrapped, skip_render_check=True)
     made.close()
-    told = [str(warning.message) for warning in caught]
-    assert not told
+    reported = [str(warning.message) for warning in caught]
+    assert not reported
 
 
 def test_stable_baselines3_has_nothing_to_say(env: HighwayEnv) -> None:
@@ -79,7 +79,7 @@ def test_info_of_a_step_tells_what_happened(env: HighwayEnv) -> None:
     assert isinstance(reward, float)
 
 
-def test_a_rule_that_fires_is_told_with_both_actions(barricaded: HighwayEnv) -> None:
+def test_a_rule_that_fires_is_reported_with_both_actions(barricaded: HighwayEnv) -> None:
     start(barricaded, 0)
     while y_m(barricaded) != pytest.approx(CENTER):
         barricaded.step(RIGHT)

@@ -24,7 +24,7 @@ def collided(info: dict[str, Any]) -> tuple[CollisionKind, str]:
     return CollisionKind(info["collision"]), info["collided_with"]
 
 
-def test_the_number_of_decisions_is_counted_anew_in_each_episode() -> None:
+def test_the_number_of_decisions_starts_at_0_in_each_episode() -> None:
     made = HighwayEnv(config=Config().updated("simulation", decisions_per_episode=3))
     for _ in range(2):
         start(made, 1)

@@ -31,7 +31,9 @@ def test_every_vehicle_is_on_the_road_from_the_first_decision(
         env.step(KEEP)
 
 
-def test_traffic_moves_by_its_speed_and_the_ego_is_where_it_was_told(env: HighwayEnv) -> None:
+def test_traffic_moves_by_its_speed_and_the_ego_is_where_its_commands_put_it(
+    env: HighwayEnv,
+) -> None:
     start(env, 30, seed=2)
     before = env.scene.snapshot
     env.step(KEEP)
@@ -78,7 +80,7 @@ def test_a_client_s_small_seed_is_that_of_no_episode_of_evaluation(env: HighwayE
     assert env.reset(seed=999_999)[1]["seed"] >= TRAINING_SEEDS[0]
 
 
-def test_a_barricaded_lane_is_no_lane_for_anyone(barricaded: HighwayEnv) -> None:
+def test_no_vehicle_enters_a_barricaded_lane(barricaded: HighwayEnv) -> None:
     for seed in range(3):
         start(barricaded, 30, seed)
         for decision in range(60):

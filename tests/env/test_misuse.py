@@ -79,7 +79,7 @@ def test_training_refuses_more_vehicles_than_fit_before_it_begins() -> None:
         HighwayEnv(config=config).require_room()
 
 
-def test_sumo_that_ends_on_its_own_is_told_and_starts_again_with_the_next_episode() -> None:
+def test_sumo_that_ends_on_its_own_is_reported_and_starts_again_with_the_next_episode() -> None:
     env = HighwayEnv(config=SHORT)
     first, _ = env.reset(seed=1, options={"vehicles": 2})
     libsumo.close()
@@ -97,7 +97,7 @@ def test_sumo_that_ends_on_its_own_is_told_and_starts_again_with_the_next_episod
     env.close()
 
 
-def test_a_scenario_that_is_gone_is_told_where_sumo_has_to_read_it(tmp_path: Path) -> None:
+def test_a_scenario_that_is_gone_is_reported_where_sumo_has_to_read_it(tmp_path: Path) -> None:
     folder = Path(shutil.copytree(find_scenario(), tmp_path / "loop"))
     env = HighwayEnv(folder, config=SHORT)
     first, _ = env.reset(seed=1, options={"vehicles": 2})
@@ -110,7 +110,7 @@ def test_a_scenario_that_is_gone_is_told_where_sumo_has_to_read_it(tmp_path: Pat
     env.close()
 
 
-def test_a_reset_that_is_interrupted_leaves_nobody_on_the_road(
+def test_a_reset_that_is_interrupted_leaves_no_vehicle_on_the_road(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def interrupted(name: str, lane_id: str, position_m: float) -> None:

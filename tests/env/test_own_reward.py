@@ -43,7 +43,7 @@ def test_a_reward_function_is_given_the_decision_and_its_outcome() -> None:
     plain.close()
 
 
-def test_it_is_told_of_a_replaced_action_and_of_a_collision(place: Place) -> None:
+def test_it_receives_the_replaced_action_and_the_collision(place: Place) -> None:
     seen: list[Transition] = []
 
     def record(transition: Transition) -> float:

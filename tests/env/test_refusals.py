@@ -10,7 +10,7 @@ from drl_av.errors import ConfigError, ScenarioError
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         ({"vehicle": 3}, r"no option 'vehicle'; its option is: vehicles"),
         ({"vehicles": -1}, r"vehicles is -1, but must be a whole number from 0"),
@@ -19,13 +19,13 @@ from drl_av.errors import ConfigError, ScenarioError
     ],
 )
 def test_reset_refuses_what_it_does_not_know(
-    env: HighwayEnv, options: dict[str, Any], told: str
+    env: HighwayEnv, options: dict[str, Any], message: str
 ) -> None:
-    with pytest.raises(ConfigError, match=told):
+    with pytest.raises(ConfigError, match=message):
         env.reset(seed=0, options=options)
 
 
-def test_reset_refuses_more_vehicles_than_fit_and_goes_on_after_it(env: HighwayEnv) -> None:
+def test_reset_refuses_more_vehicles_than_fit_and_continues_after_it(env: HighwayEnv) -> None:
     with pytest.raises(ScenarioError, match=r"^500 vehicles do not fit .* take 113 beside"):
         start(env, 500)
     start(env, 113)
@@ -33,7 +33,7 @@ def test_reset_refuses_more_vehicles_than_fit_and_goes_on_after_it(env: HighwayE
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         ({"safety_check": "papper"}, r"'papper' \(did you mean 'paper'\?\)"),
         ({"safety_check": "permitall"}, r"\(did you mean 'permit_all'\?\)"),
@@ -41,11 +41,11 @@ def test_reset_refuses_more_vehicles_than_fit_and_goes_on_after_it(env: HighwayE
         ({"config": "/nowhere/settings.toml"}, r"/nowhere/settings.toml', but must be a preset"),
     ],
 )
-def test_an_environment_refuses_bad_arguments(arguments: dict[str, Any], told: str) -> None:
-    with pytest.raises(ConfigError, match=told):
+def test_an_environment_refuses_bad_arguments(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
         HighwayEnv(**arguments)
 
 
-def test_an_unknown_scenario_is_told_with_the_nearest_name() -> None:
+def test_an_unknown_scenario_is_reported_with_the_nearest_name() -> None:
     with pytest.raises(ScenarioError, match=r"did you mean 'circular_three_lane'\?"):
         HighwayEnv("circular_3_lane")

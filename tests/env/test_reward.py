@@ -44,7 +44,7 @@ SPEEDS = st.floats(0, 60)
 
 
 def wanted_by(world: Scene) -> tuple[float, float]:
-    """Speed and lateral position that the traffic lets the ego wish for."""
+    """The desired speed and lateral position of the ego in the traffic."""
     return tuple(desired(world.affordances, TRAFFIC, SAFETY))
 
 

@@ -139,7 +139,7 @@ def test_what_a_worker_process_raises_is_raised(tmp_path: Path) -> None:
         list(evaluation.rows(jobs=2))
 
 
-def test_rows_of_before_a_worker_aborted_are_kept_and_the_abort_is_told(
+def test_rows_before_the_abort_of_a_worker_are_kept_and_the_abort_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows_of = Evaluation.rows
@@ -156,14 +156,14 @@ def test_rows_of_before_a_worker_aborted_are_kept_and_the_abort_is_told(
     tiny.write_text(SHORT.to_toml())
     words = ["evaluate", "idm", "--vehicles", "30", "--episodes", "400", "--jobs", "2"]
     assert cli.main([*words, "--config", str(tiny), "--out", str(out)]) == 1
-    told = capsys.readouterr()
-    assert told.err.startswith("drl-av: A process of the evaluation ended on its own")
-    assert told.err.count("\n") == 1
+    printed = capsys.readouterr()
+    assert printed.err.startswith("drl-av: A process of the evaluation ended on its own")
+    assert printed.err.count("\n") == 1
     with out.open(newline="") as file:
         seeds = [int(row["seed"]) for row in csv.DictReader(file)]
     assert seeds == list(range(len(seeds)))
     assert 2 <= len(seeds) < 400
-    assert f"seed {len(seeds)}." in told.err
+    assert f"seed {len(seeds)}." in printed.err
 
 
 ABORTED = """
@@ -283,9 +283,9 @@ def test_ctrl_c_and_sigterm_keep_the_rows_so_far(
     finally:
         signal.signal(signal.SIGINT, former)
     assert len(out.read_text().splitlines()) == 1 + 3
-    told = capsys.readouterr()
-    assert told.err == "drl-av: interrupted after 3 episodes.\n"
-    assert "3 episodes each" in told.out
+    printed = capsys.readouterr()
+    assert printed.err == "drl-av: interrupted after 3 episodes.\n"
+    assert "3 episodes each" in printed.out
 
 
 def test_a_table_that_exists_keeps_its_rows_until_the_new_ones_are_whole(

@@ -34,7 +34,7 @@ def options(tmp_path: Path) -> ReproduceOptions:
     return ReproduceOptions(engine="here", runs=tmp_path / "runs", out=tmp_path, config=config)
 
 
-def test_both_begin_as_the_shipped_driver_trained_anew_and_only_one_of_them_learns(
+def test_both_begin_as_the_shipped_driver_trained_again_and_only_one_of_them_learns(
     options: ReproduceOptions, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "BLOCK", 2)

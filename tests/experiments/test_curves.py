@@ -180,8 +180,8 @@ def test_each_training_is_taken_from_the_side_that_got_further(tmp_path: Path) -
     store.put({"variant": "permit_all", "seed": "2"}, table(("permit_all", 2, 100, "stored")))
     same = table(("permit_all", 2, 100, "found"))
     assert not store.put({"variant": "permit_all", "seed": "2"}, same)
-    begun_anew = table(("paper", 2, 100, "found"))  # not as far: no mixture of the two
-    assert not store.put({"variant": "paper", "seed": "2"}, begun_anew)
+    restarted = table(("paper", 2, 100, "found"))  # not as far: no mixture of the two
+    assert not store.put({"variant": "paper", "seed": "2"}, restarted)
     further = table(("paper", 10, 100, "found"), ("paper", 10, 200, "found"))
     assert store.put({"variant": "paper", "seed": "10"}, further)
     assert store.rows == [*two, *further, *table(("permit_all", 2, 100, "stored"))]

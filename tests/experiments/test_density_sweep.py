@@ -45,7 +45,7 @@ def drivers_gain(monkeypatch: pytest.MonkeyPatch, lower_m_s: float) -> None:
     monkeypatch.setattr(Paired, "lower_m_s", property(lambda gain: lower_m_s))
 
 
-def test_goes_on_to_a_full_road_while_the_gain_is_significant(
+def test_continues_to_a_full_road_while_the_gain_is_significant(
     options: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drivers_gain(monkeypatch, 0.1)

@@ -93,7 +93,7 @@ def _alive(pid: int) -> bool:
     return True
 
 
-def test_missing_ray_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_ray_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engines, "find_spec", lambda name: None)
     with pytest.raises(DrlAvError, match=r"pip install 'drl-av\[ray\]'"):
         next(on_ray(print, [], 1))

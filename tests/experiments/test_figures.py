@@ -81,9 +81,9 @@ def test_a_number_that_cannot_be_drawn_is_one_sentence(
         (tmp_path / name).write_text(text)
         source = tmp_path if name == "evaluations.csv" else tmp_path / name
         assert main(["figures", str(source), "--out", str(tmp_path / "out")]) == 1
-        told = capsys.readouterr().err
-        assert told.count("\n") == 1
-        assert "must be a finite number" in told
+        message = capsys.readouterr().err
+        assert message.count("\n") == 1
+        assert "must be a finite number" in message
 
 
 def test_reward_figure_has_three_panels_with_their_best_at_the_desired_values(
@@ -113,7 +113,7 @@ def test_a_wrong_table_is_refused(
     assert not (tmp_path / "out").exists()
 
 
-def test_check_figure_has_means_over_seeds_and_goes_on_with_the_longer_one() -> None:
+def test_check_figure_has_means_over_seeds_and_continues_with_the_longer_one() -> None:
     figure = check_figure(rows_of(CURVES))
     assert figure is not None
     reward, exploring, collisions = figure.axes
@@ -165,5 +165,5 @@ def test_a_folder_yields_the_figures_whose_tables_it_has(tmp_path: Path) -> None
     (tmp_path / "curves.csv").write_text(CURVES.lstrip())
     assert set(dict(draw_results(EXPERIMENTS, tmp_path))) == {"learning_check", "learning_replay"}
     (tmp_path / "strict.csv").write_text("check,bound\nstrict,\n")
-    with pytest.raises(DrlAvError, match=r"strict\.csv, or what stands beside it, is damaged"):
+    with pytest.raises(DrlAvError, match=r"strict\.csv, or the file beside it, is damaged"):
         dict(draw_results(EXPERIMENTS, tmp_path))

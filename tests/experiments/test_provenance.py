@@ -13,7 +13,7 @@ from drl_av.experiments.store import stored_config
 
 
 @pytest.mark.parametrize(
-    ("program", "told"),
+    ("program", "shown"),
     [
         ("/home/someone/.venv/bin/drl-av", "drl-av --jobs 2 'a b'"),
         ("/home/someone/drl_av/__main__.py", "drl-av --jobs 2 'a b'"),
@@ -22,11 +22,11 @@ from drl_av.experiments.store import stored_config
         ("/src/verification/long_run.py", "python -m verification.long_run --jobs 2 'a b'"),
     ],
 )
-def test_a_command_is_told_as_it_would_be_given_in_the_projects_folder(
-    program: str, told: str, monkeypatch: pytest.MonkeyPatch
+def test_a_command_is_shown_as_it_would_be_given_in_the_projects_folder(
+    program: str, shown: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.argv", [program, "--jobs", "2", "a b"])
-    assert command() == told
+    assert command() == shown
 
 
 def test_a_text_tells_its_origin_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -188,7 +188,9 @@ def test_a_damaged_table_is_refused_in_one_sentence_and_kept(
     table.write_text(damage(table.read_text()))
     before = content(made)
     for drives in (2, 3):
-        with pytest.raises(DrlAvError, match=r"sober\.csv, (or what .* is damaged|line 9.* put)"):
+        with pytest.raises(
+            DrlAvError, match=r"sober\.csv, (or the file beside it, is damaged|line 9.* put)"
+        ):
             driven(made._replace(drives=drives))
     assert content(made) == before
 

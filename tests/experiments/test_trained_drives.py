@@ -135,11 +135,13 @@ def test_they_are_the_trainings_of_the_curves(options: ReproduceOptions) -> None
     assert [path.stat().st_mtime_ns for path in files] == trained
 
 
-def test_a_training_that_has_gone_on_is_not_taken_for_one_that_stopped(
+def test_a_training_that_has_continued_is_not_taken_for_one_that_stopped(
     options: ReproduceOptions,
 ) -> None:
     make(CURVES, options._replace(variants=("prioritized",), full_seeds=2))
-    with pytest.raises(DrlAvError, match=r"-1 has gone on to episode 3, and its driver of episode"):
+    with pytest.raises(
+        DrlAvError, match=r"-1 has continued to episode 3, and its driver of episode"
+    ):
         make(FINAL_POLICIES, options)
     assert not (options.out / "final_policies.csv").exists()
     assert not (options.runs / "paper-1").exists()  # refused before anything is trained
@@ -154,7 +156,7 @@ def test_drivers_of_other_episodes_are_not_mixed(options: ReproduceOptions) -> N
     assert (options.out / "final_policies.csv").read_bytes() == before
 
 
-def test_where_all_trainings_go_on_there_is_nothing_to_drive(options: ReproduceOptions) -> None:
+def test_where_all_trainings_continue_there_is_nothing_to_drive(options: ReproduceOptions) -> None:
     [step] = make(FINAL_POLICIES, options._replace(full_seeds=3))
     assert step.line == "No training stops at episode 2: final_policies needs more --seeds."
     assert not options.runs.exists()

@@ -82,7 +82,7 @@ def test_the_clock_of_a_training_that_was_killed_and_stopped_has_each_episode_on
 @pytest.mark.parametrize(
     ("lines", "seconds"),
     [
-        ("100,5.0\n200,6.0\n100,4.0\n200,7.5\n", 11.5),  # trained anew: the later one counts
+        ("100,5.0\n200,6.0\n100,4.0\n200,7.5\n", 11.5),  # trained again: the later one counts
         ("100,5.0\n200,300,7.5\n400,6.0\n50", 11.0),  # the disk was full, and a kill
     ],
 )

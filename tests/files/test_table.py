@@ -1,4 +1,4 @@
-"""CSV tables: written with every digit, read by type, and each fault told in one sentence."""
+"""CSV tables: written with every digit, read by type, and each fault reported in one sentence."""
 
 import math
 import re
@@ -128,18 +128,18 @@ def test_a_byte_order_mark_and_the_line_ends_of_a_spreadsheet_are_accepted(tmp_p
         (b"\xff\xfe\x00", "is not UTF-8 text"),
     ],
 )
-def test_each_fault_of_a_table_is_told_in_one_sentence(
+def test_each_fault_of_a_table_is_reported_in_one_sentence(
     tmp_path: Path, text: str | bytes, sentence: str
 ) -> None:
     path = table(tmp_path, text)
-    with pytest.raises(DrlAvError, match=re.escape(sentence)) as told:
+    with pytest.raises(DrlAvError, match=re.escape(sentence)) as message:
         read_rows(path, Drive)
-    assert str(path) in str(told.value)
-    assert re.search(r": (put|name) .*\.$", str(told.value))
-    assert "\n" not in str(told.value)
+    assert str(path) in str(message.value)
+    assert re.search(r": (put|name) .*\.$", str(message.value))
+    assert "\n" not in str(message.value)
 
 
-def test_a_table_that_is_missing_or_no_file_is_told(tmp_path: Path) -> None:
+def test_a_table_that_is_missing_or_no_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(DrlAvError, match=r"There is no table .*none\.csv: check the path\.$"):
         read_rows(tmp_path / "none.csv", Drive)
     with pytest.raises(DrlAvError, match=r"cannot be read \(Is a directory\): check the path\.$"):

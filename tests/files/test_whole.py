@@ -148,9 +148,9 @@ def test_a_block_that_raises_leaves_what_was_there_before(tmp_path: Path, folder
 
 
 def test_a_refusal_is_the_error_that_was_asked_for_in_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"gone/x cannot be written \(No such file") as told:
+    with pytest.raises(RecordingError, match=r"gone/x cannot be written \(No such file") as message:
         write_whole(tmp_path / "gone" / "x", b"", RecordingError)
-    assert str(told.value).endswith("what was there before is unchanged.")
+    assert str(message.value).endswith("what was there before is unchanged.")
     with pytest.raises(RecordingError, match="gone/x cannot be written"):
         append(tmp_path / "gone" / "x", b"", RecordingError)
 

@@ -142,7 +142,7 @@ def test_a_fast_driver_is_adapted_slowly_too() -> None:
 
 
 @pytest.mark.parametrize("replay", ["prioritized", "uniform"])
-def test_unsafe_proposals_that_go_on_are_not_waited_for_where_nobody_can_count_them(
+def test_unsafe_proposals_that_continue_are_not_waited_for_where_they_are_not_counted(
     replay: str,
 ) -> None:
     config = Config().updated("learning", replay=replay, unsafe_penalty=0.5)
@@ -210,8 +210,8 @@ def test_the_shipped_driver_brings_its_policy_and_waits_for_experience(
             np.testing.assert_array_equal(tensors(out)[f"{learner}.{name}"], network.flat)
         assert tensors(out)[f"{learner}.step"] == 0
     assert len(tensors(out)["buffer.safe.rows"]) == 10
-    told = "pretrained comes without the experience of its training: it learns from 64 collision"
-    assert told in capsys.readouterr().err
+    message = "pretrained comes without the experience of its training: it learns from 64 collision"
+    assert message in capsys.readouterr().err
 
 
 def test_a_policy_file_of_another_name_comes_without_the_experience_beside_it(
@@ -229,7 +229,7 @@ def test_a_policy_file_of_another_name_comes_without_the_experience_beside_it(
     assert 0 < len(tensors(out)["buffer.safe.rows"]) <= driven
 
 
-def test_killed_before_and_after_its_first_episodes_it_ends_in_the_same_bytes(
+def test_killed_before_and_after_its_first_episodes_it_ends_with_the_same_bytes(
     trained: Path, quick: str, adapted: Path
 ) -> None:
     folder = trained.with_name("killed")
@@ -261,7 +261,7 @@ def test_ctrl_c_saves_and_says_how_to_go_on(
 
     monkeypatch.setattr(HighwayEnv, "step", interrupted)
     assert main(command(trained, quick, "stopped", "--learning-rate", "1e-3")) == 130
-    assert f"go on with: drl-av adapt --out {folder} --resume\n" in capfd.readouterr().err
+    assert f"continue with: drl-av adapt --out {folder} --resume\n" in capfd.readouterr().err
     assert len(rows(folder)) == 2
     # the verb that trains can finish it as well
     assert main(["train", "--out", str(folder), "--resume"]) == 0
@@ -269,7 +269,7 @@ def test_ctrl_c_saves_and_says_how_to_go_on(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["idm"], "idm is a rule-based driver and cannot learn"),
         (["imd"], "did you mean 'idm'"),
@@ -277,14 +277,14 @@ def test_ctrl_c_saves_and_says_how_to_go_on(
         (["--learning-rate", "2"], "learning.learning_rate is 2.0, but must be from 0 to 1"),
         (["--learning-rate", "nan"], "learning.learning_rate is nan"),
         (["--config", "narrow.toml"], "does not fit a network of 27 -> 7 -> 7 -> 12"),
-        (["--config", "two.toml"], "was trained with learning.networks = 3: go on with as many"),
+        (["--config", "two.toml"], "was trained with learning.networks = 3: continue with as many"),
         (["--config", "blind.toml"], "was trained with other [observation] settings"),
         (["--resume"], "is not a run: it has no config.toml"),
     ],
 )
-def test_what_cannot_be_adapted_is_told_and_leaves_nothing_behind(
+def test_a_policy_that_cannot_be_adapted_is_reported_and_leaves_nothing_behind(
     words: list[str],
-    told: str,
+    message: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -295,17 +295,17 @@ def test_what_cannot_be_adapted_is_told_and_leaves_nothing_behind(
     (tmp_path / "blind.toml").write_text("[observation]\nrange_m = 100\n")
     given = set(tmp_path.iterdir())
     assert main(["adapt", *words, "--out", "out"]) == 1
-    assert told in one_sentence(capsys)
+    assert message in one_sentence(capsys)
     assert set(tmp_path.iterdir()) == given
 
 
-def test_a_run_goes_on_with_as_many_networks_as_it_has(
+def test_a_run_continues_with_as_many_networks_as_it_has(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     more = tmp_path / "more.toml"
     more.write_text("[learning]\nnetworks = 2\n")
     assert main(command(trained, str(more), "more")) == 1
-    assert "learning.networks = 1: go on with as many, not 2" in one_sentence(capsys)
+    assert "learning.networks = 1: continue with as many, not 2" in one_sentence(capsys)
     assert not trained.with_name("more").exists()
 
 
@@ -313,13 +313,13 @@ def test_a_run_that_is_there_is_not_begun_again_nor_resumed_otherwise(
     trained: Path, quick: str, adapted: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = files_of(adapted)
-    for options, told in (
+    for options, message in (
         ([], "exists already: continue it with --resume"),
         (["--resume", "--learning-rate", "0"], "was begun with other settings"),
         (["--resume", "--seed", "9"], "was begun with other settings"),
     ):
         assert main(command(trained, quick, "adapted", *options)) == 1
-        assert told in one_sentence(capsys)
+        assert message in one_sentence(capsys)
     assert files_of(adapted) == before
     assert main(command(trained, quick, "adapted", "--resume")) == 0
 

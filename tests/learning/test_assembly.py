@@ -1,4 +1,4 @@
-"""A training as its settings have it: begun anew, or from a trained driver."""
+"""A training is assembled from its settings, from the beginning or from a trained driver."""
 
 from collections.abc import Iterator
 from contextlib import closing
@@ -134,7 +134,7 @@ def test_the_settings_say_what_is_stored_of_each_decision(env: HighwayEnv) -> No
     assert rows(unsafe_penalty=0.5)[1] == {np.float32(0.9)}
 
 
-def test_what_is_saved_drives_as_the_training_did_and_goes_on_as_it_was(
+def test_what_is_saved_drives_as_the_training_did_and_continues_as_it_was(
     env: HighwayEnv, tmp_path: Path
 ) -> None:
     training, run = make_training(env), Run(tmp_path / "run")
@@ -168,11 +168,11 @@ def test_what_is_saved_drives_as_the_training_did_and_goes_on_as_it_was(
 
 
 @pytest.mark.parametrize("name", ["policy.safetensors", "driver.safetensors"])
-def test_it_goes_on_with_as_many_as_it_has(name: str, env: HighwayEnv, tmp_path: Path) -> None:
+def test_it_continues_with_as_many_as_it_has(name: str, env: HighwayEnv, tmp_path: Path) -> None:
     run = Run(tmp_path / "run")
     run.create(TOGETHER, make_training(env))
     (run.folder / "driver.safetensors").write_bytes(run.policy_file.read_bytes())
     env.config = TOGETHER.updated("learning", networks=1)
-    message = "was trained with learning.networks = 3: go on with as many, not 1"
+    message = "was trained with learning.networks = 3: continue with as many, not 1"
     with pytest.raises(CheckpointError, match=message):
         warm_start(make_training(env), run.folder / name)

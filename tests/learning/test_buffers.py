@@ -101,7 +101,7 @@ def test_a_ring_holds_exactly_the_newest(capacity, count):
 @given(
     safe=st.integers(0, 120), collision=st.integers(0, 70), more=st.integers(0, 120), data=st.data()
 )
-def test_a_restored_buffer_goes_on_bit_for_bit(safe, collision, more, data):
+def test_a_restored_buffer_continues_bit_for_bit(safe, collision, more, data):
     first = two_buffers(safe, collision)
     second = two_buffers(data.draw(st.integers(0, 3)), 1)
     second.restore(first.state())

@@ -188,7 +188,7 @@ def test_a_policy_of_other_shapes_or_none_at_all_is_refused(tmp_path, saved):
         load_policy(path)
 
 
-def test_a_generator_goes_on_where_it_was(tmp_path):
+def test_a_generator_continues_where_it_was(tmp_path):
     rng = np.random.default_rng(5)
     rng.integers(10, size=3, dtype=np.uint32)
     save(tmp_path / "c", {}, {"rng": rng_to_json(rng)})

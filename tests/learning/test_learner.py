@@ -148,7 +148,7 @@ def test_an_update_returns_the_loss_and_the_errors_row_by_row():
     assert loss == pytest.approx(np.mean(td_errors**2), rel=1e-5)
 
 
-def test_the_target_network_moves_only_when_it_is_told_to():
+def test_the_target_network_moves_only_on_sync():
     ours = learner()
     rng = np.random.default_rng(0)
     before = ours.state()
@@ -207,7 +207,7 @@ def test_two_runs_end_in_the_same_bytes_wherever_their_batches_lie_in_memory():
     assert state_bytes(first) == state_bytes(second)
 
 
-def test_a_restored_learner_goes_on_bit_for_bit():
+def test_a_restored_learner_continues_bit_for_bit():
     first, second = learner(), learner(seed=8)
     learn(first, np.random.default_rng(3), 50)
     second.restore(first.state())

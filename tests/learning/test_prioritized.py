@@ -197,7 +197,7 @@ def test_config_names_it():
 
 
 @given(rows=st.integers(0, 150), learnt=st.integers(0, 5), more=st.integers(0, 60))
-def test_a_restored_buffer_goes_on_bit_for_bit(rows, learnt, more):
+def test_a_restored_buffer_continues_bit_for_bit(rows, learnt, more):
     first, second = prioritized(rows, capacity=130, exponent=0.6), prioritized(3, capacity=130)
     second.priority_exponent = 0.6
     rng = np.random.default_rng(rows)
@@ -229,7 +229,7 @@ def test_state_is_a_copy_that_later_learning_does_not_touch():
 
 
 @pytest.mark.parametrize(
-    ("spoilt", "told"),
+    ("spoilt", "message"),
     [
         ({"priorities": np.ones(4)}, "priorities do not fit"),
         ({"priorities": np.ones(5, np.float32)}, "priorities do not fit"),
@@ -242,10 +242,10 @@ def test_state_is_a_copy_that_later_learning_does_not_touch():
     ],
     ids=["too few", "float32", "none", "nan", "above the greatest", "inf", "shape", "too wide"],
 )
-def test_priorities_that_do_not_fit_are_refused_and_change_nothing(spoilt, told):
+def test_priorities_that_do_not_fit_are_refused_and_change_nothing(spoilt, message):
     buffer = prioritized(3)
     before = {name: array.tobytes() for name, array in buffer.state().items()}
-    with pytest.raises(CheckpointError, match=told):
+    with pytest.raises(CheckpointError, match=message):
         buffer.restore(prioritized(5).state() | spoilt)
     with pytest.raises(CheckpointError, match="priorities do not fit"):
         buffer.restore({})

@@ -118,7 +118,7 @@ def settings(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="module")
 def left_alone(settings: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run that nobody disturbed; not to be changed."""
+    """A run without any interruption; not to be changed."""
     folder = tmp_path_factory.mktemp("runs") / "left_alone"
     assert main(command(folder, "--config", settings)) == 0
     return folder
@@ -130,7 +130,7 @@ def copy(left_alone: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(left_alone, tmp_path / "copy"))
 
 
-def test_run_killed_at_many_moments_ends_in_the_same_bytes(
+def test_run_killed_at_many_moments_ends_with_the_same_bytes(
     settings: str, left_alone: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "killed"
@@ -142,7 +142,7 @@ def test_run_killed_at_many_moments_ends_in_the_same_bytes(
     assert files_of(folder) == files_of(left_alone)
 
 
-def test_run_killed_at_random_moments_ends_in_the_same_bytes(
+def test_run_killed_at_random_moments_ends_with_the_same_bytes(
     settings: str, left_alone: Path, tmp_path: Path
 ) -> None:
     folder, rng = tmp_path / "killed", random.Random(5)
@@ -158,7 +158,7 @@ def test_run_killed_at_random_moments_ends_in_the_same_bytes(
     assert files_of(folder) == files_of(left_alone)
 
 
-def test_training_that_sumo_takes_along_is_no_clean_end_and_ends_in_the_same_bytes(
+def test_training_that_sumo_aborts_fails_and_ends_with_the_same_bytes_after_a_resume(
     settings: str, left_alone: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "aborted"
@@ -170,16 +170,18 @@ def test_training_that_sumo_takes_along_is_no_clean_end_and_ends_in_the_same_byt
     assert files_of(folder) == files_of(left_alone)
 
 
-def test_sumo_that_ends_on_its_own_is_told_with_the_way_on(
+def test_sumo_that_ends_on_its_own_is_reported_with_the_command_to_continue(
     settings: str, left_alone: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "ended"
     prelude = "import libsumo; at_call(libsumo, 'simulationStep', 190, libsumo.close)"
     ended = trained(prelude, command(folder, "--config", settings))
     assert ended.returncode == 1
-    told = one_sentence(ended.stderr)
-    assert "SUMO ended on its own" in told
-    assert f"goes on from its last checkpoint with: drl-av train --out {folder} --resume." in told
+    message = one_sentence(ended.stderr)
+    assert "SUMO ended on its own" in message
+    assert (
+        f"continues from its last checkpoint with: drl-av train --out {folder} --resume." in message
+    )
     assert trained("", command(folder, "--resume")).returncode == 0
     assert files_of(folder) == files_of(left_alone)
 
@@ -237,7 +239,7 @@ def test_full_disk_keeps_what_was_saved(
     assert files_of(folder) == files_of(left_alone)
 
 
-def test_row_that_finds_the_disk_full_is_told_in_one_sentence(
+def test_row_that_finds_the_disk_full_is_reported_in_one_sentence(
     copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(values: object) -> bytes:
@@ -295,7 +297,7 @@ def test_checkpoint_of_another_config_is_refused(
     assert "belongs to other settings" in one_sentence(capsys.readouterr().err)
 
 
-def test_run_older_than_a_setting_goes_on_with_its_default(copy: Path) -> None:
+def test_run_older_than_a_setting_continues_with_its_default(copy: Path) -> None:
     file, young = copy / "checkpoint.safetensors", "standing_share = 0.0\n"
     tensors, numbers = load(file)
     assert young in numbers["config"]
@@ -352,7 +354,7 @@ def test_what_a_killed_beginning_left_is_removed_by_the_next(settings: str, tmp_
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_checkpoint_with_a_setting_that_nobody_knows_is_refused(
+def test_checkpoint_with_an_unknown_setting_is_refused(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = copy / "checkpoint.safetensors"
@@ -369,7 +371,7 @@ def test_lost_rows_are_missed(copy: Path, capsys: pytest.CaptureFixture[str]) ->
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         ([], "exists already: continue it with --resume"),
         (["--resume", "--seed", "3"], "was begun with other settings"),
@@ -378,11 +380,11 @@ def test_lost_rows_are_missed(copy: Path, capsys: pytest.CaptureFixture[str]) ->
     ],
 )
 def test_run_that_exists_is_not_trained_otherwise(
-    options: list[str], told: str, copy: Path, capsys: pytest.CaptureFixture[str]
+    options: list[str], message: str, copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = files_of(copy)
     assert main(command(copy, *options)) == 1
-    assert told in one_sentence(capsys.readouterr().err)
+    assert message in one_sentence(capsys.readouterr().err)
     assert files_of(copy) == before
 
 
@@ -409,7 +411,7 @@ def test_tensorboard_events_are_written_when_asked_for(settings: str, tmp_path: 
         assert name in written
 
 
-def test_missing_tensorboard_is_told_before_a_run_is_begun(
+def test_missing_tensorboard_is_reported_before_a_run_is_begun(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)

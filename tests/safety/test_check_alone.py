@@ -30,7 +30,7 @@ def env() -> Iterator[gymnasium.Env]:  # type: ignore[type-arg]
 
 
 def test_the_mask_of_an_info_tells_what_the_next_step_will_execute(env: gymnasium.Env) -> None:  # type: ignore[type-arg]
-    rng, told = np.random.default_rng(4), []
+    rng, verdicts = np.random.default_rng(4), []
     for seed in range(6):
         _, info = env.reset(seed=seed, options={"vehicles": 30})
         over = False
@@ -39,11 +39,11 @@ def test_the_mask_of_an_info_tells_what_the_next_step_will_execute(env: gymnasiu
             assert (mask.dtype, mask.shape) == (np.int8, (12,))
             _, _, terminated, truncated, info = env.step(action)
             assert mask[action] == (info["executed_action"] == action)
-            told.append((bool(mask[action]), mask.tolist() == info["action_mask"].tolist()))
+            verdicts.append((bool(mask[action]), mask.tolist() == info["action_mask"].tolist()))
             over = terminated or truncated
     # the mask differs from step to step, so that one of another moment would have failed
-    assert {permitted for permitted, _ in told} == {True, False}
-    assert sum(not same for _, same in told) > 20
+    assert {permitted for permitted, _ in verdicts} == {True, False}
+    assert sum(not same for _, same in verdicts) > 20
 
 
 def test_an_agent_that_samples_under_the_mask_fires_no_rule(env: gymnasium.Env) -> None:  # type: ignore[type-arg]
@@ -61,7 +61,7 @@ def test_sb3_contrib_finds_the_mask_through_wrappers(env: gymnasium.Env) -> None
 
 def test_only_who_asks_for_the_mask_pays_for_it() -> None:
     def never(scene: object, action: object) -> None:
-        raise AssertionError("nobody asked")
+        raise AssertionError("the check must not be asked")
 
     with closing(HighwayEnv(config=SHORT, safety_check=never)) as bare:  # type: ignore[arg-type]
         assert "action_mask" not in bare.reset(seed=1)[1]
@@ -87,7 +87,9 @@ def recorded(check: str, driver: object) -> Recording:
         return recorder.recording(env.config, "driver", 7)
 
 
-def test_a_checked_driver_where_nobody_checks_drives_as_the_bare_one_under_the_check() -> None:
+def test_a_checked_driver_in_an_unchecked_environment_drives_as_the_bare_one_under_the_check() -> (
+    None
+):
     checked = CheckedDriver(RandomDriver(), named_check(SHORT))
     inside, outside = recorded("paper", RandomDriver()), recorded("permit_all", checked)
     bare = recorded("permit_all", RandomDriver())

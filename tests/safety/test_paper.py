@@ -1,4 +1,4 @@
-"""The safety check: what is executed instead of a proposal, and the rule that fired."""
+"""The check ``paper``: the action executed instead of a proposal, and the rule that fired."""
 
 import math
 
@@ -238,7 +238,7 @@ def test_a_lane_change_is_started_only_where_three_gaps_hold(
 
 
 @pytest.mark.parametrize("proposed", [KEEP, TO_LEFT])
-def test_a_running_lane_change_goes_on_while_its_gaps_hold(proposed: Lateral) -> None:
+def test_a_running_lane_change_continues_while_its_gaps_hold(proposed: Lateral) -> None:
     world = changing(ahead(16, LEFT), behind(16, LEFT), origin=1, target=2, seconds=2)
     verdict = checked(world, proposed)
     assert verdict == Verdict(Action(proposed, ACCELERATE), Rule.NONE)
@@ -285,7 +285,7 @@ def test_an_abort_that_breaks_a_gap_is_not_swapped_to_and_fro_for_ever() -> None
     assert checked(world, KEEP) == Verdict(Action(KEEP, ACCELERATE), Rule.NONE)
 
 
-def test_both_rules_can_fire_at_once_and_both_are_told() -> None:
+def test_both_rules_can_fire_at_once_and_both_are_reported() -> None:
     verdict = checked(BOXED_IN, TO_LEFT)
     assert verdict == Verdict(Action(KEEP, MAINTAIN), Rule.IN_LANE | Rule.LANE_CHANGE)
     assert str(verdict.rule) == "in_lane+lane_change"
@@ -352,7 +352,7 @@ def test_a_running_lane_change_goes_where_gaps_hold_or_else_to_the_lane_it_is_in
 
 
 @given(scenes(), PROPOSALS)
-def test_a_rule_is_told_exactly_where_the_action_was_changed(
+def test_a_rule_is_reported_exactly_where_the_action_was_changed(
     world: Scene, proposed: Action
 ) -> None:
     verdict = paper(world, proposed, CONFIG)

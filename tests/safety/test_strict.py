@@ -318,7 +318,7 @@ def test_a_check_whose_ego_brakes_harder_than_the_others_is_no_check() -> None:
 
 
 @pytest.mark.parametrize(
-    ("section", "settings", "told"),
+    ("section", "settings", "message"),
     [
         (
             "traffic",
@@ -337,9 +337,9 @@ def test_a_check_whose_ego_brakes_harder_than_the_others_is_no_check() -> None:
     ],
 )
 def test_traffic_that_does_not_keep_to_the_bounds_is_refused(
-    section: str, settings: dict[str, float], told: str
+    section: str, settings: dict[str, float], message: str
 ) -> None:
-    with pytest.raises(ConfigError, match=re.escape(told)):
+    with pytest.raises(ConfigError, match=re.escape(message)):
         named_check(CONFIG.updated(section, **settings))
     named_check(CONFIG.updated(section, **settings).updated("safety", check="paper"))
 

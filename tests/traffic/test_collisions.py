@@ -20,7 +20,7 @@ SMALL_ROAD = Road(100.0, 3.8, (True, True, True))
 
 
 def moved(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> dict[int, Motion]:
-    """How everybody of a snapshot moves in a step at the speeds of the snapshot."""
+    """The motions of all vehicles in a step at the speeds of the snapshot."""
     s_m = (shot.s_m + shot.speed_m_s * step_s) % road.lap_m
     after = replace(shot, s_m=s_m, y_m=shot.y_m + shot.lateral_speed_m_s * step_s)
     return motions(shot, after, road)
@@ -109,7 +109,7 @@ def test_ego_that_is_clear_of_the_lane_in_time_passes_the_standing_vehicle() -> 
         assert kind(shot) is found  # 5.25 m/s * 0.5 s * 4 / 15 = 0.7 m
 
 
-def test_ego_that_moves_over_only_once_it_is_past_touches_nobody() -> None:
+def test_ego_that_moves_over_only_once_it_is_past_touches_no_vehicle() -> None:
     # bumper to bumper 5 m of overlap to undo at 20 m/s: half of the step; 2.3 m, 0.5 m to spare
     for sideways_m_s, found in ((1.99, None), (2.01, CollisionKind.HIT_BESIDE)):
         shot = snapshot(Car(0.0, CENTER + 2.3, 0.0), speed_m_s=20.0, v_y=sideways_m_s)
@@ -206,7 +206,7 @@ def test_ego_hit_names_the_three_kinds_that_are_its_doing() -> None:
 
 
 @given(CARS, st.floats(0, 40, width=16), st.sampled_from([-0.76, 0.0, 0.76]))
-def test_left_and_right_are_told_apart_alike(car: Car, speed: float, v_y: float) -> None:
+def test_left_and_right_are_distinguished_alike(car: Car, speed: float, v_y: float) -> None:
     mirrored = car._replace(y_m=7.6 - car.y_m, lateral_speed_m_s=-car.lateral_speed_m_s)
     assert collision(snapshot(car, speed_m_s=speed, v_y=v_y)) == collision(
         snapshot(mirrored, speed_m_s=speed, v_y=-v_y)
@@ -261,7 +261,7 @@ def test_of_10_000_random_approaches_exactly_those_that_overlap_on_the_way_are_f
     st.sampled_from([-0.76, 0.0, 0.76]),
     st.sampled_from([1, 2, 4]),
 )
-def test_whoever_touches_the_ego_in_a_decision_was_within_its_reach(
+def test_a_vehicle_that_touches_the_ego_in_a_decision_was_within_its_reach(
     cars: list[Car], s_m: float, speed: float, v_y: float, steps: int
 ) -> None:
     shot = snapshot(*cars, s_m=s_m, speed_m_s=speed, v_y=v_y)

@@ -1,4 +1,4 @@
-"""What is read through libsumo, past SWIG's Python, and through traci."""
+"""Reading vehicles through libsumo's inner getters, and through traci."""
 
 from types import ModuleType, SimpleNamespace
 
@@ -26,5 +26,5 @@ def test_libsumo_says_the_same_within_and_refuses_the_same() -> None:
         for name in env.scene.snapshot.ids:
             assert speed(name) == libsumo.vehicle.getSpeed(name)
             assert lane(name) == libsumo.vehicle.getLaneID(name)
-        with pytest.raises(libsumo.TraCIException, match="'nobody' is not known"):
-            speed("nobody")
+        with pytest.raises(libsumo.TraCIException, match="'absent' is not known"):
+            speed("absent")

@@ -125,8 +125,8 @@ def test_every_copy_raises_the_errors_that_a_program_of_libsumo_expects(make: Ma
     for env in envs:
         env.reset(seed=1)
     for env in envs:
-        with pytest.raises(libsumo.TraCIException, match="'nobody' is not known"):
-            env.simulation._sumo.vehicle.getSpeed("nobody")
+        with pytest.raises(libsumo.TraCIException, match="'absent' is not known"):
+            env.simulation._sumo.vehicle.getSpeed("absent")
         assert env.simulation._sumo.TraCIException is libsumo.TraCIException
     assert traci.exceptions.TraCIException is libsumo.TraCIException
     for env in envs:
@@ -236,7 +236,7 @@ def test_where_open_files_have_no_path_a_copy_is_a_file_until_it_is_loaded(
     assert {*INSTALLED.iterdir()} == before
 
 
-def test_where_libsumo_cannot_be_copied_the_second_is_told_what_to_write(
+def test_if_libsumo_cannot_be_copied_the_error_of_the_second_names_a_remedy(
     make: Make, no_copies_yet: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*files: object) -> None:

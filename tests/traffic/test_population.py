@@ -114,7 +114,7 @@ def test_characters_are_drawn_for_each_from_the_ranges_of_the_config() -> None:
     assert population.desired_speed_m_s[0] == 30.0
 
 
-def test_nobody_changes_lanes_for_speed_unless_the_config_says_so() -> None:
+def test_no_vehicle_changes_lanes_for_speed_by_default() -> None:
     assert not draw(30).speed_gain.any()
 
 
@@ -183,7 +183,7 @@ def shares(
     )
 
 
-def test_sumo_drives_everybody_unless_the_config_says_otherwise() -> None:
+def test_sumo_drives_all_vehicles_by_default() -> None:
     assert not draw_kinds(0, 31, TRAFFIC).any()
 
 
@@ -197,7 +197,9 @@ def test_sumo_drives_everybody_unless_the_config_says_otherwise() -> None:
     ],
 )
 @given(seed=st.integers(0, 2**40))
-def test_a_whole_share_is_everybody_but_the_ego(mix: TrafficConfig, kind: Kind, seed: int) -> None:
+def test_a_share_of_1_is_every_vehicle_but_the_ego(
+    mix: TrafficConfig, kind: Kind, seed: int
+) -> None:
     assert draw_kinds(seed, 31, mix).tolist() == [Kind.SUMO] + [kind] * 30
 
 
@@ -210,7 +212,7 @@ def test_kinds_come_in_their_shares_with_sumo_for_the_rest() -> None:
 
 
 @given(st.integers(0, 2**40))
-def test_shares_that_are_all_leave_nobody_to_sumo(seed: int) -> None:
+def test_shares_that_sum_to_1_leave_no_vehicle_to_sumo(seed: int) -> None:
     assert (draw_kinds(seed, 31, shares(0.3, 0.3, 0.4))[1:] != Kind.SUMO).all()
 
 
@@ -300,8 +302,8 @@ def test_a_road_has_room_for_so_many_trucks() -> None:
 
 
 def test_all_can_be_unusual_but_no_more_than_all() -> None:
-    everybody = draw(30, traffic=TrafficConfig(standing_share=0.5, crawling_share=0.5))
-    assert everybody.desired_speed_m_s[1:].max() <= 8.0
+    all_vehicles = draw(30, traffic=TrafficConfig(standing_share=0.5, crawling_share=0.5))
+    assert all_vehicles.desired_speed_m_s[1:].max() <= 8.0
     with pytest.raises(ConfigError, match=r"^traffic: standing_share .* is 1.2, but must be"):
         TrafficConfig(standing_share=0.5, fast_share=0.7)
 

@@ -73,7 +73,7 @@ def test_shipped_scenario_opens_in_plain_sumo_with_moving_traffic(
     assert all(float(vehicle.attrib["speed"]) > 10 for vehicle in steps[-1])
 
 
-def test_nobody_drives_on_the_barricaded_lane(tmp_path: Path) -> None:
+def test_no_vehicle_drives_on_the_barricaded_lane(tmp_path: Path) -> None:
     trace = tmp_path / "fcd.xml"
     run_sumo(find_scenario("barricaded_right_lane"), 600, "--fcd-output", str(trace))
     lanes = {vehicle.attrib["lane"][-1] for vehicle in ET.parse(trace).getroot().iter("vehicle")}
@@ -203,7 +203,7 @@ def test_wrong_description_is_refused_in_one_sentence(
 @pytest.mark.parametrize("name", ["scenario.toml", "highway.net.xml", "vehicle_types.add.xml"])
 def test_missing_file_is_named(folder: Path, name: str) -> None:
     (folder / name).unlink()
-    with pytest.raises(ScenarioError, match=rf"{name} is missing: write the scenario anew"):
+    with pytest.raises(ScenarioError, match=rf"{name} is missing: write the scenario again"):
         load_scenario(folder)
 
 
@@ -215,7 +215,7 @@ def test_file_cut_short_is_named(folder: Path, name: str) -> None:
         load_scenario(folder)
 
 
-def test_a_digit_that_flipped_where_only_sumo_looks_is_told_unless_it_is_meant(
+def test_a_digit_changed_in_a_file_for_sumo_is_reported_unless_it_is_intended(
     folder: Path,
 ) -> None:
     path = folder / "vehicle_types.add.xml"
@@ -293,7 +293,7 @@ def test_junction_lanes_of_a_foreign_network_count_towards_the_loop(
     assert scenario.layout.lane_positions["e1_0"] == (0, 125.0)
 
 
-def test_missing_folder_is_told(tmp_path: Path) -> None:
+def test_missing_folder_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"There is no scenario folder .*nowhere"):
         load_scenario(tmp_path / "nowhere")
 
@@ -312,7 +312,7 @@ def test_empty_folder_is_filled_and_parents_are_made(tmp_path: Path) -> None:
         assert load_scenario(tmp_path / place).road.lap_m == 500.0
 
 
-def test_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+def test_folder_that_cannot_be_made_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ScenarioError, match="cannot be written"):
         write_scenario(tmp_path / "file" / "scenario", ScenarioDescription())
@@ -339,7 +339,7 @@ def fake_netconvert(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) 
         ("exit 3", ScenarioError, "cannot build this road: exit status 3"),
     ],
 )
-def test_failing_netconvert_is_told_and_leaves_nothing(
+def test_failing_netconvert_is_reported_and_leaves_nothing(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     script: str,
@@ -354,7 +354,7 @@ def test_failing_netconvert_is_told_and_leaves_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["bin"]
 
 
-def test_absent_netconvert_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_absent_netconvert_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(SimulationError, match="pip install eclipse-sumo"):
         network.program("netconvert")

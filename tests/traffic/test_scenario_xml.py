@@ -37,7 +37,7 @@ DEVICE = '<param key="device.fcd-replay.file" value="x"/></vType>\n</additional>
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new", "told"),
+    ("name", "old", "new", "message"),
     [
         (TYPES, "</additional>", EDGE_DATA.format("/etc/passwd"), "<edgeData>"),
         (TYPES, "</additional>", EDGE_DATA.format("localhost:4000"), "<edgeData>"),
@@ -55,12 +55,12 @@ DEVICE = '<param key="device.fcd-replay.file" value="x"/></vType>\n</additional>
     ],
 )
 def test_what_no_scenario_needs_is_refused_in_one_sentence(
-    name: str, old: str, new: str, told: str, folder: Path
+    name: str, old: str, new: str, message: str, folder: Path
 ) -> None:
     spoil(folder, name, old, new)
     with pytest.raises(ScenarioError, match=r"scenario DIR\.$") as error:
         load_scenario(folder)
-    assert told in str(error.value)
+    assert message in str(error.value)
     assert name in str(error.value)
 
 

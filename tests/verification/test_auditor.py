@@ -1,7 +1,7 @@
 """The bounds that ``strict`` puts on the others: the types keep to them, and the auditor sees.
 
 Bounds worked with: braking 4 m/s^2, acceleration 2 m/s^2, sideways 0.76 m/s; a follower brakes at
-4 m/s^2 after 0.5 s; the ego stops 0.5 m short of whoever cuts in. A SUMO step takes 0.5 s.
+4 m/s^2 after 0.5 s; the ego stops 0.5 m short of a vehicle that cuts in. A SUMO step takes 0.5 s.
 """
 
 import xml.etree.ElementTree as ET
@@ -107,7 +107,7 @@ def names(breaches: list[Breach]) -> list[str]:
         (21.01, [ACCELERATED]),
     ],
 )
-def test_braking_and_acceleration_are_told_by_the_change_of_speed(
+def test_braking_and_acceleration_are_reported_by_the_change_of_speed(
     speed_m_s: float, bound: list[str]
 ) -> None:
     assert names(moved((ahead(100.0), ahead(100.0, speed_m_s=speed_m_s)))) == bound
@@ -153,7 +153,7 @@ def test_a_cut_in_before_an_ego_that_accelerates_needs_more_room() -> None:
 
 
 @pytest.mark.parametrize("offset_m", [-4.9, 0.0, 4.9])
-def test_who_begins_to_move_in_beside_the_ego_is_told(offset_m: float) -> None:
+def test_a_vehicle_that_begins_to_move_in_beside_the_ego_is_reported(offset_m: float) -> None:
     starts = (Car(offset_m, LEFT), Car(offset_m, LEFT - 0.38, 20.0, -0.76))
     assert names(moved(starts)) == [BESIDE]
 
@@ -179,7 +179,7 @@ def test_other_moves_sideways_are_no_cut_in(before: Car, after: Car) -> None:
     assert moved((before, after)) == []
 
 
-def test_a_cut_in_before_somebody_else_is_not_the_ego_s_business() -> None:
+def test_a_cut_in_ahead_of_another_vehicle_is_no_cut_in_ahead_of_the_ego() -> None:
     between = (ahead(10.0), ahead(10.0))
     starts = (ahead(20.0, LEFT, 10.0), ahead(20.0, LEFT - 0.38, 10.0, -0.76))
     assert names(moved(starts)) == [CUT_IN]
@@ -196,14 +196,14 @@ def test_a_cut_in_is_seen_the_long_way_round_a_small_loop() -> None:
     assert names(auditor.breaches) == [CUT_IN]
 
 
-def test_a_vehicle_that_passes_a_lane_s_centre_without_stopping_begins_anew() -> None:
+def test_a_vehicle_that_passes_a_lane_s_centre_without_stopping_begins_a_new_movement() -> None:
     # through the middle lane, 30 m ahead of the ego in the left one
-    auditor, told = Auditor(CONFIG, ROAD), []
+    auditor, breaches = Auditor(CONFIG, ROAD), []
     for step, y_m in enumerate((3.22, 3.6, 3.98, 4.36)):
         shot = snapshot(ahead(30.0, y_m, 10.0, 0.76), y_m=LEFT)
         auditor.watch(replace(shot, time_s=step * STEP_S))
-        told.append(names(auditor.breaches))
-    assert told == [[], [], [CUT_IN], [CUT_IN]]
+        breaches.append(names(auditor.breaches))
+    assert breaches == [[], [], [CUT_IN], [CUT_IN]]
 
 
 def test_who_moves_in_behind_the_ego_has_to_be_able_to_stop_there() -> None:
@@ -226,7 +226,7 @@ def test_a_lane_that_the_ego_leaves_in_that_very_step_is_open_to_others() -> Non
         assert names(auditor.breaches) == bound
 
 
-def test_a_follower_that_has_to_hit_the_ego_and_does_not_brake_is_told() -> None:
+def test_a_follower_that_has_to_hit_the_ego_and_does_not_brake_is_reported() -> None:
     # 21 m behind at 30 m/s, which rolls 105 m; the ego at 20 m/s rolls 45 m
     late = (behind(26.0, speed_m_s=30.0), behind(21.0, speed_m_s=30.0))
     assert names(moved(late)) == [BEHIND]
@@ -242,13 +242,13 @@ def test_a_follower_that_has_to_hit_the_ego_and_does_not_brake_is_told() -> None
 def test_one_behind_in_a_lane_that_the_ego_has_just_entered_may_take_half_a_second() -> None:
     # at 4.56 m the left side is at 5.46 m; at 5.32 m it is over the line, at 5.7 m
     auditor = Auditor(CONFIG, ROAD)
-    told = []
+    breaches = []
     for step, y_m in enumerate((4.56, 4.94, 5.32, 5.7)):
         auditor.watch(
             replace(snapshot(behind(20.0, LEFT, 30.0), y_m=y_m, v_y=0.76), time_s=step * STEP_S)
         )
-        told.append(names(auditor.breaches))
-    assert told == [[], [], [], [BEHIND]]
+        breaches.append(names(auditor.breaches))
+    assert breaches == [[], [], [], [BEHIND]]
 
 
 def test_an_explanation_counts_what_that_vehicle_did_since_then_and_a_start_forgets() -> None:

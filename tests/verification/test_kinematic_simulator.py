@@ -15,7 +15,9 @@ LANE = np.array([1])
 SIDES = [-1.0, -0.6, -0.2, -0.05, 0.0, 0.05, 0.2, 0.6, 1.0]
 
 
-def test_the_way_out_stays_free_but_for_two_that_enter_one_lane_and_the_ego_hits_nobody() -> None:
+def test_the_fallback_stays_free_but_for_two_that_enter_one_lane_and_the_ego_hits_no_vehicle() -> (
+    None
+):
     rng = np.random.default_rng(7)
     lane, others = rng.integers(0, 3, SCENES), rng.integers(0, 3, (SCENES, 2))
     ahead_m = 100 * rng.random((SCENES, 2)) ** 1.5
@@ -27,8 +29,8 @@ def test_the_way_out_stays_free_but_for_two_that_enter_one_lane_and_the_ego_hits
         reversed = rng.random((SCENES, 2)) < 0.3
         last = np.where(reversed, rng.choice(SIDES, (SCENES, 2)), last)
         rates = rng.choice([-4.0, -2.0, 0.0, 2.0], (SCENES, 2))
-        told = Orders(rng.integers(0, 12, SCENES), rates, last)
-        mover.decision(world, judge(world, told.proposal), told)
+        orders = Orders(rng.integers(0, 12, SCENES), rates, last)
+        mover.decision(world, judge(world, orders.proposal), orders)
         assert not any(watched[row] and met.kind.ego_hit for row, met in world.collisions.items())
         watched[list(world.collisions)] = False
         # such an ego is two seconds into its lane change: over the line, its centre not yet

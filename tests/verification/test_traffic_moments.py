@@ -15,7 +15,7 @@ from verification.traffic_moments import HIGHD, US_NATURALISTIC, Moments, follow
 ROOT = Path(__file__).parents[2]
 
 
-def test_a_vehicle_follows_the_next_one_of_its_lane_and_the_ego_follows_nobody() -> None:
+def test_a_vehicle_follows_the_next_one_of_its_lane_and_the_ego_is_no_follower() -> None:
     shot = snapshot(
         Car(40.0, CENTER, 22.0),  # the ego's leader; 65 m behind the next one
         Car(105.0, CENTER, 25.0, length_m=15.0),  # the next of its lane is the ego, 390 m on

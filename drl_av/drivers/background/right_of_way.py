@@ -36,19 +36,19 @@ def give_way(
     ``braking_m_s2`` from the next decision on, cannot stop behind the front one. Vehicles that are
     changing lanes already have priority, then the commands in their order.
     """
-    if not any(wish.side for wish in traffic_commands):
+    if not any(command.side for command in traffic_commands):
         return list(traffic_commands)
     entries = _under_way(snapshot, road)
     allowed = []
-    for wish in traffic_commands:
-        if wish.side:
-            lane = road.lane_of(float(snapshot.y_m[wish.row])) + wish.side
-            entry = Entry(wish.row, lane)
+    for command in traffic_commands:
+        if command.side:
+            lane = road.lane_of(float(snapshot.y_m[command.row])) + command.side
+            entry = Entry(command.row, lane)
             if any(_meet(entry, other, snapshot, road, braking_m_s2, timing) for other in entries):
-                wish = wish._replace(side=0)
+                command = command._replace(side=0)
             else:
                 entries.append(entry)
-        allowed.append(wish)
+        allowed.append(command)
     return allowed
 
 

@@ -25,7 +25,7 @@ def decide(
 
 
 FENCE = (Car(0.0, LEFT), Car(0.0, RIGHT))
-"""Somebody alongside at either side."""
+"""A vehicle alongside on each side."""
 
 
 def test_alone_it_cruises_towards_its_desired_speed() -> None:
@@ -133,7 +133,7 @@ def test_a_lane_change_that_sumo_did_not_begin_is_given_up() -> None:
 
 
 def test_each_remembers_its_own_state() -> None:
-    # both 50 m behind somebody at their speed
+    # both 50 m behind a vehicle of their speed
     shot = snapshot(ahead(50.0), Car(20.0, RIGHT), Car(75.0, RIGHT))
     neighbors = surroundings(shot, ROAD, 250.0, np.array([2, 0]))
     states, _ = finite_state(neighbors, np.array([CRUISE, FOLLOW]), np.full(2, 20.0), CONFIG)

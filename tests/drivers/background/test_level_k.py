@@ -121,13 +121,13 @@ def test_level_1_decides_for_each_by_what_it_sees_itself() -> None:
     weight[1, 0], bias[1], bias[3] = 1.0, 0.0, 0.5
     shot = snapshot(ahead(40.0), Car(105.0))
     decisions = Level1([(weight, bias)], CONFIG, ROAD)(look(shot))
-    # gaps of 40, 60 and, round the loop, 500 - 105 - 5 = 390: nobody within 250 m
+    # gaps of 40, 60 and, round the loop, 500 - 105 - 5 = 390: no vehicle within 250 m
     assert decisions.acceleration_m_s2.tolist() == [HARD_BRAKE, ACCELERATE, ACCELERATE]
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """A run's folder with a policy nobody trained, of another top speed than the default."""
+    """The folder of a run with an untrained policy and another top speed than the default."""
     config = CONFIG.updated("learning", hidden_units=16).updated("ego", max_speed_m_s=25.0)
     network = QNetwork(np.random.default_rng(41), hidden=(16, 16))
     save_policy(tmp_path / "policy.safetensors", [network], config)
@@ -147,7 +147,7 @@ def test_level_1_decides_as_the_network_of_a_run_sees_it(run: Path) -> None:
 
 
 @pytest.mark.parametrize("harm", ["missing", "cut short", "27 -> 16", "several"])
-def test_level_1_that_cannot_be_read_is_told_in_one_sentence(run: Path, harm: str) -> None:
+def test_level_1_that_cannot_be_read_is_reported_in_one_sentence(run: Path, harm: str) -> None:
     reason = {
         "missing": "holds no trained driver",
         "cut short": "cut short",
@@ -165,8 +165,8 @@ def test_level_1_that_cannot_be_read_is_told_in_one_sentence(run: Path, harm: st
         several = CONFIG.updated("learning", networks=2)
         save_policy(file, [QNetwork(np.random.default_rng(n)) for n in (0, 1)], several)
         (run / "config.toml").write_text(several.to_toml())
-    told = rf"^The level-1 driver of the traffic cannot be read \(.*{reason}.*\): train .*make"
-    with pytest.raises(CheckpointError, match=told):
+    message = rf"^The level-1 driver of the traffic cannot be read \(.*{reason}.*\): train .*make"
+    with pytest.raises(CheckpointError, match=message):
         load_level_1(ROAD, run)
 
 

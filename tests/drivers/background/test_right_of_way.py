@@ -13,7 +13,7 @@ BRAKING_M_S2, TIMING = 4.0, SimulationConfig()  # from the next decision on, in 
 
 
 def sides(shot: Snapshot, *wanted: tuple[int, int]) -> list[int]:
-    """What is left of (row, side) wishes."""
+    """The (row, side) commands that remain."""
     traffic_commands = [TrafficCommand(row, 1.5, side) for row, side in wanted]
     left = give_way(traffic_commands, shot, ROAD, BRAKING_M_S2, TIMING)
     assert [(w.row, w.acceleration_m_s2) for w in left] == [(row, 1.5) for row, _ in wanted]
@@ -28,7 +28,7 @@ def sides(shot: Snapshot, *wanted: tuple[int, int]) -> list[int]:
         (53.0, -1),
     ],
 )
-def test_nobody_enters_in_front_of_one_that_comes_from_the_other_side_and_could_not_stop(
+def test_no_vehicle_enters_a_lane_in_front_of_one_from_the_other_side_that_could_not_stop(
     gap_m: float, side: int
 ) -> None:
     slow_on_the_left = ahead(gap_m, LEFT, 12.0)
@@ -43,7 +43,7 @@ def test_nobody_enters_in_front_of_one_that_comes_from_the_other_side_and_could_
         (23.0, 1),
     ],
 )
-def test_nobody_enters_close_behind_one_that_comes_from_the_other_side(
+def test_no_vehicle_enters_a_lane_close_behind_one_from_the_other_side(
     gap_m: float, side: int
 ) -> None:
     shot = snapshot(behind(gap_m, RIGHT, 20.0), y_m=6.8, v_y=-0.76, speed_m_s=25.0)

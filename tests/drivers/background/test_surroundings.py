@@ -42,8 +42,8 @@ def test_each_row_is_the_affordances_of_a_snapshot_with_that_vehicle_as_the_ego(
 
 def test_only_those_asked_for_look_and_in_their_order() -> None:
     shot = snapshot(ahead(20.0, speed_m_s=15.0), behind(40.0, LEFT))
-    everybody = look(shot, 0, 1, 2).vectors()
-    np.testing.assert_array_equal(look(shot, 2, 0).vectors(), everybody[[2, 0]])
+    all_vehicles = look(shot, 0, 1, 2).vectors()
+    np.testing.assert_array_equal(look(shot, 2, 0).vectors(), all_vehicles[[2, 0]])
     assert look(shot).vectors().shape == (0, 27)
 
 

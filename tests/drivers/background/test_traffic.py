@@ -52,14 +52,14 @@ def mixed(
 
 MIX = mixed(0.25, 0.25, 0.2, 0.1)
 
-# Wishes, carried out by SUMO
+# Commands, carried out by SUMO
 
 Road = Callable[..., tuple[Simulation, Snapshot]]
 
 
 @pytest.fixture
 def placed(tmp_path: Path) -> Iterator[Road]:
-    """Vehicles just where a test wants them, all driven by wishes; the ego is far behind them."""
+    """Vehicles placed by a test and driven by commands; the ego is far behind them."""
     made = []
 
     def place(*vehicles: PlacedVehicle, **traffic: float) -> tuple[Simulation, Snapshot]:
@@ -105,7 +105,7 @@ def test_a_vehicle_brakes_to_a_stop_and_drives_off_again(placed: Road) -> None:
     )
 
 
-def test_who_wants_to_go_on_into_a_vehicle_that_brakes_to_a_stop_is_stopped_by_sumo(
+def test_who_wants_to_continue_into_a_vehicle_that_brakes_to_a_stop_is_stopped_by_sumo(
     placed: Road,
 ) -> None:
     # 35 m behind it, which comes to rest after 25 m more; 20 m/s need 50 m at 4 m/s2
@@ -125,7 +125,7 @@ def test_who_wants_to_go_on_into_a_vehicle_that_brakes_to_a_stop_is_stopped_by_s
 
 
 @pytest.mark.parametrize("ours", [True, False], ids=["one of ours", "one of SUMO's"])
-def test_behind_one_that_brakes_as_hard_as_it_can_nobody_comes_to_rest_inside_it(
+def test_behind_a_vehicle_that_brakes_fully_all_stop_without_touching_it(
     placed: Road, ours: bool
 ) -> None:
     # 50 m behind, SUMO's IDM brakes so late that its 4 m/s2 end 1 m too far
@@ -159,7 +159,7 @@ def test_a_lane_change_takes_5_s_at_0_76_m_s_and_ends_on_the_centre(
 
 
 @pytest.mark.parametrize("ahead_m", [5.0, 2.0, 0.0, -2.0, -5.0])
-def test_a_lane_change_into_somebody_waits_until_there_is_room(
+def test_a_lane_change_into_another_vehicle_waits_until_there_is_room(
     placed: Road, ahead_m: float
 ) -> None:
     vehicles = (
@@ -178,7 +178,7 @@ def test_a_lane_change_into_somebody_waits_until_there_is_room(
 def test_on_the_way_to_another_lane_no_lane_change_is_asked_for_by_wish_or_at_random(
     placed: Road, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # one that SUMO broke off half-way would go on, even into the vehicle that was in its way
+    # one that SUMO broke off half-way would continue, even into the vehicle in its way
     simulation, _ = placed(PlacedVehicle("other", 0, 50.0, 20.0, 40.0))
     decide(simulation, TrafficCommand(OTHER, 0.0, 1))
     asked: list[tuple[str, int]] = []
@@ -192,7 +192,7 @@ def test_on_the_way_to_another_lane_no_lane_change_is_asked_for_by_wish_or_at_ra
     assert set(asked) == {("other", -1), ("other", 1)}
 
 
-def test_without_a_wish_nobody_leaves_a_slow_lane(placed: Road) -> None:
+def test_without_a_command_no_vehicle_leaves_a_slow_lane(placed: Road) -> None:
     # SUMO's own drivers overtake here
     vehicles = (
         PlacedVehicle("fast", 1, 50.0, 20.0, 40.0),
@@ -268,7 +268,7 @@ def test_states_of_an_episode_end_with_it() -> None:
     assert trajectory(config, 1) == first
 
 
-def test_with_nobody_of_ours_there_are_no_wishes() -> None:
+def test_traffic_of_sumo_alone_gets_no_commands() -> None:
     env = HighwayEnv()
     env.reset(seed=0, options={"vehicles": 30})
     assert env.traffic_drivers(env.scene.snapshot) == []

@@ -91,8 +91,8 @@ def orders(proposal: int, rates: list[float], side: float = 0.0) -> Iterator[Ord
         yield Orders(np.array([proposal]), np.array([[rate]]), np.array([[side]]))
 
 
-def collides(world: World, told: Iterator[Orders], check: Any, config: Config = CONFIG) -> bool:
-    return bool(play(world, told, check, Mover(config))[1][0])
+def collides(world: World, given: Iterator[Orders], check: Any, config: Config = CONFIG) -> bool:
+    return bool(play(world, given, check, Mover(config))[1][0])
 
 
 STRICT = BatchStrict(CONFIG)
@@ -188,6 +188,6 @@ def test_a_cut_in_gap_without_the_decision(monkeypatch: pytest.MonkeyPatch) -> N
         if as_wrong:
             monkeypatch.setattr(simulator, "cut_in_gap", without)
         world = two(gap_m + LENGTH, before, 12, (CENTER_M, LEFT_M), NONE, NONE)
-        told = orders(KEEP + ACCELERATE, [HARDEST], -1.0)
-        assert collides(world, told, STRICT) is hit
+        given = orders(KEEP + ACCELERATE, [HARDEST], -1.0)
+        assert collides(world, given, STRICT) is hit
         monkeypatch.undo()

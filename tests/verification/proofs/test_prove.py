@@ -70,8 +70,8 @@ def test_settings_that_the_argument_does_not_cover_are_refused_with_the_lemma_th
     assert status == 1
     assert f"\n{lemma} " in f"\n{out.out}"
     assert "REFUTED" in out.out
-    told = f"These settings are not covered: the lemma {lemma} fails, for example at "
-    assert [line.startswith(told) for line in out.err.splitlines()] == [True]
+    message = f"These settings are not covered: the lemma {lemma} fails, for example at "
+    assert [line.startswith(message) for line in out.err.splitlines()] == [True]
 
 
 def test_the_steering_plant_is_refused_before_any_proof(
