@@ -1,6 +1,7 @@
 """sumo-gui on a virtual screen; Xvfb must be there: these tests fail without it, never skip."""
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 from PIL import Image
 
 from drl_av.config import Config
+from drl_av.drawing.sheet import EGO_COLOR, speed_color
 from drl_av.drivers.rules import IdmSumoDriver
 from drl_av.evaluation.recording import Recording
 from drl_av.evaluation.replay import ReplaySession
@@ -34,13 +36,18 @@ def watch(decision):
     decisions += 1
     gui, patience_s = traci.gui, time.monotonic() + 10
     time.sleep(0.2)
-    while width() > 150 and time.monotonic() < patience_s:
+    while width() > 230 and time.monotonic() < patience_s:
         time.sleep(0.1)  # a busy machine draws later
     if decisions == 5:
         gui.screenshot("View #0", sys.argv[2])
     shown.append({
         "tracked": gui.getTrackedVehicle("View #0"),
-        "caption": traci.vehicle.getParameter("ego", "caption"),
+        "caption": traci.poi.getParameter("caption", "caption"),
+        "caption_at": traci.poi.getPosition("caption"),
+        "heading": traci.vehicle.getAngle("ego"),
+        "turned": gui.getAngle("View #0"),
+        "colors": {name: traci.vehicle.getColor(name)[:3] for name in traci.vehicle.getIDList()},
+        "speeds": {name: traci.vehicle.getSpeed(name) for name in traci.vehicle.getIDList()},
         "box": gui.getBoundary("View #0"),
         "ego": traci.vehicle.getPosition("ego"),
     })
@@ -97,17 +104,35 @@ def test_replay_in_sumo_gui_is_the_headless_episode_to_the_last_bit(
     assert len(watched["decisions"]) == 10
 
 
-def test_ego_is_followed_with_about_120_m_of_road_around_it(watched: dict) -> None:  # type: ignore[type-arg]
+def test_ego_is_followed_with_about_200_m_of_road_around_it(watched: dict) -> None:  # type: ignore[type-arg]
     for decision in watched["decisions"]:
         (left, low), (right, high) = decision["box"]
         x, y = decision["ego"]
         assert decision["tracked"] == "ego"
-        assert 100 < right - left < 150
+        assert 190 < right - left < 230
         assert left < x < right
         assert low < y < high
 
 
-def test_caption_tells_decision_rule_speed_and_reward(watched: dict) -> None:  # type: ignore[type-arg]
+def test_the_ego_drives_to_the_right_and_the_caption_is_beside_the_road(watched: dict) -> None:  # type: ignore[type-arg]
+    for decision in watched["decisions"]:
+        (_, low), (_, high) = decision["box"]
+        (x, y), (caption_x, caption_y) = decision["ego"], decision["caption_at"]
+        assert (decision["heading"] - 90 - decision["turned"]) % 360 == pytest.approx(0, abs=1e-3)
+        away = math.hypot(caption_x - x, caption_y - y)
+        assert away == pytest.approx(0.42 * (high - low), abs=1)
+        # on the outer side of the loop, around the origin
+        assert math.hypot(caption_x, caption_y) == pytest.approx(math.hypot(x, y) + away, abs=2)
+
+
+def test_vehicles_have_the_colours_of_the_film(watched: dict) -> None:  # type: ignore[type-arg]
+    for decision in watched["decisions"]:
+        assert tuple(decision["colors"].pop("ego")) == EGO_COLOR
+        for name, color in decision["colors"].items():
+            assert tuple(color) == speed_color(decision["speeds"][name])
+
+
+def test_caption_shows_decision_rule_speed_and_reward(watched: dict) -> None:  # type: ignore[type-arg]
     for decision in watched["decisions"]:
         for word in ("rule: ", "m/s", "reward -"):
             assert word in decision["caption"]
@@ -119,13 +144,12 @@ def test_screenshot_shows_road_vehicles_and_caption(watched: dict, folder: Path)
     share = {
         "grass": ((pixels - (51, 128, 51)) ** 2).sum(1) < 600,
         "road": pixels.max(1) < 30,
-        "ego": ((pixels - (60, 160, 255)) ** 2).sum(1) < 3000,
-        "traffic": ((pixels - (240, 190, 40)) ** 2).sum(1) < 3000,
+        "ego": ((pixels - EGO_COLOR) ** 2).sum(1) < 3000,
         "letters": pixels.min(1) > 240,
     }
     assert share["grass"].mean() > 0.2
     assert share["road"].mean() > 0.05
-    for name in ("ego", "traffic", "letters"):
+    for name in ("ego", "letters"):
         assert share[name].sum() > 50, name
 
 

@@ -86,7 +86,7 @@ def rounding(config: Config, numbers: Argument) -> Result:
     return Result("rounding", says, time.monotonic() - begun_s, None if covered else model)
 
 
-def told(model: dict[str, Fraction]) -> str:
+def written(model: dict[str, Fraction]) -> str:
     """Return the numbers of a counterexample as text."""
     return ", ".join(f"{name} {float(value):.6g}" for name, value in model.items())
 

@@ -1,6 +1,6 @@
 """The renderer of each render mode of the environment, and the caption of each picture."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -8,9 +8,10 @@ import gymnasium
 
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import Picture, draw
+from drl_av.drawing.sheet import EGO_COLOR, Color, speed_color
 from drl_av.driving.actions import ACTIONS
 from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.traffic.snapshot import EGO, Snapshot
 
 
 def next_caption(caption: Caption, reward: float, info: dict[str, Any]) -> Caption:
@@ -75,12 +76,23 @@ class PictureRenderer(Renderer):
 
 
 class GuiRenderer(Renderer):
-    """The renderer of render mode ``human``: it shows a line of text beside the ego in sumo-gui."""
+    """The renderer of render mode ``human``: a caption and the film's colours in sumo-gui."""
 
-    def __init__(self, show: Callable[[str], None]) -> None:
+    def __init__(self, show: Callable[[str, Mapping[str, Color]], None]) -> None:
         self._show = show
+
+    def reset(self, snapshot: Snapshot, info: dict[str, Any]) -> None:
+        """Show the colours of a new episode."""
+        self._show("", vehicle_colors(snapshot))
 
     def step(self, snapshot: Snapshot, reward: float, info: dict[str, Any]) -> None:
         """Show the executed action, the safety rule, the speed and the reward as text."""
         action, speed = ACTIONS[info["executed_action"]], info["speed_m_s"]
-        self._show(f"{action} | rule: {info['rule']} | {speed:.1f} m/s | reward {reward:.2f}")
+        text = f"{action} | rule: {info['rule']} | {speed:.1f} m/s | reward {reward:.2f}"
+        self._show(text, vehicle_colors(snapshot))
+
+
+def vehicle_colors(snapshot: Snapshot) -> dict[str, Color]:
+    """The colours of the vehicles by id: that of the ego, and those of the others' speeds."""
+    colors = map(speed_color, snapshot.speed_m_s.tolist())
+    return dict(zip(snapshot.ids, colors, strict=True)) | {snapshot.ids[EGO]: EGO_COLOR}

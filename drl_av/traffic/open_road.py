@@ -197,7 +197,7 @@ def read_layout(network: ET.Element, description: OpenDescription, name: str) ->
         reason = "leads its lanes on otherwise than described"
     if reason is not None:
         raise ScenarioError(
-            f"The road in {name} {reason}: write the scenario anew with: drl-av scenario DIR."
+            f"The road in {name} {reason}: write the scenario again with: drl-av scenario DIR."
         )
     return Layout(plan.road, plan.routes, positions, plan.start)
 

@@ -124,7 +124,7 @@ def load_scenario(folder: str | Path) -> Scenario:
         read_xml(path, ADDITIONAL, WRITE_AGAIN)
     read_xml(folder / scenario_files.VIEW_FILE, VIEW, WRITE_AGAIN)
     network_file = folder / scenario_files.NETWORK_FILE
-    network = read_xml(network_file, NETWORK, WRITE_ANEW)
+    network = read_xml(network_file, NETWORK, WRITE_AGAIN)
     layout = kind_of(description).read(network, description, str(network_file))
     as_written = _require_unchanged(folder)
     return Scenario(

@@ -97,15 +97,15 @@ def _configuration(description: Any) -> ET.Element:
 
 
 def _view() -> ET.Element:
-    """Return view settings of sumo-gui: real-world colours, and a caption beside each vehicle.
+    """Return view settings of sumo-gui: real-world colours, and captions of points of interest.
 
-    The caption is the vehicle's parameter ``caption``. The view sets no viewport, which would undo
+    A caption is the parameter ``caption`` of its point. The view sets no viewport, which would undo
     the zoom of the simulation, and no delay, with which libsumo's close never returns.
     """
     root = ET.Element("viewsettings")
     scheme = ET.SubElement(root, "scheme", name="real world")
     ET.SubElement(scheme, "edges", showLinkRules="0")
     text = {"show": "1", "size": "60", "color": "white", "bgColor": "40,40,40", "constantSize": "1"}
-    caption = {f"vehicleText_{name}": value for name, value in text.items()}
-    ET.SubElement(scheme, "vehicles", {"vehicleTextParam": "caption"} | caption)
+    caption = {f"poiText_{name}": value for name, value in text.items()}
+    ET.SubElement(scheme, "pois", {"poiTextParam": "caption"} | caption)
     return root

@@ -16,7 +16,7 @@ NETWORK = frozenset(
     ["net", "location", "type", "edge", "lane", "junction", "request", "connection"]
 )
 ADDITIONAL = frozenset(["additional", "vType", "poly"])
-VIEW = frozenset(["viewsettings", "scheme", "edges", "vehicles", "delay", "viewport"])
+VIEW = frozenset(["viewsettings", "scheme", "edges", "vehicles", "pois", "delay", "viewport"])
 """The names of the allowed XML elements in each kind of file."""
 
 

@@ -1,7 +1,7 @@
 """One simulation in SUMO: it loads a scenario, places vehicles, and advances by one decision."""
 
 import weakref
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -25,12 +25,10 @@ from drl_av.traffic.requests import (
 )
 from drl_av.traffic.scenario import Scenario
 from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot, TrafficCommand
+from drl_av.traffic.window import Color, Window
 
 RANDOM_LANE_CHANGE_S = 5.0
 """Time for which SUMO tries to execute a random lane change."""
-VIEW = "View #0"
-GUI_ZOOM = 350.0
-"""Zoom of sumo-gui in percent; its window then shows about 120 m of road."""
 
 
 class Simulation:
@@ -82,7 +80,7 @@ class Simulation:
                 "changed in it."
             ) from error
         if self._gui:
-            self._follow_ego()
+            self._window = Window(self._sumo)
         self._steps = 0
         self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
@@ -145,9 +143,9 @@ class Simulation:
             ) from error
         return snapshot, collision
 
-    def show(self, text: str) -> None:
-        """Show a line of text beside the ego in sumo-gui."""
-        self._sumo.vehicle.setParameter(EGO_ID, "caption", text)
+    def show(self, text: str, colors: Mapping[str, Color]) -> None:
+        """Show a line of text, and vehicles by id in colours, in sumo-gui."""
+        self._window.show(text, colors)
 
     def close(self) -> None:
         """End SUMO if it still runs; the next reset starts it again."""
@@ -172,10 +170,6 @@ class Simulation:
         self._ids = self.fleet.population.ids
         self._populate(range(len(self._ids) - entered, len(self._ids)))
         return self._described()
-
-    def _follow_ego(self) -> None:
-        self._sumo.gui.trackVehicle(VIEW, EGO_ID)
-        self._sumo.gui.setZoom(VIEW, GUI_ZOOM)
 
     def _put_on_the_road(self, seed: int) -> None:
         """Place the vehicles in the running SUMO after emptying its road, or start SUMO.
@@ -214,6 +208,8 @@ class Simulation:
             return Collision(CollisionKind.HIT_EDGE, None)
         self._sumo.simulationStep()
         self._steps += 1
+        if self._gui:
+            self._window.follow()
         collision = self._bodies.ego_collision(self._moves((EGO, *near))) if near else None
         if self.after_step is not None:
             self.after_step(self._snapshot())

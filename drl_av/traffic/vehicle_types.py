@@ -31,7 +31,7 @@ EGO = {
 """This car-following model never drives the ego. SUMO uses it to prevent other vehicles from
 cutting in so closely that the model could not brake in time. Its tau of 1.5 s covers one decision
 in which the ego still accelerates."""
-COLORS = {"traffic": "240,190,40", "ego": "60,160,255"}
+COLORS = {"traffic": "240,190,40", "ego": "233,64,200"}
 APPEARANCE = ("id", "color", "guiShape")
 BOUNDS = {"length": (1.0, 25.0), "width": (0.5, 5.0)}
 """Smallest and largest allowed values of some attributes, metres; the others must be above 0."""

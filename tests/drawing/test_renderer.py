@@ -69,12 +69,18 @@ def test_a_picture_shows_the_last_moment_with_the_caption_since_the_reset() -> N
     assert np.array_equal(shown.render(), draw(before, ROAD, Caption(vehicles=7, seed=42)))
 
 
-def test_sumo_gui_is_given_a_line_for_each_decision() -> None:
-    lines: list[str] = []
-    shown = GuiRenderer(lines.append)
-    shown.reset(snapshot(), START)
+def test_sumo_gui_gets_a_line_and_the_colours_of_each_scene() -> None:
+    calls: list[tuple[str, Any]] = []
+    shown = GuiRenderer(lambda text, colors: calls.append((text, colors)))
+    slow_and_fast = snapshot(ahead(30, speed_m_s=10.0), ahead(60, speed_m_s=34.0))
+    shown.reset(slow_and_fast, START)
     shown.step(snapshot(), -3.0, REFUSED)
-    assert lines == ["hard brake, keep lane | rule: in_lane+lane_change | 18.0 m/s | reward -3.00"]
+    red, blue, magenta = (222, 53, 48), (66, 146, 240), (233, 64, 200)
+    line = "hard brake, keep lane | rule: in_lane+lane_change | 18.0 m/s | reward -3.00"
+    assert calls == [
+        ("", {"ego": magenta, "vehicle1": red, "vehicle2": blue}),
+        (line, {"ego": magenta}),
+    ]
     assert shown.render() is None
 
 

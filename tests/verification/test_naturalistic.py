@@ -97,7 +97,7 @@ def test_room_and_care_before_a_lane_change(
         assert is_careful[0, 0] == careful
 
 
-def test_a_careful_change_begins_and_goes_on_to_the_centre_of_the_lane() -> None:
+def test_a_careful_change_begins_and_continues_to_the_centre_of_the_lane() -> None:
     often = Frequencies(1e-9, 1 - 1e-9, 1e-9)
     world = world_of((20.0, 2, 30.0), ego_m_s=20.0)
     traffic = Traffic(world, often, np.random.default_rng(0))
