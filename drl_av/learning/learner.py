@@ -8,16 +8,22 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
-from torch import Tensor
-from torch.optim.adam import adam
 
 from drl_av.drivers.network import LEAK, Float32Array, Layers, QNetwork, forward
 from drl_av.drivers.policy_file import State
-from drl_av.errors import CheckpointError
+from drl_av.errors import CheckpointError, DrlAvError
 from drl_av.learning.buffers import Batch
+
+try:
+    import torch
+    from torch import Tensor
+    from torch.optim.adam import adam
+except ImportError as error:
+    raise DrlAvError(
+        "Training needs PyTorch, which is not installed: pip install 'drl-av[train]'."
+    ) from error
 
 ADAM: dict[str, Any] = {
     "amsgrad": False,
