@@ -11,7 +11,7 @@ from drl_av.config import OLD_DEFAULTS, RENAMED, Config, load_config
 from drl_av.config.reference import settings
 from drl_av.errors import ConfigError
 
-YOUNGER = {
+ADDED_LATER = {
     ("traffic", "overtake_right"),
     ("traffic", "keep_stopping_distance"),
     *(("traffic", f"truck_{name}") for name in ("share", "length_m", "width_m")),
@@ -28,7 +28,7 @@ YOUNGER = {
 
 
 def load_stored(path: Path) -> Config:
-    """Read the ``config.toml`` of a run; it must contain all settings but those in ``YOUNGER``.
+    """Read the ``config.toml`` of a run; it must contain all settings but those in ``ADDED_LATER``.
 
     Raises:
         ConfigError: the file cannot be read, is not a valid config, is truncated, or lacks a
@@ -40,7 +40,7 @@ def load_stored(path: Path) -> Config:
     stored = {(section, key) for section, part in document.items() for key in part}
     stored |= {(section, RENAMED.get((section, key), key)) for section, key in stored}
     for each in settings(config):
-        if (each.section, each.key) not in stored | YOUNGER:
+        if (each.section, each.key) not in stored | ADDED_LATER:
             raise _not_whole(path, f"it lacks {each.section}.{each.key}")
     if not text.endswith("\n"):
         raise _not_whole(path, "its last line has no end")

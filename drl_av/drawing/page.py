@@ -13,7 +13,7 @@ from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import Snapshot
 
 TEMPLATE = Path(__file__).with_name("page.html")
-PLACE = "EPISODE"
+PLACEHOLDER = "EPISODE"
 """The text in the template that is replaced by the episode's data."""
 
 
@@ -72,7 +72,7 @@ def write_page(
     }
     data = json.dumps(episode, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     template = TEMPLATE.read_text(encoding="utf-8")
-    write_whole(path, template.replace(PLACE, data, 1).encode())
+    write_whole(path, template.replace(PLACEHOLDER, data, 1).encode())
 
 
 def _frame(snapshot: Snapshot) -> dict[str, list[float]]:

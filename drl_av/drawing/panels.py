@@ -150,7 +150,7 @@ def _number(value: float | None) -> str:
 
 
 def draw_history(sheet: Sheet, caption: Caption) -> None:
-    """Draw the last 60 speeds, the newest at the right; red marks show safety interventions."""
+    """Draw the last 60 speeds, newest at the right; a red mark is a change by the safety check."""
     left, right, top, bottom = 878.0, 1240.0, 588.0, 680.0
     sheet.text((844, 574), f"SPEED, LAST {_HISTORY} DECISIONS", 13, DIM)
     sheet.box((1161, 563, 1164, 577), ALARM)

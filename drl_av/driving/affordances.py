@@ -28,7 +28,7 @@ SIDES = (0, -1, 1)
 
 
 class Neighbor(NamedTuple):
-    """The vehicle next to the ego, ahead or behind, in one lane; values relative to the ego."""
+    """The nearest vehicle ahead of the ego or behind it in one lane; values relative to the ego."""
 
     vehicle: int
     """Index of the vehicle in the snapshot; 1 + N or more if it is the end of a lane."""
@@ -105,7 +105,7 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     beside the ego counts as ahead. The end of a lane counts as a standing vehicle.
     """
     s_m, y_m, speed, lateral, length_m, width_m = (
-        values.tolist()  # numpy takes twice as long with so few vehicles
+        values.tolist()  # numpy arrays take twice as long for so few vehicles
         for values in (
             snapshot.s_m,
             snapshot.y_m,

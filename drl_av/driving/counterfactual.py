@@ -44,9 +44,9 @@ def affordances_after(
         road: The road.
 
     Returns:
-        None if they cannot be computed: the ego would be in another lane, with other neighbours, or
-        a neighbour is or would be beside it. A vehicle on the far side of the loop stays ahead or
-        behind as it was.
+        The affordances; None if they cannot be computed, because the ego would be in another lane,
+        with other neighbours, or because a neighbour is or would be beside it. A vehicle on the far
+        side of the loop stays ahead or behind as it was.
     """
     y_m = affordances.ego_y_m + other.y_m - made.y_m
     if road.lane_of(y_m) != affordances.lane:

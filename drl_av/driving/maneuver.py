@@ -68,7 +68,10 @@ def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationCon
 def _kinematic(
     at: Sideways, speed_m_s: float, lane_width_m: float, ego: EgoConfig, step_s: float
 ) -> Sideways:
-    """Move the paper's point mass (eq. 5) for one SUMO step, at one lane width per T_LC."""
+    """Move the ego for one SUMO step at constant lateral speed (eq. 5 of the paper).
+
+    The speed is one lane width per lane change duration T_LC, towards the target lane.
+    """
     lane_change = at.lane_change
     if lane_change is None:
         return Sideways(at.y_m, 0.0, None)

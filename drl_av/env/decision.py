@@ -25,7 +25,7 @@ class Decision(NamedTuple):
     terminated: bool
     """Whether the ego collided in this decision."""
     truncated: bool
-    """Whether the episode reached its largest number of decisions."""
+    """Whether the episode ended without a collision, at its last decision or the road's end."""
     info: dict[str, Any]
     """The ``info`` that ``HighwayEnv.step`` returned."""
 

@@ -39,7 +39,7 @@ def number_of_vehicles(
         seed: The seed of the traffic.
         traffic: The range of the number of vehicles.
         placed: The number of vehicles that the scenario places exactly; None if it places none.
-        usual: The number that an open road's inflow keeps; None on a loop.
+        usual: The number of vehicles that the inflow of an open road keeps; None on a loop.
 
     Raises:
         ConfigError: an option is unknown, or the number of vehicles is not allowed.

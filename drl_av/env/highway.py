@@ -103,12 +103,11 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     @property
     def spec(self) -> EnvSpec | None:
-        """The specification from gymnasium, with the config's length of an episode."""
+        """The environment's specification; ``max_episode_steps`` is the value in the config."""
         return self._spec
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        """The environment's specification; ``max_episode_steps`` is the value in the config."""
         most = self.config.simulation.decisions_per_episode
         self._spec = None if spec is None else replace(spec, max_episode_steps=most)
 
@@ -187,7 +186,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         verdict = self.safety_check(scene, proposed)
         commands, lane_change = plan(scene, verdict.action, config.ego, config.simulation)
         traffic_commands = self.traffic_drivers(scene.snapshot)
-        self._over = True  # if SUMO ends during the decision
+        self._over = True  # remains so if SUMO ends during the decision
         snapshot, collision = self.simulation.advance(commands, traffic_commands)
         if self.ego_model is not None:
             proposed, lane_change = observed(scene, snapshot, self.road, config)
@@ -227,14 +226,16 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.simulation.close()
 
     def _proposed(self, action: int | np.int64) -> Action:
+        """Return the action with this number; raise ConfigError or ResetNeeded if it is refused."""
         if self._over:
             raise gymnasium.error.ResetNeeded("There is no episode to drive on in: call reset.")
-        quick = type(action) is int and 0 <= action < len(ACTIONS)  # contains costs a step 2 %
+        quick = type(action) is int and 0 <= action < len(ACTIONS)  # contains takes 2 % of a step
         if not quick and not self.action_space.contains(action):
             raise ConfigError(f"The action is {action}, but must be from 0 to {len(ACTIONS) - 1}.")
         return ACTIONS[action]
 
     def _observe(self, snapshot: Snapshot, lane_change: LaneChange | None) -> Observation:
+        """Store the scene and the indicators after a decision, and return the observation."""
         affordances = compute_affordances(snapshot, self.road, self.config.observation.range_m)
         self.scene = Scene(snapshot, affordances, lane_change)
         self.indicators = affordances.vector()
@@ -243,6 +244,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
     def _reward(
         self, scene: Scene, proposed: Action, verdict: Verdict, collision: Collision | None
     ) -> tuple[float, Rewards]:
+        """Return the reward of the decision from ``scene`` to the present scene, and its terms."""
         config, affordances = self.config, self.scene.affordances
         target = desired(affordances, config.reward, config.safety)
         terms = rewards(affordances, target, config.reward, config.safety.minimum_gap_m)
@@ -254,11 +256,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         return reward, terms
 
     def _renderer_of(self, render_mode: str | None) -> Renderer:
+        """Return the renderer of a render mode."""
         if render_mode == "rgb_array":
             return PictureRenderer(self.road)
         return Renderer() if render_mode is None else GuiRenderer(self.simulation.show)
 
     def _info(self) -> dict[str, Any]:
+        """Return the part of ``info`` that ``reset`` and ``step`` have in common."""
         info = {
             "seed": self.seed,
             "vehicles": len(self.scene.snapshot.ids) - 1,

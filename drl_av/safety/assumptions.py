@@ -92,7 +92,7 @@ def _require_model(name: str, found: VehicleType, written: VehicleType) -> None:
 
 
 def _require_one_vehicle_abreast(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
-    """Each vehicle keeps to the centre of its lane, except in a lane change."""
+    """Raise ConfigError if two vehicles can drive beside each other in one lane."""
     resolution_m, lane_m = config.simulation.lateral_resolution_m, road.lane_width_m
     if resolution_m < lane_m:
         raise _refusal(
@@ -124,7 +124,10 @@ def _require_a_decision_on_the_line(config: Config, ego: VehicleType, road: Road
 
 
 def _require_a_long_loop(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
-    """A vehicle that moves in behind the ego is far enough ahead of it round the loop."""
+    """Raise ConfigError if a vehicle that moves in behind the ego can be too near ahead of it.
+
+    This happens on a loop that is too short.
+    """
     ego = config.ego
     farthest = (ego.max_speed_m_s, ego.accelerate_m_s2, 0.0)
     gap_m = float(cut_in_gap(*farthest, config.strict, ego, config.simulation))

@@ -84,9 +84,9 @@ class Others(NamedTuple):
 
 
 def with_barriers(others: Others, barriers: Sequence[Barrier], clearance_m: float) -> Others:
-    """The vehicles of a scene and its barriers, each as a vehicle of no length that stands.
+    """Return the vehicles and the barriers of a scene, each barrier as a standing vehicle.
 
-    ``s_m`` of a barrier is the net gap from the ego to it.
+    Its length is 0, and its gap is ``s_m``.
     """
     gap_m, right_m, left_m = np.array(barriers).T
     standing = np.zeros(len(barriers))

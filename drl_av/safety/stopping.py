@@ -68,7 +68,7 @@ def cut_in_gap(
     ego: EgoConfig,
     sim: SimulationConfig,
 ) -> Number:
-    """The gap to the ego, metres, above which a vehicle may begin to cut in ahead of it.
+    """Return the gap to the ego, metres, above which a vehicle may begin to cut in ahead of it.
 
     The ego then stops behind the vehicle if it keeps its acceleration for one decision and brakes
     hard after it.

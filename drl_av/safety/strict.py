@@ -110,7 +110,7 @@ ORDER = (
 def seconds_to_line(
     distance_m: Any, lane_width_m: float, ego: EgoConfig, sim: SimulationConfig
 ) -> Any:
-    """Time until the body of a changing ego, ``distance_m`` from the line of a lane, crosses it.
+    """Return the time until the ego's body crosses a lane marking ``distance_m`` metres beside it.
 
     In seconds, rounded up to whole SUMO steps. 0 if the body is over the line already, or does not
     reach it within this decision.
@@ -159,7 +159,7 @@ def fallback_maneuver(scene: Scene) -> LaneChange | None:
 
 
 class Strict:
-    """The check ``strict``; the module's docstring states its bounds and its argument."""
+    """The check ``strict``; its bounds and its proof are in the docstring of this module."""
 
     def __init__(self, strict: StrictConfig, ego: EgoConfig, simulation: SimulationConfig) -> None:
         if strict.braking_m_s2 < ego.hard_brake_m_s2:
@@ -206,7 +206,7 @@ class Strict:
         return Verdict(Action(lateral, safe), rule)
 
     def _slowest(self, how: Longitudinal) -> Longitudinal:
-        """Return the action whose reach is the least that the ego may have with ``how``."""
+        """Return the action with the shortest distance to standstill that ``how`` can have."""
         by_number = self._ego.longitudinal_reference == "acceleration"
         return how if by_number else Longitudinal.HARD_BRAKE
 

@@ -55,7 +55,7 @@ def draw_open_population(
     if start.ego_lane is not None:
         lane[0] = start.ego_lane
     pitch_m = pitches_m(is_truck, length_m, traffic)
-    first_m = traffic.longest_m(length_m)  # so that each vehicle is on the road as a whole
+    first_m = traffic.longest_m(length_m)  # so that the rear of each vehicle is on the road too
     ring_m = start.span_m - first_m
     places = ring_places(rng, lane, ring_m, pitch_m, traffic.start_gap_m)
     from_ego_m = places.front_m - places.front_m[0]

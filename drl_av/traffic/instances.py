@@ -122,7 +122,7 @@ def _copied_package(number: int) -> ModuleType:
     package._libsumo = library  # type: ignore[attr-defined]
     sys.modules.update({name: package, library.__name__: library})
     proxies = importlib.import_module(f"{name}.libsumo")
-    for error in SHARED_ERRORS:  # before the package hands them on to traci
+    for error in SHARED_ERRORS:  # before the package passes them to traci
         setattr(proxies, error, getattr(libsumo, error))
     spec.loader.exec_module(package)
     if package.isLoaded():

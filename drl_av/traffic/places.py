@@ -40,7 +40,7 @@ def random_lanes(
         chances = np.where(berths > 0, shares if row else 1.0, 0.0)
         if not chances.any():
             chances = (berths > 0).astype(float)
-        limits = (chances / chances.sum()).cumsum()  # rng.choice draws so too, but checks first
+        limits = (chances / chances.sum()).cumsum()  # as rng.choice does, without its checks
         chosen[row] = (limits / limits[-1]).searchsorted(rng.random(), side="right")
         berths[chosen[row]] -= 1
     return open_lanes[chosen]

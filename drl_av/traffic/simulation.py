@@ -153,9 +153,11 @@ class Simulation:
             self._release()  # does nothing the second time
 
     def _owns_sumo(self) -> bool:
+        """Return whether this simulation has reserved an instance of SUMO."""
         return self._release is not None and self._release.alive
 
     def _take_sumo(self) -> None:
+        """Reserve an instance of SUMO, which is released when this object is garbage-collected."""
         instance = acquire(self._gui)
         self._release = weakref.finalize(self, instance.release)
         self._release.atexit = False
@@ -172,12 +174,13 @@ class Simulation:
         return self._described()
 
     def _put_on_the_road(self, seed: int) -> None:
-        """Place the vehicles in the running SUMO after emptying its road, or start SUMO.
+        """Place the vehicles in the running SUMO after removing the old ones, or start SUMO.
 
-        Starting SUMO or loading the scenario again takes three times as long as all the rest.
+        Starting SUMO or loading the scenario again takes three times as long as the rest of a
+        reset.
         """
         if self._owns_sumo() and self.scenario.as_written and not self._gui:
-            with suppress(*self._errors):  # SUMO has ended, or another program has changed it
+            with suppress(*self._errors):  # if SUMO has ended, or another program has changed it
                 self._remove_vehicles()
                 self._populate(range(len(self._ids)))
                 return
@@ -196,6 +199,7 @@ class Simulation:
         self._sumo.simulationStep()  # frees the names of the vehicles
 
     def _populate(self, rows: Iterable[int]) -> None:
+        """Add the vehicles in these rows to SUMO."""
         fleet, traffic = self.fleet, self._config.traffic
         for row in rows:
             place(self._sumo.vehicle, row, fleet.population, self.scenario.layout, traffic)
@@ -216,7 +220,7 @@ class Simulation:
         return collision
 
     def _moves(self, rows: Sequence[int]) -> dict[int, Motion]:
-        """Return the motion of the vehicle in each row since its position was last read."""
+        """Return each vehicle's motion since its position was last read, by row."""
         moves = {}
         for row in rows:
             s_m, y_m = self._readings.place(row)

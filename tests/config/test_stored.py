@@ -7,7 +7,7 @@ import pytest
 from drl_av.config import Config
 from drl_av.config.presets import preset
 from drl_av.config.reference import annotated_toml
-from drl_av.config.stored import YOUNGER, load_stored
+from drl_av.config.stored import ADDED_LATER, load_stored
 from drl_av.errors import ConfigError
 
 OLD = Path(__file__).with_name("before_traffic_kinds.toml")
@@ -24,7 +24,7 @@ def test_a_run_begun_before_a_setting_existed_takes_its_default() -> None:
     found = load_stored(OLD)
     assert found.learning.episodes == 1000
     assert found.learning.safe_capacity == 300_000
-    for section, key in YOUNGER:
+    for section, key in ADDED_LATER:
         assert f"{key} =" not in OLD.read_text().split(f"[{section}]")[1].split("[")[0]
         assert getattr(getattr(found, section), key) == getattr(getattr(Config(), section), key)
 
