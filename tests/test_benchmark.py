@@ -24,7 +24,7 @@ def test_bare_libsumo_repeats_the_commands_of_the_environment_beside_another_one
     with closing(small_env()) as other, closing(small_env()) as env:
         other.reset(seed=1)
         env.reset(seed=7)
-        calls = drives.commanded(env, {7: [5, 5, 5, 5, 5]})
+        calls = drives.recorded_calls(env, {7: [5, 5, 5, 5, 5]})
         # five decisions of two SUMO steps; the ego's speed is set at the start of each step
         names = [call.func.__name__ for call in calls[7]]
         assert names.count("simulationStep") == 10

@@ -20,7 +20,7 @@ def start(env: HighwayEnv, seed: int) -> tuple[Any, dict[str, Any]]:
     return env.reset(seed=seed, options={"vehicles": env.config.traffic.vehicles_min})
 
 
-def recorded(env: HighwayEnv, driver: Any, seeds: Sequence[int]) -> dict[int, list[int]]:
+def recorded_actions(env: HighwayEnv, driver: Any, seeds: Sequence[int]) -> dict[int, list[int]]:
     """Drive each seed's episode once; return the driver's action numbers by seed.
 
     They are executed again later, so that the driver itself is not timed.
@@ -46,7 +46,7 @@ def drive(env: HighwayEnv, actions: dict[int, list[int]]) -> float:
     return sum(map(len, actions.values())) / (time.perf_counter() - begun)
 
 
-def commanded(env: HighwayEnv, actions: dict[int, list[int]]) -> dict[int, list[Call]]:
+def recorded_calls(env: HighwayEnv, actions: dict[int, list[int]]) -> dict[int, list[Call]]:
     """Execute the actions of each episode; return the environment's calls of libsumo by seed."""
     calls: dict[int, list[Call]] = {}
     for seed, row in actions.items():
@@ -56,14 +56,14 @@ def commanded(env: HighwayEnv, actions: dict[int, list[int]]) -> dict[int, list[
         calls[seed] = []
         with ExitStack() as stack:
             for owner, name in functions:
-                noting = partial(note, calls[seed], getattr(owner, name))
-                stack.enter_context(patch.object(owner, name, noting))
+                recording = partial(record_call, calls[seed], getattr(owner, name))
+                stack.enter_context(patch.object(owner, name, recording))
             for action in row:
                 env.step(action)
     return calls
 
 
-def note(calls: list[Call], function: Callable[..., Any], *arguments: Any) -> Any:
+def record_call(calls: list[Call], function: Callable[..., Any], *arguments: Any) -> Any:
     """Call a function of libsumo, append the call to ``calls``, and return its result."""
     calls.append(partial(function, *arguments))
     return function(*arguments)

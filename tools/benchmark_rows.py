@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 import torch
-from benchmark_drives import commanded, drive, recorded, step_bare
+from benchmark_drives import drive, recorded_actions, recorded_calls, step_bare
 
 from drl_av.config import Config
 from drl_av.drivers.network import QNetwork
@@ -64,8 +64,8 @@ def crowded(vehicles: int = VEHICLES) -> Config:
 def env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     """Return the row of the environment's decisions per second beside bare libsumo's."""
     env = stack.enter_context(closing(HighwayEnv(config=crowded())))
-    actions = recorded(env, load_learned(PRETRAINED)[0], seeds)
-    ours, bare = partial(drive, env, actions), partial(step_bare, env, commanded(env, actions))
+    actions = recorded_actions(env, load_learned(PRETRAINED)[0], seeds)
+    ours, bare = partial(drive, env, actions), partial(step_bare, env, recorded_calls(env, actions))
     return [Row("environment | bare libsumo", ours, bare, 0.75, 2_000)]
 
 
@@ -264,7 +264,7 @@ def work(pipe: "Connection[Any, Any]", core: int, seeds: Sequence[int]) -> None:
     if core >= 0:
         os.sched_setaffinity(0, {core})
     with closing(HighwayEnv(config=crowded())) as env:
-        actions = recorded(env, IdmDriver(env.config.safety), seeds)
+        actions = recorded_actions(env, IdmDriver(env.config.safety), seeds)
         pipe.send(True)
         while pipe.recv():
             drive(env, actions)
@@ -282,8 +282,11 @@ def scaling_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
         write_scenario(folder, even_traffic(number))
         config = crowded(number).updated("simulation", scenario=str(folder))
         env = stack.enter_context(closing(HighwayEnv(config=config)))
-        actions = recorded(env, IdmDriver(config.safety), seeds[:2])
-        ours, bare = partial(drive, env, actions), partial(step_bare, env, commanded(env, actions))
+        actions = recorded_actions(env, IdmDriver(config.safety), seeds[:2])
+        ours, bare = (
+            partial(drive, env, actions),
+            partial(step_bare, env, recorded_calls(env, actions)),
+        )
         rows.append(Row(f"{number} vehicles", ours, bare))
     return rows
 

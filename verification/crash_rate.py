@@ -61,7 +61,7 @@ class Outcome(NamedTuple):
 
 
 class Rate(NamedTuple):
-    """A crash rate per test and its 95 % interval."""
+    """An estimated crash rate per test, and both ends of its 95 % confidence interval."""
 
     value: float
     lower: float

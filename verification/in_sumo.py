@@ -47,7 +47,7 @@ class SumoWorld:
         for order in commands:
             executed = check(world, order.proposal)
             for speeds, places_m in mover.steps(world, executed, order):
-                self._tell(speeds[0], places_m[0])
+                self._command_others(speeds[0], places_m[0])
                 command = Command(float(speeds[0, 0]), float(places_m[0, 0]), 0.0)
                 shot, hit = simulation.advance([command])
                 if hit is not None and hit.kind is CollisionKind.HIT_EDGE:
@@ -81,7 +81,7 @@ class SumoWorld:
         self._names, self._y_m = names, world.y_m[0].copy()
         return simulation
 
-    def _tell(self, speeds: np.ndarray, places_m: np.ndarray) -> None:
+    def _command_others(self, speeds: np.ndarray, places_m: np.ndarray) -> None:
         for row, name in enumerate(self._names[1:], 1):
             self._vehicle.setSpeed(name, float(speeds[row]))
             if places_m[row] != self._y_m[row]:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from drl_av.evaluation.statistics import Mean, mean_with_interval
-from drl_av.experiments.canvas import lighten, panels, save_figure
+from drl_av.experiments.canvas import label_axes, panels, save_figure
 from drl_av.experiments.markdown import markdown_table
 from drl_av.files import Row
 
@@ -71,7 +71,7 @@ def figure(rows: list[Row], path: Path) -> None:
             )
             [line] = axis.plot(steps, values, label=method)
             axis.fill_between(steps, low, high, color=line.get_color(), alpha=0.2, linewidth=0)
-        lighten(axis, "decisions of training", label)
+        label_axes(axis, "decisions of training", label)
     handles, labels = axes[0].get_legend_handles_labels()
     drawing.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
     save_figure(drawing, path)

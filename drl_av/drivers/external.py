@@ -176,7 +176,7 @@ def _session(path: Path) -> Run:
     Its argument holds an array for each input name; a user's network gets that of the key ''.
 
     Raises:
-        CheckpointError: as ``OnnxDriver``.
+        CheckpointError: the file holds no such network, or onnxruntime is not installed.
     """
     try:
         import onnxruntime

@@ -83,8 +83,8 @@ def load_policy(
     """Read a policy file; return its networks (more than one for an ensemble) and its config.
 
     Raises:
-        CheckpointError: as ``load``; or the file holds no policy, the shapes of its networks differ
-            from its config or from the given sizes, or a weight is not finite.
+        CheckpointError: the file is missing or damaged or holds no policy, the shapes of its
+            networks differ from its config or the given sizes, or a weight is not finite.
     """
     tensors, metadata = load(path)
     if metadata.get("kind") != "policy":
@@ -145,9 +145,9 @@ def load_run(path: Path) -> tuple[list[QNetwork], Config]:
     """Read the networks and the config of a run's folder or of a policy file.
 
     Raises:
-        RunError: as ``find_policy``.
-        CheckpointError: as ``load_policy``; or the policy's config is not that of ``config.toml``
-            in the folder.
+        RunError: there is no policy file.
+        CheckpointError: the policy file is damaged, or its config is not that of ``config.toml`` in
+            the folder.
     """
     file = find_policy(path)
     networks, config = load_policy(file)

@@ -1,4 +1,4 @@
-"""The evaluation of drivers: comparison, statistics, recording and replay."""
+"""Evaluates drivers: comparison, statistics, recording and replay."""
 
 DENSITIES = (1, 5, 10, 15, 20, 25, 30)
-"""The numbers of vehicles in the published tables."""
+"""The numbers of vehicles around the ego in the published tables (docs/results)."""

@@ -1,4 +1,4 @@
-"""Comparison of drivers in the same seeded traffic."""
+"""Drives several drivers through the same seeded traffic, for comparison."""
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -23,20 +23,24 @@ def drive_all(
     vehicles: Sequence[int],
     seeds: Sequence[int],
 ) -> Iterator[EpisodeResult]:
-    """Drive one episode for each number of vehicles, seed and driver; yields one row for each."""
+    """Drive one episode for each number of vehicles, seed and driver; yield each episode's result.
+
+    The order is that of the arguments: the numbers of vehicles, then the seeds, then the drivers.
+    """
     for number, seed, name in product(vehicles, seeds, drivers):
         yield drive(env, drivers[name], name, seed, number)
 
 
 class Evaluation:
-    """Drivers to drive, the numbers of vehicles around the ego, and the traffic seeds.
+    """What to evaluate: drivers, numbers of vehicles around the ego, and traffic seeds.
 
-    Without numbers of vehicles these are the ones of the published tables, or the number that the
-    scenario places.
+    If ``vehicles`` is empty, the numbers are those of the published tables, or the number that the
+    scenario places. ``len`` is the number of episodes.
 
     Raises:
         RunError, CheckpointError: a learned driver cannot be read.
-        ConfigError, ScenarioError: so many vehicles do not fit, or the seeds belong to training.
+        ConfigError, ScenarioError: the vehicles do not fit on the road, or a seed is reserved for
+            training (1,000,000 and above).
     """
 
     def __init__(
@@ -65,7 +69,9 @@ class Evaluation:
         return len(self._specs) * len(self._vehicles) * len(self._seeds)
 
     def rows(self, jobs: int = 1) -> Generator[EpisodeResult, None, None]:
-        """Drive all episodes; yields one row for each, equal for any number of processes ``jobs``.
+        """Drive all episodes in ``jobs`` processes; yield the result of each, in a fixed order.
+
+        The results do not depend on ``jobs``.
 
         Raises:
             SimulationError: SUMO ended unexpectedly, or ended its worker process.
@@ -100,7 +106,7 @@ class Evaluation:
 def _equipped(
     config: Config, specs: tuple[DriverSpec, ...]
 ) -> tuple[HighwayEnv, dict[str, Driver]]:
-    """The environment and the drivers of a worker process, cached for its next episodes."""
+    """Make the environment and the drivers of a worker process; cached for its next episodes."""
     return HighwayEnv(config=config), make_drivers(specs, config)
 
 

@@ -1,4 +1,4 @@
-"""The evaluation of drivers from a program, ``drl_av.evaluate``."""
+"""Evaluates drivers from a user's program: ``drl_av.evaluate``."""
 
 from collections.abc import Iterable, Mapping
 from contextlib import closing
@@ -16,7 +16,7 @@ from drl_av.errors import ConfigError
 from drl_av.evaluation.comparison import Evaluation
 
 Word = str | Path
-"""A driver as on the command line."""
+"""A driver as the user names it on the command line, for example ``"idm"`` or a run's folder."""
 
 
 def evaluate(
@@ -32,26 +32,27 @@ def evaluate(
     safety_check: str | None = None,
     traffic: str | None = None,
 ) -> list[EpisodeResult]:
-    """Drive each driver through the same traffic, as ``drl-av evaluate`` does.
+    """Drive each driver through the same traffic, as ``drl-av evaluate`` does, and return results.
 
     Args:
         drivers: One driver or several, named as for ``load_driver``; without any driver, the
             shipped one.
-        own: Further drivers by name: objects with ``start(seed)`` and ``act(scene, observation)``.
-        vehicles: Numbers of other vehicles; by default those of the published tables, or the
-            number that the scenario places.
+        own: Further drivers, by the name they get in the results: objects with ``start(seed)`` and
+            ``act(scene, observation)``.
+        vehicles: Numbers of vehicles around the ego; by default those of the published tables, or
+            the number that the scenario places.
         episodes: Number of episodes for each driver and number of vehicles.
         seed: Traffic seed of the first episode; the following episodes have the next seeds, which
             must be below 1,000,000.
         jobs: Number of processes, on which the results do not depend; ``own`` needs 1.
-        config: Settings. A dictionary or a file changes those of the first trained driver, which
-            are the default; without a trained driver, those of the paper.
+        config: Settings. A dictionary or a TOML file changes the default, which is the config of
+            the first trained driver; without a trained driver, the paper's settings.
         scenario: Folder of a scenario, or the name of a shipped one.
         safety_check: ``"permit_all"``, ``"paper"`` or ``"strict"``.
         traffic: The name of a kind of traffic, whose settings ``config`` may change.
 
     Returns:
-        One row for each episode, in order of number of vehicles, seed and driver.
+        One EpisodeResult for each episode, ordered by number of vehicles, then seed, then driver.
 
     Raises:
         ConfigError, ScenarioError: an argument is wrong, or the vehicles do not fit on the road.

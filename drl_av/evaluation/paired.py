@@ -1,4 +1,4 @@
-"""Paired comparison of a driver with baselines in the same seeded traffic."""
+"""Compares a driver with baselines, paired by episode: both drive the same seeded traffic."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -18,24 +18,24 @@ class Speed(NamedTuple):
 
 
 class Paired(NamedTuple):
-    """The gain of a driver over a baseline at one density."""
+    """The gain in mean speed of a driver over a baseline at one number of vehicles."""
 
     vehicles: int
     driver: str
     baseline: str
     best: bool
-    """Whether the baseline is the fastest baseline at this density."""
+    """Whether this baseline is the fastest one at this number of vehicles."""
     episodes: int
     difference_m_s: Mean
-    """The driver's mean speed minus the baseline's in the same traffic."""
+    """The driver's speed minus the baseline's in the same traffic; positive if it is faster."""
 
     @property
     def lower_m_s(self) -> float:
-        """Lower end of the 95 % interval."""
+        """Lower end of the 95 % confidence interval of the gain, m/s."""
         return self.difference_m_s.value - self.difference_m_s.half_width
 
     def row(self) -> Row:
-        """The gain as a row of a CSV file."""
+        """Return the gain as a row of ``paired.csv``: text values by column."""
         mean, half = self.difference_m_s
         return {
             "vehicles": str(self.vehicles),
@@ -51,10 +51,12 @@ class Paired(NamedTuple):
 
 
 def paired(episodes: Iterable[Speed], driver: str, baselines: Sequence[str]) -> list[Paired]:
-    """The driver's gain in mean speed over each baseline at each density, with a 95 % t interval.
+    """Compute the driver's gain in mean speed over each baseline at each number of vehicles.
+
+    The confidence intervals are Student's t intervals (95 %) of the differences by seed.
 
     Raises:
-        DrlAvError: the drivers did not drive the same seeds, or drove a seed twice.
+        DrlAvError: the drivers did not drive the same seeds, or one drove a seed twice.
     """
     speeds: dict[int, dict[str, dict[int, float]]] = {}
     for row in episodes:

@@ -1,4 +1,4 @@
-"""Worker processes for evaluations and trainings, by joblib's loky."""
+"""Starts worker processes for evaluations and trainings, with joblib's loky."""
 
 import os
 import signal
@@ -15,6 +15,7 @@ from loky.process_executor import BrokenProcessPool
 __all__ = ["BrokenProcessPool", "workers"]
 
 Submit = Callable[..., "Future[Any]"]
+"""``submit(function, *arguments)`` returns the future of the result."""
 SINGLE_THREADED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 LOOKS_FOR_PARENT_EVERY_S = 1.0
 
@@ -23,10 +24,9 @@ LOOKS_FOR_PARENT_EVERY_S = 1.0
 def workers(processes: int) -> Iterator[Submit]:
     """Start worker processes, and yield the function that submits a call to them.
 
-    ``submit(function, *arguments)`` returns a future. If a worker is killed, the results of all
-    open futures raise ``BrokenProcessPool``. The workers use one thread each and ignore Ctrl-C,
-    which a terminal sends to every process. They end with the block, or with this process even if
-    it is killed.
+    If a worker is killed, the results of all open futures raise ``BrokenProcessPool``. The workers
+    use one thread each and ignore Ctrl-C, which a terminal sends to every process. They end at the
+    end of the block, and also if this process is killed.
     """
     pool = ProcessPoolExecutor(
         processes, env=SINGLE_THREADED, initializer=_end_with, initargs=(os.getpid(),)

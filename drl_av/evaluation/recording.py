@@ -1,4 +1,4 @@
-"""A recorded episode: write it, read it, and compare a replay with it exactly."""
+"""Records an episode to a file, reads it, and compares a replay with it exactly."""
 
 import hashlib
 import io
@@ -23,25 +23,25 @@ from drl_av.traffic.snapshot import Snapshot
 
 @dataclass(frozen=True)
 class Recording:
-    """An episode: the settings that determine it, and the vehicles at each decision."""
+    """A recorded episode of T decisions: settings, seed, and all vehicles at each decision."""
 
     config: Config
     driver: str
     seed: int
     vehicles: int
     proposed: npt.NDArray[np.int64]
-    """Proposed action of each decision, shape (T,)."""
+    """Number of the proposed action of each decision, shape (T,)."""
     states: FloatArray
-    """Shape (T + 1, 1 + N, 4): s, y, speed and lateral speed of each vehicle, the ego in row 0."""
+    """Shape (T + 1, 1 + N, 4): s, y, speed and lateral speed of each vehicle, SI, the ego first."""
     ego_model: EgoModel | None = None
-    """The model with which SUMO drove the ego; None if the proposed actions did."""
+    """Parameters with which SUMO's models drove the ego; None if the proposed actions drove it."""
 
     def hash(self) -> str:
-        """SHA-256 of all positions and speeds."""
+        """Return the SHA-256, in hex, of all positions and speeds."""
         return hashlib.sha256(np.ascontiguousarray(self.states).tobytes()).hexdigest()
 
     def save(self, path: Path) -> None:
-        """Write the recording completely or not at all; raises DrlAvError on failure."""
+        """Write the recording to a .npz file atomically; raises DrlAvError if the write fails."""
         parts: dict[str, Any] = {
             "config": np.array(self.config.to_toml()),
             "driver": np.array(self.driver),
@@ -101,7 +101,7 @@ def load_recording(path: Path) -> Recording:
 
 
 class RecordedDriver:
-    """A driver that proposes the recorded actions again."""
+    """A driver that proposes the actions of a recording in their order."""
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
@@ -111,7 +111,7 @@ class RecordedDriver:
         self._next: Iterator[int] = iter(self._recording.proposed.tolist())
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The next recorded proposal; raises RecordingError after the last one."""
+        """Return the next recorded proposal; raises RecordingError after the last one."""
         try:
             return ACTIONS[next(self._next)]
         except (StopIteration, IndexError) as error:
@@ -128,7 +128,7 @@ class Recorder:
         self._proposed: list[int] = []
 
     def add(self, decision: Decision) -> None:
-        """Record one more decision."""
+        """Record the next decision of the episode."""
         if not self._states:
             self._states.append(states_of(decision.scene.snapshot))
         self._states.append(states_of(decision.next_scene.snapshot))
@@ -137,7 +137,7 @@ class Recorder:
     def recording(
         self, config: Config, driver: str, seed: int, ego_model: EgoModel | None = None
     ) -> Recording:
-        """The recording of the episode so far, with the settings that determine it."""
+        """Return the recording of the episode so far, with the settings that determine it."""
         return Recording(
             config,
             driver,
@@ -157,13 +157,16 @@ class Follower:
         self._compared = 0
 
     def add(self, decision: Decision) -> None:
-        """Raises RecordingError at the first position or speed that differs."""
+        """Compare the scenes before and after the next decision with the recording.
+
+        Raises RecordingError if any position or speed differs.
+        """
         if self._compared == 0:
             self._compare(decision.scene)
         self._compare(decision.next_scene)
 
     def end(self) -> None:
-        """Raises RecordingError if the recording has more decisions than the episode."""
+        """Raise RecordingError if the recording has more decisions than the episode."""
         if self._compared < len(self._expected):
             raise self._left(self._compared - 1)
 
@@ -181,7 +184,7 @@ class Follower:
 
 
 def states_of(snapshot: Snapshot) -> FloatArray:
-    """Positions and speeds of all vehicles, shape (1 + N, 4)."""
+    """Return s, y, speed and lateral speed of all vehicles, SI units, shape (1 + N, 4)."""
     return np.stack(
         (snapshot.s_m, snapshot.y_m, snapshot.speed_m_s, snapshot.lateral_speed_m_s), axis=1
     )

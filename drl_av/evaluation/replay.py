@@ -1,4 +1,4 @@
-"""Replay of an episode: in sumo-gui, as a video or as a page; a recording is repeated exactly."""
+"""Shows an episode in sumo-gui, as a video or as a web page; repeats a recording exactly."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -24,18 +24,18 @@ from drl_av.traffic.snapshot import Snapshot
 
 USUAL_VEHICLES = 15
 Watcher = Callable[[Decision], None]
-"""Called with each decision of an episode."""
+"""A function that is called with each decision of an episode."""
 
 
 class Pacer:
-    """Slows an episode in sumo-gui down to ``rate`` times real time."""
+    """Slows an episode in sumo-gui down to ``rate`` times real time (1 decision per 1/rate s)."""
 
     def __init__(self, rate: float) -> None:
         self._pause_s = 1.0 / rate
         self._due_s: float | None = None
 
     def __call__(self, decision: Decision) -> None:
-        """Wait until the time for this decision is over."""
+        """Wait until this decision has been shown for 1 / rate seconds."""
         now = time.monotonic()
         last_s = now if self._due_s is None else self._due_s
         self._due_s = max(now, last_s + self._pause_s)
@@ -50,11 +50,11 @@ class Film:
         self._decisions: list[Decision] = []
 
     def __call__(self, decision: Decision) -> None:
-        """Add one more decision."""
+        """Add the next decision of the episode."""
         self._decisions.append(decision)
 
     def write(self, path: Path, fps: int = 20, rate: float = 2.0) -> int:
-        """Write the video at ``rate`` times real time; returns the number of frames."""
+        """Write the video, which plays at ``rate`` times real time; return its number of frames."""
         return write_video(path, self._frames(max(1, round(fps / rate))), fps)
 
     def _frames(self, per_decision: int) -> Iterator[Picture]:
@@ -77,7 +77,7 @@ class Page:
         self._decisions: list[PageDecision] = []
 
     def __call__(self, decision: Decision) -> None:
-        """Add one more decision, with the driver's Q-values if it has any."""
+        """Add the next decision of the episode, with its Q-values if the driver is learned."""
         if not self._snapshots:
             self._snapshots.append(decision.scene.snapshot)
         self._snapshots.append(decision.next_scene.snapshot)
@@ -100,15 +100,16 @@ class Page:
 
 @dataclass(frozen=True)
 class ReplaySession:
-    """An episode to show; it must repeat ``recording`` exactly if there is one."""
+    """An episode to show: settings, driver and traffic; or a recording to repeat exactly."""
 
     config: Config
     driver: Driver
     name: str
     seed: int
     vehicles: int | None
-    """Number of other vehicles; None is the number that the scenario places, or else 15."""
+    """Number of vehicles around the ego; None: as many as the scenario places, or else 15."""
     recording: Recording | None = None
+    """The recording that the episode must repeat exactly, or None."""
 
     @property
     def road(self) -> Road:
@@ -116,7 +117,7 @@ class ReplaySession:
         return load_scenario(find_scenario(self.config.simulation.scenario)).road
 
     def drive(self, render_mode: str | None, *watchers: Watcher) -> tuple[Recording, EpisodeResult]:
-        """Drive and record the episode; call each watcher with each decision.
+        """Drive the episode, call each watcher with each decision; return recording and result.
 
         Raises:
             RecordingError: the episode differs from the recording that it must repeat.
@@ -139,7 +140,7 @@ class ReplaySession:
 
 
 def replay_session(recording: Recording) -> ReplaySession:
-    """The session that repeats a recorded episode exactly."""
+    """Return the session that repeats a recorded episode exactly."""
     model = recording.ego_model
     driver = RecordedDriver(recording) if model is None else SumoDriver(model)
     return ReplaySession(

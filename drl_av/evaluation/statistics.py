@@ -1,4 +1,4 @@
-"""Means of episodes with their 95 % confidence intervals, by driver and density."""
+"""Computes means over episodes with 95 % confidence intervals, by driver and vehicle number."""
 
 import json
 import math
@@ -13,7 +13,7 @@ from drl_av.files import write_whole
 
 
 class Mean(NamedTuple):
-    """A mean and the half-width of its 95 % confidence interval."""
+    """A mean, and the half-width of its 95 % confidence interval in the same unit."""
 
     value: float
     half_width: float
@@ -23,7 +23,10 @@ class Mean(NamedTuple):
 
 
 def mean_with_interval(values: Iterable[float]) -> Mean:
-    """Mean and Student's t interval of independent values; infinite half-width for one value."""
+    """Compute the mean of independent values with its 95 % confidence interval (Student's t).
+
+    The half-width is infinite for a single value.
+    """
     from scipy import stats
 
     sample = np.array(list(values), dtype=float)
@@ -35,7 +38,7 @@ def mean_with_interval(values: Iterable[float]) -> Mean:
 
 
 class Summary(NamedTuple):
-    """The statistics of one driver at one density."""
+    """The statistics of one driver at one number of vehicles around the ego."""
 
     driver: str
     safety_check: str
@@ -50,7 +53,7 @@ class Summary(NamedTuple):
 
 
 def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
-    """One summary for each driver and number of vehicles, in the order of their first rows."""
+    """Summarize episodes for each driver, check and number of vehicles, in order of first rows."""
     groups: dict[tuple[int, str, str], list[EpisodeResult]] = {}
     for row in rows:
         groups.setdefault((row.vehicles, row.driver, row.safety_check), []).append(row)
@@ -72,7 +75,7 @@ def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
 
 
 def write_summaries(path: Path, summaries: Iterable[Summary]) -> None:
-    """Write a JSON list with one object per summary; raises DrlAvError if it cannot be written."""
+    """Write the summaries as a JSON list of objects; raises DrlAvError if the write fails."""
     objects = [
         {name: _plain(value) for name, value in summary._asdict().items()} for summary in summaries
     ]
@@ -80,7 +83,7 @@ def write_summaries(path: Path, summaries: Iterable[Summary]) -> None:
 
 
 def _plain(value: object) -> object:
-    """A value for JSON, which has no infinity: the half-width of a single episode is null."""
+    """Convert a value for JSON: a Mean becomes an object, an infinite half-width becomes null."""
     if not isinstance(value, Mean):
         return value
     known = math.isfinite(value.half_width)

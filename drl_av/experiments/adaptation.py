@@ -1,4 +1,7 @@
-"""Safety triggers of the shipped driver with continual adaptation and without (Fig. 9)."""
+"""The experiment ``adaptation``: safety triggers with and without continual adaptation.
+
+It corresponds to Fig. 9 of the paper, with the shipped driver.
+"""
 
 from itertools import product
 from pathlib import Path
@@ -24,22 +27,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CHANGES: dict[str, dict[str, Any]] = {"adaptation": {}, "no_adaptation": {"learning_rate": 0.0}}
-"""What each variant changes in the settings of ``drl-av adapt``; the traffic is the same."""
+"""The [learning] settings that each variant changes from those of ``drl-av adapt``."""
 BLOCK = 100
-"""Episodes that a row of the table sums up."""
+"""Number of episodes of which a row of ``adaptation.csv`` holds the means."""
 SUMMED_OVER = 10_000
-"""Episodes that a row of the summary sums up."""
+"""Number of episodes of which a row of the table in the documentation holds the means."""
 FILTERED_OVER = 10_000
-"""Episodes of the paper's moving average, Sec. IV-D."""
+"""Number of episodes in the moving average of Sec. IV-D of the paper."""
 LABELS = {"adaptation": "goes on learning", "no_adaptation": "does not"}
 COLORS = {"adaptation": "#d55e00", "no_adaptation": "#000000"}
 
 
 def adaptation_plan(options: ReproduceOptions) -> Plan:
-    """The shipped driver continued on as many seeds as the full learning curves, at least one.
+    """Plan to continue the training of the shipped driver, with and without learning.
 
-    It continues with the experience of its training. That training is therefore repeated, and its
-    folder contains the folders of the others.
+    There are ``options.full_seeds`` seeds, at least one. Because the driver continues with the
+    experience of its training, that training is repeated first; its folder contains the others.
     """
     shipped = default_config(find_drivers(["pretrained"]))
     origin = _job("pretrained", options.laid_over(shipped), options.runs)
@@ -63,7 +66,10 @@ def _job(
 
 
 def adaptation_table(results: Results) -> str:
-    """The table: both variants for each 10,000 episodes, up to the last that both have driven."""
+    """Return the Markdown table of both variants, one row for each 10,000 episodes.
+
+    It ends at the last episode that both variants have driven.
+    """
     rows = results.rows("adaptation.csv")
     last = {row["variant"]: int(row["episode"]) for row in rows}
     lines = []
@@ -87,7 +93,10 @@ def adaptation_table(results: Results) -> str:
 
 
 def adaptation_figure(rows: list[Row]) -> "Figure":
-    """Mean over the last 10,000 episodes, or as many as there are; faint, over each block."""
+    """Draw the safety triggers per episode of both variants, means over all seeds.
+
+    Bold lines are moving averages over 10,000 episodes, faint ones means over 100 episodes.
+    """
     figure, axes = one_panel(
         "episode", f"safety triggers an episode\n(mean of the last {FILTERED_OVER:,} episodes)"
     )
@@ -103,7 +112,7 @@ def adaptation_figure(rows: list[Row]) -> "Figure":
 
 
 def _over_seeds(rows: list[Row]) -> tuple[FloatArray, FloatArray]:
-    """Episodes that every seed has, and the mean over the seeds of their triggers."""
+    """Return the episodes that all seeds have, and the mean of their triggers over the seeds."""
     seeds: dict[str, dict[int, float]] = {}
     for row in rows:
         own = seeds.setdefault(row["seed"], {})
@@ -114,10 +123,10 @@ def _over_seeds(rows: list[Row]) -> tuple[FloatArray, FloatArray]:
 
 
 def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> FloatArray:
-    """Moving average of the rows' values over the last ``over`` episodes, one value for each row.
+    """Return the moving average of ``values`` over the last ``over`` episodes, shape (rows,).
 
-    ``episodes`` holds the last episode of each row. Only rows that lie completely within the last
-    ``over`` episodes count.
+    Each value is a mean over the episodes since the previous row; ``episodes`` holds the last
+    episode of each row. Only rows that lie completely within the window count.
     """
     counts = np.diff(episodes, prepend=0.0)
     sums = np.concatenate(([0.0], np.cumsum(values * counts)))

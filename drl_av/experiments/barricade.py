@@ -1,7 +1,7 @@
-"""Learning beside a closed lane, with the check and without (Sec. II-C, "Need for safety").
+"""The experiment ``barricade``: learning beside a closed lane, with the check and without.
 
-The same agent is trained on the highway whose right lane is barricaded, with its check and
-without. Then the trained drivers drive greedily.
+It corresponds to Sec. II-C of the paper, "Need for safety". The same agent is trained on a highway
+whose right lane is closed, with the check and without; then the trained drivers drive greedily.
 """
 
 from collections.abc import Generator, Iterator, Sequence
@@ -20,7 +20,7 @@ from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import rollout
-from drl_av.experiments.canvas import lighten, panels
+from drl_av.experiments.canvas import label_axes, panels
 from drl_av.experiments.experiment import Experiment
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
@@ -39,19 +39,22 @@ SEEDS = (0, 1)
 EPISODES = 120
 TRAINED_EPISODES, TRAINED_VEHICLES = 20, 15
 PHASES = ("training", "trained")
-"""``training`` explores, ``trained`` is the greedy driver afterwards, on traffic seeds 0, 1, ..."""
+"""Values of the column ``phase``: exploration, then the greedy driver on seeds 0, 1, ..."""
 STYLES = {"permit_all": ("#c2185b", "without a check"), "paper": ("#1976d2", "with the check")}
 
 
 class BarricadeMetrics(EpisodeMetrics):
-    """The metrics of an episode, with the proposals to enter the closed lane."""
+    """Computes the metrics of an episode, and counts the proposals to enter the closed lane."""
 
     def __init__(self, road: Road) -> None:
         super().__init__()
         self._road = road
         self.barricade_proposals = 0
         self.hit = ""
-        """The obstacle of the ego's collision, or "by vehicle" if it was hit; "" without one."""
+        """What the ego hit: "barricade", "road edge" or "vehicle".
+
+        It is "by vehicle" if another vehicle hit the ego, and "" without a collision.
+        """
 
     def add(self, decision: Decision) -> None:
         """Add the next decision of the episode."""
@@ -69,7 +72,10 @@ class BarricadeMetrics(EpisodeMetrics):
 
 
 def barricade_config(check: str, seed: int, episodes: int) -> Config:
-    """The preset ``fast`` beside the closed lane, with one network and fewer of our additions."""
+    """Return the config of a training beside the closed lane: the preset ``fast``, simplified.
+
+    It has one network and leaves out most of our additions to the paper's algorithm.
+    """
     plain = {"networks": 1, "batch_size": 64, "learning_rate": 2e-3, "counterfactuals": 0}
     plain |= {"discount": 0.9, "speed_weight": 0.0, "unsafe_penalty": 0.0, "lane_change_margin": 0}
     fast = preset("fast").updated("learning", seed=seed, episodes=episodes, **plain)
@@ -78,34 +84,34 @@ def barricade_config(check: str, seed: int, episodes: int) -> Config:
 
 @dataclass(frozen=True)
 class BarricadeTraining:
-    """A training beside the closed lane, and the episodes of the driver that it trained."""
+    """A cell of the table: one training beside the closed lane, and drives of its driver."""
 
     config: Config
     trained_episodes: int
     training: None = None
-    """It needs no other training first."""
+    """None, because the cell needs no training by a TrainingJob."""
 
     @property
     def key(self) -> Row:
-        """The columns that its rows have in common."""
+        """The columns and values that all rows of the cell have in common."""
         return {"safety_check": self.config.safety.check, "seed": str(self.config.learning.seed)}
 
     def check(self) -> None:
-        """Its settings are those of the table, which the store compares."""
+        """Do nothing: the store of results compares the settings."""
 
     def reported(self) -> list[Row]:
-        """No rows: a training that was interrupted begins again."""
+        """Return no rows, because an interrupted training begins again."""
         return []
 
     def missing(self, rows: Sequence[Row]) -> int:
-        """All of its rows or none; raises ValueError where there are some."""
+        """Return the number of rows to make: all or 0; raises ValueError if only some exist."""
         size = self.config.learning.episodes + self.trained_episodes
         if rows and len(rows) != size:
             raise ValueError(f"{len(rows)} of {size} rows of a training")
         return size - len(rows)
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Train with the check of the config, a row an episode; then drive the trained driver."""
+        """Train with the config, then drive the trained driver; yield one row for each episode."""
         from drl_av.learning.assembly import make_training
 
         with closing(HighwayEnv(config=self.config)) as env:
@@ -127,7 +133,7 @@ class BarricadeTraining:
 
 
 def barricade_plan(options: ReproduceOptions) -> Plan:
-    """The plan: a training for each check and seed, with fixed numbers that take minutes."""
+    """Plan one training for each check and seed; their sizes are fixed and take minutes."""
     configs = [
         options.laid_over(barricade_config(check, seed, EPISODES))
         .updated("simulation", scenario=SCENARIO)
@@ -146,7 +152,7 @@ def _place(row: Row) -> tuple[int, int, int, int]:
 
 
 def barricade_figure(rows: list[Row]) -> "Figure":
-    """The figure: collisions with the barricade in training, and proposals of trained drivers."""
+    """Draw the collisions with the barricade in training, and the trained drivers' proposals."""
     figure, (learning, trained) = panels((9, 3.8), 1, 2, width_ratios=(3, 2))
     for place, check in enumerate(dict.fromkeys(row["safety_check"] for row in rows)):
         own = [row for row in rows if row["safety_check"] == check]
@@ -154,11 +160,11 @@ def barricade_figure(rows: list[Row]) -> "Figure":
         _draw_learning(learning, [row for row in own if row["phase"] == "training"], color, label)
         bar = (place, label, color)
         _draw_trained(trained, [row for row in own if row["phase"] == "trained"], bar)
-    lighten(learning, "training episode", "collisions with the barricade so far")
+    label_axes(learning, "training episode", "collisions with the barricade so far")
     learning.set_title("while learning")
     learning.set_ylim(bottom=-0.5)
     learning.legend(frameon=False)
-    lighten(trained, y="decisions for the barricaded lane, %")
+    label_axes(trained, y="decisions for the barricaded lane, %")
     trained.set_title("the trained drivers")
     trained.set_xlim(-0.6, trained.get_xlim()[1] + 0.2)
     return figure
@@ -170,7 +176,7 @@ def _by_seed(rows: Sequence[Row]) -> Iterator[list[Row]]:
 
 
 def _draw_learning(axes: "Axes", rows: Sequence[Row], color: str, label: str) -> None:
-    """A line a training, their mean in bold."""
+    """Draw the cumulative collisions with the barricade: thin for each training, bold the mean."""
     runs = [np.cumsum([row["hit"] == "barricade" for row in own]) for own in _by_seed(rows)]
     episodes = np.arange(1, len(runs[0]) + 1)
     for run in runs:
@@ -179,7 +185,11 @@ def _draw_learning(axes: "Axes", rows: Sequence[Row], color: str, label: str) ->
 
 
 def _draw_trained(axes: "Axes", rows: Sequence[Row], bar: tuple[int, str, str]) -> None:
-    """A dot a driver, and the episodes that ended in a collision of its own making."""
+    """Draw the share of proposals to enter the closed lane: a dot for each driver, a bar the mean.
+
+    ``bar`` is the bar's position, label and colour; below it stands in how many episodes the ego
+    hit something.
+    """
     place, label, color = bar
     shares = [
         100

@@ -1,4 +1,4 @@
-"""Panels to draw on, and figures as PNG files; the only module that imports matplotlib."""
+"""Makes the panels of figures and writes PNG files; the only module that imports matplotlib."""
 
 import io
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def panels(size: tuple[float, float], *shape: int, **options: Any) -> "tuple[Figure, Any]":
-    """A figure of ``size`` inches, and its axes: one, or an array of shape ``shape``."""
+    """Make a figure of ``size`` inches; return it and its axes, one or an array of ``shape``."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, layout="constrained")
@@ -22,23 +22,23 @@ def panels(size: tuple[float, float], *shape: int, **options: Any) -> "tuple[Fig
 
 
 def one_panel(x: str, y: str) -> "tuple[Figure, Axes]":
-    """A figure with one panel, whose axes have the labels ``x`` and ``y``."""
+    """Make a figure with one panel, whose axes have the labels ``x`` and ``y``."""
     figure, axes = panels((7, 4.2))
-    lighten(axes, x, y)
+    label_axes(axes, x, y)
     return figure, axes
 
 
-def lighten(axes: "Axes", x: str = "", y: str = "") -> None:
-    """Label the axes of a panel, and keep its frame light."""
+def label_axes(axes: "Axes", x: str = "", y: str = "") -> None:
+    """Label the axes of a panel, add a faint grid, and hide its upper and right frame lines."""
     axes.set(**{name: label for name, label in (("xlabel", x), ("ylabel", y)) if label})
     axes.grid(alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
 
 
 def legend_of_names(axes: "Axes", curves: Mapping[str, Any]) -> None:
-    """A legend of the curves by names of the user's, as they are: a ``$`` begins no formula.
+    """Add a legend that shows the names (keys) of the curves literally.
 
-    matplotlib alone leaves out a name that begins with ``_``.
+    matplotlib alone would read ``$`` as a formula and leave out names that begin with ``_``.
     """
     legend = axes.legend(list(curves.values()), ["name"] * len(curves), frameon=False)
     for text, name in zip(legend.get_texts(), curves, strict=True):
@@ -46,7 +46,7 @@ def legend_of_names(axes: "Axes", curves: Mapping[str, Any]) -> None:
 
 
 def save_figure(figure: "Figure", path: Path) -> None:
-    """Write a figure as PNG atomically; raises DrlAvError if it cannot be written."""
+    """Write a figure as a PNG file atomically; raises DrlAvError if the write fails."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""The cells of a table: evaluation episodes, or the reports of a training."""
+"""The two kinds of cells of a results table: rows from an evaluation, and rows from a training."""
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
@@ -21,7 +21,10 @@ from drl_av.files import Row
 
 @dataclass(frozen=True)
 class Drives:
-    """A cell of evaluation episodes: drivers, a number of vehicles, traffic seeds in a row."""
+    """A cell whose rows are evaluation episodes, one for each driver and traffic seed.
+
+    It has one number of vehicles, and consecutive traffic seeds.
+    """
 
     config: Config
     drivers: tuple[str, ...]
@@ -29,36 +32,42 @@ class Drives:
     vehicles: int
     seeds: int
     columns: tuple[str, ...] = ()
-    """Those of ``EpisodeResult`` that a row has besides its key; empty for all."""
+    """Fields of ``EpisodeResult`` that a row has besides its key; empty for all fields."""
     named: tuple[tuple[str, str], ...] = ()
-    """Columns and values of the key besides ``vehicles``."""
+    """(column, value) pairs of the key besides ``vehicles``."""
     training: TrainingJob | None = None
-    """The training whose driver is driven."""
+    """The training that makes the driver; None if the drivers exist already."""
     first_seed: int = 0
     """Traffic seed of the first episode."""
 
     @property
     def key(self) -> Row:
-        """The columns that the rows have in common."""
+        """The columns and values that all rows of the cell have in common."""
         return {**dict(self.named), "vehicles": str(self.vehicles)}
 
     def check(self) -> None:
-        """Raise RunError if the training's folder has other settings, or too many episodes."""
+        """Raise RunError if the training's folder has other settings, or later episodes."""
         if self.training:
             self.training.require_same_settings()
             self.training.require_not_beyond()
 
     def missing(self, rows: Sequence[Row]) -> int:
-        """Episodes still to drive; raises ValueError where the rows lack a seed among others."""
+        """Return the number of episodes still to drive.
+
+        Raises ValueError if ``rows``, the existing ones, lack a seed in between.
+        """
         drivers = len(self.drivers)
         return max(0, self.seeds - seeds_held(rows, drivers, self.first_seed)) * drivers
 
     def reported(self) -> list[Row]:
-        """No rows: all of them are driven."""
+        """Return no rows, because all rows of this cell come from an evaluation."""
         return []
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Drive the missing seeds; raises what ``Evaluation`` raises."""
+        """Drive the seeds that ``rows`` lacks in ``jobs`` processes, and yield their rows.
+
+        Raises the errors of ``evaluation.comparison.Evaluation``.
+        """
         held = seeds_held(rows, len(self.drivers), self.first_seed)
         seeds = range(self.first_seed + held, self.first_seed + self.seeds)
         drivers = find_drivers(self.drivers)
@@ -70,25 +79,31 @@ class Drives:
 
 
 def selected(result: EpisodeResult, *names: str) -> Row:
-    """The named columns of an episode as text, or all of them."""
+    """Return the named fields of an episode as text; all fields if no name is given."""
     values = asdict(result)
     return {name: str(values[name]) for name in names or values}
 
 
 @dataclass(frozen=True)
 class TrainingRows:
-    """A cell whose rows are the reports of a training, up to its last episode."""
+    """A cell whose rows are read from the folder of a training, up to its last episode."""
 
     training: TrainingJob
     rows_of: Callable[[TrainingJob], list[Row]]
+    """Reads the rows from the training's folder."""
 
     @property
     def key(self) -> Row:
-        """The columns that the rows have in common."""
+        """The columns and values that all rows of the cell have in common."""
         return self.training.key
 
     def check(self) -> None:
-        """Raise RunError for a folder of other settings, DrlAvError for too few episodes."""
+        """Check that the rows can be made.
+
+        Raises:
+            RunError: the training's folder has other settings.
+            DrlAvError: the training is shorter than the episodes of one row.
+        """
         if self.training.last_row < 1:
             raise DrlAvError(
                 f"{self.training.stop} episodes make no row of the table, which sums up "
@@ -97,12 +112,12 @@ class TrainingRows:
         self.training.require_same_settings()
 
     def missing(self, rows: Sequence[Row]) -> int:
-        """Episodes still to drive."""
+        """Return the number of training episodes that ``rows``, the existing ones, lack."""
         held = int(rows[-1]["episode"]) if rows else 0
         return max(0, self.training.last_row - held, int(self.training.last_row < 1))
 
     def reported(self) -> list[Row]:
-        """The rows in the training's folder."""
+        """Return the rows that the training's folder holds so far."""
         return self.rows_of(self.training)
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
@@ -112,7 +127,7 @@ class TrainingRows:
             f"{self.training.last_row}: put back its files, or give --runs a folder that all "
             "processes share."
         )
-        yield  # as every cell's, a generator
+        yield  # makes this a generator, as the interface demands
 
 
 def training_plan(
@@ -120,7 +135,13 @@ def training_plan(
     rounds: Sequence[Sequence[TrainingJob]],
     rows_of: Callable[[TrainingJob], list[Row]],
 ) -> Plan:
-    """A table of the reports of trainings; ``configs`` are those of every variant with seed 0."""
+    """Plan a results table whose rows are read from the folders of trainings.
+
+    Args:
+        configs: The config of each variant with seed 0, which the table's provenance names.
+        rounds: The trainings, in groups that are done one after the other.
+        rows_of: Reads the rows from a training's folder.
+    """
     variants = list(configs)
 
     def place(row: Row) -> tuple[int, int, int]:
@@ -131,7 +152,10 @@ def training_plan(
 
 
 def driven_with(config: Config, drivers: Sequence[str]) -> MadeWith:
-    """The config and the policies of these drivers; raises RunError and CheckpointError."""
+    """Return the config and the policies' checksums of these drivers, as provenance of a table.
+
+    Raises RunError or CheckpointError if a learned driver cannot be read.
+    """
     learned = [driver.run for driver in find_drivers(drivers) if driver.run]
     policies = [checksum(find_policy(run)) for run in learned]
     return MadeWith({"": config}, {"": "+".join(policies) or None})
@@ -140,7 +164,10 @@ def driven_with(config: Config, drivers: Sequence[str]) -> MadeWith:
 def trained_drives(
     jobs: Sequence[TrainingJob], options: ReproduceOptions, columns: tuple[str, ...]
 ) -> Plan:
-    """Each training's driver at every density of the tables, in its own settings."""
+    """Plan to evaluate the driver of each training with its own settings.
+
+    It drives ``options.drives`` episodes at each number of vehicles in DENSITIES.
+    """
     cells = [
         Drives(
             job.config,
@@ -160,6 +187,6 @@ def trained_drives(
 
 
 def _place(row: Row) -> tuple[bool, str, int, int, int]:
-    """Trainings of the paper's algorithm first, then by variant and seed."""
+    """Return the sort key of a row: the variant "paper" first, then by variant and seed."""
     variant, _, number = row["training"].rpartition("-")
     return variant != "paper", variant, int(number), int(row["vehicles"]), int(row["seed"])

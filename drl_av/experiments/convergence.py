@@ -1,4 +1,4 @@
-"""Final performance of the learning curves, with intervals, and the episode of convergence."""
+"""Computes the final performance of learning curves, and the episode at which they converged."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -10,36 +10,36 @@ from drl_av.files import Row
 from drl_av.traffic.road import FloatArray
 
 SMOOTHED_OVER = 5
-"""Number of evaluations in the moving mean that determines convergence."""
+"""Number of evaluations in the moving mean with which convergence is determined."""
 END = 0.1
-"""Fraction of a curve that counts as its end."""
+"""Fraction of a curve's evaluations that counts as its end."""
 NEAR = 0.1
-"""Share of the way from its first value to its end, within which a curve has converged."""
+"""A curve is near its end within this fraction of |end - first value|."""
 COUNTED = ("collisions", "ego_hits")
-"""Columns that count episodes of an evaluation."""
+"""Columns of ``curves.csv`` that count episodes of an evaluation."""
 
 
 class Curve(NamedTuple):
-    """One column of a variant's evaluations, up to the last episode that all seeds have."""
+    """One column of a variant's evaluations over all seeds, at the episodes that all seeds have."""
 
     episodes: list[int]
     values: FloatArray
-    """One row per seed and one column per episode."""
+    """Shape (seeds, episodes)."""
 
     @property
     def means(self) -> list[Mean]:
-        """Mean over the seeds at each episode, with its 95 % interval."""
+        """The mean over the seeds at each episode, with its 95 % confidence interval."""
         return [mean_with_interval(column) for column in self.values.T]
 
     @property
     def end(self) -> Mean:
-        """Mean over the seeds of the mean of each over the last tenth of its evaluations."""
+        """The final performance: each seed's mean over its last tenth, then the mean over seeds."""
         count = _end_of(len(self.episodes))
         return mean_with_interval(self.values[:, -count:].mean(axis=1))
 
 
 def curve(rows: Iterable[Row], variant: str, column: str) -> Curve:
-    """The curve of a variant; empty if the rows have none."""
+    """Return the curve of one column for a variant; empty if no row has this variant."""
     seeds: dict[str, dict[int, float]] = {}
     for row in rows:
         if row["variant"] == variant:
@@ -50,16 +50,16 @@ def curve(rows: Iterable[Row], variant: str, column: str) -> Curve:
 
 
 def _value(row: Row, column: str) -> float:
-    """A value of the table; counts are divided by the number of evaluation episodes."""
+    """Return a value of ``curves.csv`` as a number; a count is divided by the episodes counted."""
     return float(row[column]) / (int(row["evaluation_episodes"]) if column in COUNTED else 1)
 
 
 def converged_at(episodes: Sequence[int], values: Sequence[float]) -> int:
-    """The first episode from which on the curve stays near its end.
+    """Return the first episode from which on the smoothed curve stays near its end.
 
-    The curve is smoothed by a centred moving mean over five evaluations, fewer at its ends; its
-    end is the mean of its last tenth. Near means within 10 % of the difference between its first
-    value and its end. Values in the last tenth may be farther away, because they define the end.
+    The end is the mean of the last tenth of ``values``. Near means within 10 % of the difference
+    between the smoothed curve's first value and the end. Values in the last tenth always count as
+    near, because they define the end.
     """
     smooth = smoothed(values)
     count = _end_of(len(values))
@@ -70,7 +70,10 @@ def converged_at(episodes: Sequence[int], values: Sequence[float]) -> int:
 
 
 def smoothed(values: Sequence[float], over: int = SMOOTHED_OVER) -> FloatArray:
-    """Centred moving mean over an odd number of values; over fewer values at both ends."""
+    """Return the centred moving mean of ``values`` over ``over`` values, an odd number.
+
+    Near both ends the mean is over fewer values.
+    """
     half = over // 2
     return np.array(
         [np.mean(values[max(0, place - half) : place + half + 1]) for place in range(len(values))]
@@ -93,10 +96,10 @@ COLUMNS = {
 
 
 def convergence(rows: Sequence[Row]) -> list[Row]:
-    """The episode at which each variant converged, and its final performance.
+    """Compute ``convergence.csv``: when each variant converged, and its final performance.
 
-    One row up to the last episode that all seeds have, and one of the longest trainings alone where
-    these are longer.
+    A variant has one row over all its seeds, up to the last episode that all of them have; if some
+    trainings are longer, it has a second row over the longest trainings alone.
     """
     summaries = []
     for variant in dict.fromkeys(row["variant"] for row in rows):

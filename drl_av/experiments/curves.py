@@ -1,4 +1,8 @@
-"""Learning curves: Algorithm 1 with and without the check, and with another replay (Fig. 7, 9)."""
+"""The experiment ``curves``: learning curves of Algorithm 1 of the paper and of two variants.
+
+The variants are training without the safety check (Fig. 7 of the paper), and prioritized replay
+instead of two buffers (Fig. 9).
+"""
 
 import math
 from collections.abc import Sequence
@@ -8,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.experiments.canvas import lighten, panels
+from drl_av.experiments.canvas import label_axes, panels
 from drl_av.experiments.cells import training_plan
 from drl_av.experiments.convergence import converged_at, convergence, curve
 from drl_av.experiments.experiment import Experiment, Results
@@ -27,10 +31,10 @@ CHANGES: dict[str, dict[str, dict[str, Any]]] = {
     "permit_all": {"safety": {"check": "permit_all"}},
     "prioritized": {"learning": {"replay": "prioritized"}},
 }
-"""The settings that each variant changes."""
+"""The settings that each variant changes, by section of the config."""
 PAPER_SEEDS, PAPER_EPISODES = 200, 10_000
 PAPER_REWARD = -0.025
-"""Reward per decision of the paper's trained driver, Sec. IV-C."""
+"""Reward per decision of the paper's trained driver (Sec. IV-C of the paper)."""
 LABELS = {
     "paper": "two buffers, safety check",
     "permit_all": "two buffers, no safety check",
@@ -46,7 +50,10 @@ PANELS = {
 
 
 def curve_plan(options: ReproduceOptions) -> Plan:
-    """The plan: every variant on every seed up to ``episodes``, some to the full schedule."""
+    """Plan to train each variant on each seed for ``options.episodes`` episodes.
+
+    The first ``options.full_seeds`` seeds then continue to the end of the schedule.
+    """
     config = options.laid_over(Config())
     configs = {variant: variant_config(config, variant) for variant in VARIANTS}
     goals = curve_jobs(options, config)
@@ -56,14 +63,14 @@ def curve_plan(options: ReproduceOptions) -> Plan:
 
 
 def variant_config(base: Config, variant: str, seed: int = 0) -> Config:
-    """The settings of one training; raises ConfigError."""
+    """Return the config of one training of a variant; raises ConfigError if a setting is wrong."""
     for section, settings in CHANGES[variant].items():
         base = base.updated(section, **settings)
     return base.updated("learning", seed=seed)
 
 
 def curve_jobs(options: ReproduceOptions, config: Config) -> list[TrainingJob]:
-    """The training jobs of the learning curves: every variant on every seed."""
+    """Return the training jobs of the learning curves: each variant on each seed."""
     schedule = config.learning.episodes
     return [
         TrainingJob(
@@ -78,7 +85,7 @@ def curve_jobs(options: ReproduceOptions, config: Config) -> list[TrainingJob]:
 
 
 def convergence_table(results: Results) -> str:
-    """The table: final performance of each variant, and its episode of convergence."""
+    """Return the Markdown table of each variant's final performance and episode of convergence."""
     columns = {
         "reward per decision": ("reward", 3),
         "mean speed, m/s": ("mean_speed_m_s", 2),
@@ -98,7 +105,10 @@ def convergence_table(results: Results) -> str:
 
 
 def cost_table(results: Results) -> str:
-    """The table: computing time of the paper's 200 trainings per variant, from our full ones."""
+    """Return the Markdown table of the computing time that the paper's 200 trainings would take.
+
+    It extrapolates the wall times of our longest trainings of each variant.
+    """
     seconds = results.made_by("curves.csv")["wall_time_s"]
     episodes: dict[str, dict[str, int]] = {}
     for row in results.rows("curves.csv"):
@@ -118,13 +128,19 @@ def cost_table(results: Results) -> str:
 
 
 def check_figure(rows: list[Row]) -> "Figure | None":
-    """Learning with the safety check and without it: reward and collisions (Fig. 7)."""
+    """Draw reward and collisions of learning with and without the safety check.
+
+    Fig. 7 of the paper; None if the rows have neither variant.
+    """
     columns = ("mean_reward", "training_reward", "training_collisions")
     return _figure(rows, ("paper", "permit_all"), columns)
 
 
 def replay_figure(rows: list[Row]) -> "Figure | None":
-    """Two buffers against prioritized replay: reward and safety triggers (Fig. 9, left)."""
+    """Draw reward and safety triggers of learning with two buffers and with prioritized replay.
+
+    Fig. 9 of the paper, left; None if the rows have neither variant.
+    """
     return _figure(rows, ("paper", "prioritized"), ("mean_reward", "safety_triggers"))
 
 
@@ -134,7 +150,7 @@ def _figure(rows: list[Row], names: Sequence[str], columns: Sequence[str]) -> "F
         return None
     figure, axes = panels((1 + 5 * len(columns), 4.0), 1, len(columns))
     for panel, column in zip(axes, columns, strict=True):
-        lighten(panel, "training episode", PANELS[column])
+        label_axes(panel, "training episode", PANELS[column])
         for variant in variants:
             _draw(panel, rows, variant, column)
         if "reward" not in column:
@@ -147,7 +163,10 @@ def _figure(rows: list[Row], names: Sequence[str], columns: Sequence[str]) -> "F
 
 
 def _draw(axes: "Axes", rows: Sequence[Row], variant: str, column: str) -> None:
-    """Mean and band up to the last common episode, a dot at convergence; thin, the longer seeds."""
+    """Draw a variant's mean over the seeds with its 95 % band, and a dot at convergence.
+
+    Thin lines are the single seeds that go at least as far as the mean.
+    """
     found, color = curve(rows, variant, column), COLORS[variant]
     seeds = len(found.values)
     means = np.array([mean.value for mean in found.means])

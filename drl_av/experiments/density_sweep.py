@@ -1,4 +1,8 @@
-"""Mean speed against the number of vehicles, up to where the drivers meet (Fig. 8)."""
+"""The experiment ``density_sweep``: mean speed against the number of vehicles.
+
+It corresponds to Fig. 8 of the paper, and goes on to densities at which the drivers are equally
+fast.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
@@ -35,7 +39,7 @@ if TYPE_CHECKING:
 DRIVER, BASELINES = "pretrained", ("idm", "idm-mobil", "idm-sumo")
 DRIVERS = (DRIVER, *BASELINES)
 STEP = 5
-"""Step of the number of vehicles beyond the densities of the other tables."""
+"""Increase of the number of vehicles from one density to the next, beyond DENSITIES."""
 STYLES = {
     "pretrained": ("#d55e00", "o"),
     "idm": ("#000000", "s"),
@@ -43,17 +47,17 @@ STYLES = {
     "idm-sumo": ("#0072b2", "^"),
     "random": ("#999999", "x"),
 }
-"""Colour and mark of the drivers that have their own; the colour-blind can distinguish them."""
+"""Colour and marker of each driver's curve; colour-blind readers can distinguish them."""
 OTHER_COLORS = ("#e69f00", "#cc79a7", "#56b4e9", "#f0e442")
 BESIDE = 0.15
-"""Offset of the marks of two drivers, in vehicles, so that their intervals do not overlap."""
+"""Horizontal offset between two drivers' markers, in vehicles, so that error bars stay apart."""
 
 
 def sweep_plan(options: ReproduceOptions) -> Plan:
-    """The plan: all drivers at the densities of the tables, then at higher densities.
+    """Plan to evaluate all drivers at the published densities, then at higher and higher ones.
 
-    It ends when the driver's gain over the best baseline is not statistically significant, or when
-    the road is full.
+    The sweep stops when the learned driver's mean speed is not significantly above that of the best
+    baseline (95 %), or when no more vehicles fit on the road.
     """
     config = options.laid_over(default_config(find_drivers(DRIVERS)))
 
@@ -81,7 +85,7 @@ def _place(row: Row) -> tuple[int, int, int]:
 
 
 def gains_of(rows: Iterable[Row], cell: Cell) -> list[Paired]:
-    """The driver's gain over each baseline in a cell."""
+    """Compute the learned driver's gain over each baseline at the cell's number of vehicles."""
     own = [row for row in rows if row["vehicles"] == cell.key["vehicles"]]
     return paired(map(speed_of, own), DRIVER, BASELINES)
 
@@ -93,28 +97,34 @@ def _line(rows: list[Row], cell: Cell) -> str:
 
 
 def paired_rows(rows: Iterable[Row]) -> list[Row]:
-    """The table of the driver's gains; raises ValueError or LookupError where rows are damaged."""
+    """Compute ``paired.csv``, the learned driver's gain over each baseline at each density.
+
+    Raises ValueError or LookupError if a row is damaged.
+    """
     return [gain.row() for gain in paired(map(speed_of, rows), DRIVER, BASELINES)]
 
 
 def speed_of(row: Row) -> Speed:
-    """The mean speed of a row's episode; raises ValueError or LookupError for a damaged row."""
+    """Return the mean speed in a row's episode; raises ValueError or LookupError if damaged."""
     vehicles, seed, speed_m_s = (row[name] for name in ("vehicles", "seed", "mean_speed_m_s"))
     return Speed(row["driver"], int(vehicles), int(seed), float(speed_m_s))
 
 
 def speed_table(results: Results) -> str:
-    """Mean speed of every driver at every density."""
+    """Return the Markdown table of each driver's mean speed at each density, m/s."""
     return by_density(results.rows(TABLE), "driver", mean_speed)
 
 
 def collision_table(results: Results) -> str:
-    """Episodes in which the ego hit something / was hit."""
+    """Return the Markdown table of the episodes in which the ego hit something / was hit."""
     return by_density(results.rows(TABLE), "driver", collisions_cell)
 
 
 def driving_table(results: Results) -> str:
-    """The table: statistics of the shipped driver at each density and up to 30 vehicles."""
+    """Return the Markdown table of the shipped driver's statistics, one column for each density.
+
+    The last column is over all densities up to 30 vehicles.
+    """
     driven = [row for row in results.rows(TABLE) if row["driver"] == DRIVER]
     densities = densities_of(driven)
     columns = [[r for r in driven if int(r["vehicles"]) == density] for density in densities]
@@ -137,7 +147,10 @@ def driving_table(results: Results) -> str:
 
 
 def gain_table(results: Results) -> str:
-    """The shipped driver's gain over each baseline in the same traffic; the best one in bold."""
+    """Return the Markdown table of the shipped driver's gain over each baseline, m/s.
+
+    The gain over the fastest baseline of each density is bold.
+    """
     rows = results.rows("paired.csv")
     lines = [
         [f"over `{baseline}`", *(_gain(row) for row in rows if row["baseline"] == baseline)]
@@ -152,9 +165,10 @@ def _gain(row: Row) -> str:
 
 
 def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
-    """Mean speed against the number of vehicles, one curve per driver, 95 % intervals (Fig. 8).
+    """Draw mean speed against the number of vehicles, with 95 % intervals (Fig. 8 of the paper).
 
-    The rows have at least ``driver``, ``vehicles`` and ``mean_speed_m_s``.
+    There is one curve for each driver. The rows need at least the columns ``driver``, ``vehicles``
+    and ``mean_speed_m_s``.
     """
     figure, axes = one_panel("vehicles on the loop", "mean speed of the ego, m/s")
     drivers = list(dict.fromkeys(row["driver"] for row in rows))

@@ -1,8 +1,8 @@
-"""Existing engines that work through jobs in parallel, a process each, and outlive killed ones.
+"""Engines that run jobs in parallel processes, and start jobs again whose process was killed.
 
 An engine takes a function, its jobs and the number of processes. About once a second it yields the
-jobs that have ended since the last time, possibly none. A job whose process was killed starts
-again: the function must continue where it stopped, and do nothing if the job is complete.
+jobs that have ended since the last time, possibly none. Because a job can be started again, the
+function must continue where it stopped, and do nothing if the job is complete.
 """
 
 import contextlib
@@ -21,19 +21,19 @@ Job = TypeVar("Job")
 Ended = Generator[list[Job], None, None]
 Engine = Callable[[Callable[[Job], None], Sequence[Job], int], Ended[Job]]
 RETRIES = 3
-"""Number of new attempts after a process was killed."""
+"""Number of new attempts after processes were killed."""
 TICK_S = 1.0
 JOIN_S = 20.0
-"""Time that a cluster has to answer at the address in ``RAY_ADDRESS``."""
+"""Timeout of a Ray cluster's answer at the address in ``RAY_ADDRESS``."""
 PATIENT = {"agent_register_timeout_ms": 300_000, "worker_register_timeout_seconds": 300}
-"""A local Ray gives up starting where a busy machine takes longer than its usual 30 s."""
+"""Longer timeouts for the start of a local Ray, which by default gives up after 30 s."""
 
 
 def on_this_machine(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> Ended[Job]:
-    """The jobs on joblib's loky, whose pool is closed when one of its processes is killed.
+    """Run the jobs with joblib's loky; if a process is killed, start the open jobs in a new pool.
 
     Raises:
-        SimulationError: processes were killed again and again.
+        SimulationError: processes were killed more than RETRIES times.
     """
     left, breaks = list(jobs), 0
     while left:
@@ -54,11 +54,14 @@ def on_this_machine(work: Callable[[Job], None], jobs: Sequence[Job], processes:
 
 
 def on_ray(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> Ended[Job]:
-    """The jobs on the Ray cluster that this process or ``RAY_ADDRESS`` names, or on a local one.
+    """Run the jobs on a Ray cluster, one CPU for each.
+
+    It is the cluster that this process has joined, else that at ``RAY_ADDRESS``, else a local one.
 
     Raises:
         DrlAvError: the extra ``ray`` is not installed, or no cluster answers at ``RAY_ADDRESS``.
-        SimulationError: a job's process was killed again and again, or Ray's own process here was.
+        SimulationError: a job's process was killed more than RETRIES times, or Ray's node process
+            on this machine was killed.
     """
     if not find_spec("ray"):
         raise DrlAvError(
@@ -99,7 +102,7 @@ def _lives(node: str) -> bool:
 
 @contextlib.contextmanager
 def _cluster(processes: int) -> Iterator[None]:
-    """Join the cluster there is, or begin one here and end it with the block."""
+    """Use the Ray cluster this process has joined; else join or start one for the block."""
     import ray
 
     if ray.is_initialized():
@@ -116,10 +119,12 @@ def _cluster(processes: int) -> Iterator[None]:
 
 
 def _joined(options: dict[str, Any]) -> contextlib.AbstractContextManager[Any]:
-    """The cluster that ``RAY_ADDRESS`` names; Ray alone would try for minutes, deaf to Ctrl-C.
+    """Join the cluster at ``RAY_ADDRESS`` within JOIN_S seconds.
+
+    Ray itself would try for minutes, during which Ctrl-C has no effect.
 
     Raises:
-        DrlAvError: the address is none, or no cluster answers there.
+        DrlAvError: the address is not valid, or no cluster answers there.
     """
     import ray
 

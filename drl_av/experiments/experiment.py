@@ -1,4 +1,4 @@
-"""An experiment as a value, and how it is reproduced."""
+"""Defines an experiment as a value, and reproduces it: its table of results and its figures."""
 
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -28,41 +28,45 @@ class Results:
         self._folder = folder
 
     def rows(self, table: str) -> list[Row]:
-        """The rows of a table by its file's name; raises DrlAvError where it is damaged."""
+        """Read the rows of the table with this file name; raises DrlAvError if it is damaged."""
         with report_corrupt_table(self._folder / table):
             return read_rows(self._folder / table)
 
     def made_by(self, table: str) -> dict[str, Any]:
-        """The provenance of a table; raises DrlAvError."""
+        """Read the provenance of a table; raises DrlAvError if it is missing or damaged."""
         with report_corrupt_table(self._folder / table):
             return read_sidecar(self._folder / table)
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """An experiment: a table of results, the plan that makes it, its summaries and figures."""
+    """An experiment: a results table, the plan that makes it, its summaries and figures."""
 
     name: str
-    """The table is ``<name>.csv``, with ``<name>.json`` beside it."""
+    """The table is the file ``<name>.csv``, its provenance ``<name>.json``."""
     meaning: str
     """One sentence for ``drl-av reproduce --help`` and the documentation."""
     row: str
     """The meaning of a row of the table."""
     plan: Callable[[ReproduceOptions], Plan]
+    """Returns the trainings and evaluations that make the table."""
     derived: Derived = field(default_factory=dict)
-    """Tables that are computed from this one, by the name of their file."""
+    """Functions that compute further tables from the rows, by file name."""
     summaries: Mapping[str, Callable[[Results], str]] = field(default_factory=dict)
-    """Markdown tables for the documentation, by the name between their marks."""
+    """Functions that return Markdown tables, by their name in the documentation's markers."""
     figures: "Mapping[str, Callable[[list[Row]], Figure | None]]" = field(default_factory=dict)
-    """Drawings of the rows by the name of their PNG file; None where there is nothing to draw."""
+    """Functions that draw the rows, by the PNG file's name; they may return None."""
 
     @property
     def table(self) -> str:
-        """Name of the table's file."""
+        """File name of the table."""
         return f"{self.name}.csv"
 
     def draw(self, folder: Path) -> "Iterator[tuple[str, Figure]]":
-        """The figures of the table in a folder; raises DrlAvError where it is damaged."""
+        """Draw the table in ``folder``, and yield the name and the figure of each drawing.
+
+        Raises DrlAvError if the table is damaged.
+        """
         with report_corrupt_table(folder / self.table):
             rows = read_rows(folder / self.table)
             for name, drawing in self.figures.items():
@@ -71,7 +75,9 @@ class Experiment:
 
 
 def reproduce(experiment: Experiment, options: ReproduceOptions) -> Generator[Progress, None, None]:
-    """Make the missing rows of the table in ``options.out``, and draw its figures.
+    """Make the missing rows of the experiment's table in ``options.out``, and draw its figures.
+
+    It yields the progress after each episode or so.
 
     Raises:
         DrlAvError: the table was made with other settings or is damaged, a training's folder
@@ -98,10 +104,10 @@ def _draw(experiment: Experiment, folder: Path) -> Iterator[Progress]:
 def draw_results(
     experiments: Mapping[str, Experiment], folder: Path
 ) -> "Iterator[tuple[str, Figure]]":
-    """The figures of every experiment whose table is in the folder.
+    """Draw every experiment whose table is in the folder; yield the name and figure of each.
 
     Raises:
-        DrlAvError: a table is damaged, or there is none.
+        DrlAvError: a table is damaged, or the folder holds no table with figures.
     """
     found = [each for each in experiments.values() if (folder / each.table).is_file()]
     if not any(experiment.figures for experiment in found):

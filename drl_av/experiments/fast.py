@@ -1,4 +1,4 @@
-"""The preset ``fast`` on several seeds, beside the driver of the paper's whole schedule (ours)."""
+"""The experiment ``fast`` (ours): the preset ``fast`` against the paper's whole schedule."""
 
 from drl_av.config import Config
 from drl_av.config.presets import preset
@@ -15,7 +15,7 @@ COLUMNS = ("seed", "mean_reward", "mean_speed_m_s", "ego_hit")
 
 
 def fast_plan(options: ReproduceOptions) -> Plan:
-    """The whole schedule of the learning curves on seed 0, then ``fast`` on every seed."""
+    """Plan the paper's whole schedule on seed 0 and ``fast`` on each seed; evaluate all drivers."""
     short = options.laid_over(preset("fast"))
     configs = {"paper-0": variant_config(options.laid_over(Config()), "paper")} | {
         f"fast-{seed}": short.updated("learning", seed=seed) for seed in range(options.seeds)
@@ -34,7 +34,10 @@ def fast_plan(options: ReproduceOptions) -> Plan:
 
 
 def fast_table(results: Results) -> str:
-    """The table: each training, and its paired gain over the paper's whole schedule."""
+    """Return the Markdown table of each training's driver.
+
+    The gains are paired differences to the driver of the paper's whole schedule.
+    """
     seconds = results.made_by("fast.csv")["wall_time_s"]
     rows = results.rows("fast.csv")
     trainings = list(dict.fromkeys(row["training"] for row in rows))

@@ -1,4 +1,4 @@
-"""The figures of the settings alone, of runs, and of tables that ``drl-av evaluate`` wrote."""
+"""Draws the reward functions of the settings, and the learning curves of runs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +19,10 @@ EVALUATION_COLUMNS = {"episode": float, "mean_reward": float}
 
 
 def learning_figure(runs: Sequence[Path]) -> "Figure":
-    """Mean reward a decision of the greedy driver against training episodes (Fig. 7)."""
+    """Draw the greedy driver's mean reward per decision against training episodes.
+
+    One curve for each run's folder; as Fig. 7 of the paper.
+    """
     figure, axes = one_panel("training episode", "mean reward a decision")
     curves = {}
     for run in runs:
@@ -32,7 +35,7 @@ def learning_figure(runs: Sequence[Path]) -> "Figure":
 
 
 def reward_figure(config: Config) -> "Figure":
-    """The three reward functions at the paper's desired values (Fig. 6)."""
+    """Draw the three reward functions at the fixed desired values of the config (Fig. 6)."""
     reward = config.reward
     y_m, v_m_s = reward.desired_lateral_m, reward.desired_speed_m_s
     safe_m = safe_gap(v_m_s, reward.safe_headway_s, config.safety.minimum_gap_m)

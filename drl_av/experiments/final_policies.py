@@ -1,4 +1,4 @@
-"""The final policies of the learning curves, in the traffic of the evaluation."""
+"""The experiment ``final_policies``: evaluates the final drivers of the learning curves."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +17,10 @@ COLUMNS = ("seed", "mean_reward", "mean_speed_m_s", "collided", "ego_hit")
 
 
 def final_plan(options: ReproduceOptions) -> Plan:
-    """The trainings of the curves that stop at ``options.episodes``, each with its own check."""
+    """Plan to evaluate the drivers of the trainings that stop at ``options.episodes``.
+
+    Each driver has the settings of its training, so also its safety check.
+    """
     jobs = curve_jobs(options, options.laid_over(Config()))
     final = [job for job in jobs if job.stop <= options.episodes]
     empty = f"No training stops at episode {options.episodes}: final_policies needs more --seeds."
@@ -25,7 +28,10 @@ def final_plan(options: ReproduceOptions) -> Plan:
 
 
 def final_table(results: Results) -> str:
-    """Final performance: mean over the policies of a variant of the mean of each."""
+    """Return the Markdown table of final performance by variant.
+
+    A value is the mean over the variant's drivers of the mean over each driver's episodes.
+    """
     rows = results.rows("final_policies.csv")
     columns: dict[str, tuple[Callable[[Row], float], int]] = {
         "reward per decision": (lambda row: float(row["mean_reward"]), 3),

@@ -1,4 +1,4 @@
-"""A lane change and an abort on both lateral plants, driven on an empty road without SUMO."""
+"""Draws a lane change and an abort with both lateral plants, on an empty road without SUMO."""
 
 import math
 from collections.abc import Sequence
@@ -23,24 +23,28 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FINE = SimulationConfig(step_length_s=0.05)
-"""SUMO steps short enough for a smooth curve."""
+"""Steps that are short enough for a smooth curve."""
 POINT_MASS, SLOWER, FASTER = ("#90a4ae", "-"), ("#1976d2", "-"), ("#c2185b", "--")
 SETTLING_S = 2
-"""Decisions drawn after the lane change ought to be over."""
+"""Time that is drawn after the nominal end of the lane change."""
 
 
 class Track(NamedTuple):
-    """The ego over time, from the centre of the right lane, shape (T + 1,) each."""
+    """The ego's lateral motion over T steps; all arrays have shape (T + 1,)."""
 
     time_s: FloatArray
+    """Time since the start, at which the ego is in the centre of the right lane."""
     y_m: FloatArray
     lateral_speed_m_s: FloatArray
     curvature_per_m: FloatArray
-    """The command of the steering law there; 0 with no lane change in progress."""
+    """Curvature that the steering law commands in this state, left positive."""
 
 
 def track(ego: EgoConfig, speed_m_s: float, laterals: Sequence[Lateral]) -> Track:
-    """The motion of the ego that executes ``laterals`` at a constant speed, by ``plan``."""
+    """Compute the ego's motion if it executes the lateral actions at a constant speed.
+
+    There is one lateral action for each decision; ``driving.maneuver.plan`` executes it.
+    """
     loop = ScenarioDescription()
     road = Road(loop.circumference_m, loop.lane_width_m, (True,) * loop.lanes)
     at, running = Command(speed_m_s, road.center_m(0), 0.0), None
@@ -80,7 +84,10 @@ def _command(at: Command, target_m: float, road: Road, ego: EgoConfig) -> float:
 
 
 def lane_change_figure(config: Config) -> "Figure":
-    """Lateral position, speed and steering command, kinematic and steered at two speeds."""
+    """Draw lateral position, lateral speed and curvature command of a lane change and an abort.
+
+    There are three curves: the plant ``kinematic``, and ``steering`` at half and at full speed.
+    """
     duration_s = round(config.ego.lane_change_duration_s)
     half_s = max(duration_s // 2, 1)
     go, back = [Lateral.LEFT], [Lateral.RIGHT]

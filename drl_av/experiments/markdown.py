@@ -1,4 +1,4 @@
-"""The tables of the documentation in Markdown, and the cells that several of them have."""
+"""Makes the Markdown tables of the documentation, and the statistics in several of them."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -6,18 +6,21 @@ from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.files import Row
 
 PAPER_VEHICLES = 30
-"""The most vehicles of the paper's traffic, N_T."""
+"""N_T of the paper, the largest number of vehicles in its traffic."""
 
 
 def markdown_table(heading: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A table in Markdown."""
+    """Return a table in Markdown with a heading row."""
     names = list(heading)
     lines = [names, ["---"] * len(names), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def by_density(rows: Sequence[Row], column: str, cell: Callable[[list[Row]], str]) -> str:
-    """A row for each value of a column, and a column for each number of vehicles."""
+    """Return a Markdown table: a row for each value of ``column``, a column for each density.
+
+    ``cell`` computes the text of a cell from the rows of that value and number of vehicles.
+    """
     densities = densities_of(rows)
     lines = [
         [
@@ -33,39 +36,39 @@ def by_density(rows: Sequence[Row], column: str, cell: Callable[[list[Row]], str
 
 
 def densities_of(rows: Iterable[Row]) -> list[int]:
-    """The numbers of vehicles, each once, the smallest first."""
+    """Return the numbers of vehicles in the rows, each once, in ascending order."""
     return sorted({int(row["vehicles"]) for row in rows})
 
 
 def mean_of(rows: Iterable[Row], column: str) -> float:
-    """Mean of a column of numbers."""
+    """Return the mean of a column of numbers."""
     return mean_with_interval(float(row[column]) for row in rows).value
 
 
 def mean_speed(rows: Iterable[Row]) -> str:
-    """Mean of the episodes' mean speeds, m/s, and half of its 95 % interval."""
+    """Return the mean of the episodes' mean speeds and its 95 % interval, m/s: "25.28 ± 0.30"."""
     return str(mean_with_interval(float(row["mean_speed_m_s"]) for row in rows))
 
 
 def collisions(rows: Sequence[Row]) -> tuple[int, int]:
-    """Episodes in which the ego hit something, and in which it was hit."""
+    """Count the episodes in which the ego hit something, and those in which it was hit."""
     hits = count(rows, "ego_hit")
     return hits, count(rows, "collided") - hits
 
 
 def collisions_cell(rows: Sequence[Row]) -> str:
-    """The ego hit something / was hit, of so many episodes."""
+    """Return the episodes in which the ego hit something / was hit, as "1 / 0 of 100"."""
     hits, was_hit = collisions(rows)
     return f"{hits} / {was_hit} of {len(rows)}"
 
 
 def count(rows: Iterable[Row], column: str) -> int:
-    """Rows in which a column is true."""
+    """Count the rows in which a column is "True"."""
     return sum(row[column] == "True" for row in rows)
 
 
 def closer_than_safe(rows: Iterable[Row]) -> float:
-    """Mean share of the decisions after which the vehicle ahead is closer than d_safe, percent."""
+    """Return the mean share of decisions after which the vehicle ahead is closer than d_safe, %."""
     return mean_with_interval(
         100 * int(row["d_safe_violations"]) / int(row["decisions"]) for row in rows
     ).value

@@ -1,4 +1,4 @@
-"""The options of ``drl-av reproduce``, and how an experiment reports its progress."""
+"""The options of ``drl-av reproduce``, and the progress that an experiment reports."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -6,9 +6,9 @@ from typing import NamedTuple
 from drl_av.config import Config, load_config, located
 
 ENGINES = ("loky", "ray")
-"""The programs that distribute the trainings over processes."""
+"""The libraries that can distribute the trainings over processes."""
 VARIANTS = ("paper", "permit_all", "prioritized")
-"""The trainings that the learning curves compare."""
+"""The variants of training that the learning curves compare, see ``experiments.curves``."""
 
 
 class ReproduceOptions(NamedTuple):
@@ -16,35 +16,38 @@ class ReproduceOptions(NamedTuple):
 
     variants: tuple[str, ...] = VARIANTS
     seeds: int = 5
-    """Trainings of each variant."""
+    """Number of trainings of each variant."""
     episodes: int = 3000
-    """Episodes of each training, of a schedule of ``config.learning.episodes``."""
+    """Episodes of each training; its schedule is still ``config.learning.episodes`` long."""
     full_seeds: int = 1
-    """Trainings of each variant that continue to the end of the schedule."""
+    """Number of trainings of each variant that continue to the end of the schedule."""
     drives: int = 100
     """Evaluation episodes of each driver at each number of vehicles."""
     jobs: int = 2
-    """Processes at once."""
+    """Number of processes."""
     engine: str = "loky"
     runs: Path = Path("runs/reproduce")
-    """Folder of the trainings' own folders, from which they continue."""
+    """Folder that contains the folders of the trainings, from which they continue."""
     out: Path = Path("docs/results")
     """Folder of the tables, their provenance and the figures."""
     config: str | None = None
     """TOML file with settings that replace those of each experiment."""
 
     def laid_over(self, config: Config) -> Config:
-        """An experiment's settings, changed by the user's file; raises ConfigError."""
+        """Return the settings of an experiment, changed by the user's TOML file.
+
+        Raises ConfigError if the file or a setting in it is wrong.
+        """
         return located(load_config(self.config, config))
 
 
 class Progress(NamedTuple):
-    """The progress of an experiment."""
+    """The progress of an experiment, for the progress bar."""
 
     done: int
-    """Episodes."""
+    """Number of episodes driven; ``total`` is the number to drive."""
     total: int
     label: str = ""
-    """Shown beside the progress bar."""
+    """Text beside the progress bar."""
     line: str = ""
-    """Printed above the bar; empty for nothing."""
+    """A line to print above the bar; empty for none."""

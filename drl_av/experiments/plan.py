@@ -1,4 +1,4 @@
-"""How an experiment makes the rows that its table lacks: it trains, and then it drives."""
+"""Makes the rows that an experiment's results table lacks: trains drivers, then evaluates them."""
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
@@ -15,55 +15,59 @@ from drl_av.files import Row
 
 
 class Cell(Protocol):
-    """A group of rows of a table that one training or one evaluation produces together."""
+    """A cell: a group of rows of a results table that one training or evaluation makes together."""
 
     @property
     def key(self) -> Row:
-        """The columns and values that all rows of the cell have in common."""
+        """The columns, with their values, that all rows of the cell have in common."""
 
     @property
     def training(self) -> TrainingJob | None:
-        """The training that the rows need, or None."""
+        """The training that must end before the rows can be made, or None."""
 
     def check(self) -> None:
         """Raise DrlAvError if the rows cannot be made; called before any training."""
 
     def missing(self, rows: Sequence[Row]) -> int:
-        """Number of rows still to make; raises ValueError if the existing ``rows`` are damaged."""
+        """Return the number of episodes still to drive; ``rows`` are the existing rows of the cell.
+
+        Raises ValueError if they are damaged.
+        """
 
     def reported(self) -> list[Row]:
-        """The rows that the training's folder already holds, without an evaluation."""
+        """Return the rows that the training's folder holds; [] if rows need an evaluation."""
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Make the missing rows with ``jobs`` processes."""
+        """Make and yield the rows that ``rows`` lacks, in ``jobs`` processes."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The cells of a table, in stages that are made one after the other."""
+    """How an experiment's results table is made: its cells, in stages done one after the other."""
 
     made_with: MadeWith
+    """The settings and drivers of the rows."""
     stages: Sequence[Sequence[Cell]]
     order: Callable[[Row], Any]
-    """The place of a row in the table; no two have the same."""
+    """Returns the sort key of a row, which is unique in the table."""
     next_cell: Callable[[list[Row], Cell], Cell | None] = lambda rows, cell: None
-    """The cell after the last one, which depends on the rows so far; None for no more."""
+    """Returns a further cell, given the rows so far and the last cell; None to stop."""
     line: Callable[[list[Row], Cell], str] = lambda rows, cell: ""
-    """Printed when a cell is complete; empty for nothing."""
+    """Returns the line to print when a cell is complete; empty for none."""
     empty: str = ""
-    """Printed where there are no cells."""
+    """The line to print if there are no cells."""
 
     def make(
         self, store: ResultStore, options: ReproduceOptions
     ) -> Generator[Progress, None, None]:
-        """Train and drive what the store lacks.
+        """Do the trainings and evaluations whose rows the store lacks; yield the progress.
 
-        The store is saved when a training or a cell ends, and where the work is interrupted. Rows
-        that it has are not made again, even where the folders of their trainings are lost.
+        The store is saved when a training or a cell ends, and when the work is interrupted. Rows
+        that it has are not made again, even if the folders of their trainings are lost.
 
         Raises:
-            DrlAvError: rows are damaged; a training's folder has other settings or later
-                episodes; the disk refuses.
+            DrlAvError: rows are damaged, a training's folder has other settings or later episodes,
+                or a file cannot be written.
             SimulationError: a training or an evaluation failed.
         """
         cells = [cell for stage in self.stages for cell in stage]
@@ -111,7 +115,7 @@ def _label(cell: Cell) -> str:
 
 
 def _made(cell: Cell, store: ResultStore, options: ReproduceOptions) -> Generator[Row, None, None]:
-    """The missing rows of a cell; saves them when they are complete."""
+    """Make and yield the missing rows of a cell; save the results table when they are complete."""
     rows, begun_s = store.of(cell.key), monotonic()
     if cell.training:
         _require_drivers(store, [cell.training])
@@ -129,7 +133,10 @@ def _made(cell: Cell, store: ResultStore, options: ReproduceOptions) -> Generato
 def _train(
     stage: Sequence[Cell], store: ResultStore, options: ReproduceOptions
 ) -> Generator[Progress, None, None]:
-    """Do the trainings of incomplete cells, after the trainings that these continue."""
+    """Do the trainings that incomplete cells need; yield the progress.
+
+    If they continue other trainings (``TrainingJob.origin``), those are done first.
+    """
     incomplete = _incomplete(stage, store)
     begun = [cell.training for cell in incomplete if cell.training and cell.training.begun]
     _require_drivers(store, [job.origin for job in begun if job.origin])
@@ -154,13 +161,13 @@ def _train(
 
 
 def _require_drivers(store: ResultStore, jobs: Iterable[TrainingJob]) -> None:
-    """Raise DrlAvError where the table has rows of other drivers of the same names."""
+    """Raise DrlAvError if the table has rows of these trainings with other final policies."""
     trained = [job for job in jobs if job.policy.is_file()]
     store.require(MadeWith({}, {job.name: checksum(job.policy) for job in trained}))
 
 
 def _collect(cells: Sequence[Cell], store: ResultStore, options: ReproduceOptions) -> None:
-    """Add the reports of trainings to the table, where these are more than it has."""
+    """Read the rows that the trainings report; save them if they are more than before."""
     with report_corrupt_table(store.path):
         changed = [store.put(cell.key, cell.reported()) for cell in cells]
     for job in {cell.training for cell in cells if cell.training}:

@@ -1,4 +1,4 @@
-"""The provenance of results: the command, versions, SUMO's steps and the machine."""
+"""Describes how results were made: the command, versions, SUMO's steps and the machine."""
 
 import os
 import platform
@@ -16,11 +16,11 @@ from drl_av.drivers import policy_file
 
 PACKAGES = ("drl-av", "eclipse-sumo", "torch", "numpy", "gymnasium")
 INTEGRATION = "semi-implicit Euler"
-"""SUMO's default, which no setting changes."""
+"""SUMO's integration method: its default, which no setting changes."""
 
 
 def provenance(config: Config, **facts: Any) -> dict[str, Any]:
-    """Everything about this process that a results file depends on, and the caller's own facts."""
+    """Return the facts about this process on which results depend, plus the caller's ``facts``."""
     return {
         "command": command(),
         "date": datetime.now(UTC).date().isoformat(),
@@ -35,7 +35,7 @@ def provenance(config: Config, **facts: Any) -> dict[str, Any]:
 
 
 def command() -> str:
-    """The command line of this process, as it is given in the project's folder."""
+    """Return the command line that starts this process, as typed in the project's folder."""
     program = Path(sys.argv[0])
     called = {
         "tools": ["python", f"tools/{program.name}"],
@@ -45,7 +45,7 @@ def command() -> str:
 
 
 def made_by(seconds: float) -> str:
-    """Command, time, versions and machine in one line, for results that are a text."""
+    """Return command, wall time, date, versions and machine in one line, for results as text."""
     facts = provenance(Config())
     versions = ", ".join(f"{package} {facts[package]}" for package in ("python", *PACKAGES))
     return (
@@ -55,17 +55,19 @@ def made_by(seconds: float) -> str:
 
 
 def checksum(policy: Path) -> str:
-    """SHA-256 of a policy file's tensors: the same driver, whatever settings were added since.
+    """Return the SHA-256 of a policy file's weights, without its config.
+
+    It identifies a driver even if later versions add settings.
 
     Raises:
-        CheckpointError: as ``policy_file.load``.
+        CheckpointError: the file is missing or damaged, or is not a file of this package.
     """
     tensors, _ = policy_file.load(policy)
     return policy_file.checksum(tensors, "")
 
 
 def machine() -> str:
-    """Processor, number of cores, and operating system."""
+    """Return the processor's model, the number of cores and the operating system, as text."""
     model = platform.processor() or platform.machine()
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.is_file():
@@ -76,9 +78,9 @@ def machine() -> str:
 
 
 def blas() -> str:
-    """The linear algebra libraries of this process, and the kernels each chose.
+    """Return the BLAS libraries of this process and the kernels they chose, as text.
 
-    Networks trained with other kernels differ in their last bits, and then in all.
+    Other kernels round differently, so that a training with them gives another network.
     """
     libraries = [info for info in threadpool_info() if info["user_api"] == "blas"]
     found = [

@@ -1,4 +1,4 @@
-"""The store of results: a CSV table, and a JSON file beside it with the table's provenance."""
+"""Stores results: a CSV table, and a JSON file beside it with the table's provenance."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -17,7 +17,7 @@ from drl_av.experiments.provenance import provenance
 from drl_av.files import Row, read_table, require_writable, write_table, write_whole
 
 Derived = Mapping[str, Callable[[list[Row]], list[Row]]]
-"""Names of tables that are computed from another one, and how."""
+"""Functions that compute further tables from the rows of a table, by the file name of each."""
 
 
 class MadeWith(NamedTuple):
@@ -28,12 +28,15 @@ class MadeWith(NamedTuple):
 
     settings: Mapping[str, Config]
     policies: Mapping[str, str | None] = {}
-    """SHA-256 of learned drivers; None where all drivers of the table are rules."""
+    """SHA-256 of the learned drivers' weights; None if all drivers are rule-based."""
     episodes: Mapping[str, int] = {}
-    """Training episodes of the drivers."""
+    """Number of training episodes of the drivers."""
 
     def contradicts(self, other: "MadeWith") -> bool:
-        """Whether a setting, policy or number of episodes has two values for the same name."""
+        """Return whether a name has another config, policy or number of episodes in ``other``.
+
+        It is also True if only one of them uses the name "" for its settings.
+        """
         pairs: list[tuple[Mapping[str, Any], Mapping[str, Any]]]
         pairs = [*zip(self, other, strict=True)]
         shared = bool(self.settings and other.settings)
@@ -42,7 +45,7 @@ class MadeWith(NamedTuple):
         )
 
     def extended(self, other: "MadeWith") -> "MadeWith":
-        """The settings and drivers of both, as one value."""
+        """Return the settings and drivers of both as one value; ``other`` wins for equal names."""
         return MadeWith(
             {**self.settings, **other.settings},
             {**self.policies, **other.policies},
@@ -54,8 +57,8 @@ class ResultStore:
     """A table on disk to which only missing rows are added, sorted by ``order(row)``.
 
     Raises:
-        DrlAvError: the table was made with other settings or another driver, or it is damaged, or
-            the disk refuses.
+        DrlAvError: the table was made with other settings or another driver, is damaged, or cannot
+            be written.
     """
 
     def __init__(
@@ -82,22 +85,25 @@ class ResultStore:
         self.require(made_with)
 
     def of(self, key: Row) -> list[Row]:
-        """The rows whose columns have the values in ``key``."""
+        """Return the rows whose columns have the values in ``key``."""
         return [row for row in self.rows if key.items() <= row.items()]
 
     def require(self, made_with: MadeWith) -> None:
-        """Record with what new rows are made; raises DrlAvError if it differs for existing rows."""
+        """Record the settings and drivers of new rows.
+
+        Raises DrlAvError if they contradict those of the existing rows.
+        """
         if made_with.contradicts(self._made_with):
             raise settings_mismatch(self.path)
         self._made_with = self._made_with.extended(made_with)
 
     def require_columns(self, row: Row) -> None:
-        """Raise DrlAvError if the columns of the table differ from those of the row."""
+        """Raise DrlAvError if the table's rows have other columns than ``row``."""
         if self.rows and row.keys() != self.rows[0].keys():
             raise settings_mismatch(self.path)
 
     def put(self, key: Row, rows: Sequence[Row]) -> bool:
-        """Replace the rows of a key if there are more new rows than old; returns whether it did."""
+        """Replace the rows of ``key`` by ``rows`` if these are more; return whether it did."""
         if len(rows) <= len(self.of(key)):
             return False
         self.require_columns(rows[0])
@@ -106,13 +112,13 @@ class ResultStore:
         return True
 
     def save(self, options: ReproduceOptions) -> None:
-        """Write the sidecar, the table and the derived tables in this order, each atomically."""
+        """Write the provenance, the table and the derived tables in this order, each atomically."""
         write_sidecar(self.path, self._facts(options))
         write_table(self.path, self.rows[0], self.rows)
         self.save_derived()
 
     def save_derived(self) -> None:
-        """Write the tables that derive from this one; raises DrlAvError."""
+        """Write the tables that derive from this one; raises DrlAvError if that fails."""
         if self.rows:
             with report_corrupt_table(self.path):
                 derived = self._derive()
@@ -144,7 +150,10 @@ class ResultStore:
 
 
 def _stored(facts: dict[str, Any], table: Path) -> MadeWith:
-    """The settings and drivers that a sidecar names; for use in ``report_corrupt_table``."""
+    """Return the settings and drivers that the provenance ``facts`` of a table name.
+
+    Damaged facts cause the errors that ``report_corrupt_table`` replaces.
+    """
     settings, name = facts["settings"], str(sidecar(table))
     if "simulation" in settings:
         config = stored_config(settings, name)
@@ -154,24 +163,26 @@ def _stored(facts: dict[str, Any], table: Path) -> MadeWith:
 
 
 def _seconds(facts: dict[str, Any]) -> dict[str, float]:
-    """Wall times by the name of a training, or under "" for all rows together."""
+    """Return the wall times in the facts, s, by name of training, or "" for all rows together."""
     times = facts["wall_time_s"] if facts else {}
     named: dict[str, Any] = times if isinstance(times, dict) else {"": times}
     return {name: float(seconds) for name, seconds in named.items()}
 
 
 def stored_config(settings: dict[str, Any], name: str) -> Config:
-    """The config with which a table was made; missing settings get their old defaults.
+    """Return the config with which a table was made; missing settings get their former defaults.
+
+    ``name`` is the file that an error names.
 
     Raises:
-        ConfigError: it holds settings that this version does not know.
+        ConfigError: ``settings`` holds settings that this version does not know.
     """
     return from_toml(tomli_w.dumps(settings), OLD_DEFAULTS, name)
 
 
 @contextmanager
 def report_corrupt_table(table: Path) -> Iterator[None]:
-    """Turn errors that damaged rows or facts cause in the block into DrlAvError."""
+    """Replace the errors that damaged rows or facts cause in the block by DrlAvError."""
     try:
         yield
     except (ValueError, LookupError, TypeError, AttributeError) as error:
@@ -182,7 +193,7 @@ def report_corrupt_table(table: Path) -> Iterator[None]:
 
 
 def settings_mismatch(table: Path) -> DrlAvError:
-    """The error for a table that was made with other settings or drivers."""
+    """Return the error for a table that was made with other settings or drivers."""
     return DrlAvError(
         f"{table} was made with other settings or another driver: choose another folder with "
         f"--out, or move it and {sidecar(table).name} away to make it again."
@@ -190,12 +201,17 @@ def settings_mismatch(table: Path) -> DrlAvError:
 
 
 def read_rows(table: Path) -> list[Row]:
-    """The rows of a table as text; empty if there is no file. Raises as ``read_table``."""
+    """Read the rows of a CSV table as text; [] if the file does not exist.
+
+    Raises the errors of ``files.read_table``.
+    """
     return read_table(table) if table.exists() else []
 
 
 def seeds_held(rows: Iterable[Row], drivers: int = 1, first: int = 0) -> int:
-    """Count the traffic seeds, which must be first, first + 1, ... for each of ``drivers`` drivers.
+    """Return the number of traffic seeds in the rows.
+
+    They must be ``first``, ``first`` + 1, ... and each occur once for each of ``drivers`` drivers.
 
     Raises:
         ValueError: a seed is missing or occurs twice.
@@ -208,21 +224,21 @@ def seeds_held(rows: Iterable[Row], drivers: int = 1, first: int = 0) -> int:
 
 
 def sidecar(table: Path) -> Path:
-    """The file with a table's provenance: ``curves.csv`` has ``curves.json`` beside it."""
+    """Return the path of a table's provenance file: ``curves.json`` for ``curves.csv``."""
     return table.with_suffix(".json")
 
 
 def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
-    """Write the provenance of a table atomically; raises DrlAvError if it cannot be written."""
+    """Write the provenance of a table atomically; raises DrlAvError if the write fails."""
     write_whole(sidecar(table), json.dumps(facts, indent=2).encode() + b"\n")
 
 
 def read_sidecar(table: Path) -> dict[str, Any]:
-    """The provenance of a table; empty if neither the table nor its sidecar exists.
+    """Read the provenance of a table; {} if neither the table nor its provenance file exists.
 
     Raises:
-        DrlAvError: the sidecar cannot be read, or is missing beside a table.
-        TypeError: the sidecar is not a JSON object.
+        DrlAvError: the file is missing beside a table, cannot be read, or holds no JSON object.
+        TypeError: settings, policies or episodes in it are not JSON objects.
     """
     path = sidecar(table)
     if not path.exists() and not table.exists():

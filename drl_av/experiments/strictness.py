@@ -1,4 +1,4 @@
-"""The speed that the check ``strict`` costs the shipped driver, by density and bound (ours)."""
+"""The experiment ``strict`` (ours): what the check ``strict`` costs the shipped driver in speed."""
 
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -9,7 +9,7 @@ from drl_av.errors import DrlAvError
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.statistics import Mean, mean_with_interval
 from drl_av.experiments import density_sweep
-from drl_av.experiments.canvas import lighten, panels
+from drl_av.experiments.canvas import label_axes, panels
 from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.density_sweep import DRIVER
 from drl_av.experiments.experiment import Experiment, Results
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 COLUMNS = ("seed", "mean_speed_m_s", "collided", "ego_hit", "safety_triggers")
 VEHICLES = 15
-"""Number of vehicles with which the bounds are changed, one at a time."""
+"""Number of vehicles in the episodes in which one bound is changed."""
 BOUNDS: dict[str, tuple[float, ...]] = {
     "braking_m_s2": (6.0, 9.0),
     "acceleration_m_s2": (4.0,),
@@ -41,7 +41,7 @@ BOUNDS: dict[str, tuple[float, ...]] = {
     "follower_braking_m_s2": (3.0,),
     "clearance_m": (0.0, 2.0),
 }
-"""Values of each bound besides its default, to which our traffic keeps."""
+"""The other values of each bound of [strict]; our traffic keeps to the defaults."""
 LABELS = {
     "braking_m_s2": "braking ahead",
     "acceleration_m_s2": "acceleration behind",
@@ -69,7 +69,10 @@ def under(config: Config, bounds: str) -> Config:
 
 
 def strict_plan(options: ReproduceOptions) -> Plan:
-    """The plan: the shipped driver with both checks at every density, then with changed bounds."""
+    """Plan to evaluate the shipped driver under ``paper`` and ``strict`` at each density.
+
+    Then it drives among 15 vehicles under ``strict`` with one bound changed at a time.
+    """
     config = options.laid_over(default_config(find_drivers([DRIVER])))
     keys = [(check, "", "", n) for n in DENSITIES for check in ("paper", "strict")]
     keys += [
@@ -93,7 +96,7 @@ def strict_plan(options: ReproduceOptions) -> Plan:
 
 
 def strict_table(results: Results) -> str:
-    """The change of the mean speed under ``strict``, percent, and the collisions."""
+    """Return the Markdown table of speed change from ``paper`` to ``strict``, and collisions."""
     rows = [row for row in results.rows("strict.csv") if not row["bound"]]
     densities = densities_of(rows)
     strict = [
@@ -108,7 +111,10 @@ def strict_table(results: Results) -> str:
 
 
 def summary_table(results: Results) -> str:
-    """Each driver over the densities up to the paper's 30 vehicles; the shipped one also strict."""
+    """Return the Markdown table of each driver's results over all densities up to 30 vehicles.
+
+    The shipped driver has a second row, under ``strict``.
+    """
     driven: dict[tuple[str, str], list[Row]] = {}
     for row in results.rows(density_sweep.TABLE):
         if int(row["vehicles"]) <= PAPER_VEHICLES:
@@ -126,7 +132,7 @@ def summary_table(results: Results) -> str:
 
 
 def strict_figure(rows: list[Row]) -> "Figure":
-    """The figure: change of the mean speed from ``paper`` to ``strict`` on the same seeds, %."""
+    """Draw the change in mean speed from ``paper`` to ``strict``, %, by density and by bound."""
     figure, (by_density, by_bound) = panels((11.5, 4), 1, 2)
     plain = [row for row in rows if not row["bound"]]
     numbers = densities_of(row for row in plain if row["check"] == "strict")
@@ -141,13 +147,15 @@ def strict_figure(rows: list[Row]) -> "Figure":
         figure.legend(loc="outside right center", frameon=False)
     labels = ("vehicles on the loop", "bound, as a multiple of its default")
     for axes, label in zip((by_density, by_bound), labels, strict=True):
-        lighten(axes, label, "change of the mean speed, %")
+        label_axes(axes, label, "change of the mean speed, %")
         axes.axhline(0.0, color="#999999", linewidth=1)
     return figure
 
 
 def change(rows: Iterable[Row], plain: Iterable[Row], vehicles: int) -> Mean:
-    """The change of the mean speed from ``paper`` in ``plain`` to ``strict`` in ``rows``, percent.
+    """Return the change in mean speed from ``paper`` to ``strict`` at a number of vehicles, %.
+
+    The episodes under ``strict`` are those in ``rows``, those under ``paper`` are in ``plain``.
 
     Raises:
         DrlAvError: the traffic seeds of both differ.
@@ -160,7 +168,9 @@ def change(rows: Iterable[Row], plain: Iterable[Row], vehicles: int) -> Mean:
 
 
 def speed_change(changed: Iterable[Row], plain: Iterable[Row]) -> Mean:
-    """The change of the mean speed between rows of the same traffic, in percent of ``plain``.
+    """Return the mean change of the speed from ``plain`` to ``changed``, in percent of ``plain``.
+
+    The episodes are paired by traffic; a negative change is a loss of speed.
 
     Raises:
         DrlAvError: the traffic seeds of both differ.

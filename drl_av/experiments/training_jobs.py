@@ -1,4 +1,4 @@
-"""The trainings of experiments: each continues from its folder, where its reports are read."""
+"""Does the trainings of experiments, which continue from their folders, and reads their reports."""
 
 import re
 import time
@@ -14,7 +14,7 @@ from drl_av.files import Row, read_table
 
 @dataclass(frozen=True)
 class TrainingJob:
-    """A training of an experiment, up to an episode of its schedule."""
+    """A training of an experiment, up to the episode ``stop`` of its schedule."""
 
     variant: str
     config: Config
@@ -22,18 +22,18 @@ class TrainingJob:
     """Last episode to drive; the config's schedule may be longer."""
     folder: Path
     every: int
-    """Number of episodes for each row of its table."""
+    """Number of episodes from one row of the experiment's table to the next."""
     origin: "TrainingJob | None" = None
     """The training whose driver this training continues; None for a new driver."""
 
     @property
     def name(self) -> str:
-        """Variant and seed, the name of its folder."""
+        """Name of the folder: variant and seed."""
         return self.folder.name
 
     @property
     def key(self) -> Row:
-        """The columns and values that all its rows have in common."""
+        """The columns and values that all its rows in a table have in common."""
         return {"variant": self.variant, "seed": str(self.config.learning.seed)}
 
     @property
@@ -48,17 +48,17 @@ class TrainingJob:
 
     @property
     def last_row(self) -> int:
-        """Episode of the last row in its table."""
+        """Episode of the training's last row in the table; 0 if it is too short for a row."""
         whole = self.stop == self.config.learning.episodes
         return self.stop if whole else self.stop // self.every * self.every
 
     @property
     def clock(self) -> Path:
-        """CSV file beside the folder: the wall time of the episodes up to each checkpoint."""
+        """CSV file beside the folder: episode, and wall time since the previous row, s."""
         return self.folder.with_suffix(".seconds.csv")
 
     def until(self, stop: int) -> "TrainingJob":
-        """A copy of the job with another last episode."""
+        """Return a copy of the job with another last episode."""
         return replace(self, stop=stop)
 
     def require_same_settings(self) -> None:
@@ -82,12 +82,12 @@ class TrainingJob:
             )
 
     def episodes_driven(self) -> int:
-        """Number of episodes that the training has completed."""
+        """Return the number of episodes that the training has completed."""
         file = self.folder / "episodes.csv"
         return max(file.read_bytes().count(b"\n") - 1, 0) if file.is_file() else 0
 
     def wall_time_s(self) -> float | None:
-        """Seconds that the training took, each episode counted once; None if not measured.
+        """Return the wall time of the training, s, each episode counted once; None if not measured.
 
         An incomplete last line of the file does not count.
         """
@@ -99,10 +99,10 @@ class TrainingJob:
 
 
 def train_job(job: TrainingJob) -> None:
-    """Continue a training from its last checkpoint to the job's last episode, if necessary.
+    """Start or continue a training up to the job's last episode; do nothing if it is complete.
 
     Raises:
-        RunError: the folder holds a training with other settings, or another process is in it.
+        RunError: the folder holds a training with other settings, or another process uses it.
     """
     job.require_same_settings()
     from drl_av.env.highway import HighwayEnv
@@ -128,19 +128,19 @@ def train_job(job: TrainingJob) -> None:
                 run.save(training)
             if stops or done % job.config.learning.checkpoint_every == 0:
                 now_s = time.monotonic()
-                _note(job.clock, done, now_s - begun_s)
+                _append_time(job.clock, done, now_s - begun_s)
                 begun_s = now_s
             if stops:
                 return
 
 
-def _note(clock: Path, episode: int, seconds: float) -> None:
+def _append_time(clock: Path, episode: int, seconds: float) -> None:
     with clock.open("a", encoding="utf-8") as file:
         file.write(f"{episode},{seconds:.1f}\n")
 
 
 def blocks_of(job: TrainingJob) -> list[Row]:
-    """The rows of a training so far: one mean for each ``job.every`` episodes."""
+    """Return the rows of a training so far: means over each ``job.every`` training episodes."""
     episodes = read_table(job.folder / "episodes.csv", growing=True)[: job.stop]
     ends = range(job.every, len(episodes) + 1, job.every)
     last = [job.stop] if len(episodes) == job.stop == job.config.learning.episodes else []
@@ -155,9 +155,9 @@ def blocks_of(job: TrainingJob) -> list[Row]:
 
 
 def evaluations_of(job: TrainingJob) -> list[Row]:
-    """The rows of a training so far, one for each evaluation.
+    """Return the rows of a training so far, one for each evaluation.
 
-    A row has the means of the greedy driver in the evaluation, and the means of the training
+    A row has the results of the greedy driver in the evaluation, and the means of the training
     episodes since the previous evaluation, which include exploration.
     """
     evaluations = read_table(job.folder / "evaluations.csv", growing=True)

@@ -1,4 +1,4 @@
-"""The experiments that drive the drivers of the density sweep with other settings."""
+"""The experiments that evaluate drivers of the density sweep with other settings."""
 
 from functools import partial
 from typing import Any
@@ -29,7 +29,7 @@ CATCH_UP = {
     "acc_gap_gain_per_s": 1 / Config().reward.catch_up_time_s,
     "reference_standstill_gap_m": 0.0,
 }
-"""Adaptive cruise control that closes gaps as v_des of the reward does, and follows at d_safe."""
+"""Settings of an adaptive cruise control that keeps d_safe and closes gaps as v_des assumes."""
 
 
 def varied(
@@ -39,7 +39,10 @@ def varied(
     settings: dict[str, Any],
     densities: tuple[int, ...] = (),
 ) -> Plan:
-    """The plan: drivers with other settings in one section; by default at all densities."""
+    """Plan to evaluate drivers with other settings in one section of the config.
+
+    ``densities`` are the numbers of vehicles; by default those of the published tables.
+    """
     config = options.laid_over(default_config(find_drivers(drivers))).updated(section, **settings)
     numbers = densities or DENSITIES
     cells = [Drives(config, drivers, vehicles, options.drives) for vehicles in numbers]
@@ -51,7 +54,7 @@ def varied(
 
 
 def check_table(results: Results) -> str:
-    """The table: drivers with and without the check, over all densities."""
+    """Return the Markdown table of drivers with and without the check, over all densities."""
     rows = results.rows(CHECK_PAPER.table) + results.rows(CHECK_PERMIT_ALL.table)
     densities = {row["vehicles"] for row in rows}
     rows += [
@@ -69,7 +72,11 @@ def check_table(results: Results) -> str:
 
 
 def reference_table(results: Results) -> str:
-    """The table: each driver with the paper's accelerations and with the other references."""
+    """Return the Markdown table of each driver's results under up to three settings.
+
+    They are the default (the paper's accelerations), the default with an exact v_des, and the
+    longitudinal reference ``acc``.
+    """
     tables = {
         "the paper's accelerations": results.rows(density_sweep.TABLE),
         "the same, v_des exact": results.rows(EXACT_SPEED.table),
@@ -90,7 +97,7 @@ def reference_table(results: Results) -> str:
 
 
 def barricade_table(results: Results) -> str:
-    """The table: the shipped driver beside a closed lane and on the open road."""
+    """Return the Markdown table of the shipped driver beside a closed lane and on the open road."""
     closed, swept = results.rows(BARRICADE_PRETRAINED.table), results.rows(density_sweep.TABLE)
     densities = {row["vehicles"] for row in closed}
     lines = []

@@ -139,9 +139,9 @@ class Buffer(Protocol):
     def restore(self, state: State) -> None: ...
 
     def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store an action that the check replaced, with the next state of its replacement (ours).
+        """Store an action that the check replaced, like a safe transition (ours).
 
-        Here it is stored like a safe transition.
+        ``s_tp1`` is the state after the action that was executed instead.
         """
         self.add_safe(s_t, a_t, r_tp1, s_tp1)
 
@@ -190,9 +190,9 @@ class TwoBuffers(Buffer):
         self.collision.append(s_t, a_t, r_col, 0.0, 0.0)
 
     def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store in Buf_C an action that the check replaced, not terminal (ours).
+        """Store in Buf_C an action that the check replaced, as a row that is not terminal (ours).
 
-        ``s_tp1`` is the next state of the replacement.
+        ``s_tp1`` is the state after the action that was executed instead.
         """
         self.collision.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 

@@ -183,7 +183,8 @@ def _refusals_of(file: Path) -> Iterator[None]:
 def train(run: Run, training: Training) -> Iterator[Progress]:
     """Train to the last episode, with evaluations and checkpoints; yield the rows of each episode.
 
-    The rows are in the CSV files before they are yielded. Raises as ``Run.append``, ``Run.save``.
+    The rows are in the CSV files before they are yielded. Raises RunError or CheckpointError if a
+    file cannot be written.
     """
     config = training.config.learning
     while training.episodes_done < config.episodes:

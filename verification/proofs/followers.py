@@ -19,7 +19,7 @@ from verification.proofs.motion import (
 def response_claims(a: Argument) -> Iterator[Claim]:
     """Yield one claim for each start position and action with which the ego enters the new lane.
 
-    It does so within one decision; the claim is that of ``handed_over``.
+    It does so within one decision. The claim is that the follower in the new lane stays behind it.
     """
     for y_m in places(a):
         path = going(y_m, 1, a.steps, a)
