@@ -21,6 +21,9 @@ CUT_IN = "cut in too close ahead of the ego"
 BESIDE = "moved into the ego's lane beside it"
 TOO_FAST = "moved in behind the ego too fast to stay there"
 BEHIND = "did not stay behind the ego"
+BRAKES = "the ego brakes"
+SOONER = "it kept the bound a SUMO step sooner"
+"""A driver decides on the positions before a step."""
 
 
 class Breach(NamedTuple):
@@ -29,6 +32,8 @@ class Breach(NamedTuple):
     time_s: float
     vehicle: str
     bound: str
+    circumstance: str = ""
+    """``BRAKES``, ``SOONER`` or nothing."""
 
 
 class Auditor:
@@ -44,7 +49,8 @@ class Auditor:
         self.cut_ins_m: list[float] = []
         """By how much each cut-in ahead of the ego exceeded the gap it had to leave."""
         self._before: Snapshot | None = None
-        self._ego_m_s2 = 0.0
+        self._ego_m_s2 = (0.0, 0.0)
+        """The ego's acceleration in the step before this one, and in this one."""
         self._lane_s = np.full(len(self._road.open_lanes), np.inf)
 
     def watch(self, after: Snapshot) -> None:
@@ -55,7 +61,8 @@ class Auditor:
         step_s = self._config.simulation.step_length_s
         strict = self._config.strict
         rates = (after.speed_m_s - before.speed_m_s) / step_s
-        self._ego_m_s2, acceleration = float(rates[EGO]), rates[1:]
+        self._ego_m_s2 = (self._ego_m_s2[1], float(rates[EGO]))
+        acceleration = rates[1:]
         sideways = np.abs(after.y_m - before.y_m)[1:] / step_s
         self._tell(after, -acceleration > strict.braking_m_s2 + TOLERANCE, BRAKED)
         self._tell(after, acceleration > strict.acceleration_m_s2 + TOLERANCE, ACCELERATED)
@@ -68,12 +75,12 @@ class Auditor:
         found = {b.bound for b in self.breaches if b.vehicle == vehicle and b.time_s >= since_s}
         return "; ".join(sorted(found))
 
-    def _record(self, after: Snapshot, row: int, bound: str) -> None:
-        self.breaches.append(Breach(after.time_s, after.ids[row], bound))
+    def _record(self, after: Snapshot, row: int, bound: str, circumstance: str = "") -> None:
+        self.breaches.append(Breach(after.time_s, after.ids[row], bound, circumstance))
 
-    def _tell(self, after: Snapshot, broken: BoolArray, bound: str) -> None:
+    def _tell(self, after: Snapshot, broken: BoolArray, bound: str, circumstance: str = "") -> None:
         for row in np.flatnonzero(broken):
-            self._record(after, int(row) + 1, bound)
+            self._record(after, int(row) + 1, bound, circumstance)
 
     def _ahead_m(self, shot: Snapshot) -> FloatArray:
         """Distances ahead of the ego round the loop, m, from 0 to its length; shape (vehicles,)."""
@@ -85,6 +92,7 @@ class Auditor:
 
         A lane that the ego leaves in this step does not count: SUMO moves a vehicle after those
         ahead of it.
+        A vehicle that is ahead in one of the ego's lanes already may move into another one.
         """
         step_s, width_m = self._config.simulation.step_length_s, self._road.lane_width_m
         lowest, highest = lanes_under(before.y_m, before.width_m, width_m)
@@ -92,16 +100,20 @@ class Auditor:
         ego_lowest, ego_highest = max(lowest[EGO], stays[0]), min(highest[EGO], stays[1])
         earlier_m = before.y_m - before.lateral_speed_m_s * step_s
         moved_m = after.y_m - before.y_m
-        for row in np.flatnonzero(np.abs(moved_m) > STILL_M_S * step_s).tolist():
+        moved = np.abs(before.lateral_speed_m_s) > STILL_M_S
+        lowest_after, highest_after = lanes_under(after.y_m, after.width_m, width_m)
+        enters = (lowest_after < lowest) | (highest_after > highest)
+        for row in np.flatnonzero((np.abs(moved_m) > STILL_M_S * step_s) | enters).tolist():
             side, lane = self._heading(before.y_m[row], after.y_m[row])
-            goes_on = (side, lane) == self._heading(earlier_m[row], before.y_m[row])
+            goes_on = moved[row] and (side, lane) == self._heading(earlier_m[row], before.y_m[row])
             arrived = abs(before.y_m[row] - lane * width_m) <= ARRIVED_M
             is_in = lowest[row] <= lane <= highest[row]
             if row == EGO or goes_on or arrived or is_in:
                 continue
             if ego_lowest <= lane <= ego_highest:
                 there = (lowest <= lane) & (lane <= highest) & (np.arange(len(moved_m)) != row)
-                self._judge_entry(after, row, there)
+                is_met = lowest[row] <= highest[EGO] and lowest[EGO] <= highest[row]
+                self._judge_entry(before, after, row, there, is_met)
 
     def _heading(self, from_m: float, to_m: float) -> tuple[int, int]:
         """Side and lane that a vehicle moves to; past a centre it is bound for the next lane."""
@@ -109,32 +121,47 @@ class Auditor:
         lane = math.ceil if side > 0 else math.floor
         return side, lane((to_m - side * ARRIVED_M) / width_m)
 
-    def _judge_entry(self, after: Snapshot, row: int, there: BoolArray) -> None:
+    def _judge_entry(
+        self, before: Snapshot, after: Snapshot, row: int, there: BoolArray, is_met: bool
+    ) -> None:
         """Record a vehicle that moves into the ego's lane with too small a gap.
 
-        ``there`` marks the vehicles that already are in the lane.
+        ``there`` marks the vehicles that already are in the lane; ``is_met`` says that the vehicle
+        was in another lane of the ego's.
         """
-        lengths_m = (after.length_m[row] + after.length_m[EGO]) / 2
-        ahead_m, lap_m = self._ahead_m(after), self._road.lap_m
-        gap_m, behind_m = ahead_m[row] - lengths_m, lap_m - ahead_m[row] - lengths_m
+        ahead_m = self._ahead_m(after)
+        gap_m, behind_m = self._gaps(after, row)
         if min(gap_m, behind_m) <= 0:
             self._record(after, row, BESIDE)
             return
         there[EGO] = False
-        if not (there & (ahead_m < ahead_m[row])).any():
-            self._judge_cut_in(after, row, float(gap_m), gap_m < behind_m)
+        if not is_met and not (there & (ahead_m < ahead_m[row])).any():
+            self._judge_cut_in(before, after, row)
         if not (there & (ahead_m > ahead_m[row])).any() and self._must_hit(after, behind_m)[row]:
-            self._record(after, row, TOO_FAST)
+            sooner = not self._must_hit(before, self._gaps(before, row)[1])[row]
+            self._record(after, row, TOO_FAST, SOONER if sooner else "")
 
-    def _judge_cut_in(self, after: Snapshot, row: int, gap_m: float, is_nearer: bool) -> None:
-        config = self._config
-        ego_m_s, other_m_s = after.speed_m_s[EGO], after.speed_m_s[row]
-        rate = self._ego_m_s2
-        needs_m = cut_in_gap(ego_m_s, rate, other_m_s, config.strict, config.ego, config.simulation)
-        if is_nearer:
-            self.cut_ins_m.append(float(gap_m - needs_m))
-        if gap_m <= needs_m:
-            self._record(after, row, CUT_IN)
+    def _gaps(self, shot: Snapshot, row: int) -> tuple[float, float]:
+        """Return the net gaps to a vehicle as one ahead of the ego, and as one behind it, m."""
+        lengths_m = (shot.length_m[row] + shot.length_m[EGO]) / 2
+        ahead_m = self._ahead_m(shot)[row]
+        return float(ahead_m - lengths_m), float(self._road.lap_m - ahead_m - lengths_m)
+
+    def _judge_cut_in(self, before: Snapshot, after: Snapshot, row: int) -> None:
+        rate_before, rate = self._ego_m_s2
+        margin_m = self._cut_in_margin_m(after, row, rate)
+        gap_m, behind_m = self._gaps(after, row)
+        if gap_m < behind_m:
+            self.cut_ins_m.append(margin_m)
+        if margin_m <= 0:
+            sooner = self._cut_in_margin_m(before, row, rate_before) > 0
+            self._record(after, row, CUT_IN, SOONER if sooner else "")
+
+    def _cut_in_margin_m(self, shot: Snapshot, row: int, rate: float) -> float:
+        """Return by how much the gap ahead of the ego exceeds the one that a cut-in must leave."""
+        config, speeds = self._config, (shot.speed_m_s[EGO], rate, shot.speed_m_s[row])
+        needs_m = cut_in_gap(*speeds, config.strict, config.ego, config.simulation)
+        return self._gaps(shot, row)[0] - float(needs_m)
 
     def _must_hit(self, shot: Snapshot, behind_m: FloatArray | float) -> BoolArray:
         """Which vehicles could not stop behind the ego if both braked fully from now on."""
@@ -146,14 +173,16 @@ class Auditor:
         return result
 
     def _watch_followers(self, before: Snapshot, after: Snapshot, acceleration: FloatArray) -> None:
-        """Check bound 4: a vehicle behind that braked too little to avoid a hard-braking ego."""
+        """Check bound 4: a vehicle behind that braked too little to avoid a hard-braking ego.
+
+        It shares a lane with the ego before and after the step.
+        """
         strict, step_s = self._config.strict, self._config.simulation.step_length_s
-        lanes = np.arange(len(self._lane_s))
-        lowest, highest = lanes_under(before.y_m, before.width_m, self._road.lane_width_m)
-        over = (lowest[EGO] <= lanes) & (lanes <= highest[EGO])
-        theirs = (lowest[1:, None] <= lanes) & (lanes <= highest[1:, None])
+        theirs, over = self._lanes(before)
         shared_s = np.where(theirs & over, self._lane_s, -1.0).max(axis=1)
         self._lane_s = np.where(over, self._lane_s + step_s, 0.0)
+        theirs_after, over_after = self._lanes(after)
+        shares = (theirs_after & over_after).any(axis=1)
         behind_m = -self._ahead_m(after) % self._road.lap_m
         gap_m = behind_m - (after.length_m + after.length_m[EGO]) / 2
         near = (gap_m > -after.length_m) & (gap_m < 100.0)
@@ -161,4 +190,13 @@ class Auditor:
         idle = (acceleration > -strict.follower_braking_m_s2 + TOLERANCE) & (
             after.speed_m_s[1:] > 0
         )
-        self._tell(after, late & idle & (shared_s >= strict.follower_response_s), BEHIND)
+        responds = shares & (shared_s >= strict.follower_response_s)
+        brakes = BRAKES if self._ego_m_s2[1] < 0 else ""
+        self._tell(after, late & idle & responds, BEHIND, brakes)
+
+    def _lanes(self, shot: Snapshot) -> tuple[BoolArray, BoolArray]:
+        """Whether each other vehicle, shape (others, lanes), and the ego are over each lane."""
+        lowest, highest = lanes_under(shot.y_m, shot.width_m, self._road.lane_width_m)
+        lanes = np.arange(len(self._lane_s))
+        over: BoolArray = (lowest[:, None] <= lanes) & (lanes <= highest[:, None])
+        return over[1:], over[EGO]

@@ -7,7 +7,8 @@ implemented a second time; a test compares the results with those of ``strict`` 
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.driving.actions import Lateral, Longitudinal
+from drl_av.driving.actions import ACTIONS, Lateral, Longitudinal
+from drl_av.safety.check import SafetyCheck
 from drl_av.safety.reachability import (
     ON_LINE_M,
     Others,
@@ -16,9 +17,9 @@ from drl_av.safety.reachability import (
     lateral_extent,
     may_reach,
     met,
-    must_reach,
+    stays_behind,
 )
-from drl_av.safety.stopping import reach
+from drl_av.safety.stopping import covered, reach
 from drl_av.safety.strict import ORDER, seconds_to_line
 from drl_av.traffic.road import FloatArray
 from verification.kinematic_simulator import (
@@ -27,12 +28,23 @@ from verification.kinematic_simulator import (
     ROAD,
     SIGN,
     WIDTH_M,
+    BatchCheck,
     BoolArray,
     IntArray,
     World,
 )
 
 PLACE = np.array([ORDER.index(how) for how in Longitudinal])
+
+
+def one_by_one(check: SafetyCheck) -> BatchCheck:
+    """Return a BatchCheck that calls a safety check for each scene separately."""
+
+    def checked(world: World, proposal: IntArray) -> IntArray:
+        verdicts = (check(world.scene(row), ACTIONS[n]) for row, n in enumerate(proposal.tolist()))
+        return np.array([verdict.action.number for verdict in verdicts])
+
+    return checked
 
 
 class BatchStrict:
@@ -58,7 +70,7 @@ class BatchStrict:
         target = np.where(sign == 0, NONE, lane + sign)
         target = np.where(still, target, np.where(turns, world.origin, world.target))
         origin = np.where(still, lane, world.origin + world.target - target)
-        fits = self._permits(world, origin, target, neighbors, reaches[np.arange(len(lane)), safe])
+        fits = self._permits(world, origin, target, neighbors, safe)
         fits &= (target == NONE) | ((target >= 0) & (target < len(ROAD.open_lanes)))
         back = np.where(still, int(Lateral.KEEP), _toward(out, world))
         lateral = np.where(fits | (target == out), proposal // 4, back)
@@ -98,7 +110,7 @@ class BatchStrict:
         origin: IntArray,
         target: IntArray,
         neighbors: Others,
-        rolled_m: FloatArray,
+        how: IntArray,
     ) -> BoolArray:
         config, sim, lane_m = self._config, self._config.simulation, ROAD.lane_width_m
         strict, y_m, sign = config.strict, world.y_m[:, 0], np.sign(target - origin)
@@ -107,12 +119,12 @@ class BatchStrict:
         right_m, left_m = right_m - aside_m * (sign < 0), left_m + aside_m * (sign > 0)
         meets = met(neighbors, right_m[:, None], left_m[:, None])
         to_line_m = sign * ((origin + target) / 2 * lane_m - y_m) - WIDTH_M / 2
-        delay_s = strict.follower_response_s
-        delay_s = delay_s + seconds_to_line(to_line_m, lane_m, config.ego, sim)[:, None]
-        must_m = must_reach(neighbors, delay_s, strict, sim.step_length_s)
-        result: BoolArray = (rolled_m < np.where(meets, neighbors.most_m, np.inf).min(axis=1)) & (
-            rolled_m > np.where(meets & ~neighbors.is_held, must_m, -np.inf).max(axis=1)
-        )
+        crosses_s = seconds_to_line(to_line_m, lane_m, config.ego, sim)[:, None]
+        motion = world.speed_m_s[:, :1], self._rates[how][:, None], config.ego, sim
+        covered_m = [*covered(*motion), reach(*motion)]
+        stays = stays_behind(neighbors, crosses_s, covered_m, strict, sim.step_length_s)
+        free = covered_m[-1] < np.where(meets, neighbors.most_m, np.inf)
+        result: BoolArray = (free & (stays | ~meets | neighbors.is_held)).all(axis=1)
         return result
 
     def _corridor(self, world: World, target: IntArray) -> tuple[FloatArray, FloatArray]:

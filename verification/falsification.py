@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.config import Config
+from drl_av.safety.reachability import STILL_M_S
 from drl_av.safety.stopping import reach, stopping_distance
 from drl_av.traffic.road import FloatArray
 from verification.kinematic_simulator import (
@@ -32,6 +33,8 @@ PLACED, RATES = 6, 2
 """Number of genes for the start of each other vehicle, and for each vehicle in each decision."""
 
 
+CREEPING_M_S = 0.9 * STILL_M_S
+"""A lateral speed at which the check sees a vehicle stand still sideways."""
 BRAKES = 99.0
 """A braking command, m/s^2, that the simulator reduces to the hardest allowed one."""
 
@@ -179,20 +182,23 @@ def orders(genome: FloatArray, family: Family, config: Config) -> Iterator[Order
     """Yield the commands for each decision that genomes, shape (scenes, genes), encode.
 
     An acceleration gene of 0 is half-way between the bounds; beyond +-0.67 it is at a bound. A
-    lateral gene beyond +-0.7 commands a lateral movement.
+    lateral gene beyond +-0.7 commands a lateral movement, and one beyond +-0.4 creeps sideways.
     """
     strict, n = config.strict, family.others
     commands = genome[:, PLACED * n :].reshape(len(genome), DECISIONS, RATES, n + 1)
     span = (strict.acceleration_m_s2 + strict.braking_m_s2) / 2
     middle = (strict.acceleration_m_s2 - strict.braking_m_s2) / 2
+    creep = min(CREEPING_M_S / strict.lateral_speed_m_s, 1.0) if strict.lateral_speed_m_s else 0.0
     for decision in range(DECISIONS):
         rate, side = commands[:, decision, 0], commands[:, decision, 1]
         wish = np.where(rate[:, 0] > -0.7, 1, np.where(rate[:, 0] > -1.2, 0, 3))
         lateral = np.where(side[:, 0] > 0.5, 2, np.where(side[:, 0] < -0.5, 1, 0))
+        size = np.abs(side[:, 1:])
+        share = np.where(size > 0.7, 1.0, np.where(size > 0.4, creep, 0.0))
         yield Orders(
             4 * lateral + wish,
             middle + span * np.clip(1.5 * rate[:, 1:], -1.0, 1.0),
-            np.where(np.abs(side[:, 1:]) > 0.7, np.sign(side[:, 1:]), 0.0),
+            share * np.sign(side[:, 1:]),
         )
 
 

@@ -27,7 +27,7 @@ from drl_av.errors import ScenarioError
 from drl_av.experiments.provenance import made_by
 from drl_av.safety import CHECKS, named_check
 from drl_av.traffic.snapshot import Collision
-from verification.batch_check import BatchStrict
+from verification.batch_check import BatchStrict, one_by_one
 from verification.falsification import (
     CONSTANT_SPEED,
     FAMILIES,
@@ -39,7 +39,8 @@ from verification.falsification import (
     scripted,
 )
 from verification.falsification import search as learn
-from verification.kinematic_simulator import BatchCheck, Integration, Mover, one_by_one
+from verification.integration import Integration
+from verification.kinematic_simulator import BatchCheck, Mover
 
 CLOSING_M_S = (0.0, 5.0, 10.0, 15.0, 20.0, 30.0)
 PLANTS = (

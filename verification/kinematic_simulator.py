@@ -6,21 +6,19 @@ Arrays have shape (scenes,) for the ego and (scenes, others) for the other vehic
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
-from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.safety.check import SafetyCheck
-from drl_av.safety.reachability import lanes_under, lateral_extent
+from drl_av.safety.reachability import STILL_M_S, lanes_under, lateral_extent
 from drl_av.safety.stopping import cut_in_gap, stopping_distance
 from drl_av.traffic.road import ARRIVED_M, FloatArray, Road
 from drl_av.traffic.snapshot import Collision, CollisionKind, Snapshot
+from verification.integration import Integration
 from verification.separation import first_collision, swept_separation
 
 IntArray = npt.NDArray[np.int64]
@@ -94,33 +92,6 @@ class Orders(NamedTuple):
 
 BatchCheck = Callable[[World, IntArray], IntArray]
 """A function from a world and proposed actions to the executed actions, 0 to 11; (scenes,)."""
-
-
-def one_by_one(check: SafetyCheck) -> BatchCheck:
-    """Return a BatchCheck that calls a safety check for each scene separately."""
-
-    def checked(world: World, proposal: IntArray) -> IntArray:
-        verdicts = (check(world.scene(row), ACTIONS[n]) for row, n in enumerate(proposal.tolist()))
-        return np.array([verdict.action.number for verdict in verdicts])
-
-    return checked
-
-
-class Integration(Enum):
-    """Integration method: at which speed a vehicle moves in a step that changes its speed."""
-
-    EULER = "euler"
-    """Semi-implicit, as SUMO does by default: at the speed after the step."""
-    BALLISTIC = "ballistic"
-    """At the mean of both speeds."""
-    EXPLICIT = "explicit"
-    """Explicit Euler, eq. 5 of the paper: at the speed before the step."""
-
-    def mean_speed(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return the speed at which a vehicle moves in a step, m/s, from those before and after."""
-        if self is Integration.BALLISTIC:
-            return (before + after) / 2
-        return after if self is Integration.EULER else before
 
 
 class Mover:
@@ -216,6 +187,7 @@ class Mover:
         earlier_m = y_m - world.lateral_m_s[:, 1:] * self.step_s
         goes_on = (np.sign(world.lateral_m_s[:, 1:]) == np.sign(side)) & (off_m > ARRIVED_M)
         goes_on &= _bound_for(earlier_m, side) == lane
+        goes_on &= np.abs(world.lateral_m_s[:, 1:]) > STILL_M_S
         is_in = (lowest[:, 1:] <= lane) & (lane <= highest[:, 1:])
         # each vehicle (axis 1) that is in the lane which another one (axis 2) would move into
         there = (lowest[:, :, None] <= lane[:, None]) & (lane[:, None] <= highest[:, :, None])
@@ -241,7 +213,17 @@ class Mover:
         begins = ~beside & (gap_m > needs_m) & (~front | follows)
         shares = (lowest[:, :1] <= highest[:, 1:]) & (lowest[:, 1:] <= highest[:, :1])
         is_met = shares & (lead_m[:, 0] > LENGTH_M)
-        result: FloatArray = np.where(goes_on | is_in | begins | is_met, side, 0.0)
+        permitted = goes_on | is_in | begins | is_met | self._creeps_in_lane(y_m, side)
+        return np.where(permitted, side, 0.0)
+
+    def _creeps_in_lane(self, y_m: FloatArray, side: FloatArray) -> BoolArray:
+        """Whether the others stand still sideways, as far as the check sees, in their lanes."""
+        lateral_m_s = side * self._config.strict.lateral_speed_m_s
+        after_m = y_m + lateral_m_s * self.step_s
+        lowest, highest = lanes_under(y_m, WIDTH_M, ROAD.lane_width_m)
+        lowest_after, highest_after = lanes_under(after_m, WIDTH_M, ROAD.lane_width_m)
+        stays = (lowest_after >= lowest) & (highest_after <= highest)
+        result: BoolArray = stays & (np.abs(lateral_m_s) < STILL_M_S)
         return result
 
     def _staying_behind(self, world: World, wanted: FloatArray) -> FloatArray:

@@ -12,8 +12,9 @@ import sys
 import time
 from collections import Counter
 from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from drl_av.config import Config, load_config
 from drl_av.drivers.rules import RandomDriver
@@ -32,7 +33,8 @@ from drl_av.experiments.store import (
 )
 from drl_av.files import append_rows, read_table
 from drl_av.safety import CHECKS
-from verification.auditor import Auditor
+from drl_av.traffic.population import Kind
+from verification.auditor import BEHIND, BRAKES, CUT_IN, SOONER, TOO_FAST, Auditor, Breach
 
 FIRST_SEED = 800_000
 SHARES = ("finite_state_share", "level_0_share", "level_1_share")
@@ -46,9 +48,19 @@ MIXES: tuple[tuple[float, float, float], ...] = (
 """Shares of the finite-state, level-0 and level-1 drivers; the rest is SUMO's IDM."""
 COLUMNS = (
     *("seed", "vehicles", "mix", "decisions", "mean_speed_m_s"),
-    *("ego_hit", "collision", "other", "broken_bounds", "breaches"),
+    *("ego_hit", "collision", "other", "broken_bounds", "breaches", "all_breaches"),
     *("cut_ins", "least_cut_in_margin_m"),
 )
+UNKNOWN = "no known cause"
+CAUSES = {
+    (BEHIND, BRAKES): "SUMO's IDM, which limits every driver, keeps a time gap and no stopping "
+    "distance, and brakes too late behind an ego that brakes",
+    (CUT_IN, SOONER): "its driver decided on the positions a SUMO step sooner, when it was right",
+    (TOO_FAST, SOONER): "its driver decided on the positions a SUMO step sooner, when it was right",
+}
+"""The cause of a broken bound in its circumstance."""
+APPROACH_S = 2.0
+"""Breaches of a vehicle that are farther apart belong to different approaches."""
 BLAME_S = 10.0
 """A bound broken up to this long before a collision explains it."""
 
@@ -92,9 +104,16 @@ class Watched:
             "other": other,
             "broken_bounds": self.auditor.explain(other, shot.time_s - BLAME_S) if other else "",
             "breaches": len(self.auditor.breaches),
+            "all_breaches": "; ".join(self._worded(breach) for breach in self.auditor.breaches),
             "cut_ins": len(margins),
             "least_cut_in_margin_m": round(min(margins), 3) if margins else "",
         }
+
+    def _worded(self, breach: Breach) -> str:
+        fleet = self.env.simulation.fleet
+        driver = Kind(fleet.kinds[fleet.population.ids.index(breach.vehicle)]).name.lower()
+        facts = breach.bound, driver, breach.vehicle, f"{breach.time_s:g}", breach.circumstance
+        return "|".join(facts)
 
 
 def environments(base: Config) -> dict[str, Watched]:
@@ -155,14 +174,55 @@ def report(rows: list[dict[str, str]]) -> int:
         f"{sum(int(row['cut_ins']) for row in rows)} cut-ins ahead of the ego, "
         f"least margin {min(margins, default=float('nan')):.2f} m"
     )
-    print(f"bounds broken {sum(int(row['breaches']) for row in rows)} times")
+    unexplained = report_breaches(rows)
     print(f"the ego hit something: {len(hits)}; it was hit: {len(hit_by)}")
     for row in hits + hit_by:
         print(
             f"  seed {row['seed']}, {row['vehicles']} vehicles, {row['mix']}: {row['collision']}, "
             f"{row['other']}: {row['broken_bounds'] or 'no bound broken'}"
         )
-    return 1 if hits or any(not row["broken_bounds"] for row in hit_by) else 0
+    return 1 if hits or unexplained or any(not row["broken_bounds"] for row in hit_by) else 0
+
+
+class Approach(NamedTuple):
+    """Breaches of one bound by one vehicle in a row."""
+
+    bound: str
+    driver: str
+    breaches: int
+    circumstance: str
+    """That of the first."""
+
+
+def approaches(cell: str) -> list[Approach]:
+    """The approaches of an episode, from its cell ``all_breaches``."""
+    found: dict[tuple[str, str, str], list[tuple[float, str]]] = {}
+    for words in filter(None, cell.split("; ")):
+        bound, driver, vehicle, time_s, circumstance = words.split("|")
+        found.setdefault((bound, driver, vehicle), []).append((float(time_s), circumstance))
+    result = []
+    for (bound, driver, _), moments in found.items():
+        later = [
+            n for n in range(1, len(moments)) if moments[n][0] - moments[n - 1][0] > APPROACH_S
+        ]
+        for start, end in pairwise([0, *later, len(moments)]):
+            result.append(Approach(bound, driver, end - start, moments[start][1]))
+    return result
+
+
+def report_breaches(rows: list[dict[str, str]]) -> bool:
+    """Print the broken bounds by cause; whether one has no known cause."""
+    every = [approach for row in rows for approach in approaches(row["all_breaches"])]
+    episodes = sum(bool(row["all_breaches"]) for row in rows)
+    print(f"bounds broken {sum(a.breaches for a in every)} times, in {episodes} episodes:")
+    groups: dict[tuple[str, str, str], list[Approach]] = {}
+    for each in every:
+        cause = CAUSES.get((each.bound, each.circumstance), UNKNOWN)
+        groups.setdefault((each.bound, each.driver, cause), []).append(each)
+    for (bound, driver, cause), members in sorted(groups.items()):
+        times = sum(each.breaches for each in members)
+        print(f"  {bound}, {driver}: {times} times in {len(members)} approaches: {cause}")
+    return any(cause == UNKNOWN for _, _, cause in groups)
 
 
 if __name__ == "__main__":

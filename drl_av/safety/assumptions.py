@@ -4,28 +4,36 @@ The safety of ``strict`` is proved in docs/safety.md. A combination that breaks 
 proof is refused with one sentence that names the setting.
 """
 
+import math
 from dataclasses import asdict
+
+import numpy as np
 
 from drl_av.config import Config
 from drl_av.errors import ConfigError
-from drl_av.safety.reachability import ON_LINE_M
+from drl_av.safety.reachability import LINE_M, ON_LINE_M
 from drl_av.safety.stopping import cut_in_gap
-from drl_av.traffic.road import Road
+from drl_av.traffic.road import ARRIVED_M, Road
 from drl_av.traffic.vehicle_types import AS_WRITTEN, VehicleType, VehicleTypes
 
 ROAD_AS_WRITTEN = Road(500.0, 3.8, (True, True, True))
 """The road of a new scenario with the default sizes."""
-AT_MOST = {
-    "traffic.acceleration_max_m_s2": "strict.acceleration_m_s2",
-    "the decel of the vehicle type traffic": "strict.braking_m_s2",
-    "the emergencyDecel of the vehicle type traffic": "strict.braking_m_s2",
-    "the maxSpeedLat of the vehicle type traffic": "strict.lateral_speed_m_s",
-    "strict.follower_braking_m_s2": "the decel of the vehicle type traffic",
-    "simulation.step_length_s": "strict.follower_response_s",
-    "ego.accelerate_m_s2": "the accel of the vehicle type ego",
-    "the decel of the vehicle type ego": "ego.hard_brake_m_s2",
-}
-"""Each name must not exceed the other, so that the vehicles keep to the bounds of ``strict``."""
+AT_MOST = (
+    ("traffic.acceleration_max_m_s2", "strict.acceleration_m_s2", "bound 4"),
+    ("traffic.truck_acceleration_m_s2", "strict.acceleration_m_s2", "bound 4"),
+    ("the decel of the vehicle type traffic", "strict.braking_m_s2", "bound 1"),
+    ("the emergencyDecel of the vehicle type traffic", "strict.braking_m_s2", "bound 1"),
+    ("the maxSpeedLat of the vehicle type traffic", "strict.lateral_speed_m_s", "bound 2"),
+    ("strict.follower_braking_m_s2", "the decel of the vehicle type traffic", "bound 4"),
+    ("strict.follower_braking_m_s2", "ego.hard_brake_m_s2", "the lemma hand-over"),
+    ("ego.hard_brake_m_s2", "strict.braking_m_s2", "the lemma following"),
+    ("simulation.step_length_s", "strict.follower_response_s", "bound 4"),
+    ("ego.accelerate_m_s2", "the accel of the vehicle type ego", "bound 3"),
+    ("the decel of the vehicle type ego", "ego.hard_brake_m_s2", "bound 3"),
+)
+"""What must not exceed what, and the bound or the lemma of ``strict`` that fails otherwise."""
+ROUNDING_M = 1e-6
+"""How far the ego may be beside the position in which a decision is expected to find it."""
 LATERAL_GAP_M = 0.6
 """SUMO's minGapLat, the lateral gap at which two vehicles drive beside each other in one lane."""
 RANDOM_LANE_CHANGES_PER_S = 0.01
@@ -38,6 +46,7 @@ def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road)
     for name in ("traffic", "ego"):
         _require_model(name, getattr(vehicle_types, name), getattr(AS_WRITTEN, name))
     _require_one_vehicle_abreast(config, vehicle_types, road)
+    _require_narrow_vehicles(config, vehicle_types, road)
     _require_a_decision_on_the_line(config, vehicle_types.ego, road)
     _require_a_long_loop(config, vehicle_types, road)
     most, found = RANDOM_LANE_CHANGES_PER_S, config.traffic.random_lane_changes_per_s
@@ -45,8 +54,8 @@ def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road)
         raise _refusal(
             "traffic.random_lane_changes_per_s",
             f"at most {most:g}, and not {found:g}",
-            "a vehicle that gets a second request in the middle of a lane change continues it even "
-            "into a vehicle beside it",
+            "bound 3 fails: a vehicle that gets a second request in the middle of a lane change "
+            "continues it even into a vehicle beside it",
         )
 
 
@@ -71,11 +80,14 @@ def _require_bounds(config: Config, vehicle_types: VehicleTypes) -> None:
     for section in ("traffic", "strict", "ego", "simulation"):
         settings = asdict(getattr(config, section))
         facts |= {f"{section}.{name}": value for name, value in settings.items()}
-    for name, limit in AT_MOST.items():
-        if facts[name] > facts[limit]:
+    if not config.traffic.truck_share:
+        del facts["traffic.truck_acceleration_m_s2"]
+    for name, limit, reason in AT_MOST:
+        if facts.get(name, 0.0) > facts[limit]:
             raise ConfigError(
                 f"Under the check strict {name} must be at most {limit}, {facts[limit]:g}, and "
-                f"not {facts[name]:g}: change one of them, or take the check paper."
+                f"not {facts[name]:g}, because {reason} fails otherwise: change one of them, or "
+                "take the check paper."
             )
 
 
@@ -98,28 +110,55 @@ def _require_one_vehicle_abreast(config: Config, vehicle_types: VehicleTypes, ro
         raise _refusal(
             "simulation.lateral_resolution_m",
             f"at least the lane width, {lane_m:g}, and not {resolution_m:g}",
-            "vehicles drive beside each other in a lane of several strips",
+            "bound 3 fails: vehicles drive beside each other in a lane of several strips",
         )
     widest_m = 2 * min(vehicle_types.traffic.width_m, vehicle_types.ego.width_m) + LATERAL_GAP_M
     if lane_m > widest_m:
         raise _refusal(
             "the scenario's lane_width_m",
             f"at most {widest_m:g}, and not {lane_m:g}",
-            "two vehicles fit beside each other in a wider lane",
+            "bound 3 fails: two vehicles fit beside each other in a wider lane",
         )
 
 
+def _require_narrow_vehicles(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
+    """A vehicle at the centre of a lane, give or take ``ARRIVED_M``, overlaps no other lane."""
+    widths_m = {
+        "the width of the vehicle type ego": vehicle_types.ego.width_m,
+        "the width of the vehicle type traffic": vehicle_types.traffic.width_m,
+    }
+    if config.traffic.truck_share:
+        widths_m["traffic.truck_width_m"] = config.traffic.truck_width_m
+    most_m = road.lane_width_m - 2 * ARRIVED_M
+    for name, width_m in widths_m.items():
+        if width_m > most_m:
+            raise _refusal(
+                name,
+                f"at most {most_m:g}, and not {width_m:g}",
+                "bound 3 fails: a wider vehicle overlaps the next lane while it keeps its own",
+            )
+
+
 def _require_a_decision_on_the_line(config: Config, ego: VehicleType, road: Road) -> None:
-    """A decision falls between the ego's body and its centre on their way over a lane's line."""
-    duration_s = config.ego.lane_change_duration_s
-    stride_m = road.lane_width_m * config.simulation.decision_interval_s
-    least_s = stride_m / (ego.width_m / 2 - ON_LINE_M)
-    if duration_s <= least_s:
+    """A decision falls between the ego's body and its centre on their way over a lane's line.
+
+    A decision finds an ego that changes lanes whole decisions away from the centre of one of the
+    two lanes.
+    """
+    duration_s, lane_m = config.ego.lane_change_duration_s, road.lane_width_m
+    stride_m = lane_m / duration_s * config.simulation.decision_interval_s
+    crosses_m, turns_m = (lane_m - ego.width_m) / 2 + LINE_M, lane_m / 2 - ON_LINE_M
+    walked_m = stride_m * np.arange(np.ceil(lane_m / stride_m))
+    places_m = np.concatenate((walked_m, lane_m - walked_m))
+    starts_m = places_m[places_m <= crosses_m + ROUNDING_M]
+    if (starts_m + stride_m >= turns_m - ROUNDING_M).any():
+        enough_s = lane_m * config.simulation.decision_interval_s / (turns_m - crosses_m)
         raise _refusal(
             "ego.lane_change_duration_s",
-            f"above {least_s:.2f}, and not {duration_s:g}",
-            "the centre of a faster ego may cross a lane's line in the decision in which its body "
-            "does, too late to turn back",
+            f"at least {math.ceil(100 * enough_s) / 100:g}, or one of some shorter ones, and not "
+            f"{duration_s:g}",
+            "the lemma abort fails: the centre of the ego may cross a lane's line in the decision "
+            "in which its body does, too late to turn back",
         )
 
 
@@ -131,11 +170,12 @@ def _require_a_long_loop(config: Config, vehicle_types: VehicleTypes, road: Road
     ego = config.ego
     farthest = (ego.max_speed_m_s, ego.accelerate_m_s2, 0.0)
     gap_m = float(cut_in_gap(*farthest, config.strict, ego, config.simulation))
-    least_m = gap_m + vehicle_types.traffic.length_m + vehicle_types.ego.length_m
+    longest_m = config.traffic.longest_m(vehicle_types.traffic.length_m)
+    least_m = gap_m + longest_m + vehicle_types.ego.length_m
     if road.is_loop and road.lap_m < least_m:
         raise _refusal(
             "the scenario's circumference_m",
             f"at least {least_m:.1f}, and not {road.lap_m:g}",
-            f"the ego may need {gap_m:.1f} m behind a vehicle that moves in behind it, and round a "
-            "shorter loop this vehicle is ahead of it",
+            f"bound 3 fails: the ego may need {gap_m:.1f} m behind a vehicle that moves in behind "
+            "it, and round a shorter loop this vehicle is ahead of it",
         )

@@ -17,7 +17,7 @@ from drl_av.traffic.road import ARRIVED_M, Barrier, FloatArray
 LINE_M = 0.01
 """A body overlaps a lane if it is at least this far over the marking of that lane."""
 STILL_M_S = 0.01
-"""A vehicle that is not faster than this sideways counts as keeping its lateral position."""
+"""A vehicle that is not faster than this sideways counts as standing still sideways."""
 ON_LINE_M = 0.05
 """A centre within this distance of the marking between two lanes counts as being in both."""
 
@@ -123,9 +123,9 @@ def must_reach(
     In metres. A vehicle behind first accelerates for ``delay_s`` seconds and then brakes. The
     result is -inf for a vehicle ahead, and inf for a vehicle beside the ego.
     """
-    speed, acceleration = neighbors.speed_m_s, strict.acceleration_m_s2
-    rolled_m, faster = speed * delay_s, speed + acceleration * delay_s
-    rolled_m = rolled_m + acceleration * delay_s * (delay_s + step_s) / 2
+    speed = neighbors.speed_m_s
+    faster = speed + strict.acceleration_m_s2 * delay_s
+    rolled_m = accelerated(speed, delay_s, strict, step_s)
     rolled_m = rolled_m + stopping_distance(faster, strict.follower_braking_m_s2, step_s)
     result: FloatArray = np.where(
         neighbors.gap_m <= 0,
@@ -133,3 +133,32 @@ def must_reach(
         np.where(neighbors.is_ahead, -np.inf, rolled_m - neighbors.gap_m + strict.clearance_m),
     )
     return result
+
+
+def stays_behind(
+    neighbors: Others,
+    crosses_s: FloatArray | float,
+    covered_m: Sequence[FloatArray | float],
+    strict: StrictConfig,
+    step_s: float,
+) -> npt.NDArray[np.bool_]:
+    """Whether each vehicle behind stays behind an ego that moves into its lane.
+
+    The body of the ego crosses the line after ``crosses_s`` seconds, or not in this decision if
+    that is 0. The ego covers at least ``covered_m``: until the end of each SUMO step of the
+    decision, and then until standstill. True for a vehicle ahead, and false for one beside.
+    """
+    must_m = must_reach(neighbors, strict.follower_response_s + crosses_s, strict, step_s)
+    result: npt.NDArray[np.bool_] = covered_m[-1] > must_m
+    for step, ego_m in enumerate(covered_m[:-1], 1):
+        rolled_m = accelerated(neighbors.speed_m_s, step * step_s, strict, step_s)
+        apart = neighbors.is_ahead | (neighbors.gap_m + ego_m > rolled_m)
+        result &= apart | (np.asarray(crosses_s) == 0)
+    return result
+
+
+def accelerated(
+    speed_m_s: FloatArray, time_s: FloatArray | float, strict: StrictConfig, step_s: float
+) -> FloatArray:
+    """Distance that a vehicle covers if it accelerates as hard as it can, metres."""
+    return speed_m_s * time_s + strict.acceleration_m_s2 * time_s * (time_s + step_s) / 2

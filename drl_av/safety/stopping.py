@@ -60,6 +60,17 @@ def reach(
     return distance_m + stopping_distance(speed, ego.hard_brake_m_s2, step_s)
 
 
+def covered(
+    speed_m_s: Number, acceleration_m_s2: Number, ego: EgoConfig, sim: SimulationConfig
+) -> list[Number]:
+    """Distance that the ego covers until the end of each SUMO step of a decision, metres."""
+    most, step_s = ego.max_speed_m_s, sim.step_length_s
+    return [
+        travel(speed_m_s, acceleration_m_s2, steps, step_s, most)[0]
+        for steps in range(1, sim.steps_per_decision + 1)
+    ]
+
+
 def cut_in_gap(
     speed_m_s: Number,
     acceleration_m_s2: Number,
@@ -71,8 +82,10 @@ def cut_in_gap(
     """Return the gap to the ego, metres, above which a vehicle may begin to cut in ahead of it.
 
     The ego then stops behind the vehicle if it keeps its acceleration for one decision and brakes
-    hard after it.
+    hard after it. IDM and ACC may change the acceleration at any time, up to ``accelerate_m_s2``.
     """
+    if ego.longitudinal_reference != "acceleration":
+        acceleration_m_s2 = ego.accelerate_m_s2
     ahead_m = stopping_distance(other_m_s, strict.braking_m_s2, sim.step_length_s)
     rolled_m = reach(speed_m_s, acceleration_m_s2, ego, sim)
     return np.maximum(rolled_m - ahead_m, 0.0) + strict.clearance_m

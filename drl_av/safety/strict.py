@@ -15,7 +15,10 @@ vehicle types of our scenarios keep to them.
    that lane, and only if the next vehicle behind it in that lane can stop behind it. The ego can
    stop behind it if the gap is larger than ``cut_in_gap``; the ego then executes its present action
    for one decision more, and brakes hard. A vehicle within ``ARRIVED_M`` of the centre of a lane
-   has not begun to leave that lane. When it passes the centre of a lane, a new movement begins.
+   has not begun to leave that lane. When it passes the centre of a lane, a new movement begins. A
+   vehicle that is not faster sideways than ``STILL_M_S`` stands still: a movement begins when it
+   becomes faster, and when its body comes over a line. A vehicle that is ahead of the ego in one of
+   the lanes of the ego may move into another one at any time.
 4. *Following.* A vehicle stays behind the ego while the body of the ego overlaps its lane. Within
    ``follower_response_s`` it begins to brake with ``follower_braking_m_s2`` if this is necessary.
    Until then it accelerates at most with ``acceleration_m_s2``.
@@ -54,7 +57,8 @@ the lane change too. A relevant vehicle beside the ego forbids the lane change.
 
 **Followers.** A vehicle behind stays behind if the ego is in its way already (bound 4). If the ego
 moves in front of a vehicle, this vehicle must come to rest behind the ego, whatever the ego does
-afterwards; otherwise the check forbids the lane change.
+afterwards; otherwise the check forbids the lane change. It must not come to the ego in the decision
+in which the body of the ego crosses the line either, even if it accelerates.
 
 **Exception.** The ego and another vehicle can begin to enter one lane from both sides while neither
 of them is in it. The ego then turns back at the next decision, as fast as the other vehicle
@@ -63,15 +67,24 @@ ego brakes hard as well in this case. It is the only exception to the invariant.
 
 **Longitudinal references.** With IDM or ACC, the ego covers at most the reach of its action, which
 the check compares with the vehicles ahead. It covers at least the reach of hard braking, which the
-check compares with the vehicles behind.
+check compares with the vehicles behind. ``cut_in_gap`` then takes ``ego.accelerate_m_s2``.
 
 **Limits.** The ego may hit a vehicle that breaks a bound. A vehicle that does not stay behind the
-ego may hit the ego. SUMO's own drivers keep bound 4 but for rare cases, which
-``docs/results/long_run.txt`` counts. ``safety/assumptions.py`` refuses the rest: the steering
-plant, with which an aborted lane change drifts on before it turns back; lane changes in which no
-decision falls between the body and the centre of the ego on their way over a line; lanes in which
-two vehicles fit beside each other; loops so short that a vehicle behind the ego is too near ahead
-of it; vehicle types that exceed a bound, or that SUMO drives by another model than ours.
+ego may hit the ego. SUMO's own drivers break two bounds in rare cases, which
+``docs/results/long_run.txt`` counts by cause: they brake too late behind an ego that brakes hard
+(bound 4), and they move in on the positions of a SUMO step ago (bound 3). SUMO also resumes a lane
+change that was cut short when a vehicle is asked for it again, even into a vehicle beside it.
+Without clearance, bodies may touch by rounding, by less than 1e-8 m (lemma *rounding*).
+``safety/assumptions.py`` refuses, with the bound or the lemma (``verification``) that fails:
+
+- *following*, *hand-over*: braking of the ego above ``braking_m_s2``, or below that of followers.
+- *corridor*: the steering plant, with which an aborted lane change drifts on before it turns back.
+- *abort*: lane changes in which no decision falls between the body and the centre of the ego on
+  their way over a line.
+- *bound 3*: more than 0.01 random lane changes a second; lanes in which two vehicles fit beside
+  each other; vehicles too wide for a lane; loops on which one behind the ego is too near ahead.
+- *any bound*: vehicle types and trucks that exceed a bound, or that SUMO drives by another model
+  than ours; SUMO steps longer than ``follower_response_s``.
 """
 
 import math
@@ -86,6 +99,7 @@ from drl_av.driving.scene import LaneChange, Scene
 from drl_av.errors import ConfigError
 from drl_av.safety.check import Rule, Verdict
 from drl_av.safety.reachability import (
+    LINE_M,
     ON_LINE_M,
     Others,
     is_held,
@@ -93,10 +107,10 @@ from drl_av.safety.reachability import (
     lateral_extent,
     may_reach,
     met,
-    must_reach,
+    stays_behind,
     with_barriers,
 )
-from drl_av.safety.stopping import reach
+from drl_av.safety.stopping import covered, reach
 from drl_av.traffic.snapshot import EGO
 
 ORDER = (
@@ -105,6 +119,8 @@ ORDER = (
     Longitudinal.BRAKE,
     Longitudinal.HARD_BRAKE,
 )
+ROUNDING = 1e-6
+"""A number of SUMO steps may be off by this."""
 
 
 def seconds_to_line(
@@ -113,11 +129,12 @@ def seconds_to_line(
     """Return the time until the ego's body crosses a lane marking ``distance_m`` metres beside it.
 
     In seconds, rounded up to whole SUMO steps. 0 if the body is over the line already, or does not
-    reach it within this decision.
+    cross it within this decision. A body is over the line by more than ``LINE_M``.
     """
-    steps = np.ceil(distance_m * ego.lane_change_duration_s / lane_width_m / sim.step_length_s)
-    soon = (steps > 0) & (steps <= sim.steps_per_decision)
-    return np.where(soon, steps, 0) * sim.step_length_s
+    stride_m = lane_width_m / ego.lane_change_duration_s * sim.step_length_s
+    steps = (distance_m + LINE_M) / stride_m
+    soon = (steps > -ROUNDING) & (np.ceil(steps - ROUNDING) <= sim.steps_per_decision)
+    return np.where(soon, np.ceil(steps + ROUNDING), 0) * sim.step_length_s
 
 
 def corridor(
@@ -162,15 +179,10 @@ class Strict:
     """The check ``strict``; its bounds and its proof are in the docstring of this module."""
 
     def __init__(self, strict: StrictConfig, ego: EgoConfig, simulation: SimulationConfig) -> None:
-        if strict.braking_m_s2 < ego.hard_brake_m_s2:
-            raise ConfigError(
-                f"strict.braking_m_s2 is {strict.braking_m_s2:g}, but must be at least "
-                f"ego.hard_brake_m_s2, {ego.hard_brake_m_s2:g}: raise it, or take the check paper."
-            )
         if ego.lateral_plant != "kinematic":
             raise ConfigError(
                 f"ego.lateral_plant is {ego.lateral_plant!r}, but the check strict holds for "
-                "'kinematic' only: take that, or the check paper."
+                "'kinematic' only (the lemma corridor): take that, or the check paper."
             )
         self._strict, self._ego, self._simulation = strict, ego, simulation
         self._accelerations = np.array([how.acceleration_m_s2(ego) for how in Longitudinal])
@@ -182,11 +194,8 @@ class Strict:
         next slower one that does. The lateral action is the proposed one if the check permits it
         together with that longitudinal action, else that of the fallback maneuver.
         """
-        affordances, neighbors, fallback = (
-            scene.affordances,
-            self.others(scene),
-            fallback_maneuver(scene),
-        )
+        affordances, neighbors = scene.affordances, self.others(scene)
+        fallback = fallback_maneuver(scene)
         wanted = next_lane_change(scene.lane_change, affordances.lane, proposed.lateral)
         speed = affordances.ego_speed_m_s
         reaches = reach(speed, self._accelerations, self._ego, self._simulation).tolist()
@@ -198,7 +207,7 @@ class Strict:
             return Verdict(Action(proposed.lateral, safe), rule)
         if not affordances.has_lane(wanted.target - affordances.lane):
             rule |= Rule.OFF_ROAD
-        elif self._permits(scene, wanted, neighbors, reaches[safe], reaches[self._slowest(safe)]):
+        elif self._permits(scene, wanted, neighbors, safe, reaches):
             return Verdict(Action(proposed.lateral, safe), rule)
         else:
             rule |= Rule.LANE_CHANGE
@@ -251,14 +260,14 @@ class Strict:
         scene: Scene,
         change: LaneChange,
         neighbors: Others,
-        at_most_m: float,
-        at_least_m: float,
+        how: Longitudinal,
+        reaches_m: list[float],
     ) -> bool:
         """Whether the check permits a lane change other than that of the fallback maneuver.
 
-        ``at_most_m`` and ``at_least_m`` bound the distance that the ego covers until standstill.
+        The ego executes the longitudinal action ``how``; ``reaches_m`` has the reach of each.
         """
-        strict, sim, affordances = self._strict, self._simulation, scene.affordances
+        strict, sim = self._strict, self._simulation
         right_m, left_m = corridor(scene, change, self._ego, sim.decision_interval_s)
         aside_m = strict.lateral_speed_m_s * sim.decision_interval_s
         right_m, left_m = (
@@ -267,14 +276,21 @@ class Strict:
         meets = met(neighbors, right_m, left_m)
         if not meets.any():
             return True
-        if at_most_m >= neighbors.most_m[meets].min():
+        if reaches_m[how] >= neighbors.most_m[meets].min():
             return False
-        width_m, ego_m = affordances.lane_width_m, float(scene.snapshot.width_m[EGO])
+        slowest = self._slowest(how)
+        speed, acceleration = scene.affordances.ego_speed_m_s, self._accelerations[slowest]
+        covered_m = [*covered(speed, acceleration, self._ego, sim), reaches_m[slowest]]
+        crosses_s = self._crosses_s(scene, change)
+        stays = stays_behind(neighbors, crosses_s, covered_m, strict, sim.step_length_s)
+        return bool(stays[meets & ~neighbors.is_held].all())
+
+    def _crosses_s(self, scene: Scene, change: LaneChange) -> float:
+        """``seconds_to_line`` for a lane change."""
+        width_m, ego_m = scene.affordances.lane_width_m, float(scene.snapshot.width_m[EGO])
         line_m = (change.origin + change.target) / 2 * width_m
-        to_line_m = change.sign * (line_m - affordances.ego_y_m) - ego_m / 2
-        delay_s = strict.follower_response_s + seconds_to_line(to_line_m, width_m, self._ego, sim)
-        must_m = must_reach(neighbors, float(delay_s), strict, sim.step_length_s)
-        return bool(at_least_m > must_m[meets & ~neighbors.is_held].max(initial=-np.inf))
+        to_line_m = change.sign * (line_m - scene.affordances.ego_y_m) - ego_m / 2
+        return float(seconds_to_line(to_line_m, width_m, self._ego, self._simulation))
 
 
 def same_or_slower(longitudinal: Longitudinal) -> tuple[Longitudinal, ...]:

@@ -33,9 +33,23 @@ ROAD = ROAD_AS_WRITTEN
 @pytest.mark.parametrize(
     ("section", "settings", "road", "sentence"),
     [
-        # 3.8 m a lane change, at most 0.85 m a second: 4.47 s
-        ("ego", {"lane_change_duration_s": 4.4}, ROAD, "lane_change_duration_s must be above 4.47"),
-        ("ego", {"lane_change_duration_s": 1.0}, ROAD, "and not 1, because the centre of a faster"),
+        # 0.84 m from where the body is over the line to where the centre is: 3.8 m take 4.53 s
+        (
+            "ego",
+            {"lane_change_duration_s": 4.0},
+            ROAD,
+            "lane_change_duration_s must be at least 4.53, or one of some shorter ones, and not 4,",
+        ),
+        # the ego is 0.8 m from the middle a second before, on its way back and there again
+        ("ego", {"lane_change_duration_s": 3.8}, ROAD, "because the lemma abort fails: the centre"),
+        ("ego", {"lane_change_duration_s": 2.0}, ROAD, "and not 2, because the lemma abort fails"),
+        ("ego", {"lane_change_duration_s": 1.0}, ROAD, "and not 1, because the lemma abort fails"),
+        (
+            "traffic",
+            {"truck_share": 0.1, "truck_width_m": 3.75},
+            ROAD,
+            "traffic.truck_width_m must be at most 3.7, and not 3.75, because bound 3 fails",
+        ),
         ("traffic", {"random_lane_changes_per_s": 0.3}, ROAD, "must be at most 0.01, and not 0.3"),
         (
             "simulation",
@@ -52,12 +66,18 @@ ROAD = ROAD_AS_WRITTEN
         ),
         # 30 m in a second and 105 m to brake, 0.5 m to spare, two vehicles of 5 m
         ("ego", {}, replace(ROAD, lap_m=145.4), "circumference_m must be at least 145.5"),
+        (
+            "traffic",
+            {"truck_share": 0.1, "truck_length_m": 12.0},
+            replace(ROAD, lap_m=152.4),
+            "circumference_m must be at least 152.5",
+        ),
         # at 20 m/s, 22 m in the next second, rounded up to steps: 10.5 + 11 + 55 m
         (
             "ego",
             {"max_speed_m_s": 22.0},
             replace(ROAD, lap_m=80.0),
-            "because the ego may need",
+            "because bound 3 fails: the ego may need 77.5 m behind",
         ),
     ],
 )
@@ -73,14 +93,50 @@ def test_what_the_argument_does_not_cover_is_refused_in_one_sentence(
 
 
 def test_what_it_just_covers_is_accepted() -> None:
-    named_check(STRICT.updated("ego", lane_change_duration_s=4.5))
+    for duration_s in (3.0, 4.4, 4.53, 7.6):
+        named_check(STRICT.updated("ego", lane_change_duration_s=duration_s))
+    for reference in ("idm", "acc"):
+        named_check(STRICT.updated("ego", longitudinal_reference=reference))
+    named_check(STRICT.updated("simulation", step_length_s=0.1))
     named_check(STRICT.updated("traffic", random_lane_changes_per_s=0.01))
     named_check(STRICT, road=replace(ROAD, lap_m=145.5))
     wide = STRICT.updated("simulation", lateral_resolution_m=4.2)
     named_check(wide, road=replace(ROAD, lane_width_m=4.2))
-    # a wider ego is longer on the line: 3.8 m at 1.15 m a second
+    named_check(STRICT.updated("traffic", truck_width_m=3.75, truck_acceleration_m_s2=5.0))
+    # a wider ego is longer on the line: 3.8 m at 1.14 m a second
     ego = replace(AS_WRITTEN, ego=replace(AS_WRITTEN.ego, width_m=2.4))
     named_check(STRICT.updated("ego", lane_change_duration_s=3.5), ego)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (
+            {"traffic": {"truck_share": 0.1, "truck_acceleration_m_s2": 2.5}},
+            "traffic.truck_acceleration_m_s2 must be at most strict.acceleration_m_s2, 2, and not "
+            "2.5, because bound 4 fails otherwise",
+        ),
+        (
+            {"strict": {"braking_m_s2": 4.0}, "ego": {"hard_brake_m_s2": 5.0}},
+            "ego.hard_brake_m_s2 must be at most strict.braking_m_s2, 4, and not 5, because the "
+            "lemma following fails otherwise",
+        ),
+    ],
+)
+def test_a_refusal_names_the_bound_or_the_lemma_that_fails(
+    change: dict[str, dict[str, float]], sentence: str
+) -> None:
+    config = STRICT
+    for section, settings in change.items():
+        config = config.updated(section, **{**settings})
+    with pytest.raises(ConfigError, match=re.escape(sentence)):
+        named_check(config)
+
+
+def test_followers_that_must_brake_harder_than_the_ego_are_refused() -> None:
+    weak = replace(AS_WRITTEN, ego=replace(AS_WRITTEN.ego, braking_m_s2=3.0))
+    with pytest.raises(ConfigError, match="3, and not 4, because the lemma hand-over fails"):
+        named_check(STRICT.updated("ego", hard_brake_m_s2=3.0), weak)
 
 
 def test_an_environment_hands_its_road_over(tmp_path: Path) -> None:
@@ -89,7 +145,7 @@ def test_an_environment_hands_its_road_over(tmp_path: Path) -> None:
         HighwayEnv(tmp_path / "short", config=STRICT)
 
 
-@pytest.mark.parametrize("duration_s", [4.5, 20.0])
+@pytest.mark.parametrize("duration_s", [3.0, 4.4, 20.0])
 @pytest.mark.parametrize("name", ["cut-in", "both-sides", "anything"])
 def test_a_random_adversary_finds_no_way_round_the_shortest_and_the_longest_lane_change(
     name: str, duration_s: float

@@ -42,10 +42,11 @@ from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.strictness import strict_plan
 from drl_av.safety import named_check
 from drl_av.safety.check import Rule, Verdict
-from drl_av.safety.reachability import lateral_extent
-from drl_av.safety.stopping import reach
-from drl_av.safety.strict import Strict, fallback_maneuver
+from drl_av.safety.reachability import Others, lateral_extent, stays_behind
+from drl_av.safety.stopping import covered, reach
+from drl_av.safety.strict import Strict, fallback_maneuver, seconds_to_line
 from drl_av.traffic.road import Road
+from drl_av.traffic.vehicle_types import AS_WRITTEN
 from verification.kinematic_simulator import NONE, ROAD, Mover, Orders, World
 
 CONFIG = Config().updated("safety", check="strict")
@@ -249,6 +250,28 @@ def test_one_behind_sees_the_ego_only_when_its_body_is_over_the_line() -> None:
     assert checked(near, KEEP, MAINTAIN) == refused(TO_RIGHT)
 
 
+def test_the_body_is_over_the_line_by_a_centimetre() -> None:
+    # 7.6 s a lane change are 0.25 m a step: from 0.5 m two steps lead to the line, three over it
+    config = CONFIG.updated("ego", lane_change_duration_s=7.6)
+    # where the number of steps is whole, rounding may add one: 0.49 m
+    for distance_m, seconds in ((0.5, 0.0), (0.49, 1.5), (0.48, 1.0), (0.0, 0.5), (-0.02, 0.0)):
+        found = seconds_to_line(distance_m, LANE_M, config.ego, config.simulation)
+        assert float(found) == pytest.approx(seconds, abs=1e-9)
+
+
+def test_one_behind_that_accelerates_less_than_the_ego_must_not_come_to_it_in_between() -> None:
+    # the ego at 10.04 m/s covers 5.52 and 6.02 m a step; one at 10.33 m/s that accelerates with
+    # 1.5 m/s^2 covers 5.54 and 5.915 m, and comes to rest 0.62 m earlier than the ego
+    strict = replace(CONFIG.strict, acceleration_m_s2=1.5)
+    motion = 10.04, 2.0, CONFIG.ego, CONFIG.simulation
+    covered_m = [*covered(*motion), reach(*motion)]
+    assert covered_m[:2] == pytest.approx([5.52, 11.54])
+    for gap_m, crosses_s, stays in ((0.03, 0.5, True), (0.01, 0.5, False), (0.01, 0.0, True)):
+        one, no = np.ones(1), np.zeros(1, dtype=np.bool_)
+        others = Others(one, one, gap_m * one, no, 10.33 * one, one, no)
+        assert stays_behind(others, crosses_s, covered_m, strict, 0.5).tolist() == [stays]
+
+
 def test_one_behind_in_the_ego_s_own_lane_is_held_there_and_forbids_nothing() -> None:
     # 10 m behind at 30 m/s; were it not held it would have to be 63.5 m behind
     assert checked(scene(behind(10.0, CENTER, 30.0)), TO_LEFT, MAINTAIN) == granted(TO_LEFT)
@@ -313,8 +336,10 @@ def test_a_lane_change_asked_for_too_close_to_the_vehicle_ahead_is_braked_and_tu
 
 
 def test_a_check_whose_ego_brakes_harder_than_the_others_is_no_check() -> None:
-    with pytest.raises(ConfigError, match=r"must be at least ego\.hard_brake_m_s2"):
-        named_check(CONFIG.updated("strict", braking_m_s2=3.9))
+    weak = replace(AS_WRITTEN.traffic, braking_m_s2=3.0, emergency_braking_m_s2=3.0)
+    bounds = CONFIG.updated("strict", braking_m_s2=3.9, follower_braking_m_s2=3.0)
+    with pytest.raises(ConfigError, match=r"hard_brake_m_s2 must be at most strict\.braking_m_s2"):
+        named_check(bounds, replace(AS_WRITTEN, traffic=weak))
 
 
 @pytest.mark.parametrize(

@@ -25,8 +25,10 @@ from verification.auditor import (
     BEHIND,
     BESIDE,
     BRAKED,
+    BRAKES,
     CUT_IN,
     SIDEWAYS,
+    SOONER,
     TOO_FAST,
     Auditor,
     Breach,
@@ -177,6 +179,46 @@ def test_a_vehicle_that_begins_to_move_in_beside_the_ego_is_reported(offset_m: f
 )
 def test_other_moves_sideways_are_no_cut_in(before: Car, after: Car) -> None:
     assert moved((before, after)) == []
+
+
+def test_who_creeps_stands_still_until_it_is_faster_or_over_the_line() -> None:
+    creeps = Car(0.0, LEFT - 0.3, 20.0, -0.009)
+    assert names(moved((creeps, Car(0.0, LEFT - 0.68, 20.0, -0.76)))) == [BESIDE]
+    assert moved((creeps, Car(0.0, LEFT - 0.304, 20.0, -0.008))) == []
+    # its right side is over the line at 5.7 m by a centimetre at 6.59 m
+    near = Car(0.0, 6.593, 20.0, -0.008)
+    assert moved((near, Car(0.0, 6.591, 20.0, -0.004))) == []
+    assert names(moved((near, Car(0.0, 6.589, 20.0, -0.008)))) == [BESIDE]
+
+
+def test_who_is_ahead_in_a_lane_of_the_ego_s_may_move_into_the_other() -> None:
+    # the ego's left side is at 6.22 m, over the line at 5.7 m
+    starts = (ahead(20.0, LEFT, 10.0), ahead(20.0, LEFT - 0.38, 10.0, -0.76))
+    assert moved(starts, y_m=5.32) == []
+    assert names(moved(starts)) == [CUT_IN]
+
+
+def test_a_breach_says_whether_the_ego_brakes_and_whether_the_bound_was_kept_a_step_sooner() -> (
+    None
+):
+    starts = (ahead(66.0, LEFT, 10.0), ahead(66.0, LEFT - 0.38, 10.0, -0.76))
+    assert [b.circumstance for b in moved(starts, ego_m_s=(19.0, 20.0))] == [SOONER]
+    starts = (ahead(40.0, LEFT, 10.0), ahead(40.0, LEFT - 0.38, 10.0, -0.76))
+    assert [b.circumstance for b in moved(starts)] == [""]
+    late = (behind(26.0, speed_m_s=30.0), behind(21.0, speed_m_s=30.0))
+    assert [b.circumstance for b in moved(late)] == [""]
+    assert [b.circumstance for b in moved(late, ego_m_s=(22.0, 20.0))] == [BRAKES]
+
+
+def test_one_behind_in_a_lane_that_the_ego_leaves_in_that_step_is_free() -> None:
+    # the ego's left side, 0.9 m from its middle, is over the line at 5.7 m, and then is not
+    auditor = Auditor(CONFIG, ROAD)
+    for ends, bound in (((5.7, 5.32), [BEHIND]), ((4.94, 4.56), [])):
+        auditor.start()
+        for time_s, y_m in zip((0.0, STEP_S), ends, strict=True):
+            shot = snapshot(behind(20.0, LEFT, 30.0), y_m=y_m)
+            auditor.watch(replace(shot, time_s=time_s))
+        assert names(auditor.breaches) == bound
 
 
 def test_a_cut_in_ahead_of_another_vehicle_is_no_cut_in_ahead_of_the_ego() -> None:

@@ -10,9 +10,11 @@ import pytest
 
 from drl_av.config import Config
 from drl_av.safety import named_check
+from verification.batch_check import one_by_one
 from verification.falsification import CONSTANT_SPEED, DECISIONS, PLACED, play, scripted
 from verification.falsify import envelope
-from verification.kinematic_simulator import Integration, Mover, one_by_one
+from verification.integration import Integration
+from verification.kinematic_simulator import Mover
 
 PLANTS = [(1.0, Integration.EXPLICIT)]
 PLANTS += [(s, how) for s in (1.0, 0.5, 0.1) for how in (Integration.EULER, Integration.BALLISTIC)]

@@ -15,9 +15,9 @@ from drl_av.env.rollout import drive
 from drl_av.safety import named_check
 from drl_av.safety.stopping import stopping_distance
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
-from verification.batch_check import BatchStrict
+from verification.batch_check import BatchStrict, one_by_one
 from verification.falsification import FAMILIES, PLACED, genes, orders, play, scripted, search
-from verification.kinematic_simulator import NONE, Mover, one_by_one
+from verification.kinematic_simulator import NONE, Mover
 
 STRICT = Config().updated("safety", check="strict")
 

@@ -12,7 +12,7 @@ from verification.kinematic_simulator import Mover, Orders, World
 STRICT = Config().updated("safety", check="strict")
 SCENES, DECISIONS = 3000, 8
 LANE = np.array([1])
-SIDES = [-1.0, -0.6, -0.2, -0.05, 0.0, 0.05, 0.2, 0.6, 1.0]
+SIDES = [-1.0, -0.6, -0.2, -0.05, -0.01, 0.0, 0.01, 0.05, 0.2, 0.6, 1.0]
 
 
 def test_the_fallback_stays_free_but_for_two_that_enter_one_lane_and_the_ego_hits_no_vehicle() -> (
@@ -74,3 +74,24 @@ def test_the_ego_that_leaves_the_road_hits_its_edge() -> None:
     assert world.collisions == {}
     mover.decision(world, left.proposal, left)
     assert world.collisions == {0: Collision(CollisionKind.HIT_EDGE, None)}
+
+
+@pytest.mark.parametrize(
+    ("y_m", "side", "goes"),
+    [
+        (7.4, -1.0, False),  # 0.0076 m/s is standing still: a movement begins
+        (7.4, -0.01, True),
+        (7.4, 1.0, True),  # back to the centre of its lane
+        # its right side is over the line at 5.7 m by a centimetre at 6.59 m
+        (6.595, -0.01, True),
+        (6.591, -0.01, False),
+    ],
+)
+def test_one_that_creeps_beside_the_ego_stands_still_for_bound_3(
+    y_m: float, side: float, goes: bool
+) -> None:
+    world = placed(LANE, np.array([20.0]), np.zeros((1, 1)), 2 * LANE[:, None], np.full((1, 1), 20))
+    world.y_m[0, 1], world.lateral_m_s[0, 1] = y_m, -0.0076
+    told = NOTHING._replace(side=np.array([[side]]))
+    _, places_m = next(Mover(STRICT).steps(world, NOTHING.proposal, told))
+    assert bool(places_m[0, 1] != y_m) is goes

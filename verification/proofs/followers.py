@@ -6,8 +6,10 @@ from math import ceil
 
 from verification.proofs.argument import Argument
 from verification.proofs.lane_changes import going, is_over, places
+from verification.proofs.lateral import LINE
 from verification.proofs.lemma import Claim, Lemma, Problem, Term
 from verification.proofs.motion import (
+    accelerated,
     ego_stops,
     follower_stops,
     must_reach,
@@ -35,7 +37,7 @@ def seconds_to_line(y_m: Fraction, a: Argument) -> Fraction:
 
     It is 0 if that is not within this decision.
     """
-    steps = ceil(((a.lane_m - a.width_m) / 2 - y_m) / (a.stride_m / a.steps))
+    steps = ceil(((a.lane_m - a.width_m) / 2 + LINE - y_m) / (a.stride_m / a.steps))
     return (steps if 0 < steps <= a.steps else 0) * a.step_s
 
 
@@ -59,6 +61,9 @@ def handed_over(a: Argument, rate: Fraction, over: int, delay_s: Fraction) -> Cl
     reach_m = reach(p.largest, speed, rate, a.steps, a)
     p.assume(reach_m > must_reach(p.largest, gap_m, follower, delay_s, a))
     planned, ego, apart = speeds(p.largest, speed, rate, a.steps, a), speed, []
+    for step in range(1, a.steps + 1):
+        covered_m = sum(a.step_s * each for each in planned[1 : step + 1])
+        p.assume(gap_m + covered_m > accelerated(follower, step * a.step_s, a))
     responds = over + a.response_steps
     for step in range(1, max(responds, a.steps) + 1):
         certain = step <= a.steps and a.by_number

@@ -95,10 +95,15 @@ def must_reach(
     largest: Largest, gap_m: Number, speed: Number, delay_s: Fraction, argument: Argument
 ) -> Number:
     """Return how far the ego must roll at least ahead of a vehicle that brakes after a delay."""
-    gained = argument.acceleration_m_s2 * delay_s
-    rolled_m = speed * delay_s + gained * (delay_s + argument.step_s) / 2
-    stops_m = follower_stops(largest, speed + gained, argument)
-    return rolled_m + stops_m - gap_m + argument.clearance_m
+    faster = speed + argument.acceleration_m_s2 * delay_s
+    stops_m = follower_stops(largest, faster, argument)
+    return accelerated(speed, delay_s, argument) + stops_m - gap_m + argument.clearance_m
+
+
+def accelerated(speed: Number, time_s: Fraction, argument: Argument) -> Number:
+    """Return how far a vehicle rolls that accelerates as hard as it can."""
+    gained = argument.acceleration_m_s2 * time_s
+    return speed * time_s + gained * (time_s + argument.step_s) / 2
 
 
 def cut_in_gap(
@@ -108,6 +113,7 @@ def cut_in_gap(
 
     ``other_m`` is how far that vehicle rolls at least.
     """
+    rate = rate if argument.by_number else max(argument.rates_m_s2)
     rolled_m = reach(largest, speed, rate, argument.cut_in_steps, argument)
     spare_m = rolled_m - other_m
     return largest([spare_m, 0 * spare_m]) + argument.clearance_m

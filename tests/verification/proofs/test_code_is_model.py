@@ -57,6 +57,9 @@ def test_the_closed_forms_are_the_pieces_of_the_model_on_a_million_states() -> N
             assert close(needed_m, model_m)
         unused = np.zeros(20_000)
         facts = reachability.Others(unused, unused, gap_m, gap_m < 0, other, unused, unused > 0)
+        for time_s in (0.5, 1.0):
+            rolled_m = reachability.accelerated(other, time_s, bounds, 0.5)
+            assert close(rolled_m, motion.accelerated(other, time_s, a))
         for delay_s in (0.5, 1.0, 1.5):
             must_m = reachability.must_reach(facts, delay_s, bounds, 0.5)
             model_m = motion.must_reach(largest_of_arrays, gap_m, other, delay_s, a)
@@ -131,7 +134,7 @@ def test_the_extent_of_a_vehicle_is_the_model_s(thousandth: int, toward: int) ->
     assert value(p, *ends) == pytest.approx([right_m[0], left_m[0]])
 
 
-@pytest.mark.parametrize("duration_s", [2.5, 4.7, 5.0, 6.3, 9.1])
+@pytest.mark.parametrize("duration_s", [2.5, 4.7, 5.0, 6.3, 7.6, 9.1])
 def test_the_time_to_the_line_is_the_model_s(duration_s: float) -> None:
     config = CONFIG.updated("ego", lane_change_duration_s=duration_s)
     a = argument(config)

@@ -123,11 +123,11 @@ def test_a_reaction_one_step_less() -> None:
     wrong = replace(TRUE, response_s=Fraction(0))
     passes: list[Callable[[Terms], Any]] = [
         lambda n: n["rate"] == 0,
-        lambda n: (
-            n["gap"] + n["ego_speed"] + 0.2
-            <= STEP_S * (n["follower_speed_1"] + n["follower_speed_2"])
-        ),
+        lambda n: n["follower_speed_1"] == n["follower_speed"] + 1,
         lambda n: n["follower_speed_2"] == n["follower_speed"] + 2,
+        # a step after the decision, in which both brake: the ego has rolled 1.5 v - 1 m, it 0.5 s
+        # times the sum of v + 1, v + 2 and v
+        lambda n: n["gap"] + 1.5 * n["ego_speed"] - 0.8 <= 1.5 * n["follower_speed"] + 1.5,
     ]
     model = refuted(followers.response_claims, wrong, *passes)
     sudden = BatchStrict(CONFIG.updated("strict", follower_response_s=0.0))
@@ -135,7 +135,9 @@ def test_a_reaction_one_step_less() -> None:
     for check, hit in ((sudden, True), (STRICT, False)):
         speeds = model["ego_speed"], model["follower_speed"]
         world = two(NEARER - model["gap"] - LENGTH, *speeds, (0.76, 2.82), 0, 1)
-        assert collides(world, orders(LEFT + MAINTAIN, [2.0]), check) is hit
+        first, *rest = orders(LEFT + HARD_BRAKE, [2.0])
+        told = iter([first._replace(proposal=np.array([LEFT + MAINTAIN])), *rest])
+        assert collides(world, told, check) is hit
 
 
 @dataclass
