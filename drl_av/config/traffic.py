@@ -7,6 +7,8 @@ from drl_av.errors import ConfigError
 
 STANDSTILL_GAP_M = 2.5
 """Gap to the vehicle ahead at standstill: SUMO's minGap, and the default of each driver model."""
+CONGESTED_M_S = 60 / 3.6
+"""The ban on passing on the right does not apply to a vehicle that is not faster, as in SUMO."""
 
 
 @dataclass(frozen=True)

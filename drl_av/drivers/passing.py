@@ -4,13 +4,11 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import EgoConfig
+from drl_av.config.traffic import CONGESTED_M_S
 from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.affordances import Neighbor
 from drl_av.driving.scene import Scene
-
-CONGESTED_M_S = 60 / 3.6
-"""60 km/h: vehicles at this speed or below may be passed on the right, as in SUMO."""
 
 
 class NoPassingOnTheRight:

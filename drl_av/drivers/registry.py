@@ -19,6 +19,7 @@ from drl_av.drivers.gap_mobil import GapMobilDriver
 from drl_av.drivers.learned import LearnedDriver, learned_driver
 from drl_av.drivers.mobil import MobilDriver
 from drl_av.drivers.passing import NoPassingOnTheRight
+from drl_av.drivers.planner import PlannerDriver
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.drivers.sumo import TUNED, SumoDriver
 from drl_av.errors import ConfigError, RunError
@@ -34,6 +35,7 @@ RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "sumo-tuned": lambda config: SumoDriver(
         TUNED._replace(overtake_right=config.ego.overtake_right)
     ),
+    "planner": PlannerDriver,
     "random": lambda config: RandomDriver(),
 }
 """The functions that make the rule-based drivers from an environment's config, by driver name.
@@ -170,7 +172,7 @@ def rule_driver(name: str, config: Config) -> Driver:
     if name not in RULE_DRIVERS:
         raise _unknown(name)
     driver = RULE_DRIVERS[name](config)
-    if config.ego.overtake_right or isinstance(driver, SumoDriver):
+    if config.ego.overtake_right or isinstance(driver, SumoDriver | PlannerDriver):
         return driver
     return NoPassingOnTheRight(driver, config.ego)
 

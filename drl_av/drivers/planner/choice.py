@@ -1,0 +1,194 @@
+"""The ego's action under a plan's intent, in P scenes at once (ours).
+
+All arrays have shape (P,) for the ego and (P, N) for the other vehicles.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from drl_av.config import EgoConfig
+from drl_av.config.traffic import CONGESTED_M_S
+from drl_av.drivers.planner.limits import Limits, Near
+from drl_av.drivers.planner.others import FAR_M, BoolArray, IntArray
+from drl_av.drivers.planner.plans import SIDE, YIELDS
+from drl_av.traffic.road import FloatArray
+
+SHORT_HEADWAY_S = 1.0
+"""The ego brakes if the time-gap law with this headway demands it."""
+LONG_HEADWAY_S = 1.4
+"""It accelerates if the law with this headway does; between the two it maintains its speed."""
+BRAKES_FROM = 0.7
+"""The ego brakes if it needs this share of the braking to reach the speed of the vehicle ahead."""
+SLOWEST_YIELDING_M_S = 8.0
+"""Speed below which the ego does not brake in order to change behind a vehicle."""
+MARGIN_M = 2.0
+"""What the gaps must have to spare where a lane change begins, so that it is not aborted."""
+
+
+@dataclass
+class Ego:
+    """The ego; a lane change leads from lane ``origin`` to lane ``target``, else they are equal."""
+
+    x_m: FloatArray
+    """Position of the centre relative to the present one."""
+    speed_m_s: FloatArray
+    origin: IntArray
+    target: IntArray
+    seconds: IntArray
+    """The lateral distance from the origin, in seconds of a lane change."""
+
+
+class Choice(NamedTuple):
+    """The action of the ego for one second."""
+
+    acceleration_m_s2: FloatArray
+    begins: IntArray
+    """Direction of the lane change that begins: left +1, right -1, none 0."""
+    aborts: BoolArray
+    """Whether the ego aborts its lane change."""
+    front: Near
+    """The vehicle ahead in the ego's lane."""
+
+
+class Surroundings(NamedTuple):
+    """The other vehicles as the ego sees them in each scene."""
+
+    ahead_m: FloatArray
+    """Distance of the centres, by the shorter way round; positive ahead of the ego."""
+    speed_m_s: FloatArray
+    half_m: FloatArray
+    """Distance of the centres at which a vehicle touches the ego, shape (N,)."""
+
+    def near(self, member: BoolArray) -> tuple[Near, Near]:
+        """The next vehicle ahead and the next one behind among the members of a lane."""
+        return self._nearest(member & (self.ahead_m >= 0)), self._nearest(
+            member & (self.ahead_m < 0)
+        )
+
+    def _nearest(self, candidates: BoolArray) -> Near:
+        if candidates.shape[1] == 0:
+            return Near(np.full(len(candidates), FAR_M), np.zeros(len(candidates)))
+        distance_m = np.where(candidates, np.abs(self.ahead_m), FAR_M)
+        nearest = distance_m.argmin(axis=1)
+        rows = np.arange(len(nearest))
+        gap_m = np.maximum(distance_m[rows, nearest] - self.half_m[nearest], 0.0)
+        return Near(gap_m, self.speed_m_s[rows, nearest])
+
+
+class Chooser:
+    """Chooses the ego's actions on a road with these open lanes, within the check's limits."""
+
+    def __init__(self, open_lanes: BoolArray, ego: EgoConfig, limits: Limits) -> None:
+        self._open, self._ego, self._limits = open_lanes, ego, limits
+        self._crossing_s = ego.lane_change_duration_s / 2
+        rates = [ego.accelerate_m_s2, 0.0, -ego.brake_m_s2, -ego.hard_brake_m_s2]
+        self._rates = np.array(rates)[:, None]
+
+    def lane(self, ego: Ego) -> IntArray:
+        """The lane that contains the ego's centre."""
+        return np.where(ego.seconds > self._crossing_s, ego.target, ego.origin)
+
+    def __call__(
+        self, ego: Ego, intent: IntArray, around: Surroundings, member: BoolArray
+    ) -> Choice:
+        """The action of each ego; ``member`` says which lanes each vehicle uses, (L, N)."""
+        direction, lane, wanted = ego.target - ego.origin, self.lane(ego), SIDE[intent]
+        changes, crossed = direction != 0, ego.seconds > self._crossing_s
+        other = np.where(changes, np.where(crossed, ego.origin, ego.target), lane + wanted)
+        exists = (other >= 0) & (other < len(self._open))
+        other = np.clip(other, 0, len(self._open) - 1)
+        exists &= self._open[other]
+        own, own_rear = around.near(member[lane])
+        front, rear = around.near(member[other])
+        into, from_behind = own.where(crossed, front), own_rear.where(crossed, rear)
+        margin_m = np.where(changes, 0.0, MARGIN_M)
+        permitted = self._permits(ego.speed_m_s, (own, into), from_behind, margin_m)
+        if not self._ego.overtake_right:
+            exists &= (wanted >= 0) | ~_is_passed_on_the_left(own)
+        begins = np.where(~changes & exists & permitted, wanted, 0)
+        fails = changes & ~permitted
+        if crossed.any():
+            fails &= ~crossed | self._permits(ego.speed_m_s, (own, front), rear, 0.0)
+        follows_both = changes & ~crossed | (begins != 0)
+        rate = self._follow(ego.speed_m_s, own, front.where(follows_both, own))
+        goes_on = self._to_continue(ego.speed_m_s, own, front)
+        rate = np.where(follows_both, np.minimum(rate, goes_on), rate)
+        yields = YIELDS[intent] & ~changes & (begins == 0)
+        yields &= ego.speed_m_s > SLOWEST_YIELDING_M_S
+        rate = np.where(yields, np.minimum(rate, -self._ego.brake_m_s2), rate)
+        if not self._ego.overtake_right:
+            rate = np.minimum(rate, self._behind_the_left(ego, lane, around, member))
+        rate = np.minimum(rate, self._limits.fastest(ego.speed_m_s, own))
+        return Choice(rate, begins, fails | (changes & (wanted == -direction)), own)
+
+    def _permits(
+        self, speed: FloatArray, fronts: tuple[Near, Near], rear: Near, margin_m: FloatArray | float
+    ) -> BoolArray:
+        """Whether the check permits a lane change between these vehicles."""
+        first, second = (self._limits.clear_ahead(speed, front, margin_m) for front in fronts)
+        return first & second & self._limits.clear_behind(speed, rear, margin_m)
+
+    def _to_continue(self, speed: FloatArray, own: Near, front: Near) -> FloatArray:
+        """The largest acceleration after which both vehicles ahead still permit the lane change.
+
+        They keep their speeds. Hard braking if nothing milder is enough.
+        """
+        faster = np.clip(speed + self._rates, 0.0, self._ego.max_speed_m_s)
+        permitted = np.ones(faster.shape, dtype=np.bool_)
+        for near in (own, front):
+            gap_m = near.gap_m - (speed + faster) / 2 + near.speed_m_s
+            permitted &= self._limits.clear_ahead(faster, Near(gap_m, near.speed_m_s))
+        permitted[-1] = True
+        most: FloatArray = self._rates[permitted.argmax(axis=0), 0]
+        return most
+
+    def _behind_the_left(
+        self, ego: Ego, lane: IntArray, around: Surroundings, member: BoolArray
+    ) -> FloatArray:
+        """The acceleration with which the ego does not pass the vehicle ahead in the left lane."""
+        left = np.minimum(lane + 1, len(self._open) - 1)
+        front, _ = around.near(member[left])
+        binds = (left > lane) & _is_passed_on_the_left(front)
+        rate = self._follow(ego.speed_m_s, front, front)
+        return np.where(binds, rate, self._ego.accelerate_m_s2)
+
+    def _follow(self, speed: FloatArray, own: Near, front: Near) -> FloatArray:
+        """The acceleration behind two vehicles: that of an action, or of the ACC that is set."""
+        ego = self._ego
+        braking = np.minimum(self._braking(speed, own), self._braking(speed, front))
+        if ego.longitudinal_reference != "acceleration":
+            free = ego.acc_speed_gain_per_s * (ego.max_speed_m_s - speed)
+            wanted = np.minimum(free, self._law(speed, own, ego.reference_headway_s))
+            wanted = np.clip(wanted, -ego.hard_brake_m_s2, ego.accelerate_m_s2)
+            return np.where(braking < 0, np.minimum(braking, wanted), wanted)
+        may = np.minimum(
+            self._law(speed, own, LONG_HEADWAY_S), self._law(speed, front, LONG_HEADWAY_S)
+        )
+        accelerates = (braking == 0) & (may > ego.accelerate_m_s2 / 2)
+        return np.where(accelerates, ego.accelerate_m_s2, braking)
+
+    def _braking(self, speed: FloatArray, front: Near) -> FloatArray:
+        """0, brake or hard brake behind a vehicle ahead, whichever is milder and suffices."""
+        ego, closing = self._ego, np.maximum(speed - front.speed_m_s, 0.0)
+        law = self._law(speed, front, SHORT_HEADWAY_S)
+        room_m = np.maximum(front.gap_m - ego.reference_standstill_gap_m - closing, 1.0)
+        needed = closing * closing / (2 * room_m)
+        brakes = (law < -ego.brake_m_s2 / 2) | (needed > BRAKES_FROM * ego.brake_m_s2)
+        hard = law < -(ego.brake_m_s2 + ego.hard_brake_m_s2) / 2
+        hard |= needed > BRAKES_FROM * ego.hard_brake_m_s2
+        return np.where(hard, -ego.hard_brake_m_s2, np.where(brakes, -ego.brake_m_s2, 0.0))
+
+    def _law(self, speed: FloatArray, front: Near, headway_s: float) -> FloatArray:
+        """The constant time-gap law, as ``car_following.time_gap_acceleration``."""
+        spare_m = front.gap_m - self._ego.reference_standstill_gap_m - headway_s * speed
+        closing = speed - front.speed_m_s
+        law: FloatArray = (self._ego.acc_gap_gain_per_s * spare_m - closing) / headway_s
+        return law
+
+
+def _is_passed_on_the_left(front: Near) -> BoolArray:
+    """Whether the ban on passing on the right holds for a vehicle ahead (``passing.py``)."""
+    banned: BoolArray = (front.gap_m > 0) & (front.speed_m_s > CONGESTED_M_S)
+    return banned & (front.gap_m < FAR_M / 2)

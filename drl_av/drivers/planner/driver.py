@@ -1,0 +1,120 @@
+"""The driver ``planner``: every other decision it compares about a hundred plans (ours)."""
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import Config
+from drl_av.drivers.planner.choice import Choice, Chooser, Ego
+from drl_av.drivers.planner.forecast import Forecaster, Prices
+from drl_av.drivers.planner.limits import limits_of
+from drl_av.drivers.planner.others import FAR_M, BoolArray, IntArray, Others, others_of
+from drl_av.drivers.planner.plans import PLANS, Intent, next_second, usable_plans
+from drl_av.drivers.planner.watcher import Ahead, Watcher
+from drl_av.driving.actions import Action, Longitudinal, nearest_action, toward
+from drl_av.driving.affordances import Affordances
+from drl_av.driving.scene import Scene
+from drl_av.traffic.snapshot import Snapshot
+
+DECISIONS_PER_PLAN = 2
+
+
+class PlannerDriver:
+    """Drives as the best of its plans, until a plan is better by ``Prices.change_of_plan``.
+
+    It sees all vehicles of the scene, not only the 27 indicators. It remembers the motion of the
+    others, from which it guesses what they want, and which lanes it has seen. Deterministic.
+    """
+
+    def __init__(self, config: Config, prices: Prices | None = None) -> None:
+        self._ego, self._limits, self._prices = config.ego, limits_of(config), prices or Prices()
+        self.start(0)
+
+    def start(self, seed: int) -> None:
+        """Forget the episode before."""
+        self._watcher: Watcher | None = None
+        self._last: Snapshot | None = None
+        self._decisions, self._sign = 0, 0
+        self._plan: IntArray = np.full(PLANS.shape[1], Intent.KEEP)
+        self._open: dict[int, bool] = {}
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """The action of the plan in this scene; the same again if the scene is the last one's."""
+        lanes = self._open_lanes(scene)
+        others = others_of(scene.snapshot, scene.affordances, len(lanes))
+        is_new = self._last is None or scene.snapshot.time_s != self._last.time_s
+        watcher = self._watch(scene, others)
+        lap_m = scene.affordances.circumference_m or FAR_M
+        chooser = Chooser(lanes, self._ego, self._limits)
+        forecaster = Forecaster(others, watcher, lap_m, chooser, self._ego)
+        if is_new:
+            self._next_plan(forecaster, scene)
+        choice = forecaster.choice(self._egos(scene, 1), self._plan[:1])
+        self._sign = int(np.sign(choice.acceleration_m_s2[0])) or self._sign
+        return self._action(scene, choice)
+
+    def _open_lanes(self, scene: Scene) -> BoolArray:
+        """Which lanes are open, as far as they were seen; a lane with vehicles is open."""
+        seen = scene.affordances
+        self._open |= {seen.lane - 1: seen.right_lane, seen.lane + 1: seen.left_lane}
+        self._open[seen.lane] = True
+        used = np.round(scene.snapshot.y_m / seen.lane_width_m).astype(int)
+        last = max(int(used.max()), *(lane for lane, is_open in self._open.items() if is_open))
+        return np.array(
+            [self._open.get(lane, bool((used == lane).any())) for lane in range(last + 1)]
+        )
+
+    def _watch(self, scene: Scene, others: Others) -> Watcher:
+        """The estimates after this scene."""
+        shot = scene.snapshot
+        if self._watcher is None or self._last is None or not self._watcher.fits(others):
+            self._watcher = Watcher(others)
+        elif shot.time_s > self._last.time_s:
+            ahead = _ahead(others, scene.affordances)
+            self._watcher.observe(others, ahead, shot.time_s - self._last.time_s)
+        self._last = shot
+        return self._watcher
+
+    def _next_plan(self, forecaster: Forecaster, scene: Scene) -> None:
+        rest = next_second(self._plan)
+        if self._decisions % DECISIONS_PER_PLAN == 0:
+            seen = scene.affordances
+            is_changing = scene.lane_change is not None
+            plans = np.vstack([usable_plans(is_changing, seen.right_lane, seen.left_lane), rest])
+            ego = self._egos(scene, len(plans))
+            scores = forecaster.scores(ego, self._sign, plans, self._prices)
+            scores[-1] += self._prices.change_of_plan
+            rest = plans[scores.argmax()]
+        self._plan = rest
+        self._decisions += 1
+
+    def _egos(self, scene: Scene, n: int) -> Ego:
+        """The ego of a scene, n times."""
+        seen, change = scene.affordances, scene.lane_change
+        origin, target, seconds = seen.lane, seen.lane, 0
+        if change is not None:
+            origin, target = change.origin, change.target
+            share = abs(seen.ego_y_m / seen.lane_width_m - origin)
+            seconds = round(share * self._ego.lane_change_duration_s)
+        lanes = (np.full(n, number) for number in (origin, target, seconds))
+        return Ego(np.zeros(n), np.full(n, seen.ego_speed_m_s), *lanes)
+
+    def _action(self, scene: Scene, choice: Choice) -> Action:
+        rate, change = float(choice.acceleration_m_s2[0]), scene.lane_change
+        side = int(choice.begins[0])
+        if change is not None and choice.aborts[0]:
+            side = -change.sign
+        by_model = self._ego.longitudinal_reference != "acceleration"
+        if by_model and rate > -self._ego.brake_m_s2:
+            return Action(toward(side), Longitudinal.ACCELERATE)
+        return Action(toward(side), nearest_action(rate, self._ego))
+
+
+def _ahead(others: Others, seen: Affordances) -> Ahead:
+    """The vehicle ahead of each other vehicle, which may be the ego."""
+    lanes, x_m, speed = others.now, others.x_m, others.speed_m_s
+    gap_m = x_m[lanes.leader] - x_m + lanes.offset_m
+    closing = speed - speed[lanes.leader]
+    shares = lanes.member[seen.lane]
+    follows = shares & (x_m < 0) & (-x_m - others.half_m < gap_m)
+    gap_m = np.where(follows, -x_m - others.half_m, gap_m)
+    return Ahead(gap_m, np.where(follows, speed - seen.ego_speed_m_s, closing))

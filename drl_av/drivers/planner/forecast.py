@@ -1,0 +1,156 @@
+"""Forecasts of all vehicles under many plans of the ego at once, and their scores (ours).
+
+A forecast advances in seconds. The ego follows its plan within the limits of the safety check. The
+other vehicles follow IDM with the parameters that the planner has estimated; they complete the lane
+changes that they have begun, and begin none.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from drl_av.config import EgoConfig
+from drl_av.drivers.planner.choice import LONG_HEADWAY_S, Choice, Chooser, Ego, Surroundings
+from drl_av.drivers.planner.others import FAR_M, BoolArray, IntArray, Lanes, Others, idm
+from drl_av.drivers.planner.watcher import Watcher
+from drl_av.traffic.road import FloatArray
+
+SETTLED_S = 2
+"""Seconds after which the vehicles that change lanes have left their old ones."""
+LATE = 0.75
+"""A vehicle covers its last speed's share (1 - LATE) and its next speed's share LATE of a second.
+
+This is exact for a constant acceleration in two SUMO steps of half a second.
+"""
+HARDEST_M_S2 = 4.0
+"""Hardest braking of the other vehicles."""
+
+
+class Prices(NamedTuple):
+    """What a forecast costs, in metres that the ego would have to drive farther to make it even."""
+
+    hit: float = 1000.0
+    short_headway: float = 1.5
+    """For each second and each second of headway that is missing to 1 s."""
+    forced_braking: float = 2.0
+    """For each m/s^2 by which the ego makes a vehicle brake harder than 2 m/s^2, each second."""
+    lane_change: float = 4.0
+    aborted_lane_change: float = 12.0
+    reversal: float = 1.0
+    """For accelerating after braking, or braking after accelerating."""
+    change_of_plan: float = 10.0
+    """Gain that a new plan must have over the rest of the present one."""
+    tail_s: float = 10.0
+    """Time after the forecast, in which the ego keeps to the speed of the vehicle ahead."""
+    room: float = 0.8
+    """Worth of a metre of the gap ahead at the end."""
+
+
+class Forecaster:
+    """Makes forecasts from one scene."""
+
+    def __init__(
+        self, others: Others, watcher: Watcher, lap_m: float, chooser: Chooser, ego: EgoConfig
+    ) -> None:
+        self._others, self._lap_m, self._chooser, self._ego = others, lap_m, chooser, ego
+        self._desired_m_s, self._headway_s = watcher.desired_m_s, watcher.headway_s
+
+    def around(self, ego: Ego, x_m: FloatArray, speed: FloatArray) -> Surroundings:
+        """The other vehicles at positions of shape (P, N) as the ego sees them."""
+        ahead_m = x_m - ego.x_m[:, None]
+        ahead_m -= self._lap_m * np.round(ahead_m / self._lap_m)
+        return Surroundings(ahead_m, speed, self._others.half_m)
+
+    def choice(self, ego: Ego, intent: IntArray) -> Choice:
+        """The action in the scene itself."""
+        around = self.around(ego, self._others.x_m[None], self._others.speed_m_s[None])
+        return self._chooser(ego, intent, around, self._others.now.member)
+
+    def scores(self, ego: Ego, sign: int, plans: IntArray, prices: Prices) -> FloatArray:
+        """The distance that the ego drives with each plan less its prices, metres; shape (P,).
+
+        ``ego`` is changed. ``sign`` is that of the ego's last acceleration or braking.
+        """
+        shape = len(plans), len(self._others.x_m)
+        x_m, speed = (
+            np.broadcast_to(values, shape).copy()
+            for values in (self._others.x_m, self._others.speed_m_s)
+        )
+        score, last = np.zeros(len(plans)), np.full(len(plans), sign)
+        for second in range(plans.shape[1]):
+            lanes = self._others.now if second < SETTLED_S else self._others.later
+            around = self.around(ego, x_m, speed)
+            choice = self._chooser(ego, plans[:, second], around, lanes.member)
+            signs = np.sign(choice.acceleration_m_s2).astype(np.intp)
+            score -= prices.reversal * (signs == -last) * (signs != 0)
+            last = np.where(signs != 0, signs, last)
+            score -= _price_of_choice(ego, choice, prices)
+            self._change_lanes(ego, choice)
+            faster, price = self._follow(ego, around, x_m, lanes, prices)
+            score += self._drive(ego, choice.acceleration_m_s2) - price
+            x_m += (1 - LATE) * speed + LATE * faster
+            speed = faster
+        return score + self._tail(ego, self.around(ego, x_m, speed), prices)
+
+    def _change_lanes(self, ego: Ego, choice: Choice) -> None:
+        """Move the egos sideways for a second."""
+        aborts, begins = choice.aborts, choice.begins
+        seconds = round(self._ego.lane_change_duration_s)
+        back = np.where(aborts, seconds - ego.seconds, ego.seconds)
+        ego.origin, ego.target = (
+            np.where(aborts, ego.target, ego.origin),
+            np.where(aborts, ego.origin, ego.target + begins),
+        )
+        ego.seconds = np.where(ego.origin != ego.target, back + 1, 0)
+        arrives = ego.seconds >= seconds
+        ego.origin = np.where(arrives, ego.target, ego.origin)
+        ego.seconds = np.where(arrives, 0, ego.seconds)
+
+    def _drive(self, ego: Ego, acceleration: FloatArray) -> FloatArray:
+        """Move the egos along the road for a second; returns the distances."""
+        speed = np.clip(ego.speed_m_s + acceleration, 0.0, self._ego.max_speed_m_s)
+        moved_m: FloatArray = (1 - LATE) * ego.speed_m_s + LATE * speed
+        ego.x_m, ego.speed_m_s = ego.x_m + moved_m, speed
+        return moved_m
+
+    def _follow(
+        self, ego: Ego, around: Surroundings, x_m: FloatArray, lanes: Lanes, prices: Prices
+    ) -> tuple[FloatArray, FloatArray]:
+        """The other vehicles' speeds a second later, and the price of what the ego does to them."""
+        gap_m, lead = x_m[:, lanes.leader] - x_m + lanes.offset_m, around.speed_m_s[:, lanes.leader]
+        shares = self._shares_lane(ego, lanes.member)
+        to_ego_m = -around.ahead_m - around.half_m
+        to_ego_m += self._lap_m * (around.ahead_m >= 0)
+        follows = shares & (to_ego_m < gap_m)
+        gap_m = np.where(follows, to_ego_m, gap_m)
+        lead = np.where(follows, ego.speed_m_s[:, None], lead)
+        speed = around.speed_m_s
+        rate = idm(speed, self._desired_m_s, self._headway_s, gap_m, speed - lead)
+        hits = (shares & (np.abs(around.ahead_m) < around.half_m)).any(axis=1)
+        forced = np.where(follows, np.clip(-2.0 - rate, 0.0, HARDEST_M_S2), 0.0).sum(axis=1)
+        price: FloatArray = prices.hit * hits + prices.forced_braking * forced
+        return np.maximum(speed + np.maximum(rate, -HARDEST_M_S2), 0.0), price
+
+    def _shares_lane(self, ego: Ego, member: BoolArray) -> BoolArray:
+        """Whether each vehicle uses a lane that the ego's body overlaps, shape (P, N)."""
+        from_line = ego.seconds - self._ego.lane_change_duration_s / 2
+        in_origin, in_target = from_line < 1.0, from_line > -1.0
+        result: BoolArray = (member[ego.origin] & in_origin[:, None]) | (
+            member[ego.target] & in_target[:, None]
+        )
+        return result
+
+    def _tail(self, ego: Ego, around: Surroundings, prices: Prices) -> FloatArray:
+        """What the end of a forecast is worth: the way on behind the vehicle ahead, metres."""
+        front, _ = around.near(self._others.later.member[self._chooser.lane(ego)])
+        room_m = np.maximum(front.gap_m - LONG_HEADWAY_S * ego.speed_m_s, 0.0)
+        worth_m = prices.tail_s * front.speed_m_s + prices.room * room_m
+        most_m = prices.tail_s * self._ego.max_speed_m_s
+        return np.where(front.gap_m < FAR_M / 2, np.minimum(worth_m, most_m), most_m)
+
+
+def _price_of_choice(ego: Ego, choice: Choice, prices: Prices) -> FloatArray:
+    missing_s = np.maximum(1.0 - choice.front.gap_m / np.maximum(ego.speed_m_s, 1.0), 0.0)
+    price: FloatArray = prices.short_headway * missing_s
+    price = price + prices.lane_change * (choice.begins != 0)
+    return price + prices.aborted_lane_change * choice.aborts

@@ -1,0 +1,116 @@
+"""The safety check in many forecasts at once: the rules of ``paper`` and of ``strict`` (ours).
+
+They use the equations of the checks for the neighbours of the ego, and broadcast over P forecasts.
+The safety check itself examines the driver's action afterwards.
+"""
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.drivers.planner.others import BoolArray
+from drl_av.safety.paper import gap_condition
+from drl_av.safety.stopping import reach, stopping_distance
+from drl_av.traffic.road import FloatArray
+
+
+class Near(NamedTuple):
+    """The next vehicle in one direction of a lane in each forecast, arrays of shape (P,)."""
+
+    gap_m: FloatArray
+    speed_m_s: FloatArray
+
+    def where(self, condition: BoolArray, other: "Near") -> "Near":
+        """This vehicle where the condition holds, else the other one."""
+        return Near(
+            *(np.where(condition, mine, its) for mine, its in zip(self, other, strict=True))
+        )
+
+
+class Limits(Protocol):
+    """What a safety check permits."""
+
+    def fastest(self, speed: FloatArray, front: Near) -> FloatArray:
+        """The largest acceleration behind a vehicle ahead, m/s^2."""
+
+    def clear_ahead(self, speed: FloatArray, front: Near, margin_m: Any = 0.0) -> BoolArray:
+        """Whether a vehicle ahead permits a lane change, with ``margin_m`` to spare."""
+
+    def clear_behind(self, speed: FloatArray, rear: Near, margin_m: Any = 0.0) -> BoolArray:
+        """Whether a vehicle behind in the target lane permits a lane change."""
+
+
+class PaperLimits:
+    """Rules 1 and 3 of the check ``paper``."""
+
+    def __init__(self, config: Config) -> None:
+        self._safety, self._ego = config.safety, config.ego
+
+    def fastest(self, speed: FloatArray, front: Near) -> FloatArray:
+        """Rule 1: what eq. 3 answers where eq. 2 does not hold."""
+        safety, ego, closing = self._safety, self._ego, speed - front.speed_m_s
+        free = (closing <= 0) | gap_condition(front.gap_m, closing, safety)
+        ttc_s = front.gap_m / np.maximum(closing, 1e-6)
+        mild = np.where(ttc_s <= safety.brake_ttc_s, -ego.brake_m_s2, 0.0)
+        safe = np.where(ttc_s <= safety.hard_brake_ttc_s, -ego.hard_brake_m_s2, mild)
+        return np.where(free, ego.accelerate_m_s2, safe)
+
+    def clear_ahead(self, speed: FloatArray, front: Near, margin_m: Any = 0.0) -> BoolArray:
+        """Rule 3 for a vehicle ahead: eq. 2."""
+        closing = speed - front.speed_m_s
+        permitted: BoolArray = gap_condition(front.gap_m - margin_m, closing, self._safety)
+        return permitted
+
+    def clear_behind(self, speed: FloatArray, rear: Near, margin_m: Any = 0.0) -> BoolArray:
+        """Rule 3 for a vehicle behind: eq. 2."""
+        closing = rear.speed_m_s - speed
+        permitted: BoolArray = gap_condition(rear.gap_m - margin_m, closing, self._safety)
+        return permitted
+
+
+class StrictLimits:
+    """The stopping distances of the check ``strict``."""
+
+    def __init__(self, config: Config) -> None:
+        self._strict, self._ego, self._simulation = config.strict, config.ego, config.simulation
+        ego = config.ego
+        self._rates = np.array([ego.accelerate_m_s2, 0.0, -ego.brake_m_s2, -ego.hard_brake_m_s2])
+        by_number = ego.longitudinal_reference == "acceleration"
+        self._slowest = 0.0 if by_number else -ego.hard_brake_m_s2
+
+    def fastest(self, speed: FloatArray, front: Near) -> FloatArray:
+        """The largest acceleration from which the ego can stop behind the vehicle ahead."""
+        reaches = reach(speed, self._rates[:, None], self._ego, self._simulation)
+        permitted = reaches < self._most_m(front)
+        permitted[-1] = True
+        fastest: FloatArray = self._rates[permitted.argmax(axis=0)]
+        return fastest
+
+    def clear_ahead(self, speed: FloatArray, front: Near, margin_m: Any = 0.0) -> BoolArray:
+        """Whether the ego can stop behind the vehicle ahead after it has maintained its speed."""
+        reached_m = reach(speed, 0.0, self._ego, self._simulation)
+        permitted: BoolArray = reached_m < self._most_m(front) - margin_m
+        return permitted
+
+    def clear_behind(self, speed: FloatArray, rear: Near, margin_m: Any = 0.0) -> BoolArray:
+        """Whether the vehicle behind can stop behind the ego, whatever the ego does."""
+        strict, step_s = self._strict, self._simulation.step_length_s
+        least_m = reach(speed, self._slowest, self._ego, self._simulation)
+        delay_s = strict.follower_response_s + self._simulation.decision_interval_s / 2
+        faster = rear.speed_m_s + strict.acceleration_m_s2 * delay_s
+        rolled_m = (rear.speed_m_s + faster + strict.acceleration_m_s2 * step_s) / 2 * delay_s
+        rolled_m = rolled_m + stopping_distance(faster, strict.follower_braking_m_s2, step_s)
+        permitted: BoolArray = least_m > rolled_m - rear.gap_m + strict.clearance_m + margin_m
+        return permitted
+
+    def _most_m(self, front: Near) -> FloatArray:
+        strict, step_s = self._strict, self._simulation.step_length_s
+        stop_m = stopping_distance(front.speed_m_s, strict.braking_m_s2, step_s)
+        most_m: FloatArray = front.gap_m + stop_m - strict.clearance_m
+        return most_m
+
+
+def limits_of(config: Config) -> Limits:
+    """The limits of the check that a config names; those of ``paper`` for any other check."""
+    return StrictLimits(config) if config.safety.check == "strict" else PaperLimits(config)

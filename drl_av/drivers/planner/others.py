@@ -1,0 +1,130 @@
+"""The other vehicles as the planner sees them: positions, lanes, leaders and a guess of their IDM.
+
+Arrays have shape (N,) or (L, N) for N vehicles and L lanes.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.driving.affordances import Affordances
+from drl_av.traffic.road import FloatArray
+from drl_av.traffic.snapshot import EGO, Snapshot
+
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.intp]
+FAR_M = 1e6
+"""A distance without a vehicle."""
+STANDSTILL_GAP_M = 2.5
+ACCELERATION_M_S2 = 1.5
+COMFORTABLE_BRAKING_M_S2 = 2.0
+"""The guess of each vehicle's IDM, besides its desired speed and time gap."""
+MOVING_M_S = 0.05
+"""A vehicle that is faster than this sideways changes lanes."""
+ALMOST_THERE = 0.1
+"""Share of a lane's width by which a lane change may be short of the lane's centre."""
+
+
+class Lanes(NamedTuple):
+    """The lanes that vehicles use, and each vehicle's leader in them."""
+
+    member: BoolArray
+    """Whether a vehicle uses a lane, shape (L, N)."""
+    leader: IntArray
+    """Row of the next vehicle ahead in a common lane."""
+    offset_m: FloatArray
+    """The net gap to the leader is its position minus the own one plus this; FAR_M: no leader."""
+
+
+class Others(NamedTuple):
+    """The other vehicles at one decision."""
+
+    x_m: FloatArray
+    """Position of the centre relative to the ego's, positive ahead."""
+    speed_m_s: FloatArray
+    half_m: FloatArray
+    """Distance of the centres at which the vehicle touches the ego."""
+    now: Lanes
+    """With both lanes of a vehicle that changes lanes."""
+    later: Lanes
+    """With the target lane of a vehicle that changes lanes."""
+
+
+def wanted_gap(speed: FloatArray, closing: FloatArray, headway_s: FloatArray) -> FloatArray:
+    """The gap that IDM wants, s*, metres; broadcasts."""
+    rate = 2 * math.sqrt(ACCELERATION_M_S2 * COMFORTABLE_BRAKING_M_S2)
+    result: FloatArray = STANDSTILL_GAP_M + np.maximum(speed * (headway_s + closing / rate), 0.0)
+    return result
+
+
+def idm(
+    speed: FloatArray,
+    desired: FloatArray,
+    headway_s: FloatArray,
+    gap_m: FloatArray,
+    closing: FloatArray,
+) -> FloatArray:
+    """Acceleration of the intelligent driver model (Treiber et al. 2000), m/s^2; broadcasts."""
+    ratio = wanted_gap(speed, closing, headway_s) / np.maximum(gap_m, 0.1)
+    relative = speed / desired
+    relative = relative * relative
+    result: FloatArray = ACCELERATION_M_S2 * (1 - relative * relative - ratio * ratio)
+    return result
+
+
+def others_of(snapshot: Snapshot, affordances: Affordances, lanes: int) -> Others:
+    """The other vehicles of a snapshot on a road with so many lanes.
+
+    A barrier of the road, as the end of a lane, is a vehicle of no length that stands there.
+    """
+    lap_m = affordances.circumference_m or FAR_M
+    width_m, ego_m = affordances.lane_width_m, float(snapshot.length_m[EGO])
+    barriers = [barrier for barrier in affordances.barriers if barrier.left_m > barrier.right_m]
+    rest = np.zeros(len(barriers))
+    x_m = snapshot.s_m[1:] - snapshot.s_m[EGO]
+    x_m = (x_m + lap_m / 2) % lap_m - lap_m / 2
+    x_m = np.append(x_m, [barrier.s_m + ego_m / 2 for barrier in barriers])
+    speed, lateral, length_m, body_m = (
+        np.append(values[1:], rest)
+        for values in (
+            snapshot.speed_m_s,
+            snapshot.lateral_speed_m_s,
+            snapshot.length_m,
+            snapshot.width_m,
+        )
+    )
+    centers_m = [(barrier.left_m + barrier.right_m) / 2 for barrier in barriers]
+    place = np.append(snapshot.y_m[1:], centers_m) / width_m
+    now, later = _members(place, lateral, body_m / width_m, lanes)
+    return Others(
+        x_m,
+        speed,
+        (length_m + ego_m) / 2,
+        _lanes(x_m, length_m, now, lap_m),
+        _lanes(x_m, length_m, later, lap_m),
+    )
+
+
+def _members(
+    place: FloatArray, lateral: FloatArray, width: FloatArray, lanes: int
+) -> tuple[BoolArray, BoolArray]:
+    """The lanes of each vehicle now and after its lane change; positions in lanes."""
+    lane = np.arange(lanes)[:, None]
+    aim = np.where(lateral > 0, np.ceil(place - ALMOST_THERE), np.floor(place + ALMOST_THERE))
+    changes = np.abs(lateral) > MOVING_M_S
+    there = changes & (lane == aim)
+    now = (np.abs(place - lane) < (1 + width) / 2) | there
+    return now, np.where(changes, there, np.abs(place - lane) <= 0.5)
+
+
+def _lanes(x_m: FloatArray, length_m: FloatArray, member: BoolArray, lap_m: float) -> Lanes:
+    n = len(x_m)
+    if n == 0:
+        return Lanes(member, np.zeros(0, dtype=np.intp), np.zeros(0))
+    shared = (member[:, :, None] & member[:, None, :]).any(axis=0) & ~np.eye(n, dtype=np.bool_)
+    ahead_m = np.where(shared, (x_m[None, :] - x_m[:, None]) % lap_m, FAR_M)
+    leader = ahead_m.argmin(axis=1)
+    round_m = ahead_m[np.arange(n), leader] - (x_m[leader] - x_m)
+    return Lanes(member, leader, round_m - (length_m[leader] + length_m) / 2)

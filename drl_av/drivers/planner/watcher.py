@@ -1,0 +1,78 @@
+"""Estimates of the other vehicles' desired speeds and time gaps from their motion (ours)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from drl_av.drivers.planner.others import (
+    ACCELERATION_M_S2,
+    COMFORTABLE_BRAKING_M_S2,
+    STANDSTILL_GAP_M,
+    Others,
+    wanted_gap,
+)
+from drl_av.traffic.road import FloatArray
+
+USUAL_SPEED_M_S = 26.0
+"""Desired speed of a vehicle about which nothing is known, unless it is faster."""
+USUAL_HEADWAY_S = 1.1
+FASTEST_M_S = 40.0
+HEADWAYS_S = (0.4, 2.0)
+MEMORY = 5.0
+"""An estimate of the desired speed is the mean of about so many observations."""
+FORGETTING = 0.3
+"""Weight of a new observation of the time gap."""
+
+
+class Ahead(NamedTuple):
+    """The vehicle ahead of each vehicle, the ego included; arrays of shape (N,)."""
+
+    gap_m: FloatArray
+    closing_m_s: FloatArray
+
+
+class Watcher:
+    """Remembers the other vehicles of an episode.
+
+    A vehicle on a free road shows its desired speed, and one behind another vehicle its time gap:
+    each is the value with which IDM has the acceleration that was observed.
+    """
+
+    def __init__(self, others: Others) -> None:
+        speed = others.speed_m_s
+        self.desired_m_s = np.maximum(speed, USUAL_SPEED_M_S)
+        self.headway_s = np.full(len(speed), USUAL_HEADWAY_S)
+        self._known = np.zeros(len(speed))
+        self._speed = speed
+
+    def fits(self, others: Others) -> bool:
+        """Whether these are the vehicles that the watcher remembers, by their number."""
+        return len(others.speed_m_s) == len(self._speed)
+
+    def observe(self, others: Others, ahead: Ahead, seconds: float) -> None:
+        """Improve the estimates by the vehicles ``seconds`` after the last observation."""
+        speed = others.speed_m_s
+        rate = (speed - self._speed) / seconds / ACCELERATION_M_S2
+        self._speed = speed
+        self._observe_desired(speed, rate, ahead)
+        self._observe_headway(speed, rate, ahead)
+
+    def _observe_desired(self, speed: FloatArray, rate: FloatArray, ahead: Ahead) -> None:
+        """IDM solved for the desired speed: v / (1 - a_observed / a - (s* / s)^2)^(1/4)."""
+        wanted_m = wanted_gap(speed, ahead.closing_m_s, self.headway_s)
+        interaction = (wanted_m / np.maximum(ahead.gap_m, 0.1)) ** 2
+        left = 1 - rate - interaction
+        seen = np.clip(speed / np.maximum(left, 0.2) ** 0.25, 0.1, FASTEST_M_S)
+        weight = np.clip(1 - 2 * interaction, 0.0, 1.0) * (left > 0.2)
+        self._known = np.minimum(self._known + weight, MEMORY)
+        self.desired_m_s += weight / np.maximum(self._known, 1e-9) * (seen - self.desired_m_s)
+        self.desired_m_s = np.maximum(self.desired_m_s, np.maximum(speed, 0.1))
+
+    def _observe_headway(self, speed: FloatArray, rate: FloatArray, ahead: Ahead) -> None:
+        """IDM solved for the time gap, from s* = s (1 - a_observed / a - (v / v_0)^4)^(1/2)."""
+        left = np.clip(1 - rate - (speed / self.desired_m_s) ** 4, 0.0, 4.0)
+        braking = 2 * (ACCELERATION_M_S2 * COMFORTABLE_BRAKING_M_S2) ** 0.5
+        wanted_s = (ahead.gap_m * left**0.5 - STANDSTILL_GAP_M) / np.maximum(speed, 1.0)
+        seen = np.clip(wanted_s - ahead.closing_m_s / braking, *HEADWAYS_S)
+        follows = (ahead.gap_m < 2.5 * speed + 10) & (speed > 3.0)
+        self.headway_s += np.where(follows, FORGETTING, 0.0) * (seen - self.headway_s)

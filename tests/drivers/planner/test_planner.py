@@ -1,0 +1,96 @@
+"""The driver ``planner`` in scenes by hand, and in SUMO."""
+
+from collections.abc import Iterator
+
+import pytest
+from worlds import ALONE, LEFT, RIGHT, SLOW_LEADER, Car, ahead, changing, scene
+
+from drl_av.config import Config
+from drl_av.drivers.driver import Driver
+from drl_av.drivers.planner import PlannerDriver
+from drl_av.drivers.registry import rule_driver
+from drl_av.driving.actions import Action, Lateral, Longitudinal
+from drl_av.driving.scene import Scene
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import drive
+
+CONFIG = Config()
+BOXED_SEED, VEHICLES = 820_008, 10
+"""An episode in which ``gap-mobil`` stays behind slow vehicles."""
+
+
+@pytest.fixture(scope="module", params=["paper", "strict"])
+def env(request: pytest.FixtureRequest) -> Iterator[HighwayEnv]:
+    made = HighwayEnv(safety_check=request.param)
+    yield made
+    made.close()
+
+
+def act(world: Scene, driver: Driver | None = None) -> Action:
+    return (driver or PlannerDriver(CONFIG)).act(world, None)
+
+
+def test_it_accelerates_alone_and_overtakes_a_slow_vehicle() -> None:
+    assert act(ALONE) == Action(Lateral.KEEP, Longitudinal.ACCELERATE)
+    leader = scene(ahead(60.0, speed_m_s=15.0), Car(0.0, RIGHT, 15.0))
+    assert act(leader).lateral is Lateral.LEFT
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "longitudinal"),
+    [
+        # at 20 m/s the time-gap law is 0.4 (gap - 22.5) with 1 s, 0.4 (gap - 30.5) / 1.4 with 1.4 s
+        (34.1, Longitudinal.ACCELERATE),  # 1.03
+        (33.9, Longitudinal.MAINTAIN),  # 0.97
+        (20.1, Longitudinal.MAINTAIN),  # -0.96
+        (19.9, Longitudinal.BRAKE),  # -1.04
+        (14.9, Longitudinal.HARD_BRAKE),  # -3.04
+    ],
+)
+def test_between_two_headways_it_keeps_its_speed(gap_m: float, longitudinal: Longitudinal) -> None:
+    cars = [ahead(gap_m, lane_m, 20.0) for lane_m in (RIGHT, 3.8, LEFT)]
+    assert act(scene(*cars)) == Action(Lateral.KEEP, longitudinal)
+
+
+def test_it_brakes_early_enough_for_a_vehicle_that_stands() -> None:
+    # 30 m/s: 900 / (2 * (gap - 2.5 - 30)) is 0.7 * 2 at 354 m and 0.7 * 4 at 193 m
+    walls = [[ahead(gap, lane_m, 0.0) for lane_m in (RIGHT, 3.8, LEFT)] for gap in (190.0, 200.0)]
+    assert act(scene(*walls[0], speed_m_s=30.0)).longitudinal is Longitudinal.HARD_BRAKE
+    assert act(scene(*walls[1], speed_m_s=30.0)).longitudinal is Longitudinal.BRAKE
+
+
+def test_it_lets_a_lane_change_go_on() -> None:
+    world = changing(ahead(60.0, speed_m_s=15.0), origin=1, target=2, seconds=2)
+    assert act(world).lateral is Lateral.KEEP
+
+
+def test_asked_again_in_the_same_scene_it_answers_the_same() -> None:
+    driver = PlannerDriver(CONFIG)
+    driver.start(0)
+    assert act(SLOW_LEADER, driver) == act(SLOW_LEADER, driver)
+
+
+def test_where_it_must_not_pass_on_the_right_it_stays_behind_the_left_lane() -> None:
+    banned = rule_driver("planner", Config().updated("ego", overtake_right=False))
+    for gap_m, speed, longitudinal in (
+        (25.0, 20.0, Longitudinal.MAINTAIN),
+        (19.0, 20.0, Longitudinal.BRAKE),
+        (25.0, 16.0, Longitudinal.ACCELERATE),  # below 60 km/h the ban does not hold
+    ):
+        banned.start(0)
+        assert act(scene(ahead(gap_m, LEFT, speed)), banned).longitudinal is longitudinal
+    boxed = scene(ahead(60.0, speed_m_s=18.0), Car(0.0, LEFT, 18.0))
+    banned.start(0)
+    assert act(boxed, banned).lateral is Lateral.KEEP
+    assert act(boxed).lateral is Lateral.RIGHT
+
+
+def test_under_either_check_it_gets_out_of_the_box_and_twice_by_the_same_way(
+    env: HighwayEnv,
+) -> None:
+    planner, rule = rule_driver("planner", env.config), rule_driver("gap-mobil", env.config)
+    driven = drive(env, planner, "planner", BOXED_SEED, VEHICLES)
+    assert driven.mean_speed_m_s > drive(env, rule, "", BOXED_SEED, VEHICLES).mean_speed_m_s + 0.5
+    assert not driven.collided
+    assert driven.safety_triggers <= 4
+    assert drive(env, planner, "planner", BOXED_SEED, VEHICLES) == driven
