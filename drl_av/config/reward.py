@@ -18,7 +18,7 @@ class RewardConfig(Section):
         choices=DESIRED_VALUES,
     )
     desired_speed_m_s: float = setting(
-        30.0, "Sec. IV-C", "v_des on a free road, and if v_des is fixed", low=1, high=60
+        30.0, "Sec. IV-C", "v_des on a free road, and if desired is fixed", low=1, high=60
     )
     desired_lateral_m: float = setting(
         3.8,
@@ -30,7 +30,9 @@ class RewardConfig(Section):
     collision_reward: float = setting(
         -3.0, "ours", "r_col, reward of a decision with a collision", low=-1000, high=0
     )
-    safe_headway_s: float = setting(1.3, "Sec. IV-C", "time gap of d_safe", low=0.1, high=10)
+    safe_headway_s: float = setting(
+        1.3, "Sec. IV-C", "time gap of d_safe, the safe gap of eq. 8", low=0.1, high=10
+    )
     catch_up_time_s: float = setting(
         8.0,
         "ours",
@@ -41,15 +43,15 @@ class RewardConfig(Section):
     worthwhile_gain_m_s: float = setting(
         3.0,
         "ours",
-        "a neighbouring lane becomes y_des if it allows a speed higher by more than this",
+        "y_des is the centre of another lane if that allows a speed higher by more than this",
         low=0,
         high=30,
     )
     speed_tolerance_m_s: float = setting(
         1.0,
         "ours",
-        "deviation from v_des behind a vehicle that has no penalty; the default is half of the "
-        "speed change of one decision",
+        "largest deviation from v_des behind another vehicle that costs no reward; the default is "
+        "half of the speed change of one decision",
         low=0,
         high=10,
     )

@@ -47,7 +47,7 @@ class SafetyConfig(Section):
 
 @dataclass(frozen=True)
 class StrictConfig(Section):
-    """Bounds on the other vehicles; the ego hits no vehicle that keeps to them under ``strict``.
+    """Bounds of the check ``strict``: under it the ego hits no vehicle that keeps to these bounds.
 
     The check refuses a scenario whose vehicle types exceed these bounds.
     """

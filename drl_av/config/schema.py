@@ -49,7 +49,7 @@ def did_you_mean(word: object, names: Iterable[str]) -> str:
 
 
 def section_name(section: type) -> str:
-    """The name of a section in TOML: ``FiniteStateConfig`` is ``finite_state``."""
+    """Return the name of a section in TOML, for example ``finite_state`` for FiniteStateConfig."""
     words = re.findall(r"[A-Z][a-z]*|[0-9]+", section.__name__.removesuffix("Config"))
     return "_".join(words).lower()
 

@@ -93,6 +93,6 @@ class GuiRenderer(Renderer):
 
 
 def vehicle_colors(snapshot: Snapshot) -> dict[str, Color]:
-    """The colours of the vehicles by id: that of the ego, and those of the others' speeds."""
+    """Return the colour of each vehicle by id; the colour shows its speed, except the ego's."""
     colors = map(speed_color, snapshot.speed_m_s.tolist())
     return dict(zip(snapshot.ids, colors, strict=True)) | {snapshot.ids[EGO]: EGO_COLOR}

@@ -11,7 +11,7 @@ from drl_av.traffic.snapshot import Collision, CollisionKind
 
 
 class Decision(NamedTuple):
-    """One transition of the environment: s_t, a_t, r_t+1 and s_t+1, with the scenes behind them."""
+    """One transition of the environment: s_t, a_t, r_t+1 and s_t+1, with the two scenes."""
 
     scene: Scene
     """The scene before the decision."""

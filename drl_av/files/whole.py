@@ -113,6 +113,7 @@ def require_writable(*paths: Path | None, inputs: Iterable[str | Path | None] = 
 
 
 def _try(path: Path) -> None:
+    """Raise DrlAvError unless ``write_whole`` can write to ``path``."""
     if path.is_dir():
         raise DrlAvError(f"{path} is a folder: name a file in it.")
     if path.exists() and not path.is_file():

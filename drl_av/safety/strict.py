@@ -220,7 +220,7 @@ class Strict:
         return how if by_number else Longitudinal.HARD_BRAKE
 
     def others(self, scene: Scene) -> Others:
-        """The other vehicles of a scene in the terms of the check.
+        """Return the other vehicles of a scene as the check needs them.
 
         On a loop each vehicle has two entries: one ahead of the ego and one behind it. A barrier,
         as the end of a lane, is a vehicle of no length that stands there.

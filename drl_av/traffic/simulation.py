@@ -253,6 +253,7 @@ class Simulation:
         return self.road.holds(command.y_m, width_m, front_m)
 
     def _snapshot(self) -> Snapshot:
+        """Read the state of all vehicles from SUMO, and return it as a snapshot."""
         state = self._readings.state()
         self._s_m, self._y_m, self._speed_m_s, _ = state
         s_m, y_m, speed, lateral = np.array(state)

@@ -1,4 +1,4 @@
-"""The window of sumo-gui: it follows the ego, shows a caption and colours the vehicles."""
+"""Controls the window of sumo-gui: it follows the ego, shows a caption and colours the vehicles."""
 
 import math
 from collections.abc import Mapping
@@ -16,9 +16,9 @@ Color = tuple[int, int, int]
 
 
 class Window:
-    """The window of sumo-gui with the ego in its middle, which always drives to the right.
+    """The window of sumo-gui; the ego is in its middle and always drives to the right.
 
-    The caption is the text of a point of interest below the ego, at the right side of its road.
+    The caption is a SUMO point of interest, below the ego and at the right side of its road.
     """
 
     def __init__(self, sumo: Any) -> None:
@@ -29,7 +29,7 @@ class Window:
         self.follow()
 
     def follow(self) -> None:
-        """Turn the view and move the caption along with the ego, after each SUMO step."""
+        """Turn the view and move the caption with the ego; call it after each SUMO step."""
         (_, low_m), (_, high_m) = self._sumo.gui.getBoundary(VIEW)
         below_m = CAPTION_SHARE * (high_m - low_m)
         x_m, y_m = self._sumo.vehicle.getPosition(EGO_ID)
@@ -40,7 +40,10 @@ class Window:
         self._sumo.poi.setPosition(CAPTION, x_m + below_m * right[0], y_m + below_m * right[1])
 
     def show(self, text: str, colors: Mapping[str, Color]) -> None:
-        """Show a line of text, and vehicles by id in colours (red, green, blue from 0 to 255)."""
+        """Show a line of text as the caption, and colour vehicles by id.
+
+        A color is (red, green, blue), each from 0 to 255.
+        """
         self._sumo.poi.setParameter(CAPTION, CAPTION, text)
         for name, color in colors.items():
             self._sumo.vehicle.setColor(name, color)
