@@ -67,7 +67,7 @@ STATE = ("x_m", "y_m", "speed_m_s", "lateral_m_s", "origin", "target", "lane_s")
 
 
 def rows_of(world: World, rows: IntArray) -> World:
-    """Return a World with copies of the scenes that have the indices ``rows``."""
+    """Return a World with copies of the scenes that have the indices ``rows``, shape (R,)."""
     arrays: Any = [getattr(world, name)[rows].copy() for name in STATE]
     return World(*arrays)
 

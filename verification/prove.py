@@ -1,4 +1,4 @@
-"""Proves the argument of the check ``strict``, lemma by lemma, for the settings of a config.
+"""Proves the safety argument of the check ``strict``, lemma by lemma, for a config's settings.
 
     python -m verification.prove                      # the default settings
     python -m verification.prove --config FILE.toml   # other settings

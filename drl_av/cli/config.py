@@ -8,7 +8,7 @@ from drl_av.config.reference import SECTIONS, annotated_toml
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
+    """Add the arguments of ``drl-av config`` to its parser."""
     parser.add_argument(
         "section",
         nargs="?",

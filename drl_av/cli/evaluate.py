@@ -17,7 +17,7 @@ SAVE_EVERY_S = 5.0
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
+    """Add the arguments of ``drl-av evaluate`` to its parser."""
     parser.add_argument(
         "runs", nargs="*", metavar="RUN", help="folders of runs (default: the shipped driver)"
     )

@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
+    """Add the arguments of ``drl-av export`` to its parser."""
     parser.add_argument(
         "run", metavar="RUN", help="folder of a run, or pretrained (the shipped driver)"
     )

@@ -7,7 +7,7 @@ from drl_av.config import Config
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
+    """Add the arguments of ``drl-av figures`` to its parser."""
     parser.add_argument(
         "sources",
         nargs="+",

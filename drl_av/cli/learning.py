@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def add_train_options(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``train``."""
+    """Add the arguments of ``drl-av train`` to its parser."""
     parser.add_argument(
         "--out", type=Path, required=True, metavar="RUN", help="the run's folder; must be new"
     )
@@ -49,7 +49,7 @@ def add_train_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_adapt_options(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``adapt``."""
+    """Add the arguments of ``drl-av adapt`` to its parser."""
     parser.add_argument(
         "run",
         nargs="?",
@@ -101,7 +101,7 @@ def train(options: argparse.Namespace) -> int:
 def adapt(options: argparse.Namespace) -> int:
     """Continue to train a trained driver in a new run folder; return the exit status.
 
-    This is the continual adaptation of Sec. IV-D of the paper.
+    This is the continual adaptation of Sec. IV-D of the paper. The verb is ``drl-av adapt``.
     """
     from drl_av.drivers.policy_file import find_policy
     from drl_av.drivers.registry import find_drivers

@@ -16,7 +16,7 @@ from drl_av.errors import RecordingError
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
+    """Add the arguments of ``drl-av replay`` to its parser."""
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
         "source",

@@ -11,7 +11,7 @@ from drl_av.experiments.options import ENGINES, VARIANTS, ReproduceOptions
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments."""
+    """Add the arguments of ``drl-av reproduce`` to its parser."""
     from drl_av.experiments.registry import EXPERIMENTS
 
     usual = ReproduceOptions()

@@ -14,7 +14,7 @@ FLAGS = {"barricaded_lanes": "--barricade"}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments: one for each setting of any kind of scenario."""
+    """Add the arguments of ``drl-av scenario``: one for each setting of any kind of scenario."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder to write; must be new")
     meanings = "; ".join(f"{name}: {kind.meaning}" for name, kind in KINDS.items())
     parser.add_argument("--kind", metavar="KIND", default="loop", help=meanings)

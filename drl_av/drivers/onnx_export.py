@@ -30,7 +30,7 @@ class _Graph:
         self.constants: list[Any] = []
 
     def constant(self, values: object) -> str:
-        """Add a constant array to the graph, and return its generated name."""
+        """Add the array ``values`` to the graph as a constant, and return its generated name."""
         name = f"constant_{len(self.constants)}"
         self.constants.append(self._onnx.numpy_helper.from_array(np.asarray(values), name))
         return name

@@ -33,7 +33,7 @@ class Results:
             return read_rows(self._folder / table)
 
     def made_by(self, table: str) -> dict[str, Any]:
-        """Read the provenance of a table; raises DrlAvError if it is missing or damaged."""
+        """Read how a table was made (its provenance); raises DrlAvError if that is damaged."""
         with report_corrupt_table(self._folder / table):
             return read_sidecar(self._folder / table)
 

@@ -20,7 +20,7 @@ INTEGRATION = "semi-implicit Euler"
 
 
 def provenance(config: Config, **facts: Any) -> dict[str, Any]:
-    """Return the facts about this process on which results depend, plus the caller's ``facts``."""
+    """Return how results are made by this process: command, versions, machine, and ``facts``."""
     return {
         "command": command(),
         "date": datetime.now(UTC).date().isoformat(),

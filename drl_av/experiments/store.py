@@ -1,4 +1,4 @@
-"""Stores results: a CSV table, and a JSON file beside it with the table's provenance."""
+"""Stores results: a CSV table, and beside it a JSON file with its provenance (how it was made)."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -54,7 +54,7 @@ class MadeWith(NamedTuple):
 
 
 class ResultStore:
-    """A table on disk to which only missing rows are added, sorted by ``order(row)``.
+    """A results table on disk, to which missing rows are added; sorted by the key ``order(row)``.
 
     Raises:
         DrlAvError: the table was made with other settings or another driver, is damaged, or cannot
@@ -150,7 +150,7 @@ class ResultStore:
 
 
 def _stored(facts: dict[str, Any], table: Path) -> MadeWith:
-    """Return the settings and drivers that the provenance ``facts`` of a table name.
+    """Return the settings and drivers in ``facts``, which are the provenance of a table.
 
     Damaged facts cause the errors that ``report_corrupt_table`` replaces.
     """
@@ -224,7 +224,7 @@ def seeds_held(rows: Iterable[Row], drivers: int = 1, first: int = 0) -> int:
 
 
 def sidecar(table: Path) -> Path:
-    """Return the path of a table's provenance file: ``curves.json`` for ``curves.csv``."""
+    """Return the path of the JSON file with a table's provenance: curves.json for curves.csv."""
     return table.with_suffix(".json")
 
 
@@ -234,7 +234,7 @@ def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
 
 
 def read_sidecar(table: Path) -> dict[str, Any]:
-    """Read the provenance of a table; {} if neither the table nor its provenance file exists.
+    """Read how a table was made from the JSON file beside it; {} if neither file exists.
 
     Raises:
         DrlAvError: the file is missing beside a table, cannot be read, or holds no JSON object.

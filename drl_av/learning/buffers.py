@@ -186,7 +186,10 @@ class TwoBuffers(Buffer):
         self.safe.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
     def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
-        """Store (s_t, a_t, *, r_col) in Buf_C, terminal: Algorithm 1 of the paper, lines 6, 9."""
+        """Store a terminal transition, with reward r_col and no next state, in Buf_C.
+
+        Algorithm 1 of the paper, lines 6 and 9.
+        """
         self.collision.append(s_t, a_t, r_col, 0.0, 0.0)
 
     def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
@@ -250,7 +253,7 @@ class UniformBuffer(Buffer):
         self.ring.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
     def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
-        """Store the terminal transition (s_t, a_t, *, r_col), with discount 0."""
+        """Store a terminal transition, with reward r_col, discount 0 and no next state."""
         self.ring.append(s_t, a_t, r_col, 0.0, 0.0)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:

@@ -105,7 +105,7 @@ class PrioritizedBuffer(UniformBuffer):
         self._new(self.ring.append(s_t, a_t, r_tp1, self.discount, s_tp1))
 
     def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
-        """Store the terminal transition (s_t, a_t, *, r_col), with discount 0."""
+        """Store a terminal transition, with reward r_col, discount 0 and no next state."""
         self._new(self.ring.append(s_t, a_t, r_col, 0.0, 0.0))
 
     def _new(self, slot: int) -> None:

@@ -1,4 +1,4 @@
-"""Collects the exact numbers on which the argument of ``strict`` depends, from a config."""
+"""Collects the exact numbers on which the safety argument of ``strict`` depends, from a config."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -12,7 +12,7 @@ from drl_av.traffic.scenario import find_scenario, load_scenario
 
 @dataclass(frozen=True)
 class Argument:
-    """The numbers of the argument of ``strict``, as exact fractions in SI units.
+    """The numbers of the safety argument of ``strict``, as exact fractions in SI units.
 
     Fields without a default are what the check assumes. Those with one describe what the vehicles
     really do; the tests change them, and the proof must then fail.

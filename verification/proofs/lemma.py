@@ -71,7 +71,7 @@ class Problem:
 
 
 class Lemma(NamedTuple):
-    """One lemma of the argument of ``strict``: its name, its statement, and the claims for Z3."""
+    """A lemma of the safety argument of ``strict``: name, statement, and the claims for Z3."""
 
     name: str
     says: str
