@@ -23,15 +23,17 @@ from gymnasium.envs.registration import register
 
 if TYPE_CHECKING:
     from drl_av.drivers.registry import load_driver as load_driver
+    from drl_av.env.video import RecordVideo as RecordVideo
     from drl_av.evaluation.evaluate import evaluate as evaluate
 
 __version__ = "0.1.0"
 
-_FUNCTIONS = {
+_NAMES = {
+    "RecordVideo": "drl_av.env.video",
     "evaluate": "drl_av.evaluation.evaluate",
     "load_driver": "drl_av.drivers.registry",
 }
-"""The module of each public function; the first use imports it, and with it SUMO."""
+"""The module of each public name; the first use imports it, and with it SUMO."""
 
 register(
     id="drl_av/Highway-v0",
@@ -41,10 +43,10 @@ register(
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _FUNCTIONS:
+    if name not in _NAMES:
         raise AttributeError(f"module 'drl_av' has no attribute {name!r}")
-    return getattr(import_module(_FUNCTIONS[name]), name)
+    return getattr(import_module(_NAMES[name]), name)
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_FUNCTIONS])
+    return sorted([*globals(), *_NAMES])

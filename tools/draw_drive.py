@@ -8,11 +8,11 @@ from pathlib import Path
 
 from PIL import Image
 
-from drl_av.drawing import Caption, draw, next_caption
-from drl_av.drawing.film import interpolated
+from drl_av.drawing.film import Film
 from drl_av.drivers.registry import default_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
+from drl_av.evaluation.replay import watcher_of
 
 FRAMES_PER_DECISION = 6
 FRAME_MS = 90
@@ -44,14 +44,13 @@ def overtaking(seed: int, vehicles: int, first: int, last: int) -> list[Image.Im
     config = default_config(choices).updated("simulation", decisions_per_episode=last)
     env = HighwayEnv(config=config)
     [driver] = make_drivers(choices, config).values()
-    caption, frames = Caption(driver="the shipped driver"), []
-    for number, decision in enumerate(rollout(env, driver, seed, vehicles)):
-        caption = next_caption(caption, decision.reward, decision.info)
-        before, after = decision.scene.snapshot, decision.next_scene.snapshot
-        for step in range(1, FRAMES_PER_DECISION + 1) if number >= first else ():
-            scene = interpolated(before, after, step / FRAMES_PER_DECISION, env.road)
-            picture = Image.fromarray(draw(scene, env.road, caption)).crop(ROAD_PART)
-            frames.append(picture.resize((WIDTH_PX, WIDTH_PX * picture.height // picture.width)))
+    film, frames = Film("the shipped driver", env.road), []
+    add = watcher_of(film)
+    for decision in rollout(env, driver, seed, vehicles):
+        add(decision)
+    for drawn in film.pictures(FRAMES_PER_DECISION, first):
+        picture = Image.fromarray(drawn).crop(ROAD_PART)
+        frames.append(picture.resize((WIDTH_PX, WIDTH_PX * picture.height // picture.width)))
     env.close()
     return frames
 

@@ -54,9 +54,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def replay(options: argparse.Namespace) -> int:
     """Drive one episode, and show it or write it to a file; return the exit status 0."""
-    from drl_av.drawing.film import require_film
+    from drl_av.drawing.film import Film, require_film
     from drl_av.evaluation.recording import load_recording
-    from drl_av.evaluation.replay import Film, Pacer, Page, ReplaySession, replay_session
+    from drl_av.evaluation.replay import Pacer, Page, ReplaySession, replay_session, watcher_of
     from drl_av.files import require_writable
 
     inputs = [options.source, options.driver, options.config]
@@ -77,7 +77,7 @@ def replay(options: argparse.Namespace) -> int:
         session = ReplaySession(config, driver, name, options.seed or 0, options.vehicles)
     if options.video:
         film = Film(session.name, session.road)
-        recording, result = session.drive(None, film)
+        recording, result = session.drive(None, watcher_of(film))
         print(f"{options.video}: {film.write(options.video, rate=options.rate)} frames")
     elif options.html:
         page = Page(f"{session.name}, seed {session.seed}", session.road, session.driver)

@@ -5,18 +5,19 @@ from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import imageio_ffmpeg
 import numpy as np
-import numpy.typing as npt
 from PIL import Image
 
+from drl_av.drawing.panels import Caption
+from drl_av.drawing.picture import Picture, draw
+from drl_av.drawing.renderer import next_caption
 from drl_av.errors import RecordingError
 from drl_av.files import replacing
 from drl_av.traffic.road import FloatArray, Road
 from drl_av.traffic.snapshot import Snapshot
-
-Picture = npt.NDArray[np.uint8]
 
 
 def interpolated(a: Snapshot, b: Snapshot, fraction: float, road: Road) -> Snapshot:
@@ -65,6 +66,35 @@ def _rows(snapshot: Snapshot, wanted: tuple[str, ...]) -> Snapshot:
         length_m=snapshot.length_m[kept],
         width_m=snapshot.width_m[kept],
     )
+
+
+class Film:
+    """The scenes of an episode, and a video of them with pictures between two decisions."""
+
+    def __init__(self, driver: str, road: Road) -> None:
+        self._road, self._caption = road, Caption(driver=driver)
+        self._moves: list[tuple[Snapshot, Snapshot, Caption]] = []
+
+    @property
+    def decisions(self) -> int:
+        """Number of decisions so far."""
+        return len(self._moves)
+
+    def add(self, before: Snapshot, after: Snapshot, reward: float, info: dict[str, Any]) -> None:
+        """Add one more decision, with the reward and the ``info`` of its step."""
+        self._caption = next_caption(self._caption, reward, info)
+        self._moves.append((before, after, self._caption))
+
+    def pictures(self, per_decision: int, first: int = 0) -> Iterator[Picture]:
+        """The pictures of all decisions from number ``first`` on, ``per_decision`` of each."""
+        for before, after, caption in self._moves[first:]:
+            for step in range(1, per_decision + 1):
+                scene = interpolated(before, after, step / per_decision, self._road)
+                yield draw(scene, self._road, caption)
+
+    def write(self, path: Path, fps: int = 20, rate: float = 2.0) -> int:
+        """Write the video at ``rate`` times real time; returns the number of pictures."""
+        return write_video(path, self.pictures(max(1, round(fps / rate))), fps)
 
 
 def write_video(path: str | os.PathLike[str], frames: Iterable[Picture], fps: float) -> int:

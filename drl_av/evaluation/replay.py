@@ -1,14 +1,13 @@
 """Shows an episode in sumo-gui, as a video or as a web page; repeats a recording exactly."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 from drl_av.config import Config
-from drl_av.drawing import Caption, Picture, draw, next_caption
-from drl_av.drawing.film import interpolated, write_video
+from drl_av.drawing.film import Film
 from drl_av.drawing.page import PageDecision, write_page
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import LearnedDriver
@@ -42,29 +41,14 @@ class Pacer:
         time.sleep(self._due_s - now)
 
 
-class Film:
-    """Collects the scenes of an episode, and writes a video of them."""
+def watcher_of(film: Film) -> Watcher:
+    """The watcher that adds each decision to a film."""
 
-    def __init__(self, driver: str, road: Road) -> None:
-        self._driver, self._road = driver, road
-        self._decisions: list[Decision] = []
+    def add(decision: Decision) -> None:
+        before, after = decision.scene.snapshot, decision.next_scene.snapshot
+        film.add(before, after, decision.reward, decision.info)
 
-    def __call__(self, decision: Decision) -> None:
-        """Add the next decision of the episode."""
-        self._decisions.append(decision)
-
-    def write(self, path: Path, fps: int = 20, rate: float = 2.0) -> int:
-        """Write the video, which plays at ``rate`` times real time; return its number of frames."""
-        return write_video(path, self._frames(max(1, round(fps / rate))), fps)
-
-    def _frames(self, per_decision: int) -> Iterator[Picture]:
-        caption = Caption(driver=self._driver)
-        for decision in self._decisions:
-            caption = next_caption(caption, decision.reward, decision.info)
-            before, after = decision.scene.snapshot, decision.next_scene.snapshot
-            for step in range(1, per_decision + 1):
-                scene = interpolated(before, after, step / per_decision, self._road)
-                yield draw(scene, self._road, caption)
+    return add
 
 
 class Page:

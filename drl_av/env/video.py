@@ -1,0 +1,103 @@
+"""The wrapper ``RecordVideo``, which films episodes of the environment."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.utils.save_video import capped_cubic_video_schedule
+
+from drl_av.drawing.film import Film, require_film
+from drl_av.env.highway import HighwayEnv, Observation
+from drl_av.errors import ConfigError
+
+
+class RecordVideo(
+    gymnasium.Wrapper[Observation, np.int64, Observation, np.int64],
+    gymnasium.utils.RecordConstructorArgs,
+):
+    """Films episodes with pictures between the decisions.
+
+    gymnasium's wrapper of the same name takes one picture per decision, so that its films show one
+    picture a second. This one needs neither a render mode nor moviepy, and writes ``FOLDER/
+    PREFIX-episode-N.mp4`` when an episode ends or the environment is closed.
+
+    Args:
+        env: The environment, in any wrappers.
+        video_folder: The folder of the films, created if it is missing.
+        episode_trigger: Whether to film an episode, by its number from 0; the default is
+            gymnasium's: 0, 1, 8, 27, ... up to 1,000 and then each 1,000th.
+        name_prefix: The beginning of the files' names.
+        fps: Pictures per second of the film.
+        rate: Speed of the film as a multiple of real time.
+
+    Raises:
+        ConfigError: ``env`` is not drl-av's environment.
+        RecordingError: the folder is not writable, or ``fps`` is not above 0.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Observation, np.int64],
+        video_folder: str | Path,
+        episode_trigger: Callable[[int], bool] = capped_cubic_video_schedule,
+        name_prefix: str = "rl-video",
+        fps: int = 20,
+        rate: float = 1.0,
+    ) -> None:
+        gymnasium.utils.RecordConstructorArgs.__init__(
+            self,
+            video_folder=video_folder,
+            episode_trigger=episode_trigger,
+            name_prefix=name_prefix,
+            fps=fps,
+            rate=rate,
+        )
+        super().__init__(env)
+        if not isinstance(env.unwrapped, HighwayEnv):
+            raise ConfigError(
+                f"RecordVideo films drl-av's environments, not {env.unwrapped}: take gymnasium's."
+            )
+        self._highway = env.unwrapped
+        self._prefix = Path(video_folder) / name_prefix
+        self._prefix.parent.mkdir(parents=True, exist_ok=True)
+        self._fps, self._rate, self._trigger = fps, rate, episode_trigger
+        self._episode = -1
+        self._film: Film | None = None
+        require_film(self._file, fps)
+
+    @property
+    def _file(self) -> Path:
+        return self._prefix.with_name(f"{self._prefix.name}-episode-{self._episode}.mp4")
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Write the film of an episode that did not end, and start the next episode."""
+        self._write()
+        started = self.env.reset(seed=seed, options=options)
+        self._episode += 1
+        if self._trigger(self._episode):
+            self._film = Film("", self._highway.road)
+        return started
+
+    def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Execute one decision; write the film if the episode ends."""
+        before = self._highway.scene.snapshot
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        if self._film is not None:
+            self._film.add(before, self._highway.scene.snapshot, float(reward), info)
+            if terminated or truncated:
+                self._write()
+        return observation, float(reward), terminated, truncated, info
+
+    def close(self) -> None:
+        """Write the film of an episode that did not end, and close the environment."""
+        self._write()
+        self.env.close()
+
+    def _write(self) -> None:
+        film, self._film = self._film, None
+        if film is not None and film.decisions:
+            film.write(self._file, self._fps, self._rate)

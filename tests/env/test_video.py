@@ -1,0 +1,60 @@
+"""``drl_av.RecordVideo``: films with the motion between two decisions, of the chosen episodes."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import gymnasium
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+import drl_av
+from drl_av.config import Config
+from drl_av.errors import ConfigError, RecordingError
+
+CONFIG = Config().updated("simulation", decisions_per_episode=2).updated("traffic", vehicles_max=3)
+
+
+def highway() -> gymnasium.Env[np.ndarray, np.int64]:
+    return gymnasium.make("drl_av/Highway-v0", config=CONFIG)
+
+
+def pictures(film: Path) -> list[np.ndarray]:
+    read = imageio_ffmpeg.read_frames(str(film))
+    width, height = next(read)["size"]
+    return [np.frombuffer(each, np.uint8).reshape(height, width, 3) for each in read]
+
+
+def test_a_film_moves_between_two_decisions_and_lasts_as_long_as_the_episode(
+    tmp_path: Path,
+) -> None:
+    env = drl_av.RecordVideo(highway(), tmp_path / "films", lambda episode: episode == 1, fps=10)
+    for seed in (1, 2, 3):
+        env.reset(seed=seed)
+        env.step(np.int64(0))
+        assert env.step(np.int64(0))[3]
+    env.close()
+    [film] = (tmp_path / "films").iterdir()
+    assert film.name == "rl-video-episode-1.mp4"
+    assert imageio_ffmpeg.count_frames_and_secs(str(film)) == (20, pytest.approx(2.0, abs=0.05))
+    road = [picture[60:360].astype(int) for picture in pictures(film)]
+    moved = [(abs(b - a) > 60).sum() for a, b in pairwise(road)]
+    assert min(moved) > 500
+
+
+@pytest.mark.parametrize("end", ["reset", "close"])
+def test_an_episode_that_does_not_end_is_written_too(tmp_path: Path, end: str) -> None:
+    env = drl_av.RecordVideo(highway(), tmp_path, name_prefix="mine", fps=4, rate=2.0)
+    env.reset(seed=1)
+    env.step(np.int64(0))
+    getattr(env, end)()
+    assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "mine-episode-0.mp4"))[0] == 2
+    env.close()
+    assert len(list(tmp_path.iterdir())) == 1  # the second episode has no decision
+
+
+def test_another_environment_and_an_impossible_film_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"not .*CartPole.*: take gymnasium's"):
+        drl_av.RecordVideo(gymnasium.make("CartPole-v1"), tmp_path)  # type: ignore[arg-type]
+    with pytest.raises(RecordingError, match="0 frames a second"):
+        drl_av.RecordVideo(highway(), tmp_path, fps=0)
