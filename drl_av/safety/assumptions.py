@@ -31,9 +31,9 @@ AT_MOST = (
     ("ego.accelerate_m_s2", "the accel of the vehicle type ego", "bound 3"),
     ("the decel of the vehicle type ego", "ego.hard_brake_m_s2", "bound 3"),
 )
-"""What must not exceed what, and the bound or the lemma of ``strict`` that fails otherwise."""
+"""(a, b, reason): a must be at most b, else this bound or lemma of ``strict`` does not hold."""
 ROUNDING_M = 1e-6
-"""How far the ego may be beside the position in which a decision is expected to find it."""
+"""Largest rounding error of the ego's lateral position at a decision."""
 LATERAL_GAP_M = 0.6
 """SUMO's minGapLat, the lateral gap at which two vehicles drive beside each other in one lane."""
 RANDOM_LANE_CHANGES_PER_S = 0.01
@@ -122,7 +122,10 @@ def _require_one_vehicle_abreast(config: Config, vehicle_types: VehicleTypes, ro
 
 
 def _require_narrow_vehicles(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
-    """A vehicle at the centre of a lane, give or take ``ARRIVED_M``, overlaps no other lane."""
+    """Raise ConfigError if a vehicle may overlap a second lane within ``ARRIVED_M`` of a centre.
+
+    The widths are those of the two vehicle types, and of trucks if there are any.
+    """
     widths_m = {
         "the width of the vehicle type ego": vehicle_types.ego.width_m,
         "the width of the vehicle type traffic": vehicle_types.traffic.width_m,
@@ -140,10 +143,11 @@ def _require_narrow_vehicles(config: Config, vehicle_types: VehicleTypes, road: 
 
 
 def _require_a_decision_on_the_line(config: Config, ego: VehicleType, road: Road) -> None:
-    """A decision falls between the ego's body and its centre on their way over a lane's line.
+    """Raise ConfigError unless the ego can still abort a lane change when its body changes lanes.
 
-    A decision finds an ego that changes lanes whole decisions away from the centre of one of the
-    two lanes.
+    A decision must fall between the time at which the body crosses the marking between two lanes
+    and the time at which the centre does. At a decision, an ego that changes lanes is a whole
+    number of decisions away from the centre of one of the two lanes.
     """
     duration_s, lane_m = config.ego.lane_change_duration_s, road.lane_width_m
     stride_m = lane_m / duration_s * config.simulation.decision_interval_s

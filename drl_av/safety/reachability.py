@@ -17,7 +17,7 @@ from drl_av.traffic.road import ARRIVED_M, Barrier, FloatArray
 LINE_M = 0.01
 """A body overlaps a lane if it is at least this far over the marking of that lane."""
 STILL_M_S = 0.01
-"""A vehicle that is not faster than this sideways counts as standing still sideways."""
+"""A vehicle whose lateral speed is at most this counts as not moving sideways."""
 ON_LINE_M = 0.05
 """A centre within this distance of the marking between two lanes counts as being in both."""
 
@@ -144,9 +144,10 @@ def stays_behind(
 ) -> npt.NDArray[np.bool_]:
     """Whether each vehicle behind stays behind an ego that moves into its lane.
 
-    The body of the ego crosses the line after ``crosses_s`` seconds, or not in this decision if
-    that is 0. The ego covers at least ``covered_m``: until the end of each SUMO step of the
-    decision, and then until standstill. True for a vehicle ahead, and false for one beside.
+    The body of the ego crosses the lane marking after ``crosses_s`` seconds, or not in this
+    decision if that is 0. ``covered_m`` holds the least distances that the ego covers until the end
+    of each SUMO step of the decision, and until standstill. The result is True for a vehicle ahead,
+    and False for one beside the ego.
     """
     must_m = must_reach(neighbors, strict.follower_response_s + crosses_s, strict, step_s)
     result: npt.NDArray[np.bool_] = covered_m[-1] > must_m
@@ -160,5 +161,8 @@ def stays_behind(
 def accelerated(
     speed_m_s: FloatArray, time_s: FloatArray | float, strict: StrictConfig, step_s: float
 ) -> FloatArray:
-    """Distance that a vehicle covers if it accelerates as hard as it can, metres."""
+    """Return the distance that a vehicle covers in ``time_s`` at its largest acceleration, metres.
+
+    The largest acceleration is ``strict.acceleration_m_s2``.
+    """
     return speed_m_s * time_s + strict.acceleration_m_s2 * time_s * (time_s + step_s) / 2

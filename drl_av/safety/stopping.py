@@ -63,7 +63,10 @@ def reach(
 def covered(
     speed_m_s: Number, acceleration_m_s2: Number, ego: EgoConfig, sim: SimulationConfig
 ) -> list[Number]:
-    """Distance that the ego covers until the end of each SUMO step of a decision, metres."""
+    """Return the distance that the ego covers until the end of each SUMO step of a decision.
+
+    In metres, one value for each step; the acceleration is constant.
+    """
     most, step_s = ego.max_speed_m_s, sim.step_length_s
     return [
         travel(speed_m_s, acceleration_m_s2, steps, step_s, most)[0]

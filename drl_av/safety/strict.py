@@ -120,7 +120,7 @@ ORDER = (
     Longitudinal.HARD_BRAKE,
 )
 ROUNDING = 1e-6
-"""A number of SUMO steps may be off by this."""
+"""Largest rounding error of a number of SUMO steps."""
 
 
 def seconds_to_line(
@@ -286,7 +286,7 @@ class Strict:
         return bool(stays[meets & ~neighbors.is_held].all())
 
     def _crosses_s(self, scene: Scene, change: LaneChange) -> float:
-        """``seconds_to_line`` for a lane change."""
+        """Return ``seconds_to_line`` for a lane change of the ego, seconds."""
         width_m, ego_m = scene.affordances.lane_width_m, float(scene.snapshot.width_m[EGO])
         line_m = (change.origin + change.target) / 2 * width_m
         to_line_m = change.sign * (line_m - scene.affordances.ego_y_m) - ego_m / 2
