@@ -116,6 +116,17 @@ def test_an_example_runs(example: Path, tmp_path: Path) -> None:
     assert run(tmp_path, str(example), *ARGUMENTS.get(example.stem, [])).stdout
 
 
+def test_the_notebook_is_executed_and_draws_two_pictures(tmp_path: Path) -> None:
+    import nbformat
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(ROOT / "examples" / "tour.ipynb", as_version=4)
+    NotebookClient(notebook, timeout=120, resources={"metadata": {"path": tmp_path}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
+    assert "idm-mobil" in outputs[-1]["text"]
+
+
 def test_the_versions_of_the_libraries_are_those_that_are_tested() -> None:
     shown = dict(re.findall(r"^\| (\w+) \| ([\d.]+) \|", read("docs/libraries.md"), re.MULTILINE))
     assert shown == {name: version(name) for name in shown}

@@ -1,13 +1,13 @@
 """The verb ``scenario``: writes a scenario folder, which SUMO alone can open too."""
 
 import argparse
-from dataclasses import Field, fields
+from dataclasses import Field, fields, replace
 from pathlib import Path
 from typing import Any
 
 from drl_av.cli.arguments import whole
 from drl_av.errors import ScenarioError
-from drl_av.traffic.kinds import KINDS
+from drl_av.traffic.kinds import KINDS, kind_name
 
 FLAGS = {"barricaded_lanes": "--barricade"}
 """Options whose name is not that of the setting, by setting."""
@@ -16,8 +16,15 @@ FLAGS = {"barricaded_lanes": "--barricade"}
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av scenario``: one for each setting of any kind of scenario."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder to write; must be new")
+    parser.add_argument(
+        "--from",
+        dest="source",
+        type=Path,
+        metavar="FILE.toml",
+        help="description in the form of scenario.toml, which the other options change",
+    )
     meanings = "; ".join(f"{name}: {kind.meaning}" for name, kind in KINDS.items())
-    parser.add_argument("--kind", metavar="KIND", default="loop", help=meanings)
+    parser.add_argument("--kind", metavar="KIND", help=f"default: loop; {meanings}")
     for name, users in _users().items():
         item = next(iter(users.values()))
         help_text = item.metadata["meaning"]
@@ -56,20 +63,40 @@ def _parsing(item: Field[Any]) -> dict[str, Any]:
 
 def scenario(options: argparse.Namespace) -> int:
     """Write the folder, and print the command that opens it; return the exit status 0."""
-    from drl_av.traffic.description import unknown_kind
     from drl_av.traffic.scenario import write_scenario
 
-    if options.kind not in KINDS:
-        raise unknown_kind(options.kind, KINDS)
-    users = _users()
+    base, users = _base(options.source, options.kind), _users()
+    kind = kind_name(base)
     given = {name: value for name, value in vars(options).items() if name in users}
     for name in given:
-        if options.kind not in users[name]:
+        if kind not in users[name]:
             raise ScenarioError(
-                f"A scenario of the kind {options.kind} has no {_flag(name)}: leave it out, or "
+                f"A scenario of the kind {kind} has no {_flag(name)}: leave it out, or "
                 f"write one of the kind {', '.join(users[name])}."
             )
     lists = {name: tuple(value) for name, value in given.items() if isinstance(value, list)}
-    write_scenario(options.folder, KINDS[options.kind].description(**given | lists))
+    write_scenario(options.folder, replace(base, **given | lists))
     print(f"{options.folder}: open it with sumo-gui -c {options.folder / 'highway.sumocfg'}")
     return 0
+
+
+def _base(source: Path | None, kind: str | None) -> Any:
+    """Return the description in a file, or the default description of a kind without a file.
+
+    Raises:
+        ScenarioError: there is no such kind, or the file has another kind or cannot be used.
+    """
+    from drl_av.traffic.description import unknown_kind
+    from drl_av.traffic.scenario import read_description
+
+    if kind is not None and kind not in KINDS:
+        raise unknown_kind(kind, KINDS)
+    if source is None:
+        return KINDS[kind or "loop"].description()
+    described = read_description(source, "correct the path or the file")
+    if kind not in (None, kind_name(described)):
+        raise ScenarioError(
+            f"{source} describes a scenario of the kind {kind_name(described)}, and --kind is "
+            f"{kind}: leave one of the two out."
+        )
+    return described

@@ -42,13 +42,15 @@ RANDOM_LANE_CHANGES_PER_S = 0.01
 
 def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
     """Raise ConfigError if an assumption of ``strict`` does not hold for this combination."""
-    _require_bounds(config, vehicle_types)
-    for name in ("traffic", "ego"):
-        _require_model(name, getattr(vehicle_types, name), getattr(AS_WRITTEN, name))
-    _require_one_vehicle_abreast(config, vehicle_types, road)
-    _require_narrow_vehicles(config, vehicle_types, road)
+    for name, traffic in vehicle_types.others.items():
+        met = VehicleTypes(traffic, vehicle_types.ego)
+        _require_bounds(config, met, name)
+        _require_model(name, traffic, AS_WRITTEN.traffic)
+        _require_one_vehicle_abreast(config, met, road)
+        _require_narrow_vehicles(config, met, road)
+        _require_a_long_loop(config, met, road)
+    _require_model("ego", vehicle_types.ego, AS_WRITTEN.ego)
     _require_a_decision_on_the_line(config, vehicle_types.ego, road)
-    _require_a_long_loop(config, vehicle_types, road)
     most, found = RANDOM_LANE_CHANGES_PER_S, config.traffic.random_lane_changes_per_s
     if found > most:
         raise _refusal(
@@ -67,8 +69,11 @@ def _refusal(name: str, bound: str, reason: str) -> ConfigError:
     )
 
 
-def _require_bounds(config: Config, vehicle_types: VehicleTypes) -> None:
-    """Raise ConfigError if a value exceeds the other value that ``AT_MOST`` names as its bound."""
+def _require_bounds(config: Config, vehicle_types: VehicleTypes, label: str) -> None:
+    """Raise ConfigError if a value exceeds the other value that ``AT_MOST`` names as its bound.
+
+    ``label`` is the name of the vehicle type ``vehicle_types.traffic`` in the message.
+    """
     traffic, ego = vehicle_types.traffic, vehicle_types.ego
     facts = {
         "the decel of the vehicle type traffic": traffic.braking_m_s2,
@@ -84,8 +89,9 @@ def _require_bounds(config: Config, vehicle_types: VehicleTypes) -> None:
         del facts["traffic.truck_acceleration_m_s2"]
     for name, limit, reason in AT_MOST:
         if facts.get(name, 0.0) > facts[limit]:
+            shown, bound = (word.replace("type traffic", f"type {label}") for word in (name, limit))
             raise ConfigError(
-                f"Under the check strict {name} must be at most {limit}, {facts[limit]:g}, and "
+                f"Under the check strict {shown} must be at most {bound}, {facts[limit]:g}, and "
                 f"not {facts[name]:g}, because {reason} fails otherwise: change one of them, or "
                 "take the check paper."
             )

@@ -4,7 +4,7 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from functools import partial
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -13,6 +13,7 @@ import tomli_w
 
 from drl_av.config.schema import did_you_mean, setting
 from drl_av.errors import ScenarioError
+from drl_av.traffic.own_types import OwnVehicleType, check_own_types
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "lane": (0, 9),
@@ -29,6 +30,7 @@ VEHICLE_WIDTH_M = partial(setting, 1.8, "ours", "width of a vehicle, metres", lo
 """Fields that the descriptions of all kinds of roads have."""
 INNER_RADIUS_M = 5.0
 """Smallest radius of the inner edge of the innermost lane."""
+TYPES = "vehicle_types"
 VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -77,9 +79,12 @@ class ScenarioDescription:
         default=(), metadata={"meaning": "lanes to close along the loop; 0 is the rightmost"}
     )
     vehicles: tuple[PlacedVehicle, ...] = ()
+    vehicle_types: tuple[OwnVehicleType, ...] = ()
+    """Types of vehicles that are drawn by their shares; the rest has the size above."""
 
     def __post_init__(self) -> None:
         check_sizes(self)
+        check_own_types(self)
         self._check_radius()
         self._check_barricades()
         self._check_vehicles()
@@ -91,7 +96,8 @@ class ScenarioDescription:
 
     def to_toml(self) -> str:
         """Return the description as TOML text; ``from_toml`` reads an equal description from it."""
-        return tomli_w.dumps(asdict(self))
+        values = asdict(self)
+        return tomli_w.dumps({key: values[key] for key in values if key != TYPES or values[key]})
 
     def _check_radius(self) -> None:
         """Raise ScenarioError if the loop is too short for its lanes."""
@@ -206,11 +212,19 @@ def from_toml(
             raise unknown_kind(kind, kinds)
         if isinstance(values.get("barricaded_lanes"), list):
             values["barricaded_lanes"] = tuple(values["barricaded_lanes"])
-        if "vehicles" in values:
-            values["vehicles"] = _placed_vehicles(values["vehicles"])
+        for key, (made, what) in TABLES.items():
+            if key in values:
+                values[key] = _from_tables(values[key], key, made, what)
         return _build(kinds[kind], values, "a scenario")
     except ScenarioError as error:
         raise ScenarioError(f"{name}: {error}") from error
+
+
+TABLES: dict[str, tuple[type[Any], str]] = {
+    "vehicles": (PlacedVehicle, "a placed vehicle"),
+    TYPES: (OwnVehicleType, "a vehicle type"),
+}
+"""The keys that hold tables, the class of each table, and what it is."""
 
 
 def unknown_kind(kind: object, kinds: Iterable[str]) -> ScenarioError:
@@ -222,18 +236,18 @@ def unknown_kind(kind: object, kinds: Iterable[str]) -> ScenarioError:
     )
 
 
-def _placed_vehicles(tables: Any) -> tuple[PlacedVehicle, ...]:
-    """Convert the tables ``[[vehicles]]`` to placed vehicles.
+Described = TypeVar("Described")
+
+
+def _from_tables(tables: Any, key: str, made: type[Described], what: str) -> tuple[Described, ...]:
+    """Convert the tables ``[[key]]`` to objects of the class ``made``.
 
     Raises:
         ScenarioError: they are no tables, or a key or value of one is wrong.
     """
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise ScenarioError("The vehicles must be tables, each written under [[vehicles]].")
-    return tuple(_build(PlacedVehicle, table, "a placed vehicle") for table in tables)
-
-
-Described = TypeVar("Described")
+        raise ScenarioError(f"The {key} must be tables, each written under [[{key}]].")
+    return tuple(_build(made, table, what) for table in tables)
 
 
 def _build(kind: type[Described], values: Mapping[str, Any], what: str) -> Described:
@@ -249,8 +263,12 @@ def _build(kind: type[Described], values: Mapping[str, Any], what: str) -> Descr
             raise ScenarioError(
                 f"There is no key {key!r}{hint} in {what}; its keys are: {', '.join(known)}."
             )
-    missing = [key for key in known if key not in values]
-    if kind is PlacedVehicle and missing:
+    missing = [
+        item.name
+        for item in fields(kind)  # type: ignore[arg-type]
+        if item.default is MISSING and item.name not in values
+    ]
+    if missing:
         raise ScenarioError(f"The key {missing[0]!r} is missing in {what}: add it.")
     return kind(**values)
 

@@ -14,6 +14,7 @@ from drl_av.traffic.inflow import (
     open_capacity,
     vehicles_of_flow,
 )
+from drl_av.traffic.own_types import draw_types, own_types
 from drl_av.traffic.population import (
     Population,
     capacity,
@@ -40,6 +41,8 @@ class Fleet:
     population: Population
     kinds: npt.NDArray[np.intp]
     """The kind of driver of each vehicle, a value of ``population.Kind``."""
+    type_ids: Sequence[str]
+    """The id of the vehicle type of each vehicle."""
     length_m: FloatArray
     width_m: FloatArray
 
@@ -107,7 +110,10 @@ class Fleet:
             if self._inflow is None
             else self._random_lane_changes(rng, rate)
         )
-        self.kinds = draw_kinds(seed, len(self.population.ids), config.traffic)
+        n = len(self.population.ids)
+        self.kinds = draw_kinds(seed, n, config.traffic)
+        if types := own_types(description):
+            self._describe(self.population, draw_types(seed, n, types))
 
     def _random_lane_changes(
         self, rng: np.random.Generator, chance: float
@@ -176,11 +182,12 @@ class Fleet:
                     last[lane] = Last(float(rear_m), speed_m_s[row])
         return last
 
-    def _describe(self, population: Population) -> None:
-        """Set the population, and the length and width of each vehicle."""
+    def _describe(self, population: Population, type_ids: Sequence[str] = ()) -> None:
+        """Set the population, and the vehicle type, the length and the width of each vehicle."""
         self.population = population
-        types, traffic = self.scenario.vehicle_types, self._config.traffic
-        sizes = (types.ego, *[types.traffic] * (len(population.ids) - 1))
+        types, traffic = self.scenario.vehicle_types.by_id, self._config.traffic
+        self.type_ids = type_ids or ("ego", *["traffic"] * (len(population.ids) - 1))
+        sizes = [types[name] for name in self.type_ids]
         self.length_m = np.array([kind.length_m for kind in sizes])
         self.width_m = np.array([kind.width_m for kind in sizes])
         self.length_m[population.is_truck] = traffic.truck_length_m

@@ -5,12 +5,17 @@ from typing import Any
 from drl_av.config import TrafficConfig
 from drl_av.traffic.ego_model import take_control
 from drl_av.traffic.kind import Layout
-from drl_av.traffic.population import EGO_ID, Population
+from drl_av.traffic.population import Population
 from drl_av.traffic.snapshot import EGO
 
 
 def place(
-    vehicle: Any, row: int, population: Population, layout: Layout, traffic: TrafficConfig
+    vehicle: Any,
+    row: int,
+    type_id: str,
+    population: Population,
+    layout: Layout,
+    traffic: TrafficConfig,
 ) -> None:
     """Add the vehicle with index ``row`` to SUMO at its start position, with its parameters.
 
@@ -18,8 +23,7 @@ def place(
     """
     name, speed = population.ids[row], float(population.speed_m_s[row])
     lane_id, position_m = _lane_and_position(layout, population.lane[row], population.front_m[row])
-    route, kind = _route(layout, lane_id), EGO_ID if row == EGO else "traffic"
-    vehicle.add(name, route, kind, "now", departSpeed="0")
+    vehicle.add(name, _route(layout, lane_id), type_id, "now", departSpeed="0")
     if population.is_truck[row]:
         vehicle.setLength(name, traffic.truck_length_m)
         vehicle.setWidth(name, traffic.truck_width_m)

@@ -11,6 +11,7 @@ from drl_av.traffic import scenario_files
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription, from_toml
 from drl_av.traffic.kind import Layout
 from drl_av.traffic.kinds import KINDS, kind_of
+from drl_av.traffic.own_types import own_types
 from drl_av.traffic.road import Road
 from drl_av.traffic.scenario_xml import (
     ADDITIONAL,
@@ -113,12 +114,12 @@ def load_scenario(folder: str | Path) -> Scenario:
         raise ScenarioError(f"There is no scenario folder {folder}: {WRITE_AGAIN}.")
     _require_readable(folder)
     name = scenario_files.DESCRIPTION_FILE
-    described = {kind: KINDS[kind].description for kind in KINDS}
-    description = from_toml(_text(folder / name), str(folder / name), described)
+    description = read_description(folder / name)
     additional = [folder / name for name in scenario_files.additional_files(description)]
     types_file, *others = additional
     types = read_xml(types_file, ADDITIONAL, WRITE_AGAIN).iter("vType")
-    vehicle_types = read_types([element.attrib for element in types], str(types_file))
+    own = [each.id for each in own_types(description)]
+    vehicle_types = read_types([element.attrib for element in types], str(types_file), own)
     description = _with_sizes(description, vehicle_types, str(types_file))
     for path in others:
         read_xml(path, ADDITIONAL, WRITE_AGAIN)
@@ -135,6 +136,16 @@ def load_scenario(folder: str | Path) -> Scenario:
         vehicle_types=vehicle_types,
         as_written=as_written,
     )
+
+
+def read_description(path: Path, remedy: str = WRITE_AGAIN) -> Any:
+    """Return the description of a scenario in a TOML file.
+
+    Raises:
+        ScenarioError: the file cannot be read, with ``remedy`` as what to do, or is wrong.
+    """
+    described = {kind: KINDS[kind].description for kind in KINDS}
+    return from_toml(_text(path, remedy), str(path), described)
 
 
 def _with_sizes(description: Any, types: VehicleTypes, name: str) -> Any:
@@ -202,9 +213,9 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
     )
 
 
-def _text(path: Path) -> str:
+def _text(path: Path, remedy: str = WRITE_AGAIN) -> str:
     """Return the text of a UTF-8 file; raise ScenarioError if it cannot be read."""
     try:
-        return read_regular_file(path, WRITE_AGAIN).decode("utf-8-sig")
+        return read_regular_file(path, remedy).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ScenarioError(f"{path} cannot be read ({error}): {WRITE_AGAIN}.") from error
+        raise ScenarioError(f"{path} cannot be read ({error}): {remedy}.") from error

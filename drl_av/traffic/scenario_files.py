@@ -8,6 +8,7 @@ from typing import Any
 from drl_av.traffic.circular import BARRICADES_FILE
 from drl_av.traffic.kinds import kind_of, stated_kind
 from drl_av.traffic.network import DEMO_END_S, xml_text
+from drl_av.traffic.own_types import own_types
 from drl_av.traffic.vehicle_types import type_attributes
 
 DESCRIPTION_FILE = "scenario.toml"
@@ -65,7 +66,8 @@ def _vehicle_types(description: Any) -> ET.Element:
     """Return SUMO's additional file with the vehicle types."""
     root = ET.Element("additional")
     size = description.vehicle_length_m, description.vehicle_width_m
-    for attributes in type_attributes(*size):
+    types = type_attributes(*size)
+    for attributes in (*types, *(own.attributes(types[0]) for own in own_types(description))):
         ET.SubElement(root, "vType", attributes)
     return root
 

@@ -91,8 +91,8 @@ class Simulation:
         self._ids = self.fleet.population.ids
         self._readings = Readings(self._sumo, self.scenario, self._ids, self.fleet.length_m)
         snapshot = self._snapshot()
-        traffic = self.scenario.vehicle_types.traffic
-        lateral_m_s = max(LATERAL_SPEED_M_S, traffic.lateral_speed_m_s)
+        others = self.scenario.vehicle_types.others.values()
+        lateral_m_s = max(LATERAL_SPEED_M_S, *(kind.lateral_speed_m_s for kind in others))
         self._bodies = replace(bodies(snapshot, self.road), lateral_speed_m_s=lateral_m_s)
         return snapshot
 
@@ -202,7 +202,8 @@ class Simulation:
         """Add the vehicles in these rows to SUMO."""
         fleet, traffic = self.fleet, self._config.traffic
         for row in rows:
-            place(self._sumo.vehicle, row, fleet.population, self.scenario.layout, traffic)
+            own = (fleet.type_ids[row], fleet.population, self.scenario.layout, traffic)
+            place(self._sumo.vehicle, row, *own)
             if fleet.kinds[row] != Kind.SUMO:
                 leave_to_commands(self._sumo.vehicle, self._ids[row])
 

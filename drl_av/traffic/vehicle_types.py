@@ -1,8 +1,8 @@
 """The vehicle types of a scenario, with the sizes of the vehicles and their limits in SUMO."""
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from drl_av.config.traffic import STANDSTILL_GAP_M
@@ -66,20 +66,32 @@ NUMBERS = {
 
 @dataclass(frozen=True)
 class VehicleTypes:
-    """The two vehicle types of a scenario: that of the ego, and that of all other vehicles."""
+    """The vehicle types of a scenario: that of the ego, that of other vehicles, and own types."""
 
     traffic: VehicleType
     ego: VehicleType
+    own: Mapping[str, VehicleType] = field(default_factory=dict)
+    """Further types of other vehicles, by id."""
+
+    @property
+    def by_id(self) -> dict[str, VehicleType]:
+        """Every type by its id."""
+        return {"ego": self.ego, "traffic": self.traffic, **self.own}
+
+    @property
+    def others(self) -> dict[str, VehicleType]:
+        """Every type of the other vehicles by its id."""
+        return {"traffic": self.traffic, **self.own}
 
     @property
     def longest_m(self) -> float:
-        """The larger of the two lengths."""
-        return max(self.traffic.length_m, self.ego.length_m)
+        """The largest length."""
+        return max(kind.length_m for kind in self.by_id.values())
 
     @property
     def widest_m(self) -> float:
-        """The larger of the two widths."""
-        return max(self.traffic.width_m, self.ego.width_m)
+        """The largest width."""
+        return max(kind.width_m for kind in self.by_id.values())
 
 
 def type_attributes(length_m: float, width_m: float) -> list[dict[str, str]]:
@@ -91,28 +103,34 @@ def type_attributes(length_m: float, width_m: float) -> list[dict[str, str]]:
     ]
 
 
-def read_types(elements: Iterable[Mapping[str, Any]], name: str) -> VehicleTypes:
+def read_types(
+    elements: Iterable[Mapping[str, Any]], name: str, own: Sequence[str] = ()
+) -> VehicleTypes:
     """Return the vehicle types that a file contains, from the attributes of its vType elements.
+
+    ``own`` holds the ids of the types besides "traffic" and "ego".
 
     Raises:
         ScenarioError: a type is missing or occurs twice, or one of its numbers is missing or wrong;
             the message begins with ``name``.
     """
     found: dict[str, VehicleType] = {}
+    wanted = [*COLORS, *own]
     for attributes in elements:
         kind = str(attributes.get("id"))
-        if kind not in COLORS or kind in found:
+        if kind not in wanted or kind in found:
+            one_each = " and one ".join(map(repr, sorted(wanted, reverse=True)))
             raise ScenarioError(
-                f"{name}: there is a vehicle type {kind!r}, but the types must be one 'traffic' "
-                "and one 'ego': remove it."
+                f"{name}: there is a vehicle type {kind!r}, but the types must be one {one_each}: "
+                "remove it."
             )
         found[kind] = _read_type(attributes, f"{name}: the vehicle type {kind!r}")
-    if missing := sorted(set(COLORS) - set(found)):
+    if missing := sorted(set(wanted) - set(found)):
         raise ScenarioError(
             f"{name}: there is no vehicle type {missing[0]!r}: write the scenario again with: "
             "drl-av scenario DIR."
         )
-    return VehicleTypes(**found)
+    return VehicleTypes(found["traffic"], found["ego"], {kind: found[kind] for kind in own})
 
 
 def _read_type(attributes: Mapping[str, Any], name: str) -> VehicleType:
@@ -121,9 +139,9 @@ def _read_type(attributes: Mapping[str, Any], name: str) -> VehicleType:
     Each message begins with ``name``.
     """
     numbers = {
-        field.name: _number(attributes, NUMBERS[field.name], name)
-        for field in fields(VehicleType)
-        if field.name in NUMBERS
+        item.name: _number(attributes, NUMBERS[item.name], name)
+        for item in fields(VehicleType)
+        if item.name in NUMBERS
     }
     known = {*NUMBERS.values(), *APPEARANCE}
     model = tuple(sorted((key, str(attributes[key])) for key in attributes if key not in known))

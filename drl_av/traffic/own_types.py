@@ -1,0 +1,110 @@
+"""Vehicle types of the user's own among the traffic of a loop, each with its share (ours)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drl_av.config.schema import did_you_mean
+from drl_av.errors import ScenarioError
+
+CAR_FOLLOWING_MODELS: dict[str, dict[str, str]] = {"IDM": {}, "Krauss": {"sigma": "0"}, "ACC": {}}
+"""SUMO's models that need no random numbers, and further attributes that make them so."""
+BOUNDS = {"share": (0.0, 1.0), "length_m": (1.0, 25.0), "width_m": (0.5, 5.0)}
+COLOR = "150,170,200"
+
+
+@dataclass(frozen=True)
+class OwnVehicleType:
+    """A vehicle type of the traffic, written under ``[[vehicle_types]]`` in ``scenario.toml``.
+
+    Raises:
+        ScenarioError: a value has a wrong type or is out of bounds.
+    """
+
+    id: str
+    share: float
+    """Probability that a vehicle of the traffic has this type."""
+    length_m: float
+    width_m: float
+    car_following_model: str = "IDM"
+    """One of ``CAR_FOLLOWING_MODELS``."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.id, str) or not self.id.isidentifier():
+            raise ScenarioError(
+                f"A vehicle type's id is {self.id!r}, but must be made of letters, digits and _."
+            )
+        if self.id in ("traffic", "ego"):
+            raise ScenarioError(
+                f"A vehicle type's id is {self.id!r}, which is the type of other vehicles: "
+                "rename it."
+            )
+        for name, (low, high) in BOUNDS.items():
+            value = getattr(self, name)
+            if type(value) not in (int, float) or not low <= value <= high:
+                raise ScenarioError(
+                    f"Vehicle type {self.id!r}: {name} is {value!r}, but must be a number from "
+                    f"{low:g} to {high:g}."
+                )
+            object.__setattr__(self, name, float(value))
+        model = self.car_following_model
+        if model not in CAR_FOLLOWING_MODELS:
+            raise ScenarioError(
+                f"Vehicle type {self.id!r}: car_following_model is {model!r}"
+                f"{did_you_mean(model, CAR_FOLLOWING_MODELS)}, but must be one of: "
+                f"{', '.join(CAR_FOLLOWING_MODELS)}."
+            )
+
+    def attributes(self, traffic: dict[str, str]) -> dict[str, str]:
+        """Return the SUMO attributes of this type, which are otherwise those of ``traffic``."""
+        return traffic | {
+            "id": self.id,
+            "color": COLOR,
+            "length": repr(self.length_m),
+            "width": repr(self.width_m),
+            "carFollowModel": self.car_following_model,
+            **CAR_FOLLOWING_MODELS[self.car_following_model],
+        }
+
+
+def check_own_types(description: Any) -> None:
+    """Raise ScenarioError if the own vehicle types of a loop do not fit each other or the loop."""
+    own = description.vehicle_types
+    names = [each.id for each in own]
+    for each in own:
+        if names.count(each.id) > 1:
+            raise ScenarioError(f"Two vehicle types are called {each.id!r}: rename one.")
+        if each.width_m > description.lane_width_m:
+            raise ScenarioError(
+                f"Vehicle type {each.id!r}: width_m is {each.width_m:g}, but must be at most "
+                f"lane_width_m, {description.lane_width_m:g}."
+            )
+    if sum(each.share for each in own) > 1 + 1e-9:
+        raise ScenarioError(
+            f"The shares of the vehicle types {', '.join(names)} add up to "
+            f"{sum(each.share for each in own):g}, but must be at most 1."
+        )
+    if own and description.vehicles:
+        raise ScenarioError(
+            "The scenario has vehicle_types and places its vehicles exactly: leave one of the two "
+            "out."
+        )
+
+
+def own_types(description: Any) -> tuple[OwnVehicleType, ...]:
+    """Return the own vehicle types of a scenario; an open road has none."""
+    found: tuple[OwnVehicleType, ...] = getattr(description, "vehicle_types", ())
+    return found
+
+
+def draw_types(seed: int, n: int, own: Sequence[OwnVehicleType]) -> tuple[str, ...]:
+    """Return the type of each of ``n`` vehicles, drawn by the shares; the first is the ego.
+
+    They have a random stream of their own, so the shares do not change other parameters.
+    """
+    limits = np.cumsum([each.share for each in own])
+    drawn = np.searchsorted(limits, np.random.default_rng([seed, 4]).random(n), side="right")
+    names = [*(each.id for each in own), "traffic"]
+    return ("ego", *(names[index] for index in drawn[1:]))

@@ -1,0 +1,161 @@
+"""Vehicle types of the user's own in a scenario, and scenarios from a TOML file."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drl_av.cli import main
+from drl_av.env.highway import HighwayEnv
+from drl_av.errors import ConfigError, ScenarioError
+from drl_av.traffic.description import PlacedVehicle, ScenarioDescription, from_toml
+from drl_av.traffic.own_types import OwnVehicleType, draw_types
+from drl_av.traffic.scenario import load_scenario, write_scenario
+
+TRUCK = OwnVehicleType("truck", 0.3, 14.0, 2.5)
+TAXI = OwnVehicleType("taxi", 0.2, 4.5, 1.7, "Krauss")
+MIXED = """
+circumference_m = 800
+speed_limit_m_s = 45
+barricaded_lanes = [0]
+[[vehicle_types]]
+id = "truck"
+share = 0.3
+length_m = 14
+width_m = 2.5
+[[vehicle_types]]
+id = "taxi"
+share = 0.2
+length_m = 4.5
+width_m = 1.7
+car_following_model = "Krauss"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A loop with trucks and taxis, written by the command line from a file."""
+    home = tmp_path_factory.mktemp("own")
+    (home / "mixed.toml").write_text(MIXED)
+    assert main(["scenario", str(home / "mixed"), "--from", str(home / "mixed.toml")]) == 0
+    return home / "mixed"
+
+
+def test_the_file_describes_the_scenario_and_is_kept_in_it(folder: Path) -> None:
+    written = from_toml((folder / "scenario.toml").read_text())
+    assert written.vehicle_types == (TRUCK, TAXI)
+    assert (written.circumference_m, written.speed_limit_m_s) == (800, 45)
+    assert written.open_lanes == (False, True, True)
+    assert "vehicle_types" not in ScenarioDescription().to_toml()
+
+
+def test_an_option_changes_what_the_file_says(tmp_path: Path, folder: Path) -> None:
+    words = ["--from", str(folder / "scenario.toml"), "--circumference-m", "900"]
+    assert main(["scenario", str(tmp_path / "longer"), *words, "--barricade", "2"]) == 0
+    longer = load_scenario(tmp_path / "longer").description
+    assert (longer.circumference_m, longer.barricaded_lanes) == (900, (2,))
+    assert longer.vehicle_types == (TRUCK, TAXI)
+
+
+def test_sumo_drives_each_vehicle_with_its_type_and_the_snapshot_has_its_size(folder: Path) -> None:
+    env = HighwayEnv(folder)
+    env.reset(seed=3, options={"vehicles": 12})
+    sumo, shot = env.simulation._sumo, env.scene.snapshot
+    sizes = {"truck": (14.0, 2.5), "taxi": (4.5, 1.7), "traffic": (5.0, 1.8), "ego": (5.0, 1.8)}
+    found = [sumo.vehicle.getTypeID(name).partition("@")[0] for name in shot.ids]
+    assert set(found) == set(sizes)
+    assert found == list(draw_types(3, 13, (TRUCK, TAXI)))
+    for row, name in enumerate(shot.ids):
+        assert (shot.length_m[row], shot.width_m[row]) == sizes[found[row]]
+        assert sumo.vehicle.getLength(name) == shot.length_m[row]
+    assert sumo.vehicletype.getParameter("taxi", "carFollowModel") in ("", "Krauss")
+    env.close()
+
+
+def test_an_episode_of_own_types_depends_on_its_seed_alone(folder: Path) -> None:
+    env, driven = HighwayEnv(folder), []
+    for seed in (5, 6, 5):
+        env.reset(seed=seed, options={"vehicles": 14})
+        for _ in range(25):
+            env.step(0)
+        driven.append(env.scene.snapshot.s_m)
+    env.close()
+    assert np.array_equal(driven[0], driven[2])
+    assert not np.array_equal(driven[0], driven[1])
+
+
+def test_the_shares_are_those_of_the_types_and_the_ego_has_its_own() -> None:
+    drawn = draw_types(1, 10_001, (TRUCK, TAXI))
+    assert drawn[0] == "ego"
+    assert drawn[1:].count("truck") / 10_000 == pytest.approx(0.3, abs=0.02)
+    assert drawn[1:].count("taxi") / 10_000 == pytest.approx(0.2, abs=0.02)
+    assert drawn[1:].count("traffic") / 10_000 == pytest.approx(0.5, abs=0.02)
+
+
+def test_strict_accepts_another_size_and_refuses_another_model(tmp_path: Path) -> None:
+    write_scenario(tmp_path / "trucks", ScenarioDescription(vehicle_types=(TRUCK,)))
+    env = HighwayEnv(tmp_path / "trucks", "strict")
+    env.reset(seed=1, options={"vehicles": 10})
+    env.close()
+    write_scenario(tmp_path / "taxis", ScenarioDescription(vehicle_types=(TAXI,)))
+    with pytest.raises(ConfigError, match="carFollowModel of the vehicle type taxi must be IDM"):
+        HighwayEnv(tmp_path / "taxis", "strict")
+
+
+@pytest.mark.parametrize(
+    ("types", "message"),
+    [
+        ({"share": 1.2}, "share is 1.2, but must be a number from 0 to 1"),
+        ({"length_m": "long"}, "length_m is 'long', but must be a number from 1 to 25"),
+        ({"width_m": 4.5}, "width_m is 4.5, but must be at most lane_width_m, 3.8"),
+        ({"id": "ego"}, "'ego', which is the type of other vehicles: rename it"),
+        ({"id": "a b"}, "must be made of letters, digits and _"),
+        ({"car_following_model": "Kraus"}, "did you mean 'Krauss'"),
+        ({"model": "IDM"}, "There is no key 'model' in a vehicle type"),
+    ],
+)
+def test_a_wrong_type_is_refused_in_one_sentence(types: dict[str, Any], message: str) -> None:
+    values = {"id": "truck", "share": 0.3, "length_m": 14.0, "width_m": 2.5} | types
+    text = "[[vehicle_types]]\n" + "".join(f"{key} = {value!r}\n" for key, value in values.items())
+    with pytest.raises(ScenarioError, match=message) as caught:
+        from_toml(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_types_that_do_not_fit_each_other_are_refused() -> None:
+    many = OwnVehicleType("bus", 0.8, 12.0, 2.5)
+    with pytest.raises(ScenarioError, match=r"truck, bus add up to 1.1, but must be at most 1"):
+        ScenarioDescription(vehicle_types=(TRUCK, many))
+    with pytest.raises(ScenarioError, match="Two vehicle types are called 'truck'"):
+        ScenarioDescription(vehicle_types=(TRUCK, TRUCK))
+    placed = (PlacedVehicle("ego", 1, 50.0, 20.0, 30.0),)
+    with pytest.raises(ScenarioError, match="leave one of the two out"):
+        ScenarioDescription(vehicle_types=(TRUCK,), vehicles=placed)
+    with pytest.raises(ScenarioError, match="The key 'share' is missing in a vehicle type"):
+        from_toml('[[vehicle_types]]\nid = "truck"\n')
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "message"),
+    [
+        (None, [], "is missing: correct the path or the file"),
+        ("lanes = ", [], "is not valid TOML"),
+        ("lane = 3", [], "did you mean 'lanes'"),
+        ("", ["--kind", "merge"], "describes a scenario of the kind loop, and --kind is merge"),
+        ("", ["--ramp-m", "100"], "of the kind loop has no --ramp-m"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_one_sentence(
+    text: str | None,
+    words: list[str],
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if text is not None:
+        (tmp_path / "wrong.toml").write_text(text)
+    source = ["--from", str(tmp_path / "wrong.toml")]
+    assert main(["scenario", str(tmp_path / "made"), *source, *words]) == 1
+    assert message in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "made").exists()
