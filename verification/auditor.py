@@ -23,17 +23,17 @@ TOO_FAST = "moved in behind the ego too fast to stay there"
 BEHIND = "did not stay behind the ego"
 BRAKES = "the ego brakes"
 SOONER = "it kept the bound a SUMO step sooner"
-"""A driver decides on the positions before a step."""
+"""Circumstances of a breach; SOONER: a vehicle moves in a step by the positions before it."""
 
 
 class Breach(NamedTuple):
-    """One bound, broken once."""
+    """A bound of ``strict`` that a vehicle broke in one SUMO step."""
 
     time_s: float
     vehicle: str
     bound: str
     circumstance: str = ""
-    """``BRAKES``, ``SOONER`` or nothing."""
+    """``BRAKES``, ``SOONER`` or empty."""
 
 
 class Auditor:
@@ -47,7 +47,7 @@ class Auditor:
         """Clear the records before a new episode."""
         self.breaches: list[Breach] = []
         self.cut_ins_m: list[float] = []
-        """By how much each cut-in ahead of the ego exceeded the gap it had to leave."""
+        """For each cut-in ahead of the ego, its gap minus the gap that it had to leave."""
         self._before: Snapshot | None = None
         self._ego_m_s2 = (0.0, 0.0)
         """The ego's acceleration in the step before this one, and in this one."""
@@ -71,7 +71,7 @@ class Auditor:
         self._watch_followers(before, after, acceleration)
 
     def explain(self, vehicle: str, since_s: float) -> str:
-        """The bounds that a vehicle broke since then, in words; empty without any."""
+        """Return the bounds that a vehicle broke since a time, as text; empty if none."""
         found = {b.bound for b in self.breaches if b.vehicle == vehicle and b.time_s >= since_s}
         return "; ".join(sorted(found))
 
@@ -83,16 +83,15 @@ class Auditor:
             self._record(after, int(row) + 1, bound, circumstance)
 
     def _ahead_m(self, shot: Snapshot) -> FloatArray:
-        """Distances ahead of the ego round the loop, m, from 0 to its length; shape (vehicles,)."""
+        """Return each vehicle's distance ahead of the ego round the loop, [0, lap), (vehicles,)."""
         ahead_m: FloatArray = (shot.s_m - shot.s_m[EGO]) % self._road.lap_m
         return ahead_m
 
     def _watch_sides(self, before: Snapshot, after: Snapshot) -> None:
         """Check bound 3 for vehicles that began to move into the ego's lanes in this SUMO step.
 
-        A lane that the ego leaves in this step does not count: SUMO moves a vehicle after those
-        ahead of it.
-        A vehicle that is ahead in one of the ego's lanes already may move into another one.
+        A lane that the ego leaves in this step does not count, because SUMO moves a vehicle after
+        those ahead of it. A vehicle ahead in one of the ego's lanes may move into another one.
         """
         step_s, width_m = self._config.simulation.step_length_s, self._road.lane_width_m
         lowest, highest = lanes_under(before.y_m, before.width_m, width_m)
@@ -116,7 +115,7 @@ class Auditor:
                 self._judge_entry(before, after, row, there, is_met)
 
     def _heading(self, from_m: float, to_m: float) -> tuple[int, int]:
-        """Side and lane that a vehicle moves to; past a centre it is bound for the next lane."""
+        """Return the side, left +1 or right -1, and the lane to whose centre a vehicle moves."""
         width_m, side = self._road.lane_width_m, int(np.sign(to_m - from_m))
         lane = math.ceil if side > 0 else math.floor
         return side, lane((to_m - side * ARRIVED_M) / width_m)
@@ -164,7 +163,7 @@ class Auditor:
         return self._gaps(shot, row)[0] - float(needs_m)
 
     def _must_hit(self, shot: Snapshot, behind_m: FloatArray | float) -> BoolArray:
-        """Which vehicles could not stop behind the ego if both braked fully from now on."""
+        """Return which vehicles could not stop behind the ego if both braked fully from now on."""
         strict, step_s = self._config.strict, self._config.simulation.step_length_s
         rolled_m = stopping_distance(shot.speed_m_s, strict.braking_m_s2, step_s)
         hard_m_s2 = self._config.ego.hard_brake_m_s2
@@ -195,7 +194,7 @@ class Auditor:
         self._tell(after, late & idle & responds, BEHIND, brakes)
 
     def _lanes(self, shot: Snapshot) -> tuple[BoolArray, BoolArray]:
-        """Whether each other vehicle, shape (others, lanes), and the ego are over each lane."""
+        """Return whether the others, (others, lanes), and the ego, (lanes,), are over each lane."""
         lowest, highest = lanes_under(shot.y_m, shot.width_m, self._road.lane_width_m)
         lanes = np.arange(len(self._lane_s))
         over: BoolArray = (lowest[:, None] <= lanes) & (lanes <= highest[:, None])

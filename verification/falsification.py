@@ -34,7 +34,7 @@ PLACED, RATES = 6, 2
 
 
 CREEPING_M_S = 0.9 * STILL_M_S
-"""A lateral speed at which the check sees a vehicle stand still sideways."""
+"""A lateral speed at which the check treats a vehicle as not moving sideways, m/s."""
 BRAKES = 99.0
 """A braking command, m/s^2, that the simulator reduces to the hardest allowed one."""
 

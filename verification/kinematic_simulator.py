@@ -178,7 +178,7 @@ class Mover:
             world.collisions[row] = first_collision(starts, ends, *sizes_m)
 
     def _permitted_side(self, world: World, side: FloatArray, rate: FloatArray) -> FloatArray:
-        """Bound 3: the permitted sides of the others' commands, 0 if a movement is forbidden."""
+        """Return the sides that the others command, 0 where bound 3 of ``strict`` forbids them."""
         strict, ego = self._config.strict, self._config.ego
         y_m, width_m = world.y_m[:, 1:], ROAD.lane_width_m
         lane = _bound_for(y_m, side)
@@ -217,7 +217,10 @@ class Mover:
         return np.where(permitted, side, 0.0)
 
     def _creeps_in_lane(self, y_m: FloatArray, side: FloatArray) -> BoolArray:
-        """Whether the others stand still sideways, as far as the check sees, in their lanes."""
+        """Return whether the others move so slowly sideways that the check sees them stand still.
+
+        They must also stay in the lanes that their bodies overlap.
+        """
         lateral_m_s = side * self._config.strict.lateral_speed_m_s
         after_m = y_m + lateral_m_s * self.step_s
         lowest, highest = lanes_under(y_m, WIDTH_M, ROAD.lane_width_m)
@@ -227,7 +230,10 @@ class Mover:
         return result
 
     def _staying_behind(self, world: World, wanted: FloatArray) -> FloatArray:
-        """Bound 4: the accelerations of the others, which brake behind the ego if necessary."""
+        """Return the others' accelerations ``wanted``, reduced where bound 4 of ``strict`` demands.
+
+        A vehicle behind the ego then brakes so that it stays behind.
+        """
         strict, ego = self._config.strict, self._config.ego
         gap_m = world.x_m[:, :1] - world.x_m[:, 1:] - LENGTH_M
         must = (gap_m >= 0) & (self._shared_s(world) >= strict.follower_response_s - 1e-9)

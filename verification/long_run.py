@@ -58,9 +58,9 @@ CAUSES = {
     (CUT_IN, SOONER): "its driver decided on the positions a SUMO step sooner, when it was right",
     (TOO_FAST, SOONER): "its driver decided on the positions a SUMO step sooner, when it was right",
 }
-"""The cause of a broken bound in its circumstance."""
+"""The cause of a breach, by its bound and circumstance."""
 APPROACH_S = 2.0
-"""Breaches of a vehicle that are farther apart belong to different approaches."""
+"""Breaches of a vehicle that are farther apart in time belong to different approaches."""
 BLAME_S = 10.0
 """A bound broken up to this long before a collision explains it."""
 
@@ -81,11 +81,11 @@ class Watched:
         self.auditor.watch(self.env.scene.snapshot)
 
     def act(self, scene: Scene, observation: Observation) -> Action:
-        """The random driver's action."""
+        """Return the random driver's action."""
         return self._driver.act(scene, observation)
 
     def episode(self, mix: str, seed: int) -> dict[str, Any]:
-        """Drive one episode; returns its row."""
+        """Drive the episode of a traffic seed, and return its row of the table."""
         metrics, vehicles = EpisodeMetrics(), 1 + seed % 30
         for decision in rollout(self.env, self, seed, vehicles):
             metrics.add(decision)
@@ -117,7 +117,7 @@ class Watched:
 
 
 def environments(base: Config) -> dict[str, Watched]:
-    """An environment for each traffic mix."""
+    """Make one environment for each mix of the traffic; the keys are the names of the mixes."""
     found = {}
     for mix in MIXES:
         shares = {name: share for name, share in zip(SHARES, mix, strict=True) if share}
@@ -164,7 +164,10 @@ def main() -> int:
 
 
 def report(rows: list[dict[str, str]]) -> int:
-    """Print a summary; returns 1 if no broken bound explains a collision, or if the ego hit."""
+    """Print a summary of the rows, and return the exit status.
+
+    It is 1 if the ego hit something, or a collision or a breach is not explained; else 0.
+    """
     decisions = sum(int(row["decisions"]) for row in rows)
     margins = [float(row["least_cut_in_margin_m"]) for row in rows if row["least_cut_in_margin_m"]]
     hits = [row for row in rows if row["ego_hit"] == "True"]
@@ -185,17 +188,17 @@ def report(rows: list[dict[str, str]]) -> int:
 
 
 class Approach(NamedTuple):
-    """Breaches of one bound by one vehicle in a row."""
+    """Consecutive breaches of one bound by one vehicle."""
 
     bound: str
     driver: str
     breaches: int
     circumstance: str
-    """That of the first."""
+    """The circumstance of the first breach."""
 
 
 def approaches(cell: str) -> list[Approach]:
-    """The approaches of an episode, from its cell ``all_breaches``."""
+    """Parse the approaches of an episode from its value in the column ``all_breaches``."""
     found: dict[tuple[str, str, str], list[tuple[float, str]]] = {}
     for words in filter(None, cell.split("; ")):
         bound, driver, vehicle, time_s, circumstance = words.split("|")
@@ -211,7 +214,7 @@ def approaches(cell: str) -> list[Approach]:
 
 
 def report_breaches(rows: list[dict[str, str]]) -> bool:
-    """Print the broken bounds by cause; whether one has no known cause."""
+    """Print the broken bounds by cause; return whether one has no known cause."""
     every = [approach for row in rows for approach in approaches(row["all_breaches"])]
     episodes = sum(bool(row["all_breaches"]) for row in rows)
     print(f"bounds broken {sum(a.breaches for a in every)} times, in {episodes} episodes:")

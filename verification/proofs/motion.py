@@ -101,7 +101,7 @@ def must_reach(
 
 
 def accelerated(speed: Number, time_s: Fraction, argument: Argument) -> Number:
-    """Return how far a vehicle rolls that accelerates as hard as it can."""
+    """Return how far a vehicle rolls in ``time_s`` if it accelerates as hard as it can."""
     gained = argument.acceleration_m_s2 * time_s
     return speed * time_s + gained * (time_s + argument.step_s) / 2
 

@@ -1,4 +1,4 @@
-"""``planner``: a driver that searches at decision time, in forecasts of all vehicles (ours)."""
+"""The driver ``planner`` (ours): compares plans in forecasts of all vehicles as it drives."""
 
 from drl_av.drivers.planner.driver import PlannerDriver
 

@@ -1,4 +1,4 @@
-"""The ego's action under a plan's intent, in P scenes at once (ours).
+"""Chooses the ego's action for the intents of plans, in P scenes at once (ours).
 
 All arrays have shape (P,) for the ego and (P, N) for the other vehicles.
 """
@@ -24,20 +24,20 @@ BRAKES_FROM = 0.7
 SLOWEST_YIELDING_M_S = 8.0
 """Speed below which the ego does not brake in order to change behind a vehicle."""
 MARGIN_M = 2.0
-"""What the gaps must have to spare where a lane change begins, so that it is not aborted."""
+"""Additional gap that a lane change needs to begin, so that it is not aborted afterwards."""
 
 
 @dataclass
 class Ego:
-    """The ego; a lane change leads from lane ``origin`` to lane ``target``, else they are equal."""
+    """The ego in P scenes; ``origin`` and ``target`` are its lanes, equal without a lane change."""
 
     x_m: FloatArray
-    """Position of the centre relative to the present one."""
+    """Distance driven since the start of the forecast."""
     speed_m_s: FloatArray
     origin: IntArray
     target: IntArray
     seconds: IntArray
-    """The lateral distance from the origin, in seconds of a lane change."""
+    """Lateral distance from the lane ``origin``, as seconds of a lane change."""
 
 
 class Choice(NamedTuple):
@@ -62,7 +62,7 @@ class Surroundings(NamedTuple):
     """Distance of the centres at which a vehicle touches the ego, shape (N,)."""
 
     def near(self, member: BoolArray) -> tuple[Near, Near]:
-        """The next vehicle ahead and the next one behind among the members of a lane."""
+        """Return the next vehicle ahead and the next one behind, of those in ``member``, (P, N)."""
         return self._nearest(member & (self.ahead_m >= 0)), self._nearest(
             member & (self.ahead_m < 0)
         )
@@ -87,13 +87,16 @@ class Chooser:
         self._rates = np.array(rates)[:, None]
 
     def lane(self, ego: Ego) -> IntArray:
-        """The lane that contains the ego's centre."""
+        """Return the lane that contains the ego's centre."""
         return np.where(ego.seconds > self._crossing_s, ego.target, ego.origin)
 
     def __call__(
         self, ego: Ego, intent: IntArray, around: Surroundings, member: BoolArray
     ) -> Choice:
-        """The action of each ego; ``member`` says which lanes each vehicle uses, (L, N)."""
+        """Choose the action of the ego in each scene; ``intent`` has shape (P,).
+
+        ``member``, shape (L, N), says which lanes each other vehicle uses.
+        """
         direction, lane, wanted = ego.target - ego.origin, self.lane(ego), SIDE[intent]
         changes, crossed = direction != 0, ego.seconds > self._crossing_s
         other = np.where(changes, np.where(crossed, ego.origin, ego.target), lane + wanted)
@@ -126,14 +129,14 @@ class Chooser:
     def _permits(
         self, speed: FloatArray, fronts: tuple[Near, Near], rear: Near, margin_m: FloatArray | float
     ) -> BoolArray:
-        """Whether the check permits a lane change between these vehicles."""
+        """Return whether the check permits a lane change behind ``fronts``, ahead of ``rear``."""
         first, second = (self._limits.clear_ahead(speed, front, margin_m) for front in fronts)
         return first & second & self._limits.clear_behind(speed, rear, margin_m)
 
     def _to_continue(self, speed: FloatArray, own: Near, front: Near) -> FloatArray:
-        """The largest acceleration after which both vehicles ahead still permit the lane change.
+        """Return the largest acceleration after which both vehicles ahead still permit the change.
 
-        They keep their speeds. Hard braking if nothing milder is enough.
+        The vehicles keep their speeds. It is hard braking if no other action is enough.
         """
         faster = np.clip(speed + self._rates, 0.0, self._ego.max_speed_m_s)
         permitted = np.ones(faster.shape, dtype=np.bool_)
@@ -147,7 +150,7 @@ class Chooser:
     def _behind_the_left(
         self, ego: Ego, lane: IntArray, around: Surroundings, member: BoolArray
     ) -> FloatArray:
-        """The acceleration with which the ego does not pass the vehicle ahead in the left lane."""
+        """Return an acceleration that does not pass the vehicle ahead in the left lane, m/s^2."""
         left = np.minimum(lane + 1, len(self._open) - 1)
         front, _ = around.near(member[left])
         binds = (left > lane) & _is_passed_on_the_left(front)
@@ -155,7 +158,7 @@ class Chooser:
         return np.where(binds, rate, self._ego.accelerate_m_s2)
 
     def _follow(self, speed: FloatArray, own: Near, front: Near) -> FloatArray:
-        """The acceleration behind two vehicles: that of an action, or of the ACC that is set."""
+        """Return the acceleration behind two vehicles, of an action or of the configured ACC."""
         ego = self._ego
         braking = np.minimum(self._braking(speed, own), self._braking(speed, front))
         if ego.longitudinal_reference != "acceleration":
@@ -170,7 +173,7 @@ class Chooser:
         return np.where(accelerates, ego.accelerate_m_s2, braking)
 
     def _braking(self, speed: FloatArray, front: Near) -> FloatArray:
-        """0, brake or hard brake behind a vehicle ahead, whichever is milder and suffices."""
+        """Return the mildest that suffices behind a vehicle: 0, brake or hard brake, m/s^2."""
         ego, closing = self._ego, np.maximum(speed - front.speed_m_s, 0.0)
         law = self._law(speed, front, SHORT_HEADWAY_S)
         room_m = np.maximum(front.gap_m - ego.reference_standstill_gap_m - closing, 1.0)
@@ -181,7 +184,7 @@ class Chooser:
         return np.where(hard, -ego.hard_brake_m_s2, np.where(brakes, -ego.brake_m_s2, 0.0))
 
     def _law(self, speed: FloatArray, front: Near, headway_s: float) -> FloatArray:
-        """The constant time-gap law, as ``car_following.time_gap_acceleration``."""
+        """Return the time-gap law's acceleration, as ``car_following.time_gap_acceleration``."""
         spare_m = front.gap_m - self._ego.reference_standstill_gap_m - headway_s * speed
         closing = speed - front.speed_m_s
         law: FloatArray = (self._ego.acc_gap_gain_per_s * spare_m - closing) / headway_s
@@ -189,6 +192,6 @@ class Chooser:
 
 
 def _is_passed_on_the_left(front: Near) -> BoolArray:
-    """Whether the ban on passing on the right holds for a vehicle ahead (``passing.py``)."""
+    """Return whether the ego must not pass a vehicle on its right, as ``passing.py`` rules."""
     banned: BoolArray = (front.gap_m > 0) & (front.speed_m_s > CONGESTED_M_S)
     return banned & (front.gap_m < FAR_M / 2)

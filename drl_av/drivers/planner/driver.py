@@ -1,4 +1,4 @@
-"""The driver ``planner``: every other decision it compares about a hundred plans (ours)."""
+"""The driver ``planner`` (ours): it compares about a hundred plans at every second decision."""
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +19,10 @@ DECISIONS_PER_PLAN = 2
 
 
 class PlannerDriver:
-    """Drives as the best of its plans, until a plan is better by ``Prices.change_of_plan``.
+    """Follows its best plan until another plan is better by ``Prices.change_of_plan``.
 
-    It sees all vehicles of the scene, not only the 27 indicators. It remembers the motion of the
-    others, from which it guesses what they want, and which lanes it has seen. Deterministic.
+    It uses all vehicles of the scene, not only the 27 indicators. It remembers the open lanes, and
+    estimates the other drivers' parameters from their motion. It is deterministic.
     """
 
     def __init__(self, config: Config, prices: Prices | None = None) -> None:
@@ -30,7 +30,7 @@ class PlannerDriver:
         self.start(0)
 
     def start(self, seed: int) -> None:
-        """Forget the episode before."""
+        """Prepare for an episode: forget the one before; ``seed`` is not used."""
         self._watcher: Watcher | None = None
         self._last: Snapshot | None = None
         self._decisions, self._sign = 0, 0
@@ -38,7 +38,10 @@ class PlannerDriver:
         self._open: dict[int, bool] = {}
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """The action of the plan in this scene; the same again if the scene is the last one's."""
+        """Return the action of the best plan in this scene.
+
+        A second call with the same scene does not advance the plan.
+        """
         lanes = self._open_lanes(scene)
         others = others_of(scene.snapshot, scene.affordances, len(lanes))
         is_new = self._last is None or scene.snapshot.time_s != self._last.time_s
@@ -53,7 +56,7 @@ class PlannerDriver:
         return self._action(scene, choice)
 
     def _open_lanes(self, scene: Scene) -> BoolArray:
-        """Which lanes are open, as far as they were seen; a lane with vehicles is open."""
+        """Return which lanes are open; a lane not seen yet is open if it contains vehicles."""
         seen = scene.affordances
         self._open |= {seen.lane - 1: seen.right_lane, seen.lane + 1: seen.left_lane}
         self._open[seen.lane] = True
@@ -64,7 +67,7 @@ class PlannerDriver:
         )
 
     def _watch(self, scene: Scene, others: Others) -> Watcher:
-        """The estimates after this scene."""
+        """Update the estimates with this scene, and return them."""
         shot = scene.snapshot
         if self._watcher is None or self._last is None or not self._watcher.fits(others):
             self._watcher = Watcher(others)
@@ -88,7 +91,7 @@ class PlannerDriver:
         self._decisions += 1
 
     def _egos(self, scene: Scene, n: int) -> Ego:
-        """The ego of a scene, n times."""
+        """Return the ego of a scene, repeated ``n`` times."""
         seen, change = scene.affordances, scene.lane_change
         origin, target, seconds = seen.lane, seen.lane, 0
         if change is not None:
@@ -110,7 +113,7 @@ class PlannerDriver:
 
 
 def _ahead(others: Others, seen: Affordances) -> Ahead:
-    """The vehicle ahead of each other vehicle, which may be the ego."""
+    """Return gap and closing speed of each other vehicle to the one ahead, which may be the ego."""
     lanes, x_m, speed = others.now, others.x_m, others.speed_m_s
     gap_m = x_m[lanes.leader] - x_m + lanes.offset_m
     closing = speed - speed[lanes.leader]

@@ -1,4 +1,4 @@
-"""Forecasts of all vehicles under many plans of the ego at once, and their scores (ours).
+"""Forecasts all vehicles for P plans of the ego at once, and scores the plans (ours).
 
 A forecast advances in seconds. The ego follows its plan within the limits of the safety check. The
 other vehicles follow IDM with the parameters that the planner has estimated; they complete the lane
@@ -18,7 +18,7 @@ from drl_av.traffic.road import FloatArray
 SETTLED_S = 2
 """Seconds after which the vehicles that change lanes have left their old ones."""
 LATE = 0.75
-"""A vehicle covers its last speed's share (1 - LATE) and its next speed's share LATE of a second.
+"""In a second a vehicle moves (1 - LATE) * speed before + LATE * speed after.
 
 This is exact for a constant acceleration in two SUMO steps of half a second.
 """
@@ -27,27 +27,27 @@ HARDEST_M_S2 = 4.0
 
 
 class Prices(NamedTuple):
-    """What a forecast costs, in metres that the ego would have to drive farther to make it even."""
+    """The prices of events in a forecast, in metres of the ego's driven distance."""
 
     hit: float = 1000.0
     short_headway: float = 1.5
-    """For each second and each second of headway that is missing to 1 s."""
+    """Price per second for each second by which the headway is below 1 s."""
     forced_braking: float = 2.0
-    """For each m/s^2 by which the ego makes a vehicle brake harder than 2 m/s^2, each second."""
+    """Price per second for each m/s^2 by which a vehicle behind must brake harder than 2 m/s^2."""
     lane_change: float = 4.0
     aborted_lane_change: float = 12.0
     reversal: float = 1.0
-    """For accelerating after braking, or braking after accelerating."""
+    """Price of accelerating after braking, or of braking after accelerating."""
     change_of_plan: float = 10.0
-    """Gain that a new plan must have over the rest of the present one."""
+    """Gain that a new plan must have over the rest of the current one."""
     tail_s: float = 10.0
-    """Time after the forecast, in which the ego keeps to the speed of the vehicle ahead."""
+    """Time after the forecast for which the ego is assumed to follow the vehicle ahead."""
     room: float = 0.8
-    """Worth of a metre of the gap ahead at the end."""
+    """Value of each metre of the gap ahead at the end of the forecast."""
 
 
 class Forecaster:
-    """Makes forecasts from one scene."""
+    """Makes forecasts that begin with one scene, and scores plans."""
 
     def __init__(
         self, others: Others, watcher: Watcher, lap_m: float, chooser: Chooser, ego: EgoConfig
@@ -56,20 +56,20 @@ class Forecaster:
         self._desired_m_s, self._headway_s = watcher.desired_m_s, watcher.headway_s
 
     def around(self, ego: Ego, x_m: FloatArray, speed: FloatArray) -> Surroundings:
-        """The other vehicles at positions of shape (P, N) as the ego sees them."""
+        """Return the other vehicles, at positions ``x_m`` of shape (P, N), relative to the ego."""
         ahead_m = x_m - ego.x_m[:, None]
         ahead_m -= self._lap_m * np.round(ahead_m / self._lap_m)
         return Surroundings(ahead_m, speed, self._others.half_m)
 
     def choice(self, ego: Ego, intent: IntArray) -> Choice:
-        """The action in the scene itself."""
+        """Choose the ego's action in the first scene for an intent."""
         around = self.around(ego, self._others.x_m[None], self._others.speed_m_s[None])
         return self._chooser(ego, intent, around, self._others.now.member)
 
     def scores(self, ego: Ego, sign: int, plans: IntArray, prices: Prices) -> FloatArray:
-        """The distance that the ego drives with each plan less its prices, metres; shape (P,).
+        """Return the score of each plan, shape (P,): the ego's distance minus the prices, m.
 
-        ``ego`` is changed. ``sign`` is that of the ego's last acceleration or braking.
+        Changes ``ego``. ``sign`` is +1 if the ego accelerated last, -1 if it braked last, else 0.
         """
         shape = len(plans), len(self._others.x_m)
         x_m, speed = (
@@ -93,7 +93,7 @@ class Forecaster:
         return score + self._tail(ego, self.around(ego, x_m, speed), prices)
 
     def _change_lanes(self, ego: Ego, choice: Choice) -> None:
-        """Move the egos sideways for a second."""
+        """Advance the egos' lane changes by a second, in place."""
         aborts, begins = choice.aborts, choice.begins
         seconds = round(self._ego.lane_change_duration_s)
         back = np.where(aborts, seconds - ego.seconds, ego.seconds)
@@ -107,7 +107,7 @@ class Forecaster:
         ego.seconds = np.where(arrives, 0, ego.seconds)
 
     def _drive(self, ego: Ego, acceleration: FloatArray) -> FloatArray:
-        """Move the egos along the road for a second; returns the distances."""
+        """Move the egos along the road for a second, in place; return the distances, shape (P,)."""
         speed = np.clip(ego.speed_m_s + acceleration, 0.0, self._ego.max_speed_m_s)
         moved_m: FloatArray = (1 - LATE) * ego.speed_m_s + LATE * speed
         ego.x_m, ego.speed_m_s = ego.x_m + moved_m, speed
@@ -116,7 +116,10 @@ class Forecaster:
     def _follow(
         self, ego: Ego, around: Surroundings, x_m: FloatArray, lanes: Lanes, prices: Prices
     ) -> tuple[FloatArray, FloatArray]:
-        """The other vehicles' speeds a second later, and the price of what the ego does to them."""
+        """Return the other vehicles' speeds a second later, (P, N), and the price to the ego, (P,).
+
+        The price is that of collisions and of braking that the ego forces on vehicles behind it.
+        """
         gap_m, lead = x_m[:, lanes.leader] - x_m + lanes.offset_m, around.speed_m_s[:, lanes.leader]
         shares = self._shares_lane(ego, lanes.member)
         to_ego_m = -around.ahead_m - around.half_m
@@ -132,7 +135,7 @@ class Forecaster:
         return np.maximum(speed + np.maximum(rate, -HARDEST_M_S2), 0.0), price
 
     def _shares_lane(self, ego: Ego, member: BoolArray) -> BoolArray:
-        """Whether each vehicle uses a lane that the ego's body overlaps, shape (P, N)."""
+        """Return whether each vehicle uses a lane that the ego's body overlaps, shape (P, N)."""
         from_line = ego.seconds - self._ego.lane_change_duration_s / 2
         in_origin, in_target = from_line < 1.0, from_line > -1.0
         result: BoolArray = (member[ego.origin] & in_origin[:, None]) | (
@@ -141,7 +144,10 @@ class Forecaster:
         return result
 
     def _tail(self, ego: Ego, around: Surroundings, prices: Prices) -> FloatArray:
-        """What the end of a forecast is worth: the way on behind the vehicle ahead, metres."""
+        """Return the value of the scene at the end of a forecast, m, shape (P,).
+
+        It is the distance that the ego can drive afterwards behind the vehicle ahead.
+        """
         front, _ = around.near(self._others.later.member[self._chooser.lane(ego)])
         room_m = np.maximum(front.gap_m - LONG_HEADWAY_S * ego.speed_m_s, 0.0)
         worth_m = prices.tail_s * front.speed_m_s + prices.room * room_m

@@ -1,7 +1,7 @@
-"""The safety check in many forecasts at once: the rules of ``paper`` and of ``strict`` (ours).
+"""Computes what the checks ``paper`` and ``strict`` permit in many forecasts at once (ours).
 
-They use the equations of the checks for the neighbours of the ego, and broadcast over P forecasts.
-The safety check itself examines the driver's action afterwards.
+The functions use the equations of the checks for the ego's neighbours; arrays have shape (P,) for P
+forecasts. The safety check itself examines the driver's action afterwards.
 """
 
 from typing import Any, NamedTuple, Protocol
@@ -22,33 +22,33 @@ class Near(NamedTuple):
     speed_m_s: FloatArray
 
     def where(self, condition: BoolArray, other: "Near") -> "Near":
-        """This vehicle where the condition holds, else the other one."""
+        """Return this vehicle in the forecasts where the condition holds, else the other one."""
         return Near(
             *(np.where(condition, mine, its) for mine, its in zip(self, other, strict=True))
         )
 
 
 class Limits(Protocol):
-    """What a safety check permits."""
+    """The interface to what a safety check permits; ``speed`` is the ego's, m/s."""
 
     def fastest(self, speed: FloatArray, front: Near) -> FloatArray:
-        """The largest acceleration behind a vehicle ahead, m/s^2."""
+        """Return the largest permitted acceleration behind a vehicle ahead, m/s^2."""
 
     def clear_ahead(self, speed: FloatArray, front: Near, margin_m: Any = 0.0) -> BoolArray:
-        """Whether a vehicle ahead permits a lane change, with ``margin_m`` to spare."""
+        """Return whether a vehicle ahead permits a lane change, with ``margin_m`` to spare."""
 
     def clear_behind(self, speed: FloatArray, rear: Near, margin_m: Any = 0.0) -> BoolArray:
-        """Whether a vehicle behind in the target lane permits a lane change."""
+        """Return whether a vehicle behind in the target lane permits a lane change, likewise."""
 
 
 class PaperLimits:
-    """Rules 1 and 3 of the check ``paper``."""
+    """What rules 1 and 3 of the check ``paper`` permit."""
 
     def __init__(self, config: Config) -> None:
         self._safety, self._ego = config.safety, config.ego
 
     def fastest(self, speed: FloatArray, front: Near) -> FloatArray:
-        """Rule 1: what eq. 3 answers where eq. 2 does not hold."""
+        """Return the acceleration of the paper's eq. 3 if eq. 2 does not hold, else the largest."""
         safety, ego, closing = self._safety, self._ego, speed - front.speed_m_s
         free = (closing <= 0) | gap_condition(front.gap_m, closing, safety)
         ttc_s = front.gap_m / np.maximum(closing, 1e-6)
@@ -57,20 +57,20 @@ class PaperLimits:
         return np.where(free, ego.accelerate_m_s2, safe)
 
     def clear_ahead(self, speed: FloatArray, front: Near, margin_m: Any = 0.0) -> BoolArray:
-        """Rule 3 for a vehicle ahead: eq. 2."""
+        """Return whether eq. 2 of the paper holds for the vehicle ahead (rule 3)."""
         closing = speed - front.speed_m_s
         permitted: BoolArray = gap_condition(front.gap_m - margin_m, closing, self._safety)
         return permitted
 
     def clear_behind(self, speed: FloatArray, rear: Near, margin_m: Any = 0.0) -> BoolArray:
-        """Rule 3 for a vehicle behind: eq. 2."""
+        """Return whether eq. 2 of the paper holds for the vehicle behind (rule 3)."""
         closing = rear.speed_m_s - speed
         permitted: BoolArray = gap_condition(rear.gap_m - margin_m, closing, self._safety)
         return permitted
 
 
 class StrictLimits:
-    """The stopping distances of the check ``strict``."""
+    """What the check ``strict`` permits, by its stopping distances."""
 
     def __init__(self, config: Config) -> None:
         self._strict, self._ego, self._simulation = config.strict, config.ego, config.simulation
@@ -80,7 +80,7 @@ class StrictLimits:
         self._slowest = 0.0 if by_number else -ego.hard_brake_m_s2
 
     def fastest(self, speed: FloatArray, front: Near) -> FloatArray:
-        """The largest acceleration from which the ego can stop behind the vehicle ahead."""
+        """Return the largest acceleration after which the ego can stop behind the vehicle ahead."""
         reaches = reach(speed, self._rates[:, None], self._ego, self._simulation)
         permitted = reaches < self._most_m(front)
         permitted[-1] = True
@@ -88,13 +88,13 @@ class StrictLimits:
         return fastest
 
     def clear_ahead(self, speed: FloatArray, front: Near, margin_m: Any = 0.0) -> BoolArray:
-        """Whether the ego can stop behind the vehicle ahead after it has maintained its speed."""
+        """Return whether the ego can maintain its speed now and stop behind the vehicle ahead."""
         reached_m = reach(speed, 0.0, self._ego, self._simulation)
         permitted: BoolArray = reached_m < self._most_m(front) - margin_m
         return permitted
 
     def clear_behind(self, speed: FloatArray, rear: Near, margin_m: Any = 0.0) -> BoolArray:
-        """Whether the vehicle behind can stop behind the ego, whatever the ego does."""
+        """Return whether the vehicle behind can stop behind the ego, whatever the ego does."""
         strict, step_s = self._strict, self._simulation.step_length_s
         least_m = reach(speed, self._slowest, self._ego, self._simulation)
         delay_s = strict.follower_response_s + self._simulation.decision_interval_s / 2
@@ -112,5 +112,5 @@ class StrictLimits:
 
 
 def limits_of(config: Config) -> Limits:
-    """The limits of the check that a config names; those of ``paper`` for any other check."""
+    """Return the limits of ``strict`` if the config names it, else those of ``paper``."""
     return StrictLimits(config) if config.safety.check == "strict" else PaperLimits(config)

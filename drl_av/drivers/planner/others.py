@@ -16,30 +16,30 @@ from drl_av.traffic.snapshot import EGO, Snapshot
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.intp]
 FAR_M = 1e6
-"""A distance without a vehicle."""
+"""The distance to a vehicle that does not exist, m."""
 STANDSTILL_GAP_M = 2.5
 ACCELERATION_M_S2 = 1.5
 COMFORTABLE_BRAKING_M_S2 = 2.0
 """The guess of each vehicle's IDM, besides its desired speed and time gap."""
 MOVING_M_S = 0.05
-"""A vehicle that is faster than this sideways changes lanes."""
+"""A vehicle whose lateral speed exceeds this is changing lanes."""
 ALMOST_THERE = 0.1
 """Share of a lane's width by which a lane change may be short of the lane's centre."""
 
 
 class Lanes(NamedTuple):
-    """The lanes that vehicles use, and each vehicle's leader in them."""
+    """The lanes that each of N vehicles uses, and its leader in them."""
 
     member: BoolArray
     """Whether a vehicle uses a lane, shape (L, N)."""
     leader: IntArray
-    """Row of the next vehicle ahead in a common lane."""
+    """Index, among the N vehicles, of the next vehicle ahead in a common lane."""
     offset_m: FloatArray
-    """The net gap to the leader is its position minus the own one plus this; FAR_M: no leader."""
+    """Net gap to the leader = leader's position - own position + offset; about FAR_M if none."""
 
 
 class Others(NamedTuple):
-    """The other vehicles at one decision."""
+    """The N other vehicles at one decision; arrays of shape (N,)."""
 
     x_m: FloatArray
     """Position of the centre relative to the ego's, positive ahead."""
@@ -47,13 +47,13 @@ class Others(NamedTuple):
     half_m: FloatArray
     """Distance of the centres at which the vehicle touches the ego."""
     now: Lanes
-    """With both lanes of a vehicle that changes lanes."""
+    """The lanes used now; a vehicle that changes lanes uses both."""
     later: Lanes
-    """With the target lane of a vehicle that changes lanes."""
+    """The lanes used after the lane changes in progress."""
 
 
 def wanted_gap(speed: FloatArray, closing: FloatArray, headway_s: FloatArray) -> FloatArray:
-    """The gap that IDM wants, s*, metres; broadcasts."""
+    """Return the gap s* that IDM wants, m; ``closing`` > 0 if the gap shrinks. Broadcasts."""
     rate = 2 * math.sqrt(ACCELERATION_M_S2 * COMFORTABLE_BRAKING_M_S2)
     result: FloatArray = STANDSTILL_GAP_M + np.maximum(speed * (headway_s + closing / rate), 0.0)
     return result
@@ -66,7 +66,10 @@ def idm(
     gap_m: FloatArray,
     closing: FloatArray,
 ) -> FloatArray:
-    """Acceleration of the intelligent driver model (Treiber et al. 2000), m/s^2; broadcasts."""
+    """Return the acceleration of the intelligent driver model (Treiber et al. 2000), m/s^2.
+
+    ``closing`` is positive if the gap shrinks. The arguments broadcast.
+    """
     ratio = wanted_gap(speed, closing, headway_s) / np.maximum(gap_m, 0.1)
     relative = speed / desired
     relative = relative * relative
@@ -75,9 +78,9 @@ def idm(
 
 
 def others_of(snapshot: Snapshot, affordances: Affordances, lanes: int) -> Others:
-    """The other vehicles of a snapshot on a road with so many lanes.
+    """Return the other vehicles of a snapshot, on a road with this number of lanes.
 
-    A barrier of the road, as the end of a lane, is a vehicle of no length that stands there.
+    A barrier of the road, such as the end of a lane, is a standing vehicle of length 0.
     """
     lap_m = affordances.circumference_m or FAR_M
     width_m, ego_m = affordances.lane_width_m, float(snapshot.length_m[EGO])
@@ -110,7 +113,10 @@ def others_of(snapshot: Snapshot, affordances: Affordances, lanes: int) -> Other
 def _members(
     place: FloatArray, lateral: FloatArray, width: FloatArray, lanes: int
 ) -> tuple[BoolArray, BoolArray]:
-    """The lanes of each vehicle now and after its lane change; positions in lanes."""
+    """Return which lanes each vehicle uses now, and after its lane change; both (L, N).
+
+    ``place`` and ``width`` are lateral positions and body widths in units of a lane's width.
+    """
     lane = np.arange(lanes)[:, None]
     aim = np.where(lateral > 0, np.ceil(place - ALMOST_THERE), np.floor(place + ALMOST_THERE))
     changes = np.abs(lateral) > MOVING_M_S

@@ -12,7 +12,7 @@ SEGMENTS_S = (2, 5, 13)
 
 
 class Intent(IntEnum):
-    """What the ego intends at a moment; a lane change begins as soon as it is permitted."""
+    """What the ego intends in one second; a lane change begins as soon as it is permitted."""
 
     KEEP = 0
     BRAKE = 1
@@ -27,28 +27,31 @@ class Intent(IntEnum):
 SIDE = np.array([0, 0, 1, -1, 1, -1])
 """Direction of each intent: left +1, right -1."""
 YIELDS = np.array([False, True, False, False, True, True])
-"""Whether an intent brakes."""
+"""For each intent, whether the ego brakes."""
 
 
 def _plans() -> IntArray:
-    """All combinations, but without braking for its own sake after a lane change."""
+    """Return all combinations of intents, except plans that brake after a lane change intent."""
     intents = product(Intent, Intent, (Intent.KEEP, Intent.LEFT, Intent.RIGHT))
     useful = [plan for plan in intents if plan[1] != Intent.BRAKE or SIDE[plan[0]] == 0]
     return np.repeat(np.array(useful, dtype=np.intp), SEGMENTS_S, axis=1)
 
 
 PLANS = _plans()
-"""All plans, shape (P, seconds)."""
+"""All P plans: the intent of each second of the forecast, shape (P, seconds)."""
 
 
 def usable_plans(is_changing: bool, has_right: bool, has_left: bool) -> IntArray:
-    """The plans that do not begin with a lane change off the road, shape (P, seconds)."""
+    """Return the plans that do not begin with a change to a missing lane, shape (P, seconds).
+
+    During a lane change (``is_changing``) all plans are usable.
+    """
     first = SIDE[PLANS[:, 0]]
     off_road = (first == 1) & (not has_left) | (first == -1) & (not has_right)
     return PLANS if is_changing else PLANS[~off_road]
 
 
 def next_second(plan: IntArray) -> IntArray:
-    """The rest of a plan one second later; it keeps the lane at its end."""
+    """Return the rest of a plan one second later; its new last second keeps the lane."""
     rest: IntArray = np.append(plan[1:], Intent.KEEP)
     return rest

@@ -19,23 +19,23 @@ USUAL_HEADWAY_S = 1.1
 FASTEST_M_S = 40.0
 HEADWAYS_S = (0.4, 2.0)
 MEMORY = 5.0
-"""An estimate of the desired speed is the mean of about so many observations."""
+"""Number of observations over which an estimate of the desired speed is about the mean."""
 FORGETTING = 0.3
 """Weight of a new observation of the time gap."""
 
 
 class Ahead(NamedTuple):
-    """The vehicle ahead of each vehicle, the ego included; arrays of shape (N,)."""
+    """Gap and closing speed of N vehicles to the vehicle ahead, which may be the ego; (N,)."""
 
     gap_m: FloatArray
     closing_m_s: FloatArray
 
 
 class Watcher:
-    """Remembers the other vehicles of an episode.
+    """Estimates the desired speed and the time gap of each other vehicle of an episode.
 
-    A vehicle on a free road shows its desired speed, and one behind another vehicle its time gap:
-    each is the value with which IDM has the acceleration that was observed.
+    A vehicle on a free road shows its desired speed, and one behind another vehicle its time gap.
+    The estimate is the value with which IDM has the observed acceleration.
     """
 
     def __init__(self, others: Others) -> None:
@@ -46,11 +46,11 @@ class Watcher:
         self._speed = speed
 
     def fits(self, others: Others) -> bool:
-        """Whether these are the vehicles that the watcher remembers, by their number."""
+        """Return whether there are as many vehicles as at the last observation."""
         return len(others.speed_m_s) == len(self._speed)
 
     def observe(self, others: Others, ahead: Ahead, seconds: float) -> None:
-        """Improve the estimates by the vehicles ``seconds`` after the last observation."""
+        """Improve the estimates with the vehicles' state ``seconds`` after the last observation."""
         speed = others.speed_m_s
         rate = (speed - self._speed) / seconds / ACCELERATION_M_S2
         self._speed = speed
@@ -58,7 +58,10 @@ class Watcher:
         self._observe_headway(speed, rate, ahead)
 
     def _observe_desired(self, speed: FloatArray, rate: FloatArray, ahead: Ahead) -> None:
-        """IDM solved for the desired speed: v / (1 - a_observed / a - (s* / s)^2)^(1/4)."""
+        """Update the desired speeds v_0 by IDM solved for v_0.
+
+        v_0 = v / (1 - a_observed / a - (s* / s)^2)^(1/4); vehicles near a leader do not count.
+        """
         wanted_m = wanted_gap(speed, ahead.closing_m_s, self.headway_s)
         interaction = (wanted_m / np.maximum(ahead.gap_m, 0.1)) ** 2
         left = 1 - rate - interaction
@@ -69,7 +72,10 @@ class Watcher:
         self.desired_m_s = np.maximum(self.desired_m_s, np.maximum(speed, 0.1))
 
     def _observe_headway(self, speed: FloatArray, rate: FloatArray, ahead: Ahead) -> None:
-        """IDM solved for the time gap, from s* = s (1 - a_observed / a - (v / v_0)^4)^(1/2)."""
+        """Update the time gaps of vehicles behind a leader by IDM solved for the time gap.
+
+        It follows from s* = s (1 - a_observed / a - (v / v_0)^4)^(1/2).
+        """
         left = np.clip(1 - rate - (speed / self.desired_m_s) ** 4, 0.0, 4.0)
         braking = 2 * (ACCELERATION_M_S2 * COMFORTABLE_BRAKING_M_S2) ** 0.5
         wanted_s = (ahead.gap_m * left**0.5 - STANDSTILL_GAP_M) / np.maximum(speed, 1.0)
