@@ -1,0 +1,94 @@
+"""Drive random approaches in SUMO and in the kinematic simulator, and compare their collisions.
+
+    python -m verification.approaches                  # 10,000 at each of three step lengths
+    python -m verification.approaches --scenes 100 --step-length 0.1
+
+The ego meets one other vehicle; both move at random, and no check protects the ego. The exit status
+is 1 if SUMO and the simulator disagree on a collision or on a position.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from drl_av.cli.arguments import whole
+from drl_av.config import Config
+from drl_av.experiments.provenance import made_by
+from drl_av.safety.check import permit_all
+from drl_av.traffic.snapshot import CollisionKind
+from verification.batch_check import one_by_one
+from verification.falsification import placed
+from verification.falsify import show
+from verification.in_sumo import SumoWorld
+from verification.kinematic_simulator import LENGTH_M, Mover, Orders, World
+
+STEPS_S = (1.0, 0.5, 0.25)
+DECISIONS = 5
+NEAR_M = 25.0
+"""The other vehicle starts within this distance of the ego."""
+SIDES = (-1.0, 0.0, 0.0, 1.0)
+APART_M = 1e-5
+"""Positions in SUMO and in the simulator may differ by this."""
+
+
+def start(rng: np.random.Generator) -> World:
+    """Return a scene of the ego and one other vehicle, at random but not in one place."""
+    lane, other = rng.integers(0, 3, 2)
+    least_m = LENGTH_M + 0.01 if lane == other else 0.0
+    ahead_m = rng.choice([-1, 1]) * rng.uniform(least_m, NEAR_M)
+    speeds = rng.uniform(0, 30, 1), rng.uniform(0, 40, (1, 1))
+    return placed(
+        np.array([lane]), speeds[0], np.array([[ahead_m]]), np.array([[other]]), speeds[1]
+    )
+
+
+def orders(rng: np.random.Generator) -> Iterator[Orders]:
+    """Yield random commands for both vehicles, decision by decision."""
+    for _ in range(DECISIONS):
+        acceleration = rng.uniform(-4, 2, (1, 1))
+        yield Orders(rng.integers(0, 12, 1), acceleration, rng.choice(SIDES, (1, 1)))
+
+
+def compare(step_s: float, scenes: int, seed: int) -> dict[str, Any]:
+    """Return how many approaches end in a collision, and in how many the two worlds disagree."""
+    config = Config().updated("safety", check="permit_all")
+    config = config.updated("simulation", step_length_s=step_s)
+    sumo, rng, mover = SumoWorld(config), np.random.default_rng(seed), Mover(config)
+    collisions, unlike, apart_m = 0, 0, 0.0
+    for _ in range(scenes):
+        found, expected, off_m = sumo.play(start(rng), orders(rng), one_by_one(permit_all), mover)
+        collisions += found is not None and found.kind is not CollisionKind.HIT_EDGE
+        unlike += found != expected
+        apart_m = max(apart_m, off_m)
+    return {
+        "step_s": step_s,
+        "approaches": scenes,
+        "collisions": collisions,
+        "unlike_the_simulator": unlike,
+        "furthest_from_the_simulator_m": f"{apart_m:.1e}",
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", type=whole(1), default=10_000, help="default: 10000")
+    parser.add_argument("--step-length", type=float, nargs="+", default=STEPS_S, metavar="S")
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    begun_s = time.monotonic()
+    rows = [compare(step_s, arguments.scenes, arguments.seed) for step_s in arguments.step_length]
+    show(rows)
+    print(made_by(time.monotonic() - begun_s))
+    agree = all(
+        row["unlike_the_simulator"] == 0 and float(row["furthest_from_the_simulator_m"]) < APART_M
+        for row in rows
+    )
+    return 0 if agree else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
