@@ -1,6 +1,7 @@
 """Drive the random driver under ``strict`` for a million decisions, and explain each collision.
 
     python -m verification.long_run --episodes 5000 --out long_run.csv
+    python -m verification.long_run --episodes 200 --traffic naturalistic --out naturalistic.csv
 
 Each episode appends a row. The same command continues after an interruption; ``--first`` and
 ``--episodes`` divide the work. The exit status is 1 if the ego hit something, or was hit by a
@@ -16,7 +17,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from drl_av.config import Config, load_config
+from drl_av.config import TRAFFIC_KINDS, Config, load_config
 from drl_av.drivers.rules import RandomDriver
 from drl_av.driving.actions import Action
 from drl_av.driving.scene import Scene
@@ -131,11 +132,16 @@ def main() -> int:
     parser.add_argument("--episodes", type=int, default=5000, help="how many (default: 5000)")
     parser.add_argument("--first", type=int, default=0, help="number of the first (default: 0)")
     parser.add_argument("--check", default="strict", choices=CHECKS)
+    parser.add_argument("--traffic", choices=TRAFFIC_KINDS, help="a kind (default: five mixes)")
     parser.add_argument("--config", help="a TOML file of settings")
     parser.add_argument("--out", type=Path, default=Path("long_run.csv"), help="the CSV file")
     arguments = parser.parse_args()
     base = load_config(arguments.config).updated("safety", check=arguments.check)
-    worlds = environments(base)
+    if arguments.traffic is not None:
+        base = base.with_traffic(arguments.traffic)
+        worlds = {arguments.traffic: Watched(base)}
+    else:
+        worlds = environments(base)
     names = list(worlds)
     begun_s = time.monotonic()
     try:
