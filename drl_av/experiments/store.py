@@ -250,7 +250,7 @@ def read_sidecar(table: Path) -> dict[str, Any]:
         )
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DrlAvError(f"{path} cannot be read ({error}): put back what was there.") from error
     if not isinstance(facts, dict):
         raise DrlAvError(f"{path} holds no provenance: put back what was there.")

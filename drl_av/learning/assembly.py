@@ -18,7 +18,7 @@ from drl_av.learning.augmentation import (
     require_symmetry,
     unchanged,
 )
-from drl_av.learning.buffers import Buffer, TwoBuffers, UniformBuffer
+from drl_av.learning.buffers import Buffer, TwoBuffers, UniformBuffer, require_memory
 from drl_av.learning.experience import Store, StoreDecision, StoreWithPenalty
 from drl_av.learning.learner import Learner
 from drl_av.learning.prioritized import PrioritizedBuffer
@@ -54,8 +54,13 @@ def make_training(env: HighwayEnv) -> Training:
 
 
 def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
-    """Make an empty experience buffer of the kind ``config.replay``."""
+    """Make an empty experience buffer of the kind ``config.replay``.
+
+    Raises:
+        ConfigError: the memory that is available cannot hold it once it is full.
+    """
     capacity = config.safe_capacity + config.collision_capacity
+    require_memory(capacity, observation_size)
     if config.replay == "uniform":
         return UniformBuffer(observation_size, capacity, config.discount)
     if config.replay == "prioritized":

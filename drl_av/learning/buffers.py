@@ -3,6 +3,7 @@
 A row is one transition. Its discount is stored: 0 if it is terminal, with reward r_col, else gamma.
 """
 
+from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -29,6 +30,31 @@ class Batch(NamedTuple):
     slots: NDArray[np.int64] | None = None
 
 
+MEMORY = Path("/proc/meminfo")
+"""Where Linux says how much memory is available; other systems have no such file."""
+
+
+def require_memory(rows: int, observation_size: int) -> None:
+    """Raise ConfigError if the available memory cannot hold so many transitions."""
+    needed = rows * row_width(observation_size) * np.dtype(np.float32).itemsize
+    try:
+        words = MEMORY.read_text(encoding="ascii").split()
+        available = 1024 * int(words[words.index("MemAvailable:") + 1])
+    except (OSError, ValueError):
+        return
+    if needed > available:
+        raise ConfigError(
+            f"A buffer of {rows} rows needs {needed / 2**30:.1f} GiB of memory, but "
+            f"{available / 2**30:.1f} GiB are available: lower learning.safe_capacity and "
+            "learning.collision_capacity."
+        )
+
+
+def row_width(observation_size: int) -> int:
+    """Return how many numbers a transition has."""
+    return 2 * observation_size + 3
+
+
 class Ring:
     """A ring buffer that holds the newest ``capacity`` transitions.
 
@@ -42,7 +68,7 @@ class Ring:
     def __init__(self, capacity: int, observation_size: int) -> None:
         self.observation_size = observation_size
         try:
-            self.rows: Float32Array = np.empty((capacity, 2 * observation_size + 3), np.float32)
+            self.rows: Float32Array = np.empty((capacity, row_width(observation_size)), np.float32)
         except MemoryError as error:
             raise ConfigError(
                 f"The memory of this machine cannot hold a buffer of {capacity} rows: lower "

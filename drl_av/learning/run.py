@@ -120,7 +120,11 @@ class Run:
             try:
                 training.restore(tensors, numbers)
                 sizes = {name: int(numbers["sizes"][name]) for name in sizes}
-            except (LookupError, TypeError, ValueError, AttributeError) as error:
+                if not 0 <= training.episodes_done <= training.config.learning.episodes:
+                    raise ValueError("it counts more episodes than the training has")
+                if min(sizes.values()) < 0:
+                    raise ValueError("a table has a negative size")
+            except (LookupError, TypeError, ArithmeticError, ValueError, AttributeError) as error:
                 raise CheckpointError(
                     f"{self.checkpoint_file} holds no training of this version ({error!r}): "
                     "take an older copy, or begin a new run."

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -5,6 +7,7 @@ from hypothesis import strategies as st
 
 from drl_av.config import LearningConfig
 from drl_av.errors import CheckpointError, ConfigError
+from drl_av.learning import buffers
 from drl_av.learning.assembly import make_buffer
 from drl_av.learning.buffers import Ring, TwoBuffers, UniformBuffer, batch_of
 
@@ -144,3 +147,24 @@ def test_experience_that_does_not_fit_is_refused(other):
 def test_a_capacity_that_no_memory_holds_is_one_sentence() -> None:
     with pytest.raises(ConfigError, match=r"buffer of 1000000000000000 rows: lower"):
         Ring(10**15, 27)
+
+
+def test_a_buffer_larger_than_the_available_memory_is_refused_before_it_is_allocated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # 57 numbers of 4 bytes a row: 11,000 rows are 2.39 MiB
+    file = tmp_path / "meminfo"
+    monkeypatch.setattr(buffers, "MEMORY", file)
+    monkeypatch.setattr(Ring, "__init__", lambda *_: pytest.fail("allocated"))
+    file.write_text("MemTotal: 9000000 kB\nMemAvailable: 2048 kB\n")
+    for replay in ("two-buffer", "uniform", "prioritized"):
+        config = LearningConfig(replay=replay, safe_capacity=10_000, collision_capacity=1_000)
+        with pytest.raises(ConfigError, match=r"buffer of 11000 rows needs .* GiB of memory, but"):
+            make_buffer(config, 27)
+
+
+def test_where_no_system_says_what_is_available_the_buffer_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(buffers, "MEMORY", tmp_path / "none")
+    assert len(make_buffer(LearningConfig(), 27)) == 0

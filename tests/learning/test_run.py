@@ -364,6 +364,29 @@ def test_checkpoint_with_an_unknown_setting_is_refused(
     assert "belongs to other settings" in one_sentence(capsys.readouterr().err)
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("episodes_done", 10**18),
+        ("episodes_done", -1),
+        ("episodes_done", float("inf")),
+        ("sizes", {"episodes.csv": float("inf"), "evaluations.csv": 0}),
+        ("sizes", {"episodes.csv": -1, "evaluations.csv": 0}),
+        ("rng", {"bit_generator": "PCG64", "state": {"state": 10**60, "inc": 1}}),
+    ],
+)
+def test_numbers_that_no_training_writes_are_refused_and_change_no_file(
+    name: str, value: object, copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = copy / "checkpoint.safetensors"
+    tensors, numbers = load(file)
+    save(file, tensors, numbers | {name: value})
+    before = files_of(copy)
+    assert main(command(copy, "--resume")) == 1
+    assert str(file) in one_sentence(capsys.readouterr().err)
+    assert files_of(copy) == before
+
+
 def test_lost_rows_are_missed(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     os.truncate(copy / "episodes.csv", 100)
     assert main(command(copy, "--resume")) == 1
