@@ -9,7 +9,7 @@ from typing import Any
 from drl_av.drawing.sheet import EGO_COLOR, FAST_M_S, SLOW_M_S, SPEED_COLORS
 from drl_av.driving.actions import ACTIONS
 from drl_av.files import write_whole
-from drl_av.traffic.road import Road
+from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
 from drl_av.traffic.snapshot import Snapshot
 
 TEMPLATE = Path(__file__).with_name("page.html")
@@ -52,12 +52,15 @@ def write_page(
     Raises:
         DrlAvError: the file cannot be written.
     """
+    sizes = _sizes(snapshots)
     episode = {
         "title": title,
         "road": {
             "circumference_m": road.lap_m,
+            "end_m": None if road.is_loop else road.end_m,
             "lane_width_m": road.lane_width_m,
             "open_lanes": road.open_lanes,
+            "partial_lanes": [_part(part, road) for part in road.partial_lanes],
         },
         "actions": [str(action) for action in ACTIONS],
         "colors": {
@@ -66,8 +69,8 @@ def write_page(
             "slow_m_s": SLOW_M_S,
             "fast_m_s": FAST_M_S,
         },
-        "sizes": list(zip(*_rounded(snapshots[0].length_m, snapshots[0].width_m), strict=True)),
-        "frames": [_frame(snapshot) for snapshot in snapshots],
+        "sizes": [sizes[name] for name in sizes],
+        "frames": [_frame(snapshot, [*sizes]) for snapshot in snapshots],
         "decisions": [vars(decision) for decision in decisions],
     }
     data = json.dumps(episode, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
@@ -75,10 +78,35 @@ def write_page(
     write_whole(path, template.replace(PLACEHOLDER, data, 1).encode())
 
 
-def _frame(snapshot: Snapshot) -> dict[str, list[float]]:
-    """Return position s, lateral position y and speed v of each vehicle, for the page's data."""
-    s, y, v = _rounded(snapshot.s_m, snapshot.y_m, snapshot.speed_m_s)
-    return {"s": s, "y": y, "v": v}
+def _part(part: PartialLane, road: Road) -> dict[str, float]:
+    """A lane that begins or ends on the way; one without an end goes on beyond the road's end."""
+    beyond_m = road.end_m + OPEN_LAP_M / 4
+    return {
+        "lane": part.lane,
+        "begin_m": part.begin_m,
+        "end_m": min(part.end_m, beyond_m),
+        "joined_from_m": part.joined_from_m,
+        "joined_to_m": part.joined_to_m,
+    }
+
+
+def _sizes(snapshots: Sequence[Snapshot]) -> dict[str, tuple[float, float]]:
+    """Length and width of each vehicle of an episode, by name, the ego first."""
+    sizes: dict[str, tuple[float, float]] = {}
+    for shot in snapshots:
+        length, width = _rounded(shot.length_m, shot.width_m)
+        sizes |= dict(zip(shot.ids, zip(length, width, strict=True), strict=True))
+    return sizes
+
+
+def _frame(snapshot: Snapshot, names: Sequence[str]) -> dict[str, list[float | None]]:
+    """Place and speed of each vehicle; None while it is not on the road."""
+    columns = _rounded(snapshot.s_m, snapshot.y_m, snapshot.speed_m_s)
+    found = {}
+    for key, column in zip("syv", columns, strict=True):
+        values = dict(zip(snapshot.ids, column, strict=True))
+        found[key] = [values.get(name) for name in names]
+    return found
 
 
 def _rounded(*columns: Any) -> list[list[float]]:

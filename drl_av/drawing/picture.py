@@ -7,6 +7,7 @@ import numpy.typing as npt
 from PIL import Image, ImageOps
 
 from drl_av.drawing.loop_view import draw_ring, lay_ring
+from drl_av.drawing.open_view import draw_open_road, lay_open_road
 from drl_av.drawing.panels import (
     Caption,
     draw_decision,
@@ -35,7 +36,10 @@ def draw(
     sheet = Sheet(_background(road).copy())
     for band in (CLOSE_UP, OVERVIEW):
         draw_band(sheet, band, snapshot, road)
-    draw_ring(sheet, snapshot, road)
+    if road.is_loop:
+        draw_ring(sheet, snapshot, road)
+    else:
+        draw_open_road(sheet, snapshot, road)
     draw_header(sheet, snapshot, caption)
     draw_decision(sheet, snapshot, caption)
     draw_reward(sheet, caption)
@@ -56,6 +60,9 @@ def _background(road: Road) -> Image.Image:
         lay_asphalt(sheet, band, road)
     lay_marks(sheet)
     lay_cards(sheet)
-    lay_ring(sheet, road)
+    if road.is_loop:
+        lay_ring(sheet, road)
+    else:
+        lay_open_road(sheet, road)
     lay_legend(sheet)
     return sheet.image

@@ -1,8 +1,9 @@
 """Draws the road near the ego as a straight road, in a close-up and in an overview."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
+from drl_av.drawing.band import Band
+from drl_av.drawing.partial_lanes import draw_partial_lanes
 from drl_av.drawing.sheet import (
     AMBER,
     ASPHALT,
@@ -21,35 +22,6 @@ from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import EGO, Snapshot
 
 _MOVING_SIDEWAYS_M_S = 0.05
-
-
-@dataclass(frozen=True)
-class Band:
-    """A view of the road around the ego as a horizontal band; traffic drives to the right."""
-
-    top: int
-    """Upper edge of the leftmost lane of a road with three lanes, px."""
-    lane_px: int
-    behind_m: float
-    ahead_m: float
-    left: int = 20
-    right: int = 1260
-
-    @property
-    def px_per_m(self) -> float:
-        """Scale along the road, px per metre."""
-        return (self.right - self.left) / (self.behind_m + self.ahead_m)
-
-    def x(self, ahead_m: float) -> float:
-        """Return the x coordinate of a point ``ahead_m`` metres ahead of the ego, px."""
-        return self.left + (ahead_m + self.behind_m) * self.px_per_m
-
-    def y(self, road: Road, y_m: float) -> float:
-        """Return the y coordinate of the lateral position ``y_m``, px; left is up."""
-        lanes = len(road.open_lanes)
-        lane_px = min(self.lane_px, 3 * self.lane_px / lanes)
-        middle = self.top + 1.5 * self.lane_px
-        return middle - (y_m / road.lane_width_m - (lanes - 1) / 2) * lane_px
 
 
 CLOSE_UP = Band(top=66, lane_px=60, behind_m=32.0, ahead_m=60.0)
@@ -75,13 +47,17 @@ def lay_asphalt(sheet: Sheet, band: Band, road: Road) -> None:
         if not road.is_open(lane):
             upper, lower = (band.y(road, road.center_m(lane) + side) for side in (half, -half))
             sheet.box((band.left, upper, band.right, lower), BARRED)
+    if road.partial_lanes:
+        return
     thick = 2 if band is CLOSE_UP else 1.5
     sheet.line([(band.left, top), (band.right, top)], AMBER, thick)
     sheet.line([(band.left, bottom), (band.right, bottom)], BRIGHT, thick)
 
 
 def draw_band(sheet: Sheet, band: Band, snapshot: Snapshot, road: Road) -> None:
-    """Draw the moving parts of a band: lane markings, barricades and vehicles."""
+    """Draw the moving parts of a band: lanes that begin or end, markings, barricades, vehicles."""
+    if road.partial_lanes:
+        draw_partial_lanes(sheet, band, float(snapshot.s_m[EGO]), road)
     _draw_markings(sheet, band, float(snapshot.s_m[EGO]), road)
     ahead = road.ahead_m(float(snapshot.s_m[EGO]), snapshot.s_m)
     for row in reversed(range(len(snapshot.ids))):
