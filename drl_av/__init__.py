@@ -35,11 +35,23 @@ _NAMES = {
 }
 """The module of each public name; the first use imports it, and with it SUMO."""
 
+_WITH_LANE_END = (
+    *("own_front", "own_rear", "right_front", "right_rear", "left_front", "left_rear", "ego"),
+    "lane_end",
+)
+"""The 27 indicators, and the distance to the end of the ego's lane."""
+
 register(
     id="drl_av/Highway-v0",
     entry_point="drl_av.env:HighwayEnv",
     kwargs={"action_mask": True},
 )
+for _name, _scenario in (("Straight", "straight"), ("Merge", "merge")):
+    register(
+        id=f"drl_av/{_name}-v0",
+        entry_point="drl_av.env:HighwayEnv",
+        kwargs={"action_mask": True, "scenario": _scenario, "observation": _WITH_LANE_END},
+    )
 
 
 def __getattr__(name: str) -> Any:

@@ -78,6 +78,16 @@ class Affordances(NamedTuple):
         """Whether the ego's own (0), left (+1) or right (-1) lane exists and is open."""
         return (True, self.left_lane, self.right_lane)[sign]
 
+    @property
+    def lane_end_gap_m(self) -> float:
+        """Distance from the ego's front to the end of its lane, metres; at most ``range_m``."""
+        gaps_m = (
+            gap_m
+            for gap_m, right_m, left_m in self.barriers
+            if right_m < self.lane_center_m < left_m
+        )
+        return min(self.range_m, *gaps_m, self.range_m)
+
     def vector(self) -> FloatArray:
         """Return the 27 indicators in SI units, shape (27,), float64, in the order of INDICATORS.
 

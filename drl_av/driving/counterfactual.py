@@ -82,4 +82,5 @@ def affordances_after(
         ego_speed_m_s=affordances.ego_speed_m_s + faster_m_s,
         ego_y_m=y_m,
         ego_lateral_speed_m_s=affordances.ego_lateral_speed_m_s + leftwards_m_s,
+        barriers=tuple(gap._replace(s_m=gap.s_m - further_m) for gap in affordances.barriers),
     )

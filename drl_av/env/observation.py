@@ -16,12 +16,14 @@ from drl_av.driving.mirror import Mirror, mirror_of
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 
-FURTHER = ("right_lane", "left_lane", "lane_change")
+FURTHER = ("right_lane", "left_lane", "lane_change", "lane_end")
 """Indicators that the paper does not have. Lanes: 1 if the lane exists and is open, else 0. Lane
-change in progress: +1 left, -1 right, 0 none."""
+change in progress: +1 left, -1 right, 0 none. Lane end: the distance to the end of the ego's lane
+as a share of the range, 1 without an end in range."""
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {slot: tuple(name for name in INDICATORS if name.startswith(slot)) for slot in SLOTS}
-    | {"ego": INDICATORS[-3:], "lanes": FURTHER[:2], "lane_change": FURTHER[2:]}
+    | {"ego": INDICATORS[-3:], "lanes": FURTHER[:2], "lane_change": FURTHER[2:3]}
+    | {"lane_end": FURTHER[3:]}
 )
 """The names of the indicators in each group; the first seven groups are those of the paper."""
 
@@ -58,7 +60,10 @@ class GroupObservation:
     def __call__(self, scene: Scene) -> npt.NDArray[np.float32]:
         """Return the scaled indicators of a scene in the order of ``names``."""
         affordances, change = scene.affordances, scene.lane_change
-        further = (affordances.right_lane, affordances.left_lane, change.sign if change else 0)
+        further = (
+            *(affordances.right_lane, affordances.left_lane, change.sign if change else 0),
+            affordances.lane_end_gap_m / affordances.range_m,
+        )
         scaled = np.append(self._scale(affordances.vector()), np.array(further, np.float32))
         selected: npt.NDArray[np.float32] = scaled[self._places]
         return selected

@@ -94,7 +94,7 @@ def test_an_environment_of_groups_is_one_to_gymnasium_and_drives_as_before() -> 
         assert np.array_equal(observation[:27], expected)
         assert reward == same
         assert env.scene.lane_change is not None
-        assert observation[-1] == -1
+        assert observation[29] == -1
     for one in (made, env, plain):
         one.close()
 

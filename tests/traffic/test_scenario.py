@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from drl_av.errors import ScenarioError, SimulationError
 from drl_av.traffic import description as descriptions
 from drl_av.traffic import network
+from drl_av.traffic.merge import MergeDescription
 from drl_av.traffic.scenario import (
     PlacedVehicle,
     ScenarioDescription,
@@ -24,6 +25,7 @@ from drl_av.traffic.scenario import (
     shipped_scenarios,
     write_scenario,
 )
+from drl_av.traffic.straight import StraightDescription
 
 CHECKOUT = Path(__file__).parents[2]
 SHIPPED = {
@@ -51,9 +53,12 @@ def folder(tmp_path: Path) -> Path:
     return Path(shutil.copytree(find_scenario(), tmp_path / "scenario"))
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+OPEN = {"straight": StraightDescription(), "merge": MergeDescription()}
+
+
+@pytest.mark.parametrize("name", [*SHIPPED, *OPEN])
 def test_shipped_scenario_is_regenerated_byte_for_byte(name: str, tmp_path: Path) -> None:
-    write_scenario(tmp_path / "elsewhere", SHIPPED[name])
+    write_scenario(tmp_path / "elsewhere", (SHIPPED | OPEN)[name])
     made = {path.name: path.read_bytes() for path in (tmp_path / "elsewhere").iterdir()}
     kept = {path.name: path.read_bytes() for path in (CHECKOUT / "sumo_scenarios" / name).iterdir()}
     assert made == kept
@@ -361,7 +366,7 @@ def test_absent_netconvert_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_scenario_is_found_by_name_or_folder(folder: Path) -> None:
-    assert set(shipped_scenarios()) == set(SHIPPED)
+    assert set(shipped_scenarios()) == {*SHIPPED, *OPEN}
     assert find_scenario("barricaded_right_lane").name == "barricaded_right_lane"
     assert find_scenario(folder) == folder
     assert find_scenario(str(folder)) == folder

@@ -1,0 +1,179 @@
+"""Episodes on open roads: they end at the end, vehicles come and go, and all repeats exactly."""
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from drives import HARD_BRAKE, KEEP, LEFT, until_over
+from gymnasium.utils.env_checker import check_env
+
+from drl_av.config import Config
+from drl_av.drawing import Caption, draw
+from drl_av.drawing.film import Film
+from drl_av.drivers.registry import rule_driver
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import rollout
+from drl_av.errors import ConfigError, RecordingError
+from drl_av.evaluation.recording import load_recording
+from drl_av.evaluation.replay import Page, ReplaySession, replay_session, watcher_of
+from drl_av.traffic.description import PlacedVehicle
+from drl_av.traffic.merge import MergeDescription
+from drl_av.traffic.scenario import write_scenario
+from drl_av.traffic.snapshot import CollisionKind
+
+EGO = PlacedVehicle("ego", 0, 639.0, 20.0, 30.0)
+STRICT = Config().updated("safety", check="strict")
+
+
+def config(scenario: str) -> Config:
+    return STRICT.updated("simulation", scenario=scenario)
+
+
+@pytest.fixture(scope="module")
+def merge() -> Iterator[HighwayEnv]:
+    with closing(HighwayEnv(config=config("merge"))) as env:
+        yield env
+
+
+def digest(env: HighwayEnv, seed: int, vehicles: int, decisions: int = 25) -> str:
+    found = hashlib.sha256()
+    driver = rule_driver("gap-mobil", env.config)
+    for number, decision in enumerate(rollout(env, driver, seed, vehicles)):
+        shot = decision.next_scene.snapshot
+        found.update(repr(shot.ids).encode())
+        found.update(np.stack((shot.s_m, shot.y_m, shot.speed_m_s)).tobytes())
+        if number == decisions:
+            break
+    return found.hexdigest()
+
+
+def test_an_episode_repeats_whatever_ran_before_it(merge: HighwayEnv) -> None:
+    first = digest(merge, 5, 60)
+    assert digest(merge, 6, 40) != first
+    assert digest(merge, 5, 60) == first
+    with closing(HighwayEnv(config=config("merge"))) as fresh:
+        assert digest(fresh, 5, 60) == first
+
+
+def test_the_gap_rule_merges_under_strict_and_its_episode_ends_at_the_end(
+    merge: HighwayEnv,
+) -> None:
+    driver = rule_driver("gap-mobil", merge.config)
+    *_, last = rollout(merge, driver, 1, 30)
+    assert last.truncated
+    assert not last.terminated
+    assert last.next_scene.snapshot.s_m[0] >= 1250.0 > last.scene.snapshot.s_m[0]
+    assert last.next_scene.affordances.lane >= 1
+
+
+def test_vehicles_enter_with_new_names_and_leave(merge: HighwayEnv) -> None:
+    merge.reset(seed=3, options={"vehicles": 60})
+    before = merge.scene.snapshot
+    for _ in range(20):
+        merge.step(HARD_BRAKE)
+    after = merge.scene.snapshot
+    assert after.ids[0] == "ego"
+    assert not set(before.ids) <= set(after.ids)
+    entered = set(after.ids) - set(before.ids)
+    assert entered
+    assert min(int(name.removeprefix("vehicle")) for name in entered) > 60
+    assert len(after.ids) == len(after.s_m) == len(after.length_m) == len(set(after.ids))
+    assert after.s_m.max() < 1250.0 + 250.0 + 50.0
+
+
+def test_the_flow_of_the_scenario_says_how_many_vehicles_there_are(merge: HighwayEnv) -> None:
+    # 1,000 an hour at 20 m/s on 1,500 m of three lanes: 62.5, in floats a little more
+    assert merge.reset(seed=1_000_001)[1]["vehicles"] == 63
+    assert merge.reset(seed=4, options={"vehicles": 7})[1]["vehicles"] == 7
+
+
+@pytest.fixture
+def unchecked(tmp_path: Path) -> Iterator[HighwayEnv]:
+    """The ego alone on the acceleration lane, 111 m before its end, without a check."""
+    write_scenario(tmp_path / "placed", MergeDescription(vehicles=(EGO,)))
+    with closing(HighwayEnv(tmp_path / "placed", safety_check="permit_all")) as env:
+        yield env
+
+
+def test_ego_that_drives_on_where_its_lane_ends_hits_the_edge(unchecked: HighwayEnv) -> None:
+    unchecked.reset(seed=0)
+    info = until_over(unchecked, KEEP)
+    assert info["collision"] == CollisionKind.HIT_EDGE.value
+    # 111 m at 20 m/s: in the sixth decision the front would pass 750 m
+    assert unchecked.decisions == 6
+    assert unchecked.scene.snapshot.s_m[0] + 2.5 == pytest.approx(749.0)
+
+
+def test_ego_that_changes_in_time_drives_on(unchecked: HighwayEnv) -> None:
+    unchecked.reset(seed=0)
+    for _ in range(8):
+        *_, info = unchecked.step(LEFT if unchecked.decisions == 0 else KEEP)
+        assert not info["collision"]
+    assert unchecked.scene.affordances.lane == 1
+    assert unchecked.scene.snapshot.s_m[0] > 760.0
+
+
+def test_ego_that_crosses_the_divider_of_the_ramp_hits_the_edge(tmp_path: Path) -> None:
+    ego = PlacedVehicle("ego", 0, 410.0, 10.0, 30.0)
+    write_scenario(tmp_path / "placed", MergeDescription(vehicles=(ego,)))
+    with closing(HighwayEnv(tmp_path / "placed", safety_check="permit_all")) as env:
+        env.reset(seed=0)
+        assert until_over(env, LEFT)["collision"] == CollisionKind.HIT_EDGE.value
+        assert env.scene.snapshot.y_m[0] < 1.1
+
+
+@pytest.mark.parametrize("driver", ["gap-mobil", "sumo"])
+def test_an_episode_is_recorded_filmed_and_repeated_exactly(driver: str, tmp_path: Path) -> None:
+    short = config("merge").updated("simulation", decisions_per_episode=12)
+    session = ReplaySession(short, rule_driver(driver, short), driver, 9, 50)
+    page = Page("a merge", session.road, session.driver)
+    film = Film(driver, session.road)
+    recording, result = session.drive(None, watcher_of(film), page)
+    assert (result.vehicles, recording.vehicles) == (50, 50)
+    assert np.isnan(recording.states).any()  # vehicles that came or went
+    recording.save(tmp_path / "episode.npz")
+    page.write(tmp_path / "page.html")
+    assert film.write(tmp_path / "film.gif", rate=20.0) == 12
+    loaded = load_recording(tmp_path / "episode.npz")
+    assert replay_session(loaded).drive(None)[0].hash() == recording.hash()
+    loaded.states[7, 3, 2] += 1e-12
+    with pytest.raises(RecordingError, match="differs from the recording at decision 7"):
+        replay_session(loaded).drive(None)
+
+
+def test_picture_shows_the_acceleration_lane_only_where_it_is(merge: HighwayEnv) -> None:
+    merge.reset(seed=3, options={"vehicles": 0})
+    asphalt = (45, 51, 62)
+    # the ego at 397.5 m: 60 m ahead lies the ramp, which begins 2.5 m behind it
+    picture = draw(merge.scene.snapshot, merge.road, Caption())
+    lane_0 = picture[66 + round(3.5 * 45)]
+    assert tuple(lane_0[1200]) == asphalt
+    assert tuple(lane_0[40]) != asphalt
+
+
+@pytest.mark.parametrize("name", ["drl_av/Straight-v0", "drl_av/Merge-v0"])
+def test_environments_have_names_and_pass_gymnasiums_check(name: str) -> None:
+    env = gymnasium.make(name)
+    with closing(env):
+        check_env(env.unwrapped, skip_render_check=True)
+        assert env.observation_space.shape == (28,)
+        observation, _ = env.reset(seed=2, options={"vehicles": 30})
+        assert observation[27] == 1.0  # the end of the ego's lane is out of range
+
+
+def test_the_distance_to_the_end_of_the_lane_is_observed(unchecked: HighwayEnv) -> None:
+    with closing(
+        gymnasium.make("drl_av/Merge-v0", scenario=unchecked.config.simulation.scenario)
+    ) as env:
+        observation, _ = env.reset(seed=0)
+        assert observation[27] == pytest.approx(111.0 / 250.0)
+
+
+def test_drivers_of_our_own_are_refused_on_an_open_road() -> None:
+    own = config("merge").updated("traffic", finite_state_share=0.5)
+    with pytest.raises(ConfigError, match=r"must be 0 on an open road, on which SUMO drives"):
+        HighwayEnv(config=own)
