@@ -5,11 +5,12 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from typing import Any
 
+from drl_av.config import TrafficConfig
 from drl_av.traffic.circular import BARRICADES_FILE
 from drl_av.traffic.kinds import kind_of, stated_kind
 from drl_av.traffic.network import DEMO_END_S, xml_text
 from drl_av.traffic.own_types import own_types
-from drl_av.traffic.vehicle_types import type_attributes
+from drl_av.traffic.vehicle_types import VEHICLE, type_attributes
 
 DESCRIPTION_FILE = "scenario.toml"
 NETWORK_FILE = "highway.net.xml"
@@ -18,6 +19,17 @@ TRAFFIC_FILE = "traffic.rou.xml"
 CONFIG_FILE = "highway.sumocfg"
 VIEW_FILE = "view.xml"
 CHECKSUMS_FILE = "SHA256SUMS"
+TOP_SPEED_M_S = float(VEHICLE["maxSpeed"])
+_SUMO_ALONE = "for SUMO alone (sumo-gui -c highway.sumocfg); drl-av does not read this file."
+COMMENTS = {
+    NETWORK_FILE: "The road, for drl-av and for SUMO alone.",
+    VEHICLE_TYPES_FILE: "The vehicle types, for drl-av and for SUMO alone.",
+    BARRICADES_FILE: "A drawing of the closed lanes, which the network closes, for sumo-gui.",
+    TRAFFIC_FILE: "Demo traffic " + _SUMO_ALONE,
+    CONFIG_FILE: "The simulation " + _SUMO_ALONE,
+    VIEW_FILE: "The appearance in sumo-gui, for drl-av and for SUMO alone.",
+}
+"""The comment at the beginning of each XML file: what it holds, and which program reads it."""
 ALL_FILES = (
     DESCRIPTION_FILE,
     NETWORK_FILE,
@@ -42,12 +54,44 @@ def scenario_texts(description: Any) -> dict[str, str]:
         DESCRIPTION_FILE: stated_kind(description) + description.to_toml(),
         NETWORK_FILE: kind.network_text(description),
         VEHICLE_TYPES_FILE: xml_text(_vehicle_types(description)),
-        TRAFFIC_FILE: xml_text(kind.traffic(description)),
+        TRAFFIC_FILE: xml_text(_demo(kind.traffic(description), description)),
         CONFIG_FILE: xml_text(_configuration(description)),
         VIEW_FILE: xml_text(_view()),
     }
     texts |= {name: xml_text(root) for name, root in kind.additional(description).items()}
+    texts = {name: _commented(text, COMMENTS.get(name, "")) for name, text in texts.items()}
     return texts | {CHECKSUMS_FILE: checksums({n: t.encode() for n, t in texts.items()})}
+
+
+def _commented(text: str, comment: str) -> str:
+    """Return an XML document with a comment after its first line."""
+    declaration, _, rest = text.partition("\n")
+    return f"{declaration}\n<!-- {comment} -->\n{rest}" if comment else text
+
+
+def _demo(root: ET.Element, description: Any) -> ET.Element:
+    """Return the demo traffic with the mean parameters of the environment's default traffic.
+
+    The environment sets them for each vehicle; SUMO alone reads them from the vehicle type "demo".
+    """
+    size = description.vehicle_length_m, description.vehicle_width_m
+    traffic = TrafficConfig()
+    own = {
+        "id": "demo",
+        "maxSpeed": repr(max(TOP_SPEED_M_S, description.speed_limit_m_s)),
+        "tau": _mean(traffic.headway_min_s, traffic.headway_max_s),
+        "accel": _mean(traffic.acceleration_min_m_s2, traffic.acceleration_max_m_s2),
+        "lcSpeedGain": _mean(traffic.speed_gain_min, traffic.speed_gain_max),
+    }
+    for element in root:
+        if element.get("type") == "traffic":
+            element.set("type", "demo")
+    root.insert(0, ET.Element("vType", type_attributes(*size)[0] | own))
+    return root
+
+
+def _mean(low: float, high: float) -> str:
+    return f"{(low + high) / 2:g}"
 
 
 def checksums(files: Mapping[str, bytes]) -> str:

@@ -13,6 +13,8 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from drl_av.config import Config
+from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ScenarioError, SimulationError
 from drl_av.traffic import description as descriptions
 from drl_av.traffic import network
@@ -144,7 +146,8 @@ def test_every_lane_is_exactly_the_circumference_long(
 
 def test_network_tells_nothing_about_the_machine_or_the_day() -> None:
     text = (find_scenario() / "highway.net.xml").read_text()
-    assert "<!--" not in text
+    assert text.count("<!--") == 1
+    assert "generated" not in text
     assert "/tmp" not in text
 
 
@@ -384,3 +387,54 @@ def test_wheel_lists_every_package_and_the_scenarios() -> None:
         for init in (CHECKOUT / "drl_av").rglob("__init__.py")
     }
     assert set(build["packages"]) == found | {"drl_av.sumo_scenarios"}
+
+
+def test_the_demo_traffic_has_the_parameters_of_the_environment_s(tmp_path: Path) -> None:
+    placed = (
+        PlacedVehicle("ego", 0, 50.0, 20.0, 30.0),
+        PlacedVehicle("slow", 2, 160.0, 20.0, 21.0),
+        PlacedVehicle("quick", 2, 100.0, 20.0, 29.0),
+    )
+    write_scenario(tmp_path / "story", ScenarioDescription(vehicles=placed))
+    trace = tmp_path / "fcd.xml"
+    assert run_sumo(tmp_path / "story", 40, "--fcd-output", str(trace)).returncode == 0
+    steps = {float(step.attrib["time"]): step for step in ET.parse(trace).getroot()}
+    calm = Config().updated("traffic", random_lane_changes_per_s=0.0)
+    env = HighwayEnv(tmp_path / "story", "permit_all", calm)
+    env.reset(seed=1)
+    for second in range(1, 40):
+        env.step(0)
+        alone = {vehicle.attrib["id"]: vehicle.attrib for vehicle in steps[float(second)]}
+        for row, name in enumerate(env.scene.snapshot.ids[1:], start=1):
+            speed = env.scene.snapshot.speed_m_s[row]
+            assert float(alone[name]["speed"]) == pytest.approx(speed, abs=0.3), (second, name)
+            assert alone[name]["lane"].endswith("_2")  # quick does not overtake slow
+    env.close()
+
+
+def test_a_placed_vehicle_starts_at_any_speed_up_to_the_limit_in_plain_sumo_too(
+    tmp_path: Path,
+) -> None:
+    placed = tuple(
+        PlacedVehicle(name, lane, 50.0, speed, 100.0)
+        for lane, (name, speed) in enumerate((("ego", 20.0), ("fast", 55.0), ("fastest", 100.0)))
+    )
+    fast = ScenarioDescription(speed_limit_m_s=100.0, vehicles=placed, circumference_m=5000.0)
+    write_scenario(tmp_path / "fast", fast)
+    trace = tmp_path / "fcd.xml"
+    done = run_sumo(tmp_path / "fast", 3, "--fcd-output", str(trace))
+    assert (done.returncode, done.stderr) == (0, "")
+    first = ET.parse(trace).getroot()[1]
+    speeds = {vehicle.attrib["id"]: float(vehicle.attrib["speed"]) for vehicle in first}
+    assert speeds["fastest"] == pytest.approx(100.0, abs=1)
+    assert speeds["fast"] == pytest.approx(55.0, abs=1.5)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_comment_in_each_xml_file_says_which_program_reads_it(name: str) -> None:
+    files = [path for path in find_scenario(name).iterdir() if path.suffix in (".xml", ".sumocfg")]
+    assert len(files) >= 5
+    for path in files:
+        assert "<!-- " in path.read_text().splitlines()[1]
+        own = path.name in ("traffic.rou.xml", "highway.sumocfg")
+        assert ("drl-av does not read this file" in path.read_text()) is own
