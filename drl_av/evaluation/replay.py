@@ -42,7 +42,7 @@ class Pacer:
 
 
 def watcher_of(film: Film) -> Watcher:
-    """The watcher that adds each decision to a film."""
+    """Return a function that adds each decision of an episode to a film."""
 
     def add(decision: Decision) -> None:
         before, after = decision.scene.snapshot, decision.next_scene.snapshot
