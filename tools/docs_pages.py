@@ -19,6 +19,7 @@ from drl_av.config.reference import SECTIONS, section_meaning, settings, written
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS, SLOTS
 from drl_av.env.observation import GROUPS
+from drl_av.traffic.kinds import KINDS
 
 MEANINGS = {
     "d_x": "net gap, bumper to bumper, m",
@@ -79,6 +80,11 @@ def indicators() -> str:
     return table(["place", "name", "meaning"], rows)
 
 
+def kinds() -> str:
+    """Return the Markdown table of the kinds of scenarios, one row for each."""
+    return table(["kind", "road"], [[f"`{name}`", kind.meaning] for name, kind in KINDS.items()])
+
+
 def groups() -> str:
     """Return the Markdown table of the groups of indicators that an observation may name."""
     rows = [
@@ -91,6 +97,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "actions": actions,
     "groups": groups,
     "indicators": indicators,
+    "kinds": kinds,
 }
 
 
