@@ -19,6 +19,7 @@ from drl_av.learning.checkpoint import save_policy
 def test_it_was_trained_like_the_preset_fast_for_longer_and_with_more_weight_on_speed() -> None:
     config = load_config(PRETRAINED / "config.toml")
     own = {"speed_weight": 0.8, "discount": 0.95, "learning_rate": 1e-3, "lane_change_margin": 0.04}
+    own |= {"evaluate_every": 100}
     assert config == preset("fast").updated("learning", episodes=1000, seed=1, **own)
 
 

@@ -3,6 +3,7 @@
 import math
 import os
 import signal
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -21,10 +22,13 @@ from rich.progress import (
 from rich.table import Table
 
 if TYPE_CHECKING:
+    from drl_av.evaluation.paired import Paired
     from drl_av.evaluation.statistics import Mean, Summary
     from drl_av.experiments.options import Progress as Reached
     from drl_av.learning.training import EpisodeRow, EvaluationRow
 
+REPORT_EVERY_S = 60.0
+"""Time between two lines about the progress if the output is not a terminal."""
 WIDTH = 110
 """Width of a table in characters if the output is not a terminal."""
 
@@ -35,17 +39,23 @@ def _console() -> Console:
 
 
 class Bar:
-    """A progress bar with the remaining time; without a terminal only ``say`` prints anything."""
+    """A progress bar with the remaining time; without a terminal it prints a line every minute."""
 
     def __init__(self, progress: Progress, task: TaskID) -> None:
         self._progress, self._task = progress, task
         self._decisions, self._begun_s = 0, time.monotonic()
+        self._printed_s = self._begun_s
 
     def advance(self, text: str, decisions: int) -> None:
         """Count one episode; show ``text`` and decisions per second beside the bar."""
         self._decisions += decisions
         rate = self._decisions / (time.monotonic() - self._begun_s)
         self._progress.update(self._task, advance=1, text=f"{text}  {rate:.0f} decisions/s")
+        if self._progress.disable and time.monotonic() - self._printed_s >= REPORT_EVERY_S:
+            self._printed_s = time.monotonic()
+            task = self._progress.tasks[self._task]
+            done = f"{task.completed:.0f} of {task.total:.0f}"
+            print(f"{task.description} {done}  {text}  {rate:.0f} decisions/s", file=sys.stderr)
 
     def reach(self, progress: "Reached") -> None:
         """Set the bar to the progress of an experiment, and print its line if it has one."""
@@ -89,7 +99,7 @@ def evaluation_line(row: "EvaluationRow") -> str:
     """Return one line of text about an evaluation during training."""
     return (
         f"episode {row.episode}: greedy reward {row.mean_reward:.3f}, "
-        f"{row.mean_speed_m_s:.2f} m/s, {row.ego_hits} times hit something, "
+        f"{row.mean_speed_m_s:.2f} m/s, {counted(row.ego_hits, 'collision')} by the ego, "
         f"{row.safety_triggers:.1f} triggers an episode"
     )
 
@@ -148,7 +158,7 @@ def print_summaries(summaries: Sequence["Summary"]) -> None:
             summary.driver,
             *([summary.safety_check] if several_checks else []),
             _cell(summary.speed_m_s),
-            _cell(summary.reward),
+            _cell(summary.reward, 3),
             str(summary.ego_hits),
             str(summary.collisions - summary.ego_hits),
             _cell(summary.triggers),
@@ -161,10 +171,34 @@ def _caption(summaries: Sequence["Summary"], several_checks: bool) -> str:
     fewest, most = (pick(summary.episodes for summary in summaries) for pick in (min, max))
     number = str(most) if fewest == most else f"{fewest} to {most}"
     check = "" if several_checks else f", check {summaries[0].safety_check}"
-    return f"{number} episodes each, ± half of the 95 % interval{check}"
+    noun = "episode" if number == "1" else "episodes"
+    return f"{number} {noun} each, ± half of the 95 % interval{check}"
 
 
-def _cell(mean: "Mean") -> str:
+def print_gains(gains: Sequence["Paired"]) -> None:
+    """Print a table with the gain in speed over the fastest baseline at each number of vehicles."""
+    table = Table(
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        caption="paired by seed, ± half of the 95 % interval",
+        caption_justify="left",
+    )
+    table.add_column("vehicles", justify="right", no_wrap=True)
+    table.add_column("driver", overflow="fold")
+    table.add_column("fastest baseline", overflow="fold")
+    table.add_column("gain in\nspeed, m/s", justify="right", no_wrap=True)
+    for gain in gains:
+        cells = (gain.driver, gain.baseline, _cell(gain.difference_m_s))
+        table.add_row(str(gain.vehicles), *cells)
+    _console().print(table)
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun, which gets an "s" unless the number is 1."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _cell(mean: "Mean", digits: int = 2) -> str:
     if math.isinf(mean.half_width):
-        return f"{mean.value:.2f}"
-    return f"{mean.value:.2f}±{mean.half_width:.2f}"
+        return f"{mean.value:.{digits}f}"
+    return f"{mean.value:.{digits}f}±{mean.half_width:.{digits}f}"

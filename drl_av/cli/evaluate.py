@@ -1,16 +1,25 @@
 """The verb ``evaluate``: compares drivers on the same seeded traffic."""
 
 import argparse
+import json
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from drl_av.cli.arguments import whole
 from drl_av.cli.settings import driving, overridden
 from drl_av.cli.status import INTERRUPTED
+from drl_av.config import Config
 from drl_av.drivers.registry import default_config, driver_names, find_drivers
 from drl_av.evaluation import DENSITIES
+
+if TYPE_CHECKING:
+    from drl_av.env.metrics import EpisodeResult
+    from drl_av.evaluation.paired import Paired
 
 SAVE_EVERY_S = 5.0
 """Interval between two writes of the table; if SUMO aborts the process, newer rows are lost."""
@@ -48,7 +57,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--jobs", type=whole(1), default=1, metavar="N", help="number of processes")
     parser.add_argument(
-        "--out", type=Path, metavar="FILE.csv", help="write a table with one row for each episode"
+        "--out",
+        type=Path,
+        metavar="FILE.csv",
+        help="write a table with one row for each episode, and FILE.provenance.json beside it",
     )
     parser.add_argument("--json", type=Path, metavar="FILE.json", help="write the summary")
     driving(parser, "the first RUN's")
@@ -59,14 +71,15 @@ def evaluate(options: argparse.Namespace) -> int:
 
     If ``--out`` exists already, it is replaced only after the last episode.
     """
-    from drl_av.cli.console import print_summaries, progress_bar
+    from drl_av.cli.console import counted, print_gains, print_summaries, progress_bar
     from drl_av.env.metrics import EpisodeResult
     from drl_av.evaluation.comparison import Evaluation
     from drl_av.evaluation.statistics import summarize, write_summaries
     from drl_av.files import require_writable, write_table
 
     words = [*options.runs, *options.driver]
-    require_writable(options.out, options.json, inputs=[options.config, *words])
+    beside = provenance_file(options.out) if options.out else None
+    require_writable(options.out, options.json, beside, inputs=[options.config, *words])
     specs = find_drivers(words or ["pretrained"])
     config = overridden(default_config(specs), options)
     seeds = range(options.seed, options.seed + options.episodes)
@@ -80,13 +93,13 @@ def evaluate(options: argparse.Namespace) -> int:
         ):
             for row in found:
                 rows.append(row)
-                bar.advance(f"{row.driver}, {row.vehicles} vehicles", row.decisions)
+                bar.advance(f"{row.driver}, {counted(row.vehicles, 'vehicle')}", row.decisions)
                 if kept and time.monotonic() - saved_s > SAVE_EVERY_S:
                     write_table(kept, EpisodeResult, rows)
                     saved_s = time.monotonic()
     except KeyboardInterrupt:
         status = INTERRUPTED
-        print(f"drl-av: interrupted after {len(rows)} episodes.", file=sys.stderr)
+        print(f"drl-av: interrupted after {counted(len(rows), 'episode')}.", file=sys.stderr)
     finally:
         if rows and kept:
             write_table(kept, EpisodeResult, rows)
@@ -97,9 +110,42 @@ def evaluate(options: argparse.Namespace) -> int:
         print(f"drl-av: {options.out} is unchanged; the new rows are in {kept}.", file=sys.stderr)
     if rows and options.json:
         write_summaries(options.json, summarize(rows))
+    if options.out and status == 0:
+        _write_provenance(options, config)
     if rows:
         print_summaries(summarize(rows))
+    if status == 0 and (gains := _gains(rows)):
+        print_gains(gains)
     return status
+
+
+def _write_provenance(options: argparse.Namespace, config: Config) -> None:
+    """Write ``NAME.provenance.json`` beside the table: command, versions, machine and settings."""
+    from drl_av.experiments.provenance import provenance
+    from drl_av.files import write_whole
+
+    seeds = f"{options.seed} to {options.seed + options.episodes - 1}"
+    facts = provenance(config, seeds=seeds, settings=asdict(config))
+    write_whole(provenance_file(options.out), json.dumps(facts, indent=2).encode() + b"\n")
+
+
+def provenance_file(table: Path) -> Path:
+    """Return the path of the file that says how a table was made."""
+    return table.with_suffix(".provenance.json")
+
+
+def _gains(rows: Sequence["EpisodeResult"]) -> list["Paired"]:
+    """Compute the gain of each other driver over the fastest rule-based driver, by density."""
+    from drl_av.drivers.registry import RULE_DRIVERS
+    from drl_av.evaluation.paired import Speed, paired
+
+    speeds = [Speed(row.driver, row.vehicles, row.seed, row.mean_speed_m_s) for row in rows]
+    names = list(dict.fromkeys(row.driver for row in rows))
+    baselines = [name for name in names if name in RULE_DRIVERS]
+    if not baselines:
+        return []
+    gains = [paired(speeds, name, baselines) for name in names if name not in baselines]
+    return sorted((g for own in gains for g in own if g.best), key=lambda gain: gain.vehicles)
 
 
 def _partial(table: Path) -> Path:

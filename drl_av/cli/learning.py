@@ -192,8 +192,10 @@ def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, ri
     if not finished:
         print(f"drl-av: stopped; continue with: {again}", file=sys.stderr)
         return INTERRUPTED
+    from drl_av.cli.console import counted
+
     episodes = training.config.learning.episodes
-    print(f"{run.folder}: {episodes} episodes; compare it with the driver {rival}:")
+    print(f"{run.folder}: {counted(episodes, 'episode')}; compare it with the driver {rival}:")
     print(shlex.join(["drl-av", "evaluate", str(run.folder), rival]))
     return 0
 

@@ -54,6 +54,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def replay(options: argparse.Namespace) -> int:
     """Drive one episode, and show it or write it to a file; return the exit status 0."""
+    from drl_av.cli.console import counted
     from drl_av.drawing.film import Film, require_film
     from drl_av.evaluation.recording import load_recording
     from drl_av.evaluation.replay import Pacer, Page, ReplaySession, replay_session, watcher_of
@@ -78,7 +79,7 @@ def replay(options: argparse.Namespace) -> int:
     if options.video:
         film = Film(session.name, session.road)
         recording, result = session.drive(None, watcher_of(film))
-        print(f"{options.video}: {film.write(options.video, rate=options.rate)} frames")
+        print(f"{options.video}: {counted(film.write(options.video, rate=options.rate), 'frame')}")
     elif options.html:
         page = Page(f"{session.name}, seed {session.seed}", session.road, session.driver)
         recording, result = session.drive(None, page)
@@ -90,10 +91,11 @@ def replay(options: argparse.Namespace) -> int:
         recording.save(options.record)
         print(f"{options.record}: recorded")
     print(
-        f"{session.name}, {result.vehicles} vehicles, seed {result.seed}: "
-        f"{'exactly as recorded, ' if session.recording else ''}{result.decisions} decisions, "
-        f"{result.mean_speed_m_s:.2f} m/s, reward {result.mean_reward:.3f}, "
-        f"{result.safety_triggers} safety triggers, {result.collision or 'no collision'}"
+        f"{session.name}, {counted(result.vehicles, 'vehicle')}, seed {result.seed}: "
+        f"{'exactly as recorded, ' if session.recording else ''}"
+        f"{counted(result.decisions, 'decision')}, {result.mean_speed_m_s:.2f} m/s, "
+        f"reward {result.mean_reward:.3f}, "
+        f"{counted(result.safety_triggers, 'safety trigger')}, {result.collision or 'no collision'}"
     )
     return 0
 

@@ -13,6 +13,7 @@ PRESETS: dict[str, Config] = {
     "fast": Config().updated(
         "learning",
         episodes=200,
+        evaluate_every=20,
         discount=0.93,
         epsilon_fraction=0.3,
         epsilon_end=0.05,

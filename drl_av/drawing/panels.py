@@ -65,11 +65,11 @@ def lay_cards(sheet: Sheet) -> None:
 
 def lay_legend(sheet: Sheet) -> None:
     """Draw the legend of the vehicles' colours."""
-    left, right = 1017, 1211
+    left, right = 1040, 1211
     for x in range(left, right):
         share = (x - left) / (right - left)
         sheet.box((x, 20, x + 1, 32), speed_color(SLOW_M_S + share * (FAST_M_S - SLOW_M_S)))
-    sheet.text((left - 8, 31), f"{SLOW_M_S:g}", 14, DIM, "rs")
+    sheet.text((left - 8, 31), f"{SLOW_M_S:g} m/s", 14, DIM, "rs")
     sheet.text((right + 8, 31), f"{FAST_M_S:g} m/s", 14, DIM)
     sheet.box((921, 19, 947, 33), EGO_COLOR, radius=4, outline=BRIGHT, width=1.5)
     sheet.text((953, 31), "ego", 14, DIM)
@@ -152,7 +152,7 @@ def _number(value: float | None) -> str:
 def draw_history(sheet: Sheet, caption: Caption) -> None:
     """Draw the last 60 speeds, newest at the right; a red mark is a change by the safety check."""
     left, right, top, bottom = 878.0, 1240.0, 588.0, 680.0
-    sheet.text((844, 574), f"SPEED, LAST {_HISTORY} DECISIONS", 13, DIM)
+    sheet.text((844, 574), f"SPEED, m/s, LAST {_HISTORY} DECISIONS", 13, DIM)
     sheet.box((1161, 563, 1164, 577), ALARM)
     sheet.text((1240, 574), "check fired", 13, DIM, "rs")
     speeds = caption.speed_history[-_HISTORY:]

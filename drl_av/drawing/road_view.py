@@ -141,7 +141,7 @@ def _draw_vehicle(
     sideways = float(snapshot.lateral_speed_m_s[row])
     if band is CLOSE_UP:
         middle = (left + 0.38 * (right - left), (top + bottom) / 2)
-        sheet.text(middle, f"{speed:.0f}", 16, BRIGHT if is_ego else DARK, "mm", bold=True)
+        sheet.text(middle, f"{speed:.0f} m/s", 12, BRIGHT if is_ego else DARK, "mm", bold=True)
     if abs(sideways) > _MOVING_SIDEWAYS_M_S:
         _draw_signals(sheet, (left, top, right, bottom), sideways, snapshot.time_s)
         if is_ego and band is CLOSE_UP:

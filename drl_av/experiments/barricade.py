@@ -78,6 +78,7 @@ def barricade_config(check: str, seed: int, episodes: int) -> Config:
     """
     plain = {"networks": 1, "batch_size": 64, "learning_rate": 2e-3, "counterfactuals": 0}
     plain |= {"discount": 0.9, "speed_weight": 0.0, "unsafe_penalty": 0.0, "lane_change_margin": 0}
+    plain |= {"evaluate_every": 100}
     fast = preset("fast").updated("learning", seed=seed, episodes=episodes, **plain)
     return fast.updated("simulation", scenario=SCENARIO).updated("safety", check=check)
 

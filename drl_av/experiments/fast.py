@@ -16,7 +16,7 @@ COLUMNS = ("seed", "mean_reward", "mean_speed_m_s", "ego_hit")
 
 def fast_plan(options: ReproduceOptions) -> Plan:
     """Plan the paper's whole schedule on seed 0 and ``fast`` on each seed; evaluate all drivers."""
-    short = options.laid_over(preset("fast"))
+    short = options.laid_over(preset("fast").updated("learning", evaluate_every=100))
     configs = {"paper-0": variant_config(options.laid_over(Config()), "paper")} | {
         f"fast-{seed}": short.updated("learning", seed=seed) for seed in range(options.seeds)
     }

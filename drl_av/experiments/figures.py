@@ -16,22 +16,37 @@ if TYPE_CHECKING:
 
 EPISODE_COLUMNS = {"driver": str, "vehicles": float, "mean_speed_m_s": float}
 EVALUATION_COLUMNS = {"episode": float, "mean_reward": float}
+SMOOTHED_OVER = 20
+"""Number of training episodes in each mean of a learning curve."""
 
 
 def learning_figure(runs: Sequence[Path]) -> "Figure":
     """Draw the greedy driver's mean reward per decision against training episodes.
 
-    One curve for each run's folder; as Fig. 7 of the paper.
+    One curve for each run's folder; as Fig. 7 of the paper. Behind it, in a light colour, is the
+    mean reward of the training episodes, which include exploration, over the last ``SMOOTHED_OVER``
+    episodes.
     """
     figure, axes = one_panel("training episode", "mean reward a decision")
     curves = {}
     for run in runs:
         rows = read_table(run / "evaluations.csv", EVALUATION_COLUMNS)
         episodes, rewards = ([row[name] for row in rows] for name in EVALUATION_COLUMNS)
-        [curve] = axes.plot(episodes, rewards, marker=".")
+        [curve] = axes.plot(episodes, rewards, marker=".", zorder=2)
+        if (run / "episodes.csv").is_file():
+            driven = read_table(run / "episodes.csv", EVALUATION_COLUMNS, growing=True)
+            training = trailing_means([row["mean_reward"] for row in driven], SMOOTHED_OVER)
+            numbers = [row["episode"] for row in driven]
+            axes.plot(numbers, training, color=curve.get_color(), alpha=0.3, zorder=1)
         curves[run.name if run.name not in curves else str(run)] = curve
     legend_of_names(axes, curves)
     return figure
+
+
+def trailing_means(values: Sequence[float], count: int) -> list[float]:
+    """Compute the mean of each value and of up to ``count`` - 1 values before it."""
+    windows = (values[max(0, end - count) : end] for end in range(1, len(values) + 1))
+    return [sum(window) / len(window) for window in windows]
 
 
 def reward_figure(config: Config) -> "Figure":

@@ -5,7 +5,7 @@ import platform
 import shlex
 import sys
 from datetime import UTC, datetime
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +25,21 @@ def provenance(config: Config, **facts: Any) -> dict[str, Any]:
         "command": command(),
         "date": datetime.now(UTC).date().isoformat(),
         "python": platform.python_version(),
-        **{package: version(package) for package in PACKAGES},
+        **{package: _version(package) for package in PACKAGES},
         "step_length_s": config.simulation.step_length_s,
         "integration": INTEGRATION,
         "machine": machine(),
         "blas": blas(),
         **facts,
     }
+
+
+def _version(package: str) -> str:
+    """Return the version of a package, or "not installed": torch is optional."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def command() -> str:

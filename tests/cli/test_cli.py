@@ -1,6 +1,7 @@
 """The command line: its help, and every bad input reported in one sentence without a traceback."""
 
 import errno
+import json
 import os
 import re
 import shutil
@@ -311,6 +312,10 @@ def test_output_without_a_terminal_has_no_bar_and_a_table_of_whole_words(
     assert max(map(len, ended.stdout.splitlines())) <= 80
     for word in ("vehicles", "triggers", "changes", "±", "2 episodes each"):
         assert word in ended.stdout
+    assert re.search(r"run +\d+\.\d\d±\S+ +-\d\.\d{3}±\d+\.\d{3} ", ended.stdout)
+    line = r"^ +(\d+) +run +idm +-?\d+\.\d\d±\d+\.\d\d *$"
+    gains = re.findall(line, ended.stdout, re.MULTILINE)
+    assert gains == ["1", "30"]
     assert '"ci95_half_width"' in (tmp_path / "summary.json").read_text()
 
 
@@ -365,11 +370,36 @@ def test_output_that_cannot_be_written_is_no_complaint_of_python(
     assert (tmp_path / "loop").is_dir()
 
 
+def test_a_table_has_its_provenance_beside_it(settings: Path, tmp_path: Path) -> None:
+    out = tmp_path / "rows.csv"
+    words = ["evaluate", "idm", "--vehicles", "1", "--episodes", "2", "--seed", "5"]
+    assert main([*words, "--config", str(settings), "--out", str(out)]) == 0
+    facts = json.loads((tmp_path / "rows.provenance.json").read_text())
+    assert (facts["seeds"], facts["step_length_s"]) == ("5 to 6", 0.5)
+    assert facts["settings"]["simulation"]["decisions_per_episode"] > 0
+    assert "eclipse-sumo" in facts
+
+
+def test_without_a_terminal_the_progress_is_a_line_a_minute(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    times_s = [1000.0]
+    monkeypatch.setattr(console.time, "monotonic", lambda: times_s[-1])
+    with console.progress_bar("training", 200, 30) as bar:
+        for now_s in (1059.0, 1061.0, 1120.0, 1122.0):
+            times_s.append(now_s)
+            bar.advance("reward -0.5", 305)
+    assert capsys.readouterr().err.splitlines() == [
+        "training 32 of 200  reward -0.5  10 decisions/s",
+        "training 34 of 200  reward -0.5  10 decisions/s",
+    ]
+
+
 def test_a_terminal_without_the_character_shows_its_number(settings: Path) -> None:
     words = ("evaluate", "idm", "--vehicles", "1", "--episodes", "1", "--config", str(settings))
     ended = program("", *words, PYTHONIOENCODING="ascii")
     assert ended.returncode == 0
-    assert r"1 episodes each, \xb1 half" in ended.stdout
+    assert r"1 episode each, \xb1 half" in ended.stdout
     assert ended.stderr == ""
 
 

@@ -51,6 +51,21 @@ def test_learning_figure_follows_the_evaluations_of_a_run(tmp_path: Path) -> Non
     assert axes.lines[0].get_ydata().tolist() == [-0.4, -0.1]
 
 
+def test_the_training_reward_is_drawn_behind_as_a_mean_of_the_last_20_episodes(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "evaluations.csv").write_text("episode,mean_reward\n20,-0.4\n40,-0.1\n")
+    rewards = [-1.0] * 20 + [-0.5] * 20
+    rows = (f"{episode},{reward}\n" for episode, reward in enumerate(rewards, 1))
+    (tmp_path / "episodes.csv").write_text("episode,mean_reward\n" + "".join(rows))
+    evaluated, training = learning_figure([tmp_path]).axes[0].lines
+    assert training.get_xdata().tolist() == list(range(1, 41))
+    drawn = training.get_ydata()
+    assert [drawn[place] for place in (0, 19, 29, 39)] == pytest.approx([-1, -1, -0.75, -0.5])
+    assert training.get_zorder() < evaluated.get_zorder()
+    assert training.get_color() == evaluated.get_color()
+
+
 NAMES = ["_mine", "$x", r"$\frac{$", "a_$b_$", "__"]
 
 
