@@ -66,7 +66,7 @@ class Road:
     partial_lanes: tuple[PartialLane, ...] = ()
     """The lanes that do not extend along the whole road."""
 
-    @property
+    @cached_property
     def is_loop(self) -> bool:
         """Whether the road is closed to a loop."""
         return self.end_m == math.inf
