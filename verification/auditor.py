@@ -88,10 +88,11 @@ class Auditor:
         return ahead_m
 
     def _watch_sides(self, before: Snapshot, after: Snapshot) -> None:
-        """Check bound 3 for vehicles that began to move into the ego's lanes in this SUMO step.
+        """Record each vehicle that began to move into a lane of the ego against bound 3.
 
-        A lane that the ego leaves in this step does not count, because SUMO moves a vehicle after
-        those ahead of it. A vehicle ahead in one of the ego's lanes may move into another one.
+        Bound 3 is the room that such a vehicle leaves the ego. A lane that the ego leaves in this
+        SUMO step is not the ego's: SUMO moves the vehicles in order, so that those behind the ego
+        already see it free. A vehicle ahead of the ego may move between two lanes of the ego.
         """
         step_s, width_m = self._config.simulation.step_length_s, self._road.lane_width_m
         lowest, highest = lanes_under(before.y_m, before.width_m, width_m)

@@ -85,7 +85,7 @@ def with_mix(mix: str) -> Config:
 
 
 def main() -> int:
-    """Check each mix and print its line; return the exit status."""
+    """Drive each mix of drivers and print a line for it; return 1 if vehicles collided, else 0."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--episodes", type=int, default=500, help="a mix (default: 500)")
     parser.add_argument(

@@ -61,7 +61,7 @@ class World:
         """
 
     def scene(self, row: int) -> Scene:
-        """Return the scene of index ``row`` as the input of a safety check."""
+        """Return one scene as it is now, as the input of a safety check; ``row`` is its index."""
         names = tuple(f"vehicle{other}" for other in range(1, self.x_m.shape[1]))
         size = np.ones(self.x_m.shape[1])
         shot = Snapshot(

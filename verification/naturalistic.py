@@ -205,10 +205,11 @@ def _idm(
 
 
 def _leaders(world: World, target: IntArray) -> tuple[FloatArray, IntArray]:
-    """Return each vehicle's gap to the one ahead, m, and the column of that one; -1 if none.
+    """Return each vehicle's gap to the vehicle ahead, m, and the column of that vehicle.
 
-    Both have shape (scenes, 1 + others). A vehicle is in the lane of its centre and in the lane
-    that it moves into; ``target`` holds the latter for the others.
+    Without a vehicle ahead these are inf and -1. Both have shape (scenes, 1 + others), the ego in
+    column 0. A vehicle is in the lane of its centre and in the lane that it moves into: for the
+    others that is ``target``, shape (scenes, others), and their own lane without a lane change.
     """
     lane = np.round(world.y_m / ROAD.lane_width_m).astype(np.int64)
     own = np.where(world.target < 0, lane[:, 0], world.target)

@@ -80,11 +80,15 @@ def as_config(
 def adaptation(config: Config) -> Config:
     """Return the settings to continue the training of a driver that was trained with ``config``.
 
-    From Sec. IV-D of the paper: greedy actions, 30,000 episodes and a lower learning rate. The rest
-    is ours: one gradient step for each decision, for any number of networks; the batch size of the
-    preset ``paper``; learning starts after 64 collision transitions, if the buffer counts them, so
-    that a minibatch does not repeat a few of them; the traffic does not depend on the learning. The
-    adapted driver keeps its margin for lane changes, but ignores it in the adaptation's episodes.
+    Sec. IV-D of the paper gives greedy actions, 30,000 episodes and a lower learning rate, here
+    1e-5. The rest is ours:
+
+    - Each decision makes one gradient step, on one of the networks in turn.
+    - A minibatch has as many rows as in the preset ``paper``.
+    - Learning starts after 64 collision transitions, so that a minibatch does not repeat a few of
+      them. It starts at once if the replay buffer does not count collision transitions.
+    - The traffic of an episode depends on the seed and the episode number only.
+    - The margin for lane changes stays in the policy, but the episodes of the adaptation ignore it.
     """
     before = config.learning
     counted = before.replay == "two-buffer" or not before.unsafe_penalty

@@ -148,7 +148,7 @@ class TrafficConfig(Section):
             )
 
     def longest_m(self, length_m: float) -> float:
-        """Return the largest possible length of a vehicle if cars are ``length_m`` long, metres."""
+        """Return the length of the longest vehicle, metres: a truck's, or a car's, ``length_m``."""
         return max(length_m, self.truck_length_m) if self.truck_share else length_m
 
     @property

@@ -27,7 +27,10 @@ class CheckedDriver:
         """Number of proposals since ``start`` that the check changed."""
 
     def start(self, seed: int) -> None:
-        """Prepare for an episode: forget the last verdict, set ``triggers`` to 0."""
+        """Prepare for an episode: set ``triggers``, the number of replaced actions, to 0.
+
+        The driver that it checks starts with ``seed``.
+        """
         self.verdict, self.triggers = None, 0
         self._driver.start(seed)
 

@@ -11,11 +11,12 @@ from drl_av.safety.paper import closing_speed, gap_condition, safe_action, time_
 
 
 def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
-    """Choose the action of the paper's IDM: that of its eq. 3, but accelerate if T_C > T_A.
+    """Choose the action of the paper's IDM: accelerate if T_C > T_A, else the action of eq. 3.
 
-    T_C is the time to collision with the vehicle ahead, infinite without one. Ours: it accelerates
-    only if eq. 2, the gap condition, holds too. At equal speeds T_C is infinite at any gap, so that
-    the printed rule would accelerate into the vehicle ahead.
+    T_C is the time to collision with the vehicle ahead, infinite without one, and T_A is
+    ``config.accelerate_ttc_s``. We add one condition to the paper's rule: it accelerates only if
+    eq. 2, the gap condition, holds too. At equal speeds T_C is infinite at any gap, and the rule
+    as printed would accelerate into the vehicle ahead.
     """
     front = affordances.own_front
     if front is None:

@@ -117,7 +117,7 @@ class TrainingRows:
         return max(0, self.training.last_row - held, int(self.training.last_row < 1))
 
     def reported(self) -> list[Row]:
-        """Return the rows that the training's folder holds so far."""
+        """Return the rows of the results table that the training has reported so far."""
         return self.rows_of(self.training)
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:

@@ -61,7 +61,7 @@ class StoreCounterfactuals:
         self._store, self._buffer, self._env, self._rng = store, buffer, env, rng
 
     def __call__(self, decision: Decision) -> None:
-        """Store the decision, then the computed transitions of other actions."""
+        """Store the decision, then compute and store the outcomes of some other actions."""
         self._store(decision)
         if decision.terminated:
             return

@@ -21,7 +21,12 @@ BLOCK_COLORS = ("190,190,190", "220,90,30")
 
 
 def read_layout(network: ET.Element, description: ScenarioDescription, name: str) -> Layout:
-    """Return the layout of a network file; raise ScenarioError if it is not the described loop."""
+    """Return the layout of the road in the parsed ``network``.
+
+    Raises:
+        ScenarioError: the road is not the loop of ``description``; the message names the scenario
+            ``name``.
+    """
     loop = read_loop(network, description, name)
     road = Road(loop.circumference_m, description.lane_width_m, description.open_lanes)
     laps = 2 + round(1e5 / road.lap_m)

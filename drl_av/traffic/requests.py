@@ -85,12 +85,13 @@ def _limit_speeds(vehicle: Any, names: Sequence[str], step_s: float) -> None:
 
 
 def stoppable_speed(vehicle: Any, name: str, step_s: float) -> float:
-    """Return the largest speed from which a vehicle can stop behind the vehicle ahead, m/s (ours).
+    """Return the largest speed, m/s, from which a vehicle can stop behind the vehicle ahead.
 
-    It is inf without a vehicle ahead. Both vehicles brake with b, the vehicle's own limit, in steps
-    of h seconds. The leader brakes at once from speed u and covers u^2 / 2b - u h / 2. The vehicle
-    first drives one step at speed v and covers v^2 / 2b + v h / 2 in all. SUMO's minimum gap
-    remains.
+    It is inf without a vehicle ahead. ``vehicle`` is the domain of libsumo or TraCI, ``name`` the
+    vehicle's id, and h is ``step_s``. The formula is ours: both vehicles brake with b, the limit of
+    the vehicle behind. The vehicle ahead brakes at once from speed u and covers u^2 / 2b - u h / 2.
+    The vehicle behind first drives one step at speed v and covers v^2 / 2b + v h / 2 in all. When
+    both stand, SUMO's minimum gap is left between them.
     """
     leader = vehicle.getLeader(name, LOOK_AHEAD_M)
     if leader is None or not leader[0]:

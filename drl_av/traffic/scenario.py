@@ -214,7 +214,7 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
 
 
 def _text(path: Path, remedy: str = WRITE_AGAIN) -> str:
-    """Return the text of a UTF-8 file; raise ScenarioError if it cannot be read."""
+    """Return the text of a UTF-8 file; raise ScenarioError, which advises ``remedy``."""
     try:
         return read_regular_file(path, remedy).decode("utf-8-sig")
     except UnicodeDecodeError as error:
