@@ -22,6 +22,8 @@ BESIDE = "moved into the ego's lane beside it"
 TOO_FAST = "moved in behind the ego too fast to stay there"
 BEHIND = "did not stay behind the ego"
 BRAKES = "the ego brakes"
+LEAVES = "it is leaving the lane of the ego"
+BETWEEN = "it begins between the centres of two lanes"
 SOONER = "it kept the bound a SUMO step sooner"
 """Circumstances of a breach; SOONER: a vehicle moves in a step by the positions before it."""
 
@@ -132,20 +134,26 @@ class Auditor:
         ahead_m = self._ahead_m(after)
         gap_m, behind_m = self._gaps(after, row)
         if min(gap_m, behind_m) <= 0:
-            self._record(after, row, BESIDE)
+            self._record(after, row, BESIDE, self._between(before, row))
             return
         there[EGO] = False
         if not is_met and not (there & (ahead_m < ahead_m[row])).any():
             self._judge_cut_in(before, after, row)
         if not (there & (ahead_m > ahead_m[row])).any() and self._must_hit(after, behind_m)[row]:
             sooner = not self._must_hit(before, self._gaps(before, row)[1])[row]
-            self._record(after, row, TOO_FAST, SOONER if sooner else "")
+            self._record(after, row, TOO_FAST, SOONER if sooner else self._between(before, row))
 
     def _gaps(self, shot: Snapshot, row: int) -> tuple[float, float]:
         """Return the net gaps to a vehicle as one ahead of the ego, and as one behind it, m."""
         lengths_m = (shot.length_m[row] + shot.length_m[EGO]) / 2
         ahead_m = self._ahead_m(shot)[row]
         return float(ahead_m - lengths_m), float(self._road.lap_m - ahead_m - lengths_m)
+
+    def _between(self, before: Snapshot, row: int) -> str:
+        """Return ``BETWEEN`` for a vehicle that is at the centre of no lane, else nothing."""
+        lane = before.y_m[row] / self._road.lane_width_m
+        off_m = abs(lane - round(lane)) * self._road.lane_width_m
+        return BETWEEN if off_m > ARRIVED_M else ""
 
     def _judge_cut_in(self, before: Snapshot, after: Snapshot, row: int) -> None:
         rate_before, rate = self._ego_m_s2
@@ -155,7 +163,7 @@ class Auditor:
             self.cut_ins_m.append(margin_m)
         if margin_m <= 0:
             sooner = self._cut_in_margin_m(before, row, rate_before) > 0
-            self._record(after, row, CUT_IN, SOONER if sooner else "")
+            self._record(after, row, CUT_IN, SOONER if sooner else self._between(before, row))
 
     def _cut_in_margin_m(self, shot: Snapshot, row: int, rate: float) -> float:
         """Return by how much the gap ahead of the ego exceeds the one that a cut-in must leave."""
@@ -191,8 +199,11 @@ class Auditor:
             after.speed_m_s[1:] > 0
         )
         responds = shares & (shared_s >= strict.follower_response_s)
-        brakes = BRAKES if self._ego_m_s2[1] < 0 else ""
-        self._tell(after, late & idle & responds, BEHIND, brakes)
+        aside_m = (after.y_m - after.y_m[EGO])[1:]
+        leaves = (after.y_m - before.y_m)[1:] * np.sign(aside_m) > STILL_M_S * step_s
+        breaks, brakes = late & idle & responds, BRAKES if self._ego_m_s2[1] < 0 else ""
+        self._tell(after, breaks & leaves, BEHIND, LEAVES)
+        self._tell(after, breaks & ~leaves, BEHIND, brakes)
 
     def _lanes(self, shot: Snapshot) -> tuple[BoolArray, BoolArray]:
         """Return whether the others, (others, lanes), and the ego, (lanes,), are over each lane."""

@@ -35,7 +35,7 @@ from drl_av.experiments.store import (
 from drl_av.files import append_rows, read_table
 from drl_av.safety import CHECKS
 from drl_av.traffic.population import Kind
-from verification.auditor import BEHIND, BRAKES, CUT_IN, SOONER, TOO_FAST, Auditor, Breach
+from verification.auditor import BETWEEN, BRAKES, LEAVES, SOONER, Auditor, Breach
 
 FIRST_SEED = 800_000
 SHARES = ("finite_state_share", "level_0_share", "level_1_share")
@@ -54,12 +54,13 @@ COLUMNS = (
 )
 UNKNOWN = "no known cause"
 CAUSES = {
-    (BEHIND, BRAKES): "SUMO's IDM, which limits every driver, keeps a time gap and no stopping "
-    "distance, and brakes too late behind an ego that brakes",
-    (CUT_IN, SOONER): "its driver decided on the positions a SUMO step sooner, when it was right",
-    (TOO_FAST, SOONER): "its driver decided on the positions a SUMO step sooner, when it was right",
+    BRAKES: "SUMO's IDM, which limits every driver, keeps a time gap and no stopping distance, and "
+    "brakes too late behind an ego that brakes",
+    LEAVES: "SUMO lets a vehicle that changes to another lane come nearer than it can stop",
+    BETWEEN: "SUMO resumes or turns round a lane change that was cut short",
+    SOONER: "its driver decided on the positions a SUMO step sooner, when it was right",
 }
-"""The cause of a breach, by its bound and circumstance."""
+"""The cause of a broken bound in its circumstance."""
 APPROACH_S = 2.0
 """Breaches of a vehicle that are farther apart in time belong to different approaches."""
 BLAME_S = 10.0
@@ -226,7 +227,7 @@ def report_breaches(rows: list[dict[str, str]]) -> bool:
     print(f"bounds broken {sum(a.breaches for a in every)} times, in {episodes} episodes:")
     groups: dict[tuple[str, str, str], list[Approach]] = {}
     for each in every:
-        cause = CAUSES.get((each.bound, each.circumstance), UNKNOWN)
+        cause = CAUSES.get(each.circumstance, UNKNOWN)
         groups.setdefault((each.bound, each.driver, cause), []).append(each)
     for (bound, driver, cause), members in sorted(groups.items()):
         times = sum(each.breaches for each in members)

@@ -24,9 +24,11 @@ from verification.auditor import (
     ACCELERATED,
     BEHIND,
     BESIDE,
+    BETWEEN,
     BRAKED,
     BRAKES,
     CUT_IN,
+    LEAVES,
     SIDEWAYS,
     SOONER,
     TOO_FAST,
@@ -205,6 +207,14 @@ def test_a_breach_says_whether_the_ego_brakes_and_whether_the_bound_was_kept_a_s
     assert [b.circumstance for b in moved(starts, ego_m_s=(19.0, 20.0))] == [SOONER]
     starts = (ahead(40.0, LEFT, 10.0), ahead(40.0, LEFT - 0.38, 10.0, -0.76))
     assert [b.circumstance for b in moved(starts)] == [""]
+    resumes = (Car(0.0, LEFT - 0.8), Car(0.0, LEFT - 1.18, 20.0, -0.76))
+    assert [b.circumstance for b in moved(resumes)] == [BETWEEN]
+    starts = (Car(0.0, LEFT), Car(0.0, LEFT - 0.38, 20.0, -0.76))
+    assert [b.circumstance for b in moved(starts)] == [""]
+    # its right side, 0.9 m from its middle, is over the line at 5.7 m
+    for y_m, circumstance in ((6.22, LEAVES), (5.84, "")):
+        leaving = behind(26.0, 6.03, 30.0, 0.76), behind(21.0, y_m, 30.0, 0.76)
+        assert [b.circumstance for b in moved(leaving)] == [circumstance]
     late = (behind(26.0, speed_m_s=30.0), behind(21.0, speed_m_s=30.0))
     assert [b.circumstance for b in moved(late)] == [""]
     assert [b.circumstance for b in moved(late, ego_m_s=(22.0, 20.0))] == [BRAKES]
