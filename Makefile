@@ -72,6 +72,9 @@ results: setup
 	$(call text,speed_bound.txt,tools/bound_speeds.py)
 	$(call text,background_traffic.txt,-m verification.background_traffic)
 	$(call text,long_run.txt,-m verification.long_run --episodes 5000 --out runs/long_run.csv)
+	$(call text,long_run_naturalistic.txt,-m verification.long_run --episodes 200 --traffic naturalistic --out runs/long_run_naturalistic.csv)
+	$(call text,long_run_hazards.txt,-m verification.long_run --episodes 100 --traffic hazards --out runs/long_run_hazards.csv)
+	$(call text,sumo_approaches.txt,-m verification.approaches --scenes 3000)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[benchmark]'
 	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
 	$(BIN)/python tools/draw_drive.py docs/drive.gif
