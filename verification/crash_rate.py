@@ -30,6 +30,7 @@ from verification.falsify import check_of
 from verification.kinematic_simulator import ROAD, IntArray, World
 from verification.naturalistic import (
     ADVERSARY,
+    CARELESS_SHARE,
     PEOPLE,
     Frequencies,
     Traffic,
@@ -104,23 +105,31 @@ def proposals(world: World, driver: Driver, scale: ObservationScale) -> IntArray
     return proposed
 
 
-def run(config: Config, tests: int, frequencies: Frequencies, seed: int) -> Outcome:
+def run(
+    config: Config,
+    tests: int,
+    frequencies: Frequencies,
+    seed: int,
+    careless: float = CARELESS_SHARE,
+) -> Outcome:
     """Simulate the tests of one check, and return their results.
 
     With the same seed, the starts of two checks differ only in the gaps that the checks require.
     """
     batches = [range(first, min(first + BATCH, tests)) for first in range(0, tests, BATCH)]
-    parts = [_batch(config, len(each), frequencies, (seed, each.start)) for each in batches]
+    parts = [
+        _batch(config, len(each), frequencies, (seed, each.start), careless) for each in batches
+    ]
     return Outcome(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def _batch(
-    config: Config, size: int, frequencies: Frequencies, seed: tuple[int, int]
+    config: Config, size: int, frequencies: Frequencies, seed: tuple[int, int], careless: float
 ) -> list[FloatArray]:
     rng, driver, check = np.random.default_rng(seed), load_driver(PRETRAINED), check_of(config)
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, ROAD)
     world, mover = starts(size, config, rng), UnboundedMover(config)
-    traffic, begin_m = Traffic(world, frequencies, rng), world.x_m[:, 0].copy()
+    traffic, begin_m = Traffic(world, frequencies, rng, careless), world.x_m[:, 0].copy()
     weights, unanswered = np.ones(size), np.zeros(size)
     for _ in range(SECONDS):
         executed = check(world, proposals(world, driver, scale))
@@ -157,15 +166,28 @@ def main() -> int:
     )
     parser.add_argument("--tests", type=int, default=20_000, help="a check (default: 20000)")
     parser.add_argument("--checks", nargs="+", choices=CHECKS, default=CHECKS)
+    parser.add_argument(
+        "--careless",
+        nargs="+",
+        type=float,
+        default=(CARELESS_SHARE, 0.5),
+        metavar="SHARE",
+        help="shares of the lane changes that are careless (default: 0.01 0.5)",
+    )
     parser.add_argument("--seed", type=int, default=0, help="(default: 0)")
     parser.add_argument(
         "--people", action="store_true", help="no adversary: every weight is 1 (plain sampling)"
     )
     options = parser.parse_args()
+    if not all(0 < share < 1 for share in options.careless):
+        parser.error("--careless takes shares between 0 and 1.")
     begun_s = time.monotonic()
-    for check in options.checks:
-        frequencies = PEOPLE if options.people else ADVERSARY
-        print(report(check, run(settings(check), options.tests, frequencies, options.seed)))
+    frequencies = PEOPLE if options.people else ADVERSARY
+    for careless in options.careless:
+        print(f"{100 * careless:g} % of the lane changes are careless of the vehicle behind")
+        for check in options.checks:
+            found = run(settings(check), options.tests, frequencies, options.seed, careless)
+            print(report(check, found), flush=True)
     print(made_by(time.monotonic() - begun_s))
     return 0
 

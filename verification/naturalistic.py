@@ -113,13 +113,20 @@ class Traffic:
         frequencies: Probabilities of dangerous acts near the ego; with ``PEOPLE`` all weights are
             1.
         rng: The source of all random numbers.
+        careless: Share of careless lane changes among the human drivers.
     """
 
-    def __init__(self, world: World, frequencies: Frequencies, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        world: World,
+        frequencies: Frequencies,
+        rng: np.random.Generator,
+        careless: float = CARELESS_SHARE,
+    ) -> None:
         shape = world.x_m[:, 1:].shape
         self.weights = np.ones(shape[0])
         """Importance weights, (scenes,): probability of the acts so far without/with adversary."""
-        self._frequencies, self._rng = frequencies, rng
+        self._frequencies, self._rng, self._careless = frequencies, rng, careless
         self._desired_m_s = world.speed_m_s[:, 1:] + np.abs(rng.normal(0, 2.0, shape)) + 1.0
         self._target = np.round(world.y_m[:, 1:] / ROAD.lane_width_m).astype(np.int64)
         drawn = rng.normal(LATERAL_M_S, LATERAL_SD_M_S, shape)
@@ -165,9 +172,8 @@ class Traffic:
                 LANE_CHANGES_PER_S,
                 possible,
             )
-            careless = self._happens(
-                np.where(dangerous, often.careless, CARELESS_SHARE), CARELESS_SHARE, attempts
-            )
+            share = np.where(dangerous, max(often.careless, self._careless), self._careless)
+            careless = self._happens(share, self._careless, attempts)
             room, careful = _room(world, self._target, into)
             begins = attempts & room & (careful | careless)
             self._target = np.where(begins, into, self._target)

@@ -13,7 +13,9 @@ from verification.falsification import needed_gap, placed
 from verification.kinematic_simulator import LENGTH_M, World
 from verification.naturalistic import (
     ADVERSARY,
+    HARD_BRAKES_PER_S,
     HIGHD,
+    LANE_CHANGES_PER_S,
     PEOPLE,
     Frequencies,
     Traffic,
@@ -107,6 +109,15 @@ def test_a_careful_change_begins_and_continues_to_the_centre_of_the_lane() -> No
         sides.append(traffic.decide(world, np.array([0])).side[0, 0])
     assert all(side < 0 for side in sides[:3])
     assert sides[3] == 0.0
+
+
+def test_more_careless_people_need_no_more_weight() -> None:
+    # half of them are careless by themselves, as often as the adversary makes them
+    often = Frequencies(HARD_BRAKES_PER_S, LANE_CHANGES_PER_S, 0.5)
+    rng = np.random.default_rng(2)
+    traffic = Traffic(starts(2_000, Config(), rng), often, rng, careless=0.5)
+    traffic.decide(starts(2_000, Config(), np.random.default_rng(2)), np.zeros(2_000, np.int64))
+    assert (traffic.weights == 1.0).all()
 
 
 def test_the_start_leaves_the_ego_the_gap_that_its_check_requires() -> None:
