@@ -38,7 +38,7 @@ from verification.auditor import (
 
 CONFIG = Config()
 STRICT = CONFIG.strict
-SHIPPED = ("circular_three_lane", "barricaded_right_lane")
+SHIPPED = ("circular_three_lane", "barricaded_right_lane", "merge", "straight")
 STEP_S = 0.5
 
 
