@@ -7,8 +7,10 @@ from typing import Any
 from drl_av.traffic.population import EGO_ID
 
 VIEW = "View #0"
-ZOOM = 210.0
-"""Zoom in percent, at which a window of 1280 by 720 pixels shows about 200 m of road."""
+WIDTH_M = 200.0
+"""Length of road that the window shows."""
+ASPECT = 2.38
+"""Width by height of the road view in a window of 1280 by 720 pixels, without the toolbars."""
 CAPTION = "caption"
 CAPTION_SHARE = 0.42
 """Distance of the caption below the ego, as a share of the window's height."""
@@ -23,8 +25,10 @@ class Window:
 
     def __init__(self, sumo: Any) -> None:
         self._sumo = sumo
+        (left_m, low_m), (right_m, high_m) = sumo.simulation.getNetBoundary()
+        whole_m = max(right_m - left_m, ASPECT * (high_m - low_m))
         sumo.gui.trackVehicle(VIEW, EGO_ID)
-        sumo.gui.setZoom(VIEW, ZOOM)
+        sumo.gui.setZoom(VIEW, 100.0 * whole_m / WIDTH_M)  # at 100 % the whole road fits in
         sumo.poi.add(CAPTION, 0.0, 0.0, (0, 0, 0, 0))
         self.follow()
 
