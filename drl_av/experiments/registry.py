@@ -7,6 +7,7 @@ from drl_av.experiments.density_sweep import DENSITY_SWEEP
 from drl_av.experiments.experiment import Experiment
 from drl_av.experiments.fast import FAST
 from drl_av.experiments.final_policies import FINAL_POLICIES
+from drl_av.experiments.opponents import OPPONENTS_SWEEP
 from drl_av.experiments.strictness import STRICT
 from drl_av.experiments.variations import (
     BARRICADE_PRETRAINED,
@@ -23,6 +24,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         FINAL_POLICIES,
         FAST,
         DENSITY_SWEEP,
+        OPPONENTS_SWEEP,
         CHECK_PAPER,
         CHECK_PERMIT_ALL,
         REFERENCE_ACC,

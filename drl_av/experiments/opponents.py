@@ -1,0 +1,183 @@
+"""The drivers beside the strongest rule-based ones, in each kind of traffic (ours)."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+from drl_av.config import Config
+from drl_av.config.traffic_kinds import traffic_of_kind
+from drl_av.drivers.registry import default_config, find_drivers
+from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.experiments.canvas import label_axes, legend_of_names, panels
+from drl_av.experiments.cells import Drives, driven_with
+from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.markdown import count, densities_of, markdown_table
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.plan import Plan
+from drl_av.files import Row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+KINDS = ("calm",)
+"""The kinds of traffic that have been driven so far."""
+VEHICLES = (1, 5, 10, 15, 20, 25, 30, 40)
+EPISODES = 10
+"""Episodes of each driver at each number of vehicles in each kind of traffic."""
+FIRST_SEED = 910_000
+OURS = ("pretrained", "planner")
+OPPONENTS = ("idm", "idm-mobil", "gap-mobil", "gap-mobil-1.3", "sumo", "sumo-tuned")
+REFERENCE = "gap-mobil"
+"""The driver to which the figure compares the others."""
+
+
+class Variant(NamedTuple):
+    """The drivers that drive with one check and one longitudinal reference."""
+
+    drivers: tuple[str, ...]
+    check: str
+    reference: str
+
+    def config(self, config: Config, kind: str) -> Config:
+        """Return the config of this variant in a kind of traffic."""
+        config = config.updated("safety", check=self.check)
+        config = config.updated("ego", longitudinal_reference=self.reference)
+        return replace(config, traffic=traffic_of_kind(kind, config.traffic))
+
+
+VARIANTS = {
+    "paper": Variant((*OURS, *OPPONENTS), "paper", "acceleration"),
+    "acc": Variant(("idm-mobil", "idm-sumo"), "paper", "acc"),
+    "strict": Variant(OURS, "strict", "acceleration"),
+}
+PLACES = [(name, driver) for name, each in VARIANTS.items() for driver in each.drivers]
+
+
+def opponents_plan(options: ReproduceOptions) -> Plan:
+    """Return the plan: every driver on the same traffic seeds; never more than ``EPISODES``."""
+    base = options.laid_over(default_config(find_drivers(OURS[:1])))
+    configs = {
+        (kind, name): variant.config(base, kind)
+        for kind in KINDS
+        for name, variant in VARIANTS.items()
+    }
+    cells = [
+        Drives(
+            config,
+            VARIANTS[name].drivers,
+            vehicles,
+            min(options.drives, EPISODES),
+            named=(("traffic", kind), ("variant", name)),
+            first_seed=FIRST_SEED,
+        )
+        for vehicles in VEHICLES
+        for (kind, name), config in configs.items()
+    ]
+    made_with = driven_with(base, OURS[:1])
+    settings = {f"{kind}, {name}": config for (kind, name), config in configs.items()}
+    policies = {"pretrained": made_with.policies[""]}
+    return Plan(made_with._replace(settings=settings, policies=policies), [cells], _place)
+
+
+def _place(row: Row) -> tuple[int, int, int, int]:
+    driver = PLACES.index((row["variant"], row["driver"]))
+    return KINDS.index(row["traffic"]), int(row["vehicles"]), int(row["seed"]), driver
+
+
+def label(row: Row) -> str:
+    """Return the name of a row's driver, with its variant if that is not ``paper``."""
+    return row["driver"] + ("" if row["variant"] == "paper" else f", {row['variant']}")
+
+
+def speeds(rows: Iterable[Row]) -> dict[str, dict[str, float]]:
+    """Return the mean speeds by label and by traffic seed, m/s."""
+    found: dict[str, dict[str, float]] = {}
+    for row in rows:
+        found.setdefault(label(row), {})[row["seed"]] = float(row["mean_speed_m_s"])
+    return found
+
+
+def gain(ours: dict[str, float], theirs: dict[str, float]) -> Mean:
+    """Return the mean difference of speeds in the same traffic with its 95 % interval, m/s."""
+    return mean_with_interval(ours[seed] - theirs[seed] for seed in sorted(ours))
+
+
+def best_opponent(found: dict[str, dict[str, float]]) -> str:
+    """Return the label of the opponent with the largest mean speed in these episodes."""
+    theirs = {name: sum(own.values()) for name, own in found.items() if not _is_ours(name)}
+    return max(theirs, key=lambda name: theirs[name])
+
+
+def _is_ours(name: str) -> bool:
+    return name.split(",")[0] in OURS
+
+
+def _cells(rows: Sequence[Row], kind: str) -> dict[int, dict[str, dict[str, float]]]:
+    own = [row for row in rows if row["traffic"] == kind]
+    return {
+        vehicles: speeds(row for row in own if int(row["vehicles"]) == vehicles)
+        for vehicles in densities_of(own)
+    }
+
+
+def gain_table(results: Results) -> str:
+    """Return the Markdown table of our drivers' gains over the best opponent of each cell."""
+    rows, lines = results.rows(OPPONENTS_SWEEP.table), []
+    for kind in dict.fromkeys(row["traffic"] for row in rows):
+        cells = _cells(rows, kind)
+        best = {vehicles: best_opponent(found) for vehicles, found in cells.items()}
+        lines.append([kind, "the best opponent", *(f"`{name}`" for name in best.values())])
+        for name in filter(_is_ours, cells[VEHICLES[0]]):
+            gains = (gain(found[name], found[best[number]]) for number, found in cells.items())
+            lines.append([kind, f"`{name}`", *map(str, gains)])
+    return markdown_table(["traffic", "driver", *map(str, VEHICLES)], lines)
+
+
+def speed_table(results: Results) -> str:
+    """Return the Markdown table of mean speeds, m/s, and of how each driver drives."""
+    rows, lines = results.rows(OPPONENTS_SWEEP.table), []
+    for kind, name in dict.fromkeys((row["traffic"], label(row)) for row in rows):
+        own = [row for row in rows if (row["traffic"], label(row)) == (kind, name)]
+        means = [
+            f"{mean_with_interval(found[name].values()).value:.2f}"
+            for found in _cells(own, kind).values()
+        ]
+        aborts, changes = (
+            sum(int(row[column]) for row in own)
+            for column in ("aborted_lane_changes", "lane_changes")
+        )
+        share = f"{100 * aborts / max(aborts + changes, 1):.0f}"
+        hits = f"{count(own, 'ego_hit')} of {len(own)}"
+        lines.append([kind, f"`{name}`", *means, share, hits])
+    last = ["lane changes aborted, %", "ego hit something"]
+    return markdown_table(["traffic", "driver", *map(str, VEHICLES), *last], lines)
+
+
+def opponents_figure(rows: list[Row]) -> "Figure":
+    """Draw each driver's gain over ``REFERENCE`` against the number of vehicles, by traffic."""
+    kinds = list(dict.fromkeys(row["traffic"] for row in rows))
+    figure, axes = panels((7, 4.2 * len(kinds)), len(kinds), squeeze=False)
+    for kind, (panel,) in zip(kinds, axes, strict=True):
+        label_axes(panel, "vehicles on the loop", f"gain over {REFERENCE}, m/s")
+        panel.set_title(kind)
+        cells = _cells(rows, kind)
+        curves = {}
+        for name in next(iter(cells.values())):
+            gains = [gain(found[name], found[REFERENCE]) for found in cells.values()]
+            width = 2.5 if _is_ours(name) else 1.0
+            style = "--" if name.endswith("strict") else "-"
+            [curves[name]] = panel.plot(
+                list(cells), [each.value for each in gains], style, linewidth=width
+            )
+        legend_of_names(panel, curves)
+    return figure
+
+
+OPPONENTS_SWEEP = Experiment(
+    name="opponents",
+    meaning="the shipped driver and the planner beside the strongest rule-based drivers",
+    row="an episode of a driver in a kind of traffic, with a check and a longitudinal reference",
+    plan=opponents_plan,
+    summaries={"opponents_gain": gain_table, "opponents_speed": speed_table},
+    figures={"opponents": opponents_figure},
+)
