@@ -9,7 +9,6 @@ ahead, the range (net gap), the time gap (range / speed) and the relative speed.
 
 import argparse
 import math
-import time
 from collections.abc import Sequence
 from contextlib import closing
 from typing import NamedTuple
@@ -160,13 +159,12 @@ def main() -> None:
     parser.add_argument("--vehicles", type=int, nargs="+", default=VEHICLES, metavar="N")
     parser.add_argument("--traffic", nargs="+", default=tuple(TRAFFIC_KINDS), metavar="KIND")
     options = parser.parse_args()
-    begun_s = time.monotonic()
     found = {
         kind: moments(Config().with_traffic(kind), options.episodes, options.vehicles)
         for kind in options.traffic
     }
     print(table(found))
-    print(f"* within 10 % of a measured number; {time.monotonic() - begun_s:.0f} s")
+    print("* within 10 % of a measured number")
 
 
 if __name__ == "__main__":

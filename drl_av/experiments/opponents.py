@@ -1,11 +1,9 @@
 """The drivers beside the strongest rule-based ones, in each kind of traffic (ours)."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from drl_av.config import Config
-from drl_av.config.traffic_kinds import traffic_of_kind
 from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation.statistics import Mean, mean_with_interval
 from drl_av.experiments.canvas import label_axes, legend_of_names, panels
@@ -22,7 +20,9 @@ if TYPE_CHECKING:
 KINDS = ("calm",)
 """The kinds of traffic that have been driven so far."""
 VEHICLES = (1, 5, 10, 15, 20, 25, 30, 40)
-EPISODES = 10
+MIDDLE = range(5, 26)
+"""The numbers of vehicles over which the gains are also pooled."""
+EPISODES = 4
 """Episodes of each driver at each number of vehicles in each kind of traffic."""
 FIRST_SEED = 910_000
 OURS = ("pretrained", "planner")
@@ -41,8 +41,7 @@ class Variant(NamedTuple):
     def config(self, config: Config, kind: str) -> Config:
         """Return the config of this variant in a kind of traffic."""
         config = config.updated("safety", check=self.check)
-        config = config.updated("ego", longitudinal_reference=self.reference)
-        return replace(config, traffic=traffic_of_kind(kind, config.traffic))
+        return config.updated("ego", longitudinal_reference=self.reference).with_traffic(kind)
 
 
 VARIANTS = {
@@ -121,16 +120,28 @@ def _cells(rows: Sequence[Row], kind: str) -> dict[int, dict[str, dict[str, floa
 
 
 def gain_table(results: Results) -> str:
-    """Return the Markdown table of our drivers' gains over the best opponent of each cell."""
+    """Return the Markdown table of our drivers' gains over the best opponent of each cell.
+
+    The last column pools the episodes with ``MIDDLE`` vehicles, over their best opponent.
+    """
     rows, lines = results.rows(OPPONENTS_SWEEP.table), []
     for kind in dict.fromkeys(row["traffic"] for row in rows):
-        cells = _cells(rows, kind)
-        best = {vehicles: best_opponent(found) for vehicles, found in cells.items()}
-        lines.append([kind, "the best opponent", *(f"`{name}`" for name in best.values())])
-        for name in filter(_is_ours, cells[VEHICLES[0]]):
-            gains = (gain(found[name], found[best[number]]) for number, found in cells.items())
+        cells = list(_cells(rows, kind).values())
+        cells.append(_pooled([row for row in rows if row["traffic"] == kind]))
+        best = [best_opponent(found) for found in cells]
+        lines.append([kind, "the best opponent", *(f"`{name}`" for name in best)])
+        for name in filter(_is_ours, cells[0]):
+            pairs = zip(cells, best, strict=True)
+            gains = (gain(found[name], found[opponent]) for found, opponent in pairs)
             lines.append([kind, f"`{name}`", *map(str, gains)])
-    return markdown_table(["traffic", "driver", *map(str, VEHICLES)], lines)
+    pooled = f"{min(MIDDLE)} to {max(MIDDLE)}"
+    return markdown_table(["traffic", "driver", *map(str, VEHICLES), pooled], lines)
+
+
+def _pooled(rows: Iterable[Row]) -> dict[str, dict[str, float]]:
+    """Return ``speeds`` of the episodes with ``MIDDLE`` vehicles; keys name vehicles and seed."""
+    own = [row for row in rows if int(row["vehicles"]) in MIDDLE]
+    return speeds(row | {"seed": f"{row['vehicles']}, {row['seed']}"} for row in own)
 
 
 def speed_table(results: Results) -> str:

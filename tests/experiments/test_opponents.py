@@ -1,0 +1,63 @@
+"""The planner beside its opponents: who drives in which settings, and the gains by hand."""
+
+from pathlib import Path
+
+import pytest
+
+from drl_av.experiments import opponents
+from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.opponents import OPPONENTS_SWEEP, VARIANTS, best_opponent, gain, speeds
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.files import Row
+
+
+def row(driver: str, seed: int, speed: float, variant: str = "paper") -> Row:
+    return {
+        "driver": driver,
+        "variant": variant,
+        "seed": str(seed),
+        "mean_speed_m_s": str(speed),
+    }
+
+
+def test_the_gain_is_over_the_fastest_opponent_and_paired_by_seed() -> None:
+    found = speeds(
+        [
+            *(row("planner", seed, speed) for seed, speed in ((1, 25.0), (2, 21.0), (3, 23.0))),
+            *(row("sumo", seed, speed) for seed, speed in ((3, 23.0), (1, 20.0), (2, 20.0))),
+            *(row("idm-mobil", seed, 22.0, "acc") for seed in (1, 2, 3)),
+            *(row("pretrained", seed, 30.0, "strict") for seed in (1, 2, 3)),  # no opponent
+        ]
+    )
+    assert best_opponent(found) == "idm-mobil, acc"
+    # 3, -1 and 1: mean 1, standard deviation 2; Student's t for 2 degrees of freedom is 4.303
+    assert gain(found["planner"], found["idm-mobil, acc"]) == pytest.approx(
+        (1.0, 4.303 * 2 / 3**0.5), 1e-3
+    )
+    assert gain(found["planner"], found["sumo"]).value == pytest.approx(2.0)
+
+
+def test_every_driver_drives_the_same_seeds_in_its_own_settings_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(opponents, "VEHICLES", (5,))
+    monkeypatch.setattr(opponents, "EPISODES", 2)
+    (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 3\n")
+    config = str(tmp_path / "short.toml")
+    options = ReproduceOptions(jobs=1, out=tmp_path, config=config)
+    list(reproduce(OPPONENTS_SWEEP, options))
+    results = Results(tmp_path)
+    rows, made = results.rows("opponents.csv"), results.made_by("opponents.csv")["settings"]
+    assert len(rows) == 2 * sum(len(each.drivers) for each in VARIANTS.values())
+    assert {each["seed"] for each in rows} == {"910000", "910001"}
+    checks = {(each["variant"], each["driver"]): each["safety_check"] for each in rows}
+    assert checks["strict", "planner"] == "strict"
+    assert checks["acc", "idm-sumo"] == checks["paper", "planner"] == "paper"
+    assert checks["paper", "sumo-tuned"] == "none"
+    assert made["calm, acc"]["ego"]["longitudinal_reference"] == "acc"
+    assert (tmp_path / "opponents.png").is_file()
+    before = (tmp_path / "opponents.csv").read_bytes()
+    list(reproduce(OPPONENTS_SWEEP, options))
+    assert (tmp_path / "opponents.csv").read_bytes() == before
+    for table in OPPONENTS_SWEEP.summaries.values():
+        assert "| calm | `planner, strict` | " in table(results)
