@@ -69,7 +69,7 @@ class PlannerDriver:
     def _watch(self, scene: Scene, others: Others) -> Watcher:
         """Update the estimates with this scene, and return them."""
         shot = scene.snapshot
-        if self._watcher is None or self._last is None or not self._watcher.fits(others):
+        if self._watcher is None or self._last is None:
             self._watcher = Watcher(others)
         elif shot.time_s > self._last.time_s:
             ahead = _ahead(others, scene.affordances)

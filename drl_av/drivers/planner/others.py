@@ -41,6 +41,7 @@ class Lanes(NamedTuple):
 class Others(NamedTuple):
     """The N other vehicles at one decision; arrays of shape (N,)."""
 
+    ids: tuple[str, ...]
     x_m: FloatArray
     """Position of the centre relative to the ego's, positive ahead."""
     speed_m_s: FloatArray
@@ -102,6 +103,7 @@ def others_of(snapshot: Snapshot, affordances: Affordances, lanes: int) -> Other
     place = np.append(snapshot.y_m[1:], centers_m) / width_m
     now, later = _members(place, lateral, body_m / width_m, lanes)
     return Others(
+        snapshot.ids[1:] + tuple(f"barrier at {barrier.left_m} m" for barrier in barriers),
         x_m,
         speed,
         (length_m + ego_m) / 2,

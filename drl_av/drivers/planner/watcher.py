@@ -43,19 +43,34 @@ class Watcher:
         self.desired_m_s = np.maximum(speed, USUAL_SPEED_M_S)
         self.headway_s = np.full(len(speed), USUAL_HEADWAY_S)
         self._known = np.zeros(len(speed))
-        self._speed = speed
-
-    def fits(self, others: Others) -> bool:
-        """Return whether there are as many vehicles as at the last observation."""
-        return len(others.speed_m_s) == len(self._speed)
+        self._speed, self._ids = speed, others.ids
 
     def observe(self, others: Others, ahead: Ahead, seconds: float) -> None:
         """Improve the estimates with the vehicles' state ``seconds`` after the last observation."""
+        if others.ids != self._ids:
+            self._keep_known(others)
         speed = others.speed_m_s
         rate = (speed - self._speed) / seconds / ACCELERATION_M_S2
         self._speed = speed
         self._observe_desired(speed, rate, ahead)
         self._observe_headway(speed, rate, ahead)
+
+    def _keep_known(self, others: Others) -> None:
+        """Forget the vehicles that have left the road, and begin with those that have entered."""
+        rows = {name: row for row, name in enumerate(self._ids)}
+        new = [row for row, name in enumerate(others.ids) if name in rows]
+        old = [rows[others.ids[row]] for row in new]
+
+        def kept(known: FloatArray, begun: FloatArray) -> FloatArray:
+            values = begun.copy()
+            values[new] = known[old]
+            return values
+
+        fresh = Watcher(others)
+        self.desired_m_s = kept(self.desired_m_s, fresh.desired_m_s)
+        self.headway_s = kept(self.headway_s, fresh.headway_s)
+        self._known = kept(self._known, fresh._known)
+        self._speed, self._ids = kept(self._speed, fresh._speed), others.ids
 
     def _observe_desired(self, speed: FloatArray, rate: FloatArray, ahead: Ahead) -> None:
         """Update the desired speeds v_0 by IDM solved for v_0.

@@ -68,3 +68,15 @@ def test_a_vehicle_in_a_queue_shows_the_headway_with_which_idm_keeps_its_gap() -
     rate = idm(speed, watcher.desired_m_s, watcher.headway_s, queue.gap_m, queue.closing_m_s)
     assert rate == pytest.approx([0.0], abs=1e-3)
     assert 0.4 < watcher.headway_s[0] < 1.1
+
+
+def test_estimates_belong_to_vehicles_that_enter_and_leave_the_road() -> None:
+    others = seen(ahead(100.0, speed_m_s=22.0), ahead(100.0, LEFT, 24.0))
+    free = Ahead(np.full(2, 1e6), np.zeros(2))
+    watcher = Watcher(others._replace(ids=("a", "b")))
+    for _ in range(8):
+        watcher.observe(others._replace(ids=("a", "b")), free, 1.0)
+    later = seen(ahead(100.0, LEFT, 25.0), ahead(50.0, RIGHT, 30.0))
+    watcher.observe(later._replace(ids=("b", "c")), free, 1.0)  # a has left, c has entered
+    # b accelerates: the fifth part of an observation of 25 / (1 - 1 / 1.5) ** 0.25, which is 32.9
+    assert watcher.desired_m_s == pytest.approx([24 + (32.9 - 24) / 5, 30.0], abs=0.1)
