@@ -45,7 +45,7 @@ class ScriptedEnv:
 
     road = ROAD
     scene = ALONE
-    simulation = SimpleNamespace(placed_vehicles=None)
+    simulation = SimpleNamespace(fleet=SimpleNamespace(usual=None))
 
     def __init__(self, script: list[Step], config: Config, tape: list[str]) -> None:
         self.script, self.config, self.tape = script, config, tape

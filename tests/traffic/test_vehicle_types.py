@@ -138,7 +138,7 @@ def test_random_traffic_of_trucks_starts_and_stays_apart(changed: Change) -> Non
         (
             "ego",
             {"decel": "4.5"},
-            "must be at most ego.hard_brake_m_s2, 4, and not 4.5: change one",
+            "must be at most ego.hard_brake_m_s2, 4, and not 4.5, because bound 3 fails",
         ),
         ("ego", {"tau": "1"}, "the tau of the vehicle type ego must be 1.5, and not 1: undo the"),
         (

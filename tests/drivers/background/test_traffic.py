@@ -185,7 +185,7 @@ def test_on_the_way_to_another_lane_no_lane_change_is_asked_for_by_wish_or_at_ra
     vehicle = simulation._sumo.vehicle
     monkeypatch.setattr(vehicle, "changeLaneRelative", lambda *a: asked.append(a[:2]))
     for second in range(2, 9):
-        monkeypatch.setattr(simulation, "_random_lane_changes", iter([[(OTHER, -1)]]))
+        monkeypatch.setattr(simulation.fleet, "random_lane_changes", lambda y_m: [(OTHER, -1)])
         centered = abs(decide(simulation, TrafficCommand(OTHER, 0.0, 1)).y_m[OTHER] - CENTER) < 0.1
         assert bool(asked) is (second >= 7), second
     assert centered
