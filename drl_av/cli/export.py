@@ -17,9 +17,10 @@ def export(options: argparse.Namespace) -> int:
     from drl_av.drivers.onnx_export import export as write
     from drl_av.drivers.policy_file import PRETRAINED, load_run
     from drl_av.driving.affordances import ObservationScale
-    from drl_av.files import require_writable
+    from drl_av.files import require_suffix, require_writable
     from drl_av.traffic.scenario import find_scenario, load_scenario
 
+    require_suffix(options.out, ".onnx")
     require_writable(options.out, inputs=[options.run])
     networks, config = load_run(PRETRAINED if options.run == "pretrained" else Path(options.run))
     road = load_scenario(find_scenario(config.simulation.scenario)).road

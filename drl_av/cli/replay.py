@@ -58,9 +58,11 @@ def replay(options: argparse.Namespace) -> int:
     from drl_av.drawing.film import Film, require_film
     from drl_av.evaluation.recording import load_recording
     from drl_av.evaluation.replay import Pacer, Page, ReplaySession, replay_session, watcher_of
-    from drl_av.files import require_writable
+    from drl_av.files import require_suffix, require_writable
 
     inputs = [options.source, options.driver, options.config]
+    if options.html:
+        require_suffix(options.html, ".html")
     require_writable(options.record, options.video, options.html, inputs=inputs)
     if options.video:
         require_film(options.video, options.rate)

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.drivers.driver import Driver
-from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.actions import Action, action_of
 from drl_av.driving.scene import Scene
 from drl_av.safety.check import Rule, SafetyCheck, Verdict
 
@@ -63,6 +63,10 @@ class PolicyDriver:
         """Do nothing: ``seed`` is not passed on to the function."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Call the function with the observation, and return the action of that number, 0 to 11."""
+        """Call the function with the observation, and return the action of that number, 0 to 11.
+
+        Raises:
+            ConfigError: the function returns anything else.
+        """
         observed = observation if self._observe is None else self._observe(scene)
-        return ACTIONS[int(self._policy(observed))]
+        return action_of(self._policy(observed))

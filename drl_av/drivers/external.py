@@ -10,6 +10,7 @@ import sys
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.driver import Driver
-from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.actions import ACTIONS, Action, action_of
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.scene import Scene
 from drl_av.errors import CheckpointError, ConfigError
@@ -54,10 +55,17 @@ def driver_of_factory(word: str, config: Config) -> Driver:
     try:
         with _working_directory_first():
             factory = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError) as error:
+    except (ImportError, AttributeError, SyntaxError) as error:
         raise ConfigError(
             f"The driver {word!r} cannot be imported ({error}): write it as module:factory, with "
-            "a module in the working directory or an installed one."
+            "a module in the working directory or an installed one that can be imported."
+        ) from error
+    try:
+        signature(factory).bind(config)
+    except TypeError as error:
+        raise ConfigError(
+            f"{word!r} is no factory of drivers ({error}): name a function of one argument, the "
+            "config."
         ) from error
     driver: Driver = factory(config)
     if not is_driver(driver):
@@ -151,7 +159,7 @@ class OnnxDriver:
     """
 
     def __init__(self, path: Path) -> None:
-        self._run = _session(path)
+        self._run, self._path = _session(path), path
 
     def start(self, seed: int) -> None:
         """Do nothing: the driver has no state and draws no random numbers."""
@@ -164,7 +172,14 @@ class OnnxDriver:
             "": observation[None],
         }
         [chosen] = self._run(feed)
-        return ACTIONS[int(chosen if chosen.ndim == 0 else chosen.argmax())]
+        if chosen.ndim == 0:
+            return action_of(chosen)
+        if chosen.shape != (len(ACTIONS),):
+            raise ConfigError(
+                f"The network {self._path} returns {chosen.size} numbers for a scene, but must "
+                f"return the number of an action or {len(ACTIONS)} values."
+            )
+        return ACTIONS[int(chosen.argmax())]
 
 
 Run = Callable[[dict[str, npt.NDArray[Any]]], npt.NDArray[Any]]

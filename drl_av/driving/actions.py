@@ -1,9 +1,13 @@
 """The 12 actions of the ego: 4 longitudinal times 3 lateral ones."""
 
+import operator
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from drl_av.config import EgoConfig
+from drl_av.errors import ConfigError
 
 
 class Lateral(IntEnum):
@@ -63,6 +67,24 @@ ACTIONS: tuple[Action, ...] = tuple(
     Action(lateral, longitudinal) for lateral in Lateral for longitudinal in Longitudinal
 )
 """All 12 actions, in the order of their numbers."""
+
+
+def action_of(number: Any) -> Action:
+    """Return the action of a number that a policy returned: an int, or an array of one integer.
+
+    Raises:
+        ConfigError: it is no whole number from 0 to 11.
+    """
+    try:
+        index = operator.index(number.item() if isinstance(number, np.ndarray) else number)
+    except (TypeError, ValueError):
+        index = -1
+    if not 0 <= index < len(ACTIONS):
+        raise ConfigError(
+            f"The policy returned {number!r}, but an action is a whole number from 0 to "
+            f"{len(ACTIONS) - 1}."
+        )
+    return ACTIONS[index]
 
 
 def toward(sign: int) -> Lateral:

@@ -51,7 +51,7 @@ def number_of_vehicles(
         if options.get("vehicles", placed) != placed:
             raise ConfigError(
                 f"vehicles is {options['vehicles']!r}, but the scenario places exactly {placed} "
-                "vehicles: leave the option out."
+                f"vehicle{'s' * (placed != 1)}: leave the option out."
             )
         return placed
     if "vehicles" not in options and usual is not None:

@@ -4,10 +4,11 @@ from collections.abc import Iterator
 
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.sumo import SumoDriver
-from drl_av.driving.actions import ACTIONS
+from drl_av.driving.actions import ACTIONS, Action
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+from drl_av.errors import ConfigError
 
 
 def rollout(
@@ -29,13 +30,23 @@ def rollout(
     over = False
     while not over:
         scene, before = env.scene, observation
-        action = driver.act(scene, before)
-        observation, reward, terminated, truncated, info = env.step(action.number)
+        number = _number(driver.act(scene, before))
+        observation, reward, terminated, truncated, info = env.step(number)
         over = terminated or truncated
         proposed = ACTIONS[info["proposed_action"]]
         yield Decision(
             scene, before, proposed, reward, env.scene, observation, terminated, truncated, info
         )
+
+
+def _number(action: Action) -> int:
+    try:
+        return action.number
+    except AttributeError as error:
+        raise ConfigError(
+            f"The driver's act returned {action!r}, but must return an Action, such as "
+            "ACTIONS[number] of drl_av.driving.actions."
+        ) from error
 
 
 def drive(env: HighwayEnv, driver: Driver, name: str, seed: int, vehicles: int) -> EpisodeResult:

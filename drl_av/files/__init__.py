@@ -10,7 +10,7 @@ from drl_av.files.table import (
     table_bytes,
     write_table,
 )
-from drl_av.files.whole import append, replacing, require_writable, write_whole
+from drl_av.files.whole import append, replacing, require_suffix, require_writable, write_whole
 
 __all__ = [
     "PossiblyInfinite",
@@ -21,6 +21,7 @@ __all__ = [
     "read_rows",
     "read_table",
     "replacing",
+    "require_suffix",
     "require_writable",
     "table_bytes",
     "write_table",

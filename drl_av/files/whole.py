@@ -131,6 +131,12 @@ def _try(path: Path) -> None:
         raise _refused(path, error, DrlAvError) from error
 
 
+def require_suffix(path: Path, suffix: str) -> None:
+    """Raise DrlAvError if a file to write has another suffix, such as that of a user's source."""
+    if path.suffix.lower() != suffix:
+        raise DrlAvError(f"{path} must end with {suffix}: choose another name.")
+
+
 def _target(path: Path) -> Path:
     """Return the path that ``path`` links to, or ``path`` itself (absolute) if it is no link."""
     return Path(os.path.realpath(path))

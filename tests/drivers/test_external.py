@@ -32,6 +32,11 @@ def careful(config):
 
 def nothing(config):
     return 3
+
+def eager():
+    return Careful(False)
+
+number = 3
 """
 OBSERVATION = np.zeros(27, np.float32)
 
@@ -39,6 +44,7 @@ OBSERVATION = np.zeros(27, np.float32)
 @pytest.fixture
 def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     (tmp_path / "my_own_drivers.py").write_text(OWN)
+    (tmp_path / "broken_module.py").write_text("def f(config:\n")
     monkeypatch.chdir(tmp_path)
     return "my_own_drivers"
 
@@ -62,6 +68,9 @@ def test_it_stands_in_the_table_beside_the_others_in_several_processes(module: s
     [
         ("no_such_module:f", "No module named 'no_such_module'"),
         ("my_own_drivers:missing", "has no attribute 'missing'"),
+        ("my_own_drivers:eager", "is no factory of drivers"),
+        ("my_own_drivers:number", "is no factory of drivers"),
+        ("broken_module:f", "cannot be imported"),
         ("my_own_drivers:nothing", "made a int, which is no driver: return an object with start"),
     ],
 )
@@ -100,11 +109,11 @@ def test_an_agent_of_another_environment_and_a_file_that_is_none_are_refused(
         driver_of_agent(tmp_path / "none.zip")
 
 
-def network(path: Path, inputs: int) -> Path:
-    """An ONNX network whose values are 12 of its inputs."""
+def network(path: Path, inputs: int, outputs: int = 12) -> Path:
+    """An ONNX network whose values are the first ones of its inputs."""
     rows = [helper.make_tensor_value_info("s", TensorProto.FLOAT, ["rows", inputs])]
-    values = [helper.make_tensor_value_info("q", TensorProto.FLOAT, ["rows", 12])]
-    places = onnx.numpy_helper.from_array(np.arange(12), "places")
+    values = [helper.make_tensor_value_info("q", TensorProto.FLOAT, ["rows", outputs])]
+    places = onnx.numpy_helper.from_array(np.arange(outputs), "places")
     node = helper.make_node("Gather", ["s", "places"], ["q"], axis=1)
     graph = helper.make_graph([node], "first_12", rows, values, [places])
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
@@ -127,3 +136,9 @@ def test_networks_of_other_inputs_and_damaged_files_are_refused(tmp_path: Path) 
     (tmp_path / "cut.onnx").write_bytes((tmp_path / "small.onnx").read_bytes()[:40])
     with pytest.raises(CheckpointError, match="cannot be read as an ONNX network"):
         OnnxDriver(tmp_path / "cut.onnx")
+
+
+def test_a_network_with_a_wrong_number_of_values_is_refused(tmp_path: Path) -> None:
+    driver = OnnxDriver(network(tmp_path / "four.onnx", 27, 4))
+    with pytest.raises(ConfigError, match=r"four\.onnx returns 4 numbers .* or 12 values"):
+        driver.act(ALONE, OBSERVATION)

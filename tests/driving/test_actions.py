@@ -1,9 +1,29 @@
 """The 12 decisions, in the order of their numbers."""
 
+import numpy as np
 import pytest
 
 from drl_av.config import EgoConfig
-from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, toward
+from drl_av.driving.actions import (
+    ACTIONS,
+    Action,
+    Lateral,
+    Longitudinal,
+    action_of,
+    toward,
+)
+from drl_av.errors import ConfigError
+
+
+@pytest.mark.parametrize("number", [7, np.int64(7), np.array(7), np.array([7])])
+def test_a_policy_may_return_any_integer_of_an_action(number: object) -> None:
+    assert action_of(number) == ACTIONS[7]
+
+
+@pytest.mark.parametrize("number", [12, -1, 2.9, np.array(2.9), "x", None, np.zeros(12, int)])
+def test_what_is_no_action_is_refused_and_not_rounded(number: object) -> None:
+    with pytest.raises(ConfigError, match="an action is a whole number from 0 to 11"):
+        action_of(number)
 
 
 def test_the_twelve_decisions_are_numbered_lateral_first() -> None:

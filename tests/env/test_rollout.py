@@ -92,6 +92,13 @@ def test_without_a_number_of_vehicles_the_environment_draws_it() -> None:
     assert tape[0] == "reset 5 None"
 
 
+def test_a_driver_that_returns_a_number_is_told_to_return_an_action() -> None:
+    env, driver, _ = scripted(1)
+    driver.act = lambda scene, observation: 3  # type: ignore[assignment, method-assign]
+    with pytest.raises(ConfigError, match="act returned 3, but must return an Action"):
+        list(rollout(env, driver, 5))
+
+
 @pytest.mark.parametrize("terminated", [True, False])
 def test_a_decision_holds_what_was_before_it_and_what_came_after(terminated: bool) -> None:
     env, driver, _ = scripted(3, terminated=terminated)

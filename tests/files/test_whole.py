@@ -10,7 +10,7 @@ import pytest
 
 from drl_av.errors import DrlAvError, RecordingError
 from drl_av.experiments.canvas import one_panel, save_figure
-from drl_av.files import append, replacing, require_writable, write_whole
+from drl_av.files import append, replacing, require_suffix, require_writable, write_whole
 
 
 def test_a_link_is_written_through_and_stays_a_link(tmp_path: Path) -> None:
@@ -199,3 +199,9 @@ def test_the_next_writer_clears_up_after_one_that_was_killed(tmp_path: Path) -> 
     write_whole(path, b"new")
     assert list(tmp_path.iterdir()) == [path]
     assert path.read_text() == "new"
+
+
+def test_a_file_of_another_kind_is_not_written_over(tmp_path: Path) -> None:
+    require_suffix(tmp_path / "PAGE.HTML", ".html")
+    with pytest.raises(DrlAvError, match=r"mod\.py must end with \.html: choose another name"):
+        require_suffix(tmp_path / "mod.py", ".html")
