@@ -77,6 +77,8 @@ results: setup
 	$(call text,long_run_hazards.txt,-m verification.long_run --episodes 100 --traffic hazards --out runs/long_run_hazards.csv)
 	$(call text,sumo_approaches.txt,-m verification.approaches --scenes 3000)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[benchmark]'
+	$(call text,crash_rate.txt,-m verification.crash_rate --tests 20000)
+	$(BIN)/python -m verification.shielding --out docs/results/shielding.csv
 	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
 	$(BIN)/python tools/draw_drive.py docs/drive.gif
 	$(BIN)/python tools/refresh_tables.py

@@ -8,6 +8,7 @@ from drl_av.experiments.experiment import Experiment
 from drl_av.experiments.fast import FAST
 from drl_av.experiments.final_policies import FINAL_POLICIES
 from drl_av.experiments.opponents import OPPONENTS_SWEEP
+from drl_av.experiments.real_bounds import REAL_BOUNDS
 from drl_av.experiments.strictness import STRICT
 from drl_av.experiments.variations import (
     BARRICADE_PRETRAINED,
@@ -31,6 +32,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         EXACT_SPEED,
         BARRICADE_PRETRAINED,
         STRICT,
+        REAL_BOUNDS,
         ADAPTATION,
         BARRICADE,
     )

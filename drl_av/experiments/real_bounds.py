@@ -1,0 +1,163 @@
+"""The cost of ``strict`` with bounds of real traffic, for the shipped driver and trained ones.
+
+The bounds of real traffic: a vehicle brakes with up to 9 m/s^2, and moves sideways at up to
+2.1 m/s, the mean maximum of the data set exiD plus two standard deviations. The rest is ours.
+"""
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from drl_av.config import Config
+from drl_av.config.presets import preset
+from drl_av.drivers.policy_file import find_policy
+from drl_av.drivers.registry import default_config, find_drivers
+from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.experiments.canvas import label_axes, panels
+from drl_av.experiments.cells import Drives
+from drl_av.experiments.density_sweep import DRIVER
+from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.markdown import collisions, densities_of, markdown_table
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.plan import Plan
+from drl_av.experiments.provenance import checksum
+from drl_av.experiments.store import MadeWith
+from drl_av.experiments.strictness import speed_change, under
+from drl_av.experiments.training_jobs import TrainingJob
+from drl_av.files import Row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLUMNS = ("seed", "mean_speed_m_s", "collided", "ego_hit", "safety_triggers")
+FIRST_SEED = 920_000
+"""First traffic seed; no other table and no choice uses this block."""
+DENSITIES = (1, 5, 10, 15, 20, 25, 30, 40)
+TRAININGS, DRIVES = 3, 50
+"""The most trainings, and the most episodes of a driver at one density."""
+LABELS = {
+    (DRIVER, "strict"): "shipped driver, bounds of our traffic",
+    (DRIVER, "real"): "shipped driver, bounds of real traffic",
+    ("trained", "real"): "trained under the bounds of real traffic",
+}
+"""The curves by kind of driver and bounds."""
+
+
+def trainings(options: ReproduceOptions) -> list[TrainingJob]:
+    """Trainings with the preset ``fast`` under the real bounds, one for each seed."""
+    config = under(options.laid_over(preset("fast")), "real").updated(
+        "learning", evaluate_every=100
+    )
+    jobs = []
+    for seed in range(min(options.seeds, TRAININGS)):
+        own = config.updated("learning", seed=seed)
+        learning, folder = own.learning, options.runs / f"real_bounds-{seed}"
+        jobs.append(TrainingJob("trained", own, learning.episodes, folder, learning.evaluate_every))
+    return jobs
+
+
+def real_bounds_plan(options: ReproduceOptions) -> Plan:
+    """The plan: drive the shipped driver under each bound, and drivers trained under the real."""
+    jobs = trainings(options)
+    [shipped] = find_drivers([DRIVER])
+    config = options.laid_over(default_config([shipped]))
+    drivers: list[tuple[str, str, str, Config, TrainingJob | None]] = [
+        (DRIVER, bounds, DRIVER, under(config, bounds), None)
+        for bounds in ("paper", "strict", "real")
+    ]
+    drivers += [(job.name, "real", str(job.folder), job.config, job) for job in jobs]
+    cells = [
+        Drives(
+            own,
+            (driver,),
+            vehicles,
+            min(options.drives, DRIVES),
+            COLUMNS,
+            (("driver", name), ("bounds", bounds)),
+            job,
+            FIRST_SEED,
+        )
+        for name, bounds, driver, own, job in drivers
+        for vehicles in DENSITIES
+    ]
+    order = [(name, bounds) for name, bounds, *_ in drivers]
+
+    def place(row: Row) -> tuple[int, int, int]:
+        return order.index((row["driver"], row["bounds"])), int(row["vehicles"]), int(row["seed"])
+
+    made_with = MadeWith(
+        {DRIVER: config} | {job.name: job.config for job in jobs},
+        {DRIVER: checksum(find_policy(shipped.run))} if shipped.run else {},
+        {job.name: job.stop for job in jobs},
+    )
+    return Plan(made_with, [cells], place)
+
+
+def driven(rows: Iterable[Row], kind: str, bounds: str, vehicles: int) -> list[list[Row]]:
+    """The rows of each driver of a kind, ``pretrained`` or ``trained``, at one density."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        own = (row["driver"] == DRIVER) == (kind == DRIVER)
+        if own and row["bounds"] == bounds and int(row["vehicles"]) == vehicles:
+            found.setdefault(row["driver"], []).append(row)
+    return list(found.values())
+
+
+def cost(rows: list[Row], kind: str, bounds: str, vehicles: int) -> Mean:
+    """The change of the mean speed from the shipped driver under ``paper``, percent.
+
+    With several drivers the interval is over the drivers, otherwise over the traffic seeds.
+
+    Raises:
+        DrlAvError: the traffic seeds differ.
+    """
+    [plain] = driven(rows, DRIVER, "paper", vehicles)
+    changes = [speed_change(own, plain) for own in driven(rows, kind, bounds, vehicles)]
+    return changes[0] if len(changes) == 1 else mean_with_interval(c.value for c in changes)
+
+
+def real_bounds_table(results: Results) -> str:
+    """The table: for each driver and bounds, the change of the speed and the collisions."""
+    rows = results.rows(REAL_BOUNDS.table)
+    densities, lines = densities_of(rows), []
+    for (kind, bounds), label in LABELS.items():
+        own = [driven(rows, kind, bounds, number) for number in densities]
+        if all(own):
+            changes = [str(cost(rows, kind, bounds, number)) for number in densities]
+            hits, was_hit = collisions([row for group in own for rows_ in group for row in rows_])
+            episodes = sum(len(rows_) for group in own for rows_ in group)
+            lines.append([label, *changes, f"{hits} / {was_hit} of {episodes}"])
+    names = ("change, %, vehicles:", *map(str, densities), "ego hit / was hit")
+    return markdown_table(names, lines)
+
+
+def real_bounds_figure(rows: list[Row]) -> "Figure":
+    """The figure: change of the mean speed, and episodes with a collision, by density."""
+    figure, (left, right) = panels((11.5, 4), 1, 2)
+    densities = densities_of(rows)
+    for mark, ((kind, bounds), label) in zip("ovs", LABELS.items(), strict=True):
+        groups = [driven(rows, kind, bounds, number) for number in densities]
+        if not all(groups):
+            continue
+        changes = [cost(rows, kind, bounds, number) for number in densities]
+        values, halves = [c.value for c in changes], [c.half_width for c in changes]
+        left.errorbar(densities, values, yerr=halves, capsize=3, marker=mark, label=label)
+        episodes = [[row for own in group for row in own] for group in groups]
+        share = [100 * sum(collisions(own)) / len(own) for own in episodes]
+        right.plot(densities, share, marker=mark)
+    left.axhline(0.0, color="#999999", linewidth=1)
+    label_axes(left, "vehicles on the loop", "change of the mean speed, %")
+    right.set_ylim(bottom=0)
+    label_axes(right, "vehicles on the loop", "episodes with a collision, %")
+    figure.legend(loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+REAL_BOUNDS = Experiment(
+    name="real_bounds",
+    meaning="the speed that strict costs with the bounds of real traffic, also for drivers "
+    "trained under them",
+    row="an episode under paper, or under strict with the bounds of our or of real traffic",
+    plan=real_bounds_plan,
+    summaries={"real_bounds": real_bounds_table},
+    figures={"real_bounds": real_bounds_figure},
+)
