@@ -118,6 +118,6 @@ def test_a_scenario_that_places_its_vehicles_takes_no_other_number(place: Place)
     made = place(PlacedVehicle("ego", 1, 20.0, 20.0, 30.0), PlacedVehicle("a", 0, 9.0, 20.0, 30.0))
     assert start(made, 1)["vehicles"] == 1
     with pytest.raises(
-        ConfigError, match=r"vehicles is 2, but the scenario places exactly 1 vehicles"
+        ConfigError, match=r"vehicles is 2, but the scenario places exactly 1 vehicle:"
     ):
         start(made, 2)
