@@ -17,13 +17,17 @@ SUPPLY = 64
 """Number of entering vehicles whose parameters are drawn at once."""
 
 
-def vehicles_of_flow(start: OpenStart, traffic: TrafficConfig) -> int:
-    """Return the number of vehicles on an open road that corresponds to its inflow.
+def flow_speed(traffic: TrafficConfig) -> float:
+    """Return the speed of the traffic on an open road, m/s, for converting flow and density.
 
-    They are assumed to drive at the lowest desired speed, because vehicles follow the slowest one
-    of their lane.
+    It is the lowest desired speed, because vehicles follow the slowest one of their lane.
     """
-    per_m = start.flow_per_h / 3600 / max(traffic.desired_speed_min_m_s, 1.0)
+    return max(traffic.desired_speed_min_m_s, 1.0)
+
+
+def vehicles_of_flow(start: OpenStart, traffic: TrafficConfig) -> int:
+    """Return the number of vehicles on an open road that corresponds to its inflow."""
+    per_m = start.flow_per_h / 3600 / flow_speed(traffic)
     return round(per_m * start.span_m * len(start.lanes))
 
 
@@ -101,7 +105,7 @@ class Inflow:
     ) -> None:
         self._rng, self._traffic, self._ego = rng, traffic, ego
         self._length_m, self._lanes = length_m, start.lanes
-        speed_m_s = max(traffic.desired_speed_min_m_s, 1.0)
+        speed_m_s = flow_speed(traffic)
         self._shortest_s = (traffic.longest_m(length_m) + traffic.start_gap_m) / speed_m_s
         per_s = vehicles / start.span_m / len(start.lanes) * speed_m_s
         self._mean_s = 1 / per_s if per_s else np.inf

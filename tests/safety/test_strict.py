@@ -261,7 +261,7 @@ def test_the_body_is_over_the_line_by_a_centimetre() -> None:
 
 def test_one_behind_that_accelerates_less_than_the_ego_must_not_come_to_it_in_between() -> None:
     # the ego at 10.04 m/s covers 5.52 and 6.02 m a step; one at 10.33 m/s that accelerates with
-    # 1.5 m/s^2 covers 5.54 and 5.915 m, and comes to rest 0.62 m earlier than the ego
+    # 1.5 m/s^2 covers 5.54 and 5.915 m, and stops 0.62 m before the place where the ego stops
     strict = replace(CONFIG.strict, acceleration_m_s2=1.5)
     motion = 10.04, 2.0, CONFIG.ego, CONFIG.simulation
     covered_m = [*covered(*motion), reach(*motion)]

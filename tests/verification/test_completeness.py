@@ -1,7 +1,7 @@
 """Safe actions that the check refuses, as against unsafe ones.
 
 At 20 m/s maintain reaches 65 m, and one ahead at 20 m/s that brakes rolls 45 m: at a gap of more
-than 20 m the ego comes to rest behind it, of which the check keeps 0.5 m.
+than 20 m the ego stops behind it, and the check keeps 0.5 m of that distance.
 """
 
 import numpy as np
