@@ -143,10 +143,10 @@ def real_bounds_figure(rows: list[Row]) -> "Figure":
         left.errorbar(densities, values, yerr=halves, capsize=3, marker=mark, label=label)
         episodes = [[row for own in group for row in own] for group in groups]
         share = [100 * sum(collisions(own)) / len(own) for own in episodes]
-        right.plot(densities, share, marker=mark)
+        right.plot(densities, share, marker=mark, clip_on=False)
     left.axhline(0.0, color="#999999", linewidth=1)
     label_axes(left, "vehicles on the loop", "change of the mean speed, %")
-    right.set_ylim(bottom=0)
+    right.set_ylim(0.0, max(5.0, right.get_ylim()[1]))
     label_axes(right, "vehicles on the loop", "episodes with a collision, %")
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
     return figure
