@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import ObservationConfig
-from drl_av.traffic.road import Barrier, FloatArray, Road
+from drl_av.traffic.road import NO_CHANGE, Barrier, FloatArray, MandatoryChange, Road
 from drl_av.traffic.snapshot import EGO, Snapshot
 
 SLOTS = ("own_front", "own_rear", "right_front", "right_rear", "left_front", "left_rear")
@@ -65,6 +65,9 @@ class Affordances(NamedTuple):
     """Length of the loop; 0 for a road of unlimited length."""
     barriers: tuple[Barrier, ...] = ()
     """The barriers ahead of the ego; their ``s_m`` is the distance from the ego's front bumper."""
+    mandatory: MandatoryChange = NO_CHANGE
+    """The lane changes that the ego's way demands, and the distance from its front bumper within
+    which they must be complete."""
 
     def front(self, sign: int) -> Neighbor | None:
         """Return the vehicle ahead in the ego's own (0), left (+1) or right (-1) lane, or None."""
@@ -180,6 +183,7 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
         ego_lateral_speed_m_s=lateral[EGO],
         circumference_m=road.lap_m if road.is_loop else 0.0,
         barriers=_ahead(road, front_m) if partial else (),
+        mandatory=road.mandatory_change(lane, front_m) if partial else NO_CHANGE,
     )
 
 

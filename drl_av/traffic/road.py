@@ -47,6 +47,18 @@ class Barrier(NamedTuple):
     """The lateral positions of its two ends; they are equal if only a lane marking is blocked."""
 
 
+class MandatoryChange(NamedTuple):
+    """The lane changes without which the ego cannot stay on its way."""
+
+    lanes: int
+    """The number of lane changes to the left, or if negative to the right; 0 if none is needed."""
+    within_m: float
+    """Distance along the road within which they must be complete, metres; inf if none is needed."""
+
+
+NO_CHANGE = MandatoryChange(0, math.inf)
+
+
 @dataclass(frozen=True)
 class Road:
     """Parallel lanes, closed to a loop or open; lane 0 is the rightmost.
@@ -65,6 +77,8 @@ class Road:
     """The position at which the ego's way along an open road ends; inf on a loop."""
     partial_lanes: tuple[PartialLane, ...] = ()
     """The lanes that do not extend along the whole road."""
+    exit_m: float = math.inf
+    """The position up to which a vehicle can enter the ego's exit, lane 0; inf without an exit."""
 
     @cached_property
     def is_loop(self) -> bool:
@@ -101,6 +115,18 @@ class Road:
         """Return the position where the lane at position ``s_m`` ends; inf if it does not end."""
         part = self._part(lane, s_m)
         return math.inf if part is None else part.end_m
+
+    def mandatory_change(self, lane: int, s_m: float) -> MandatoryChange:
+        """Return the lane changes that the ego must make from ``lane`` at the position ``s_m``.
+
+        It leaves a lane that ends before the ego's way does, and reaches lane 0 before its exit.
+        """
+        end_m = self.lane_end_m(lane, s_m)
+        if end_m < min(self.end_m, self.exit_m):
+            return MandatoryChange(1, end_m - s_m)
+        if lane > 0 and s_m < self.exit_m < math.inf:
+            return MandatoryChange(-lane, self.exit_m - s_m)
+        return NO_CHANGE
 
     def _part(self, lane: int, s_m: float) -> PartialLane | None:
         """Return the partial lane with this index at the position ``s_m``, or None."""

@@ -1,5 +1,6 @@
 """The end of a lane in the indicators: a vehicle that stands there."""
 
+import numpy as np
 import pytest
 from worlds import CENTER, EXIT, LANE_M, MERGE, RIGHT, Car, scene
 
@@ -44,3 +45,11 @@ def test_what_lies_behind_is_no_barrier_and_the_gore_is_no_vehicle() -> None:
     found = scene(s_m=1000.0, y_m=RIGHT, road=EXIT).affordances
     assert found.own_front is None
     assert [barrier.s_m for barrier in found.barriers] == [147.5]
+
+
+def test_the_mandatory_change_is_counted_from_the_front_bumper() -> None:
+    # the front of the 5 m ego is at 600 m, the lane ends at 800 m
+    found = scene(s_m=597.5, y_m=RIGHT, road=MERGE).affordances
+    assert found.mandatory == (1, 200.0)
+    assert scene(s_m=597.5, y_m=LANE_M, road=MERGE).affordances.mandatory == (0, np.inf)
+    assert scene(y_m=RIGHT).affordances.mandatory == (0, np.inf)

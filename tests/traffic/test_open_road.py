@@ -1,12 +1,15 @@
 """Lanes that begin and end on an open road, and what stands at their ends."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from worlds import EXIT, MERGE, ROAD
 
 from drl_av.traffic.road import Barrier, Road
+
+LEAVE = replace(EXIT, exit_m=1150.0)
 
 
 def test_distances_on_an_open_road_go_along_it_and_never_round() -> None:
@@ -87,3 +90,30 @@ def test_a_body_is_held_by_lanes_that_exist_and_are_joined_there(
     road: Road, s_m: float, y_m: float, holds: bool
 ) -> None:
     assert road.holds(y_m, 1.8, s_m) is holds
+
+
+@pytest.mark.parametrize(
+    ("road", "lane", "s_m", "lanes", "within_m"),
+    [
+        (MERGE, 0, 500.0, 1, 300.0),  # the ramp ends at 800 m
+        (MERGE, 1, 500.0, 0, math.inf),
+        (LEAVE, 3, 100.0, -3, 1050.0),  # the exit can be entered up to 1,150 m
+        (LEAVE, 1, 1149.0, -1, 1.0),
+        (LEAVE, 0, 1149.0, 0, math.inf),  # on the exit
+        (LEAVE, 1, 1150.0, 0, math.inf),  # it has missed the exit
+        (EXIT, 3, 100.0, 0, math.inf),  # an exit that is not on its way
+        (ROAD, 2, 100.0, 0, math.inf),
+    ],
+)
+def test_the_way_demands_lane_changes_before_a_lane_ends_and_before_the_exit(
+    road: Road, lane: int, s_m: float, lanes: int, within_m: float
+) -> None:
+    assert road.mandatory_change(lane, s_m) == (lanes, within_m)
+
+
+def test_the_way_from_ramp_to_ramp_demands_a_change_to_the_left_and_back() -> None:
+    ramp, off_ramp = MERGE.partial_lanes[0], EXIT.partial_lanes[0]
+    road = replace(MERGE, partial_lanes=(ramp, off_ramp), exit_m=1150.0)
+    assert road.mandatory_change(0, 500.0) == (1, 300.0)
+    assert road.mandatory_change(2, 500.0) == (-2, 650.0)
+    assert road.mandatory_change(0, 1000.0) == (0, math.inf)
