@@ -26,7 +26,7 @@ from drl_av.errors import CheckpointError, ConfigError, ScenarioError, Simulatio
 from drl_av.learning.assembly import make_training
 from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
-from drl_av.traffic import description
+from drl_av.traffic import description_file
 from drl_av.traffic.scenario import (
     PlacedVehicle,
     ScenarioDescription,
@@ -280,11 +280,11 @@ def test_a_scenario_folder_is_itself_or_one_sentence(
 @example(text=b"lanes = " + b"9" * 9_000)
 def test_a_description_written_by_hand_is_a_road_or_one_sentence(text: bytes) -> None:
     try:
-        found = description.from_toml(text.decode(errors="replace"))
+        found = description_file.from_toml(text.decode(errors="replace"))
     except ScenarioError as error:
         sentence(error)
     else:
-        assert description.from_toml(found.to_toml()) == found
+        assert description_file.from_toml(found.to_toml()) == found
 
 
 def test_a_scenario_that_only_sumo_finds_wrong_is_one_sentence(tmp_path: Path) -> None:

@@ -86,7 +86,7 @@ def _base(source: Path | None, kind: str | None) -> Any:
     Raises:
         ScenarioError: there is no such kind, or the file has another kind or cannot be used.
     """
-    from drl_av.traffic.description import unknown_kind
+    from drl_av.traffic.description_file import unknown_kind
     from drl_av.traffic.scenario import read_description
 
     if kind is not None and kind not in KINDS:

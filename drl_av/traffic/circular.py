@@ -3,10 +3,17 @@
 import math
 import xml.etree.ElementTree as ET
 
-from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
+from drl_av.traffic.description import PlacedVehicle, ScenarioDescription, longest_m
 from drl_av.traffic.kind import Layout, ScenarioKind
 from drl_av.traffic.loop import read_loop
-from drl_av.traffic.network import DEMO_END_S, EDGES, edge_lengths_m, network_text, point
+from drl_av.traffic.network import (
+    DEMO_END_S,
+    EDGES,
+    edge_lengths_m,
+    network_text,
+    point,
+    vehicle_element,
+)
 from drl_av.traffic.road import Road
 
 BARRICADES_FILE = "barricades.add.xml"
@@ -77,8 +84,9 @@ def demo_vehicles(description: ScenarioDescription) -> tuple[PlacedVehicle, ...]
     lanes = [lane for lane, is_open in enumerate(description.open_lanes) if is_open]
     rows = min(
         math.ceil(DEMO_VEHICLES / len(lanes)),
-        math.floor(
-            description.circumference_m / max(DEMO_PITCH_M, 6 * description.vehicle_length_m)
+        max(
+            1,
+            math.floor(description.circumference_m / max(DEMO_PITCH_M, 6 * longest_m(description))),
         ),
     )
     pitch_m = description.circumference_m / rows
@@ -102,19 +110,14 @@ def _traffic(description: ScenarioDescription) -> ET.Element:
     ET.SubElement(root, "route", id="loop", edges=edges, repeat=str(laps))
     for vehicle in demo_vehicles(description):
         edge, position_m = _edge_and_position(description, vehicle.position_m)
-        ET.SubElement(
+        vehicle_element(
             root,
-            "vehicle",
-            id=vehicle.id,
-            type="ego" if vehicle.id == "ego" else "traffic",
+            vehicle,
+            description.speed_limit_m_s,
             route="loop",
-            depart="0",
             departEdge=str(edge),
             departLane=str(vehicle.lane),
             departPos=f"{position_m:.2f}",
-            departSpeed=f"{vehicle.speed_m_s:.2f}",
-            speedFactor=f"{vehicle.desired_speed_m_s / description.speed_limit_m_s:.4f}",
-            insertionChecks="none",
         )
     return root
 

@@ -2,16 +2,13 @@
 
 import math
 import re
-import tomllib
-from collections.abc import Iterable, Mapping
-from dataclasses import MISSING, asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from functools import partial
-from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any
 
 import tomli_w
 
-from drl_av.config.schema import did_you_mean, setting
+from drl_av.config.schema import setting
 from drl_av.errors import ScenarioError
 from drl_av.traffic.own_types import OwnVehicleType, check_own_types
 
@@ -48,7 +45,10 @@ class PlacedVehicle:
     position_m: float
     """Position of the front bumper along the road."""
     speed_m_s: float
+    """Speed at the start: at most the scenario's speed limit, for the ego also at most
+    ``ego.max_speed_m_s``. In plain SUMO a vehicle starts at most at its desired speed."""
     desired_speed_m_s: float
+    """Speed on a free road, from 0.1 to 100 m/s; the ego's matters in plain SUMO only."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.id, str) or not VEHICLE_NAME.fullmatch(self.id):
@@ -84,7 +84,6 @@ class ScenarioDescription:
 
     def __post_init__(self) -> None:
         check_sizes(self)
-        check_own_types(self)
         self._check_radius()
         self._check_barricades()
         self._check_vehicles()
@@ -96,8 +95,7 @@ class ScenarioDescription:
 
     def to_toml(self) -> str:
         """Return the description as TOML text; ``from_toml`` reads an equal description from it."""
-        values = asdict(self)
-        return tomli_w.dumps({key: values[key] for key in values if key != TYPES or values[key]})
+        return toml_text(self)
 
     def _check_radius(self) -> None:
         """Raise ScenarioError if the loop is too short for its lanes."""
@@ -148,12 +146,24 @@ class ScenarioDescription:
             checked.append(vehicle)
 
 
+def toml_text(description: Any) -> str:
+    """Return a description as TOML text, without its kind, and without own types if it has none."""
+    values = asdict(description)
+    return tomli_w.dumps({key: values[key] for key in values if key != TYPES or values[key]})
+
+
+def longest_m(description: Any) -> float:
+    """Return the length of the longest vehicle of a description, metres."""
+    types: tuple[OwnVehicleType, ...] = description.vehicle_types
+    return float(max([description.vehicle_length_m, *(each.length_m for each in types)]))
+
+
 def check_sizes(description: Any) -> None:
     """Check the numeric fields of a description, and convert each of them to int or float.
 
     Raises:
-        ScenarioError: a number has a wrong type or is out of bounds, or a vehicle is wider than a
-            lane.
+        ScenarioError: a number has a wrong type or is out of bounds, a vehicle is wider than a
+            lane, or the own vehicle types do not fit each other.
     """
     _check_numbers(description, "The scenario's ")
     if description.vehicle_width_m > description.lane_width_m:
@@ -161,6 +171,7 @@ def check_sizes(description: Any) -> None:
             f"The scenario's vehicle_width_m is {description.vehicle_width_m:g}, but must be at "
             f"most lane_width_m, {description.lane_width_m:g}."
         )
+    check_own_types(description)
 
 
 def check_speed(vehicle: PlacedVehicle, speed_limit_m_s: float) -> None:
@@ -184,93 +195,6 @@ def check_pair(vehicle: PlacedVehicle, other: PlacedVehicle, apart_m: float, lon
             f"Vehicles {other.id!r} and {vehicle.id!r} overlap on lane {vehicle.lane}: place "
             f"them at least {long_m:g} m apart, front bumper to front bumper."
         )
-
-
-def from_toml(
-    text: str,
-    name: str = "scenario.toml",
-    kinds: Mapping[str, type[Any]] = MappingProxyType({"loop": ScenarioDescription}),
-) -> Any:
-    """Return the description of a scenario, read from TOML text; missing keys have their defaults.
-
-    Args:
-        text: The TOML text; its key ``kind`` selects the class of the description.
-        name: The name of the file, with which each error message begins.
-        kinds: The class of the description for each kind of scenario.
-
-    Raises:
-        ScenarioError: the text is not valid TOML, the kind or a key is unknown, a key of a placed
-            vehicle is missing, or a value has a wrong type or is out of bounds.
-    """
-    try:
-        values = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ScenarioError(f"{name} is not valid TOML: {error}.") from error
-    try:
-        kind = values.pop("kind", "loop")
-        if kind not in kinds:
-            raise unknown_kind(kind, kinds)
-        if isinstance(values.get("barricaded_lanes"), list):
-            values["barricaded_lanes"] = tuple(values["barricaded_lanes"])
-        for key, (made, what) in TABLES.items():
-            if key in values:
-                values[key] = _from_tables(values[key], key, made, what)
-        return _build(kinds[kind], values, "a scenario")
-    except ScenarioError as error:
-        raise ScenarioError(f"{name}: {error}") from error
-
-
-TABLES: dict[str, tuple[type[Any], str]] = {
-    "vehicles": (PlacedVehicle, "a placed vehicle"),
-    TYPES: (OwnVehicleType, "a vehicle type"),
-}
-"""The keys that hold tables, the class of each table, and what it is."""
-
-
-def unknown_kind(kind: object, kinds: Iterable[str]) -> ScenarioError:
-    """Return the error for a kind of scenario that does not exist."""
-    names = list(kinds)
-    return ScenarioError(
-        f"There is no kind of scenario {kind!r}{did_you_mean(kind, names)}; the kinds are: "
-        f"{', '.join(names)}."
-    )
-
-
-Described = TypeVar("Described")
-
-
-def _from_tables(tables: Any, key: str, made: type[Described], what: str) -> tuple[Described, ...]:
-    """Convert the tables ``[[key]]`` to objects of the class ``made``.
-
-    Raises:
-        ScenarioError: they are no tables, or a key or value of one is wrong.
-    """
-    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise ScenarioError(f"The {key} must be tables, each written under [[{key}]].")
-    return tuple(_build(made, table, what) for table in tables)
-
-
-def _build(kind: type[Described], values: Mapping[str, Any], what: str) -> Described:
-    """Create an object of the class ``kind`` from TOML values; ``what`` names it in errors.
-
-    Raises:
-        ScenarioError: a key is unknown or missing, or a value is wrong.
-    """
-    known = [field.name for field in fields(kind)]  # type: ignore[arg-type]
-    for key in values:
-        if key not in known:
-            hint = did_you_mean(key, known)
-            raise ScenarioError(
-                f"There is no key {key!r}{hint} in {what}; its keys are: {', '.join(known)}."
-            )
-    missing = [
-        item.name
-        for item in fields(kind)  # type: ignore[arg-type]
-        if item.default is MISSING and item.name not in values
-    ]
-    if missing:
-        raise ScenarioError(f"The key {missing[0]!r} is missing in {what}: add it.")
-    return kind(**values)
 
 
 def _check_numbers(described: Any, prefix: str) -> None:

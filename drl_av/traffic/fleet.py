@@ -1,6 +1,7 @@
 """The vehicles of an episode: those at the start, and those that enter and leave an open road."""
 
 from collections.abc import Iterator, Sequence
+from itertools import islice
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ from drl_av.traffic.inflow import (
     open_capacity,
     vehicles_of_flow,
 )
-from drl_av.traffic.own_types import draw_types, own_types
+from drl_av.traffic.own_types import draw_types
 from drl_av.traffic.population import (
     Population,
     capacity,
@@ -93,6 +94,7 @@ class Fleet:
         rng, description = np.random.default_rng(seed), self.scenario.description
         config, length_m, start = self._config, description.vehicle_length_m, self._start
         self._inflow = None
+        self._types = draw_types(seed, description.vehicle_types)
         if description.vehicles:
             self._describe(placed_population(description.vehicles, config.traffic))
         elif start is None:
@@ -110,10 +112,7 @@ class Fleet:
             if self._inflow is None
             else self._random_lane_changes(rng, rate)
         )
-        n = len(self.population.ids)
-        self.kinds = draw_kinds(seed, n, config.traffic)
-        if types := own_types(description):
-            self._describe(self.population, draw_types(seed, n, types))
+        self.kinds = draw_kinds(seed, len(self.population.ids), config.traffic)
 
     def _random_lane_changes(
         self, rng: np.random.Generator, chance: float
@@ -158,7 +157,8 @@ class Fleet:
         if entering is None and len(kept) == len(rows):
             return None
         population = self.population if len(kept) == len(rows) else self.population.rows(kept)
-        self._describe(population if entering is None else population.joined(entering))
+        known = [self.type_ids[row] for row in kept]
+        self._describe(population if entering is None else population.joined(entering), known)
         self.kinds = np.zeros(len(self.population.ids), dtype=np.intp)
         return 0 if entering is None else len(entering.ids)
 
@@ -182,11 +182,14 @@ class Fleet:
                     last[lane] = Last(float(rear_m), speed_m_s[row])
         return last
 
-    def _describe(self, population: Population, type_ids: Sequence[str] = ()) -> None:
-        """Set the population, and the vehicle type, the length and the width of each vehicle."""
+    def _describe(self, population: Population, known: Sequence[str] = ()) -> None:
+        """Set the population, and the vehicle type, the length and the width of each vehicle.
+
+        ``known`` holds the types of the first vehicles; those of the others are drawn.
+        """
         self.population = population
         types, traffic = self.scenario.vehicle_types.by_id, self._config.traffic
-        self.type_ids = type_ids or ("ego", *["traffic"] * (len(population.ids) - 1))
+        self.type_ids = (*known, *islice(self._types, len(population.ids) - len(known)))
         sizes = [types[name] for name in self.type_ids]
         self.length_m = np.array([kind.length_m for kind in sizes])
         self.width_m = np.array([kind.width_m for kind in sizes])

@@ -24,6 +24,31 @@ class OpenStart(NamedTuple):
     """Speed of the ego at the start; None is a safe speed behind the vehicle ahead."""
 
 
+class Edge(NamedTuple):
+    """A part of an open road that has the same lanes from its beginning to its end."""
+
+    id: str
+    begin_m: float
+    end_m: float
+    lanes: range
+    """Indices of its lanes on the road, rightmost first."""
+    drawn_aside_m: tuple[float, float] = (0.0, 0.0)
+    """Distance to the right at which its beginning and its end are drawn in sumo-gui."""
+
+
+class OpenPlan(NamedTuple):
+    """An open road: its edges and routes in SUMO, and the same road as the simulation needs it.
+
+    Each lane continues in the lane of the same index on every edge that begins where its edge ends.
+    The last route is that of the ego in the demo traffic.
+    """
+
+    edges: tuple[Edge, ...]
+    routes: dict[str, tuple[str, ...]]
+    road: Road
+    start: OpenStart
+
+
 class Layout(NamedTuple):
     """The road of a scenario, as the simulation needs it and as SUMO describes it."""
 

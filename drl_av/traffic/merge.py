@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from drl_av.config.schema import setting
+from drl_av.traffic.description import longest_m
 from drl_av.traffic.kind import OpenStart
 from drl_av.traffic.open_road import (
     BEYOND_M,
@@ -47,7 +48,7 @@ class MergeDescription(OpenDescription):
         """Return the road: a highway before, beside and after its acceleration lane, and a ramp."""
         lane_end_m = GORE_M + self.acceleration_lane_m
         end_m, front_m = lane_end_m + self.after_m, GORE_M - self.ramp_m
-        begin_m = front_m - self.vehicle_length_m
+        begin_m = front_m - longest_m(self)
         through = range(1, self.lanes + 1)
         ramp = PartialLane(0, begin_m, lane_end_m, GORE_M, lane_end_m)
         road = Road(OPEN_LAP_M, self.lane_width_m, (True,) * (self.lanes + 1), end_m, (ramp,))

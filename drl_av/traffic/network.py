@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drl_av.errors import ScenarioError, SimulationError
 from drl_av.traffic.connection import missing_library, program
-from drl_av.traffic.description import ScenarioDescription
+from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
 
 DEMO_END_S = 3600
 """Time at which the demo traffic ends."""
@@ -44,6 +44,31 @@ def xml_text(root: ET.Element) -> str:
     """Return an element as an indented XML document; the text is the same on every machine."""
     ET.indent(root, "    ")
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, "unicode") + "\n"
+
+
+def vehicle_element(
+    root: ET.Element, vehicle: PlacedVehicle, speed_limit_m_s: float, **place: str
+) -> None:
+    """Add a vehicle to the root element of a route file; ``place`` holds the attributes of where.
+
+    SUMO alone refuses a vehicle that departs faster than it wants to drive, so that in the demo
+    traffic such a vehicle departs at its desired speed.
+    """
+    departs_m_s = min(vehicle.speed_m_s, vehicle.desired_speed_m_s)
+    ET.SubElement(
+        root,
+        "vehicle",
+        {
+            "id": vehicle.id,
+            "type": "ego" if vehicle.id == "ego" else "traffic",
+            "route": place.pop("route"),
+            "depart": "0",
+            **place,
+            "departSpeed": f"{departs_m_s:.2f}",
+            "speedFactor": f"{vehicle.desired_speed_m_s / speed_limit_m_s:.4f}",
+            "insertionChecks": "none",
+        },
+    )
 
 
 def network_text(description: ScenarioDescription) -> str:

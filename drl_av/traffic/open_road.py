@@ -2,10 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from abc import ABC, abstractmethod
-from dataclasses import asdict, dataclass
-from typing import NamedTuple
-
-import tomli_w
+from dataclasses import dataclass
 
 from drl_av.config.schema import setting
 from drl_av.errors import ScenarioError
@@ -19,43 +16,19 @@ from drl_av.traffic.description import (
     check_pair,
     check_sizes,
     check_speed,
+    toml_text,
 )
-from drl_av.traffic.kind import Layout, OpenStart, ScenarioKind
-from drl_av.traffic.network import DEMO_END_S, PRECISION, netconvert, xml_text
-from drl_av.traffic.road import Road
+from drl_av.traffic.kind import Edge, Layout, OpenPlan, ScenarioKind
+from drl_av.traffic.network import PRECISION, netconvert, xml_text
+from drl_av.traffic.open_demo import traffic
+from drl_av.traffic.own_types import OwnVehicleType
 
 BEYOND_M = 250.0
 """Length of road with other vehicles beyond the end of the ego's way; it is the ego's range."""
 RUN_OUT_M = 500.0
 """Length of SUMO's road beyond that end. Vehicles leave the fleet before they reach SUMO's end."""
-DEMO_EGO_DEPARTS_S = 60
 TOLERANCE = 1e-6
 __all__ = ["BEYOND_M", "Edge", "OpenDescription", "OpenPlan", "open_kind", "xml_text"]
-
-
-class Edge(NamedTuple):
-    """A part of an open road that has the same lanes from its beginning to its end."""
-
-    id: str
-    begin_m: float
-    end_m: float
-    lanes: range
-    """Indices of its lanes on the road, rightmost first."""
-    drawn_aside_m: tuple[float, float] = (0.0, 0.0)
-    """Distance to the right at which its beginning and its end are drawn in sumo-gui."""
-
-
-class OpenPlan(NamedTuple):
-    """An open road: its edges and routes in SUMO, and the same road as the simulation needs it.
-
-    Each lane continues in the lane of the same index on every edge that begins where its edge ends.
-    The last route is that of the ego in the demo traffic.
-    """
-
-    edges: tuple[Edge, ...]
-    routes: dict[str, tuple[str, ...]]
-    road: Road
-    start: OpenStart
 
 
 @dataclass(frozen=True)
@@ -63,8 +36,8 @@ class OpenDescription(ABC):
     """The settings that all open roads have; a subclass adds its own settings and the plan.
 
     Raises:
-        ScenarioError: a value has a wrong type or is out of bounds, or a placed vehicle is not on
-            the road, too fast, or overlaps another one.
+        ScenarioError: a value has a wrong type or is out of bounds, own vehicle types do not fit
+            each other, or a placed vehicle is not on the road, too fast, or overlaps another one.
     """
 
     lanes: int = LANES()
@@ -76,6 +49,8 @@ class OpenDescription(ABC):
         1000.0, "ours", "inflow of each lane of the highway, vehicles per hour", low=0, high=2400
     )
     vehicles: tuple[PlacedVehicle, ...] = ()
+    vehicle_types: tuple[OwnVehicleType, ...] = ()
+    """Types of vehicles that are drawn by their shares; the rest has the size above."""
 
     def __post_init__(self) -> None:
         check_sizes(self)
@@ -99,7 +74,7 @@ class OpenDescription(ABC):
 
     def to_toml(self) -> str:
         """Return the description as TOML text, without its kind."""
-        return tomli_w.dumps(asdict(self))
+        return toml_text(self)
 
 
 def open_kind(meaning: str, description: type[OpenDescription]) -> ScenarioKind:
@@ -227,37 +202,3 @@ def _difference(
             if not abs(number - value) <= TOLERANCE:
                 return f"has {attribute} {lane.get(attribute)} on lane {lane_id!r}, not {value:g}"
     return None
-
-
-def traffic(description: OpenDescription) -> ET.Element:
-    """Return SUMO's route file with the demo traffic: an inflow in each lane, and later the ego."""
-    plan = description.plan()
-    root = ET.Element("routes")
-    for name, edges in plan.routes.items():
-        ET.SubElement(root, "route", id=name, edges=" ".join(edges))
-    first, *_, last = [*plan.routes, *plan.routes]
-    entry = next(edge for edge in plan.edges if edge.id == plan.routes[first][0])
-    for lane in plan.start.lanes if description.flow_per_h else ():
-        ET.SubElement(
-            root,
-            "flow",
-            id=f"flow{lane}",
-            type="traffic",
-            route=first,
-            begin="0",
-            end=str(DEMO_END_S),
-            vehsPerHour=repr(description.flow_per_h),
-            departLane=str(lane - entry.lanes[0]),
-            departSpeed="max",
-        )
-    ET.SubElement(
-        root,
-        "vehicle",
-        id="ego",
-        type="ego",
-        route=last,
-        depart=str(DEMO_EGO_DEPARTS_S),
-        departLane="0",
-        departSpeed=repr(min(plan.start.ego_speed_m_s or 20.0, description.speed_limit_m_s)),
-    )
-    return root

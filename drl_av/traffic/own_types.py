@@ -1,6 +1,6 @@
-"""Vehicle types of the user's own among the traffic of a loop, each with its share (ours)."""
+"""Vehicle types of the user's own among the traffic, each with its share (ours)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,7 +70,7 @@ class OwnVehicleType:
 
 
 def check_own_types(description: Any) -> None:
-    """Raise ScenarioError if the own vehicle types of a loop do not fit each other or the loop."""
+    """Raise ScenarioError if the own vehicle types do not fit each other or the scenario."""
     own = description.vehicle_types
     names = [each.id for each in own]
     for each in own:
@@ -93,18 +93,16 @@ def check_own_types(description: Any) -> None:
         )
 
 
-def own_types(description: Any) -> tuple[OwnVehicleType, ...]:
-    """Return the own vehicle types of a scenario; an open road has none."""
-    found: tuple[OwnVehicleType, ...] = getattr(description, "vehicle_types", ())
-    return found
+def draw_types(seed: int, own: Sequence[OwnVehicleType]) -> Iterator[str]:
+    """Yield the type of each vehicle of an episode, drawn by the shares; the first is the ego.
 
-
-def draw_types(seed: int, n: int, own: Sequence[OwnVehicleType]) -> tuple[str, ...]:
-    """Return the type of each of ``n`` vehicles, drawn by the shares; the first is the ego.
-
-    They have a random stream of their own, so the shares do not change other parameters.
+    The vehicles of the start come first, then those that enter an open road later. The types have a
+    random stream of their own, so the shares do not change other parameters.
     """
     limits = np.cumsum([each.share for each in own])
-    drawn = np.searchsorted(limits, np.random.default_rng([seed, 4]).random(n), side="right")
     names = [*(each.id for each in own), "traffic"]
-    return ("ego", *(names[index] for index in drawn[1:]))
+    rng = np.random.default_rng([seed, 4])
+    rng.random()
+    yield "ego"
+    while True:
+        yield names[np.searchsorted(limits, rng.random(), side="right")] if own else "traffic"

@@ -66,7 +66,10 @@ class Population:
 
 
 def require_speed_limit(config: Config, description: ScenarioDescription) -> None:
-    """Raise ConfigError if a setting permits a speed above the road's speed limit."""
+    """Raise ConfigError if a setting permits a speed above the road's speed limit.
+
+    Also if the scenario places the ego at a speed above its own maximum.
+    """
     fastest = {"ego.max_speed_m_s": config.ego.max_speed_m_s}
     if not description.vehicles:
         fastest["traffic.desired_speed_max_m_s"] = config.traffic.desired_speed_max_m_s
@@ -80,6 +83,13 @@ def require_speed_limit(config: Config, description: ScenarioDescription) -> Non
                 f"{name} is {speed:g}, but the scenario's speed_limit_m_s is "
                 f"{description.speed_limit_m_s:g}: lower the setting, or write a scenario with a "
                 "higher limit."
+            )
+    for vehicle in description.vehicles:
+        if vehicle.id == EGO_ID and vehicle.speed_m_s > config.ego.max_speed_m_s:
+            raise ConfigError(
+                f"The scenario places the ego at {vehicle.speed_m_s:g} m/s, but it must not be "
+                f"faster than ego.max_speed_m_s, {config.ego.max_speed_m_s:g}: place it slower, or "
+                "raise the setting."
             )
 
 

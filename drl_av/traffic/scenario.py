@@ -8,10 +8,10 @@ from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
 from drl_av.files import replacing
 from drl_av.traffic import scenario_files
-from drl_av.traffic.description import PlacedVehicle, ScenarioDescription, from_toml
+from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
+from drl_av.traffic.description_file import from_toml
 from drl_av.traffic.kind import Layout
 from drl_av.traffic.kinds import KINDS, kind_of
-from drl_av.traffic.own_types import own_types
 from drl_av.traffic.road import Road
 from drl_av.traffic.scenario_xml import (
     ADDITIONAL,
@@ -118,7 +118,7 @@ def load_scenario(folder: str | Path) -> Scenario:
     additional = [folder / name for name in scenario_files.additional_files(description)]
     types_file, *others = additional
     types = read_xml(types_file, ADDITIONAL, WRITE_AGAIN).iter("vType")
-    own = [each.id for each in own_types(description)]
+    own = [each.id for each in description.vehicle_types]
     vehicle_types = read_types([element.attrib for element in types], str(types_file), own)
     description = _with_sizes(description, vehicle_types, str(types_file))
     for path in others:

@@ -2,14 +2,14 @@
 
 import hashlib
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from drl_av.config import TrafficConfig
 from drl_av.traffic.circular import BARRICADES_FILE
 from drl_av.traffic.kinds import kind_of, stated_kind
 from drl_av.traffic.network import DEMO_END_S, xml_text
-from drl_av.traffic.own_types import own_types
+from drl_av.traffic.own_types import OwnVehicleType
 from drl_av.traffic.vehicle_types import VEHICLE, type_attributes
 
 DESCRIPTION_FILE = "scenario.toml"
@@ -72,22 +72,46 @@ def _commented(text: str, comment: str) -> str:
 def _demo(root: ET.Element, description: Any) -> ET.Element:
     """Return the demo traffic with the mean parameters of the environment's default traffic.
 
-    The environment sets them for each vehicle; SUMO alone reads them from the vehicle type "demo".
+    The environment sets them for each vehicle; SUMO alone reads them from the vehicle type "demo",
+    or from the distribution "demo.mix" if the scenario has types of its own. Above 40 m/s the ego
+    has the type "demo.ego", because the type "ego" is not faster. No own type has a name with a
+    dot.
     """
     size = description.vehicle_length_m, description.vehicle_width_m
     traffic = TrafficConfig()
-    own = {
+    fast = {"maxSpeed": repr(max(TOP_SPEED_M_S, description.speed_limit_m_s))}
+    demo = fast | {
         "id": "demo",
-        "maxSpeed": repr(max(TOP_SPEED_M_S, description.speed_limit_m_s)),
         "tau": _mean(traffic.headway_min_s, traffic.headway_max_s),
         "accel": _mean(traffic.acceleration_min_m_s2, traffic.acceleration_max_m_s2),
         "lcSpeedGain": _mean(traffic.speed_gain_min, traffic.speed_gain_max),
     }
+    others, ego = type_attributes(*size)
+    types = [_demo_types(others | demo, description.vehicle_types)]
+    names = {"traffic": types[0].attrib["id"]}
+    if description.speed_limit_m_s > TOP_SPEED_M_S:
+        names["ego"] = "demo.ego"
+        types.append(ET.Element("vType", ego | fast | {"id": names["ego"]}))
     for element in root:
-        if element.get("type") == "traffic":
-            element.set("type", "demo")
-    root.insert(0, ET.Element("vType", type_attributes(*size)[0] | own))
+        if "type" in element.attrib:
+            element.set("type", names.get(element.attrib["type"], element.attrib["type"]))
+    for place, element in enumerate(types):
+        root.insert(place, element)
     return root
+
+
+def _demo_types(demo: dict[str, str], own: Sequence[OwnVehicleType]) -> ET.Element:
+    """Return the type "demo" with these attributes, or a distribution of types by their shares."""
+    if not own:
+        return ET.Element("vType", demo)
+    mix = ET.Element("vTypeDistribution", id="demo.mix")
+    shares = {each.id: each.share for each in own}
+    shares = {"traffic": max(1 - sum(shares.values()), 0.0)} | shares
+    for attributes in (demo | {"id": "traffic"}, *(each.attributes(demo) for each in own)):
+        name = attributes["id"]
+        given = {"id": f"demo.{name}", "probability": f"{shares[name]:.6g}"}
+        ET.SubElement(mix, "vType", attributes | given)
+    return mix
 
 
 def _mean(low: float, high: float) -> str:
@@ -111,7 +135,7 @@ def _vehicle_types(description: Any) -> ET.Element:
     root = ET.Element("additional")
     size = description.vehicle_length_m, description.vehicle_width_m
     types = type_attributes(*size)
-    for attributes in (*types, *(own.attributes(types[0]) for own in own_types(description))):
+    for attributes in (*types, *(own.attributes(types[0]) for own in description.vehicle_types)):
         ET.SubElement(root, "vType", attributes)
     return root
 

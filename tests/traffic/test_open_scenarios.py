@@ -84,6 +84,29 @@ def test_plain_sumo_opens_an_open_road_and_its_vehicles_drive_through(
     assert len(left) > 100
 
 
+def test_vehicles_placed_on_an_open_road_are_its_demo_traffic_in_plain_sumo(tmp_path: Path) -> None:
+    placed = (
+        PlacedVehicle("ego", 0, 420.0, 45.0, 45.0),
+        PlacedVehicle("slow", 2, 760.5, 12.0, 12.0),
+        PlacedVehicle("eager", 0, 600.0, 30.0, 20.0),
+    )
+    write_scenario(tmp_path / "story", MergeDescription(vehicles=placed, speed_limit_m_s=60.0))
+    sumo, states = program("netconvert").with_name("sumo"), tmp_path / "states.xml"
+    words = ["-c", tmp_path / "story" / "highway.sumocfg", "--end", "100", "--no-step-log"]
+    done = subprocess.run(
+        [sumo, *words, "--fcd-output", states], capture_output=True, text=True, check=True
+    )
+    assert done.stderr == ""
+    first, *rest = ET.parse(states).getroot()
+    shown = {v.attrib["id"]: [v.attrib[k] for k in ("lane", "pos", "speed")] for v in first}
+    assert shown == {
+        "ego": ["ramp_0", "25.00", "45.00"],  # the ramp begins at 395 m
+        "slow": ["after_1", "10.50", "12.00"],
+        "eager": ["beside_0", "100.00", "20.00"],  # at most its desired speed
+    }
+    assert {v.attrib["id"] for moment in rest for v in moment} == set(shown)
+
+
 @pytest.mark.parametrize("kind", ["straight", "merge"])
 def test_what_is_written_reads_back_equal_and_to_the_same_bytes(
     kind: str, folder: Callable[[str], Path], tmp_path: Path

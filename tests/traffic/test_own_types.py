@@ -1,5 +1,9 @@
 """Vehicle types of the user's own in a scenario, and scenarios from a TOML file."""
 
+import subprocess
+import xml.etree.ElementTree as ET
+from collections import Counter
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +13,13 @@ import pytest
 from drl_av.cli import main
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError
-from drl_av.traffic.description import PlacedVehicle, ScenarioDescription, from_toml
+from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
+from drl_av.traffic.description_file import from_toml
+from drl_av.traffic.merge import MergeDescription
+from drl_av.traffic.network import program
 from drl_av.traffic.own_types import OwnVehicleType, draw_types
 from drl_av.traffic.scenario import load_scenario, write_scenario
+from drl_av.traffic.straight import StraightDescription
 
 TRUCK = OwnVehicleType("truck", 0.3, 14.0, 2.5)
 TAXI = OwnVehicleType("taxi", 0.2, 4.5, 1.7, "Krauss")
@@ -65,7 +73,7 @@ def test_sumo_drives_each_vehicle_with_its_type_and_the_snapshot_has_its_size(fo
     sizes = {"truck": (14.0, 2.5), "taxi": (4.5, 1.7), "traffic": (5.0, 1.8), "ego": (5.0, 1.8)}
     found = [sumo.vehicle.getTypeID(name).partition("@")[0] for name in shot.ids]
     assert set(found) == set(sizes)
-    assert found == list(draw_types(3, 13, (TRUCK, TAXI)))
+    assert found == [*islice(draw_types(3, (TRUCK, TAXI)), 13)]
     for row, name in enumerate(shot.ids):
         assert (shot.length_m[row], shot.width_m[row]) == sizes[found[row]]
         assert sumo.vehicle.getLength(name) == shot.length_m[row]
@@ -86,11 +94,89 @@ def test_an_episode_of_own_types_depends_on_its_seed_alone(folder: Path) -> None
 
 
 def test_the_shares_are_those_of_the_types_and_the_ego_has_its_own() -> None:
-    drawn = draw_types(1, 10_001, (TRUCK, TAXI))
+    drawn = [*islice(draw_types(1, (TRUCK, TAXI)), 10_001)]
     assert drawn[0] == "ego"
     assert drawn[1:].count("truck") / 10_000 == pytest.approx(0.3, abs=0.02)
     assert drawn[1:].count("taxi") / 10_000 == pytest.approx(0.2, abs=0.02)
     assert drawn[1:].count("traffic") / 10_000 == pytest.approx(0.5, abs=0.02)
+
+
+@pytest.mark.parametrize("kind", [StraightDescription, MergeDescription])
+def test_vehicles_that_enter_an_open_road_have_its_types_too(kind: Any, tmp_path: Path) -> None:
+    write_scenario(tmp_path / "road", kind(vehicle_types=(TRUCK, TAXI), flow_per_h=1500.0))
+    env = HighwayEnv(tmp_path / "road")
+    sizes = {"truck": (14.0, 2.5), "taxi": (4.5, 1.7), "traffic": (5.0, 1.8), "ego": (5.0, 1.8)}
+    driven, known = [], {}
+    for seed in (4, 5, 4):
+        _, info = env.reset(seed=seed, options={"vehicles": 40})
+        first = set(env.scene.snapshot.ids)
+        for _ in range(40):
+            if not env._over:
+                env.step(0)
+        shot, sumo = env.scene.snapshot, env.simulation._sumo.vehicle
+        types = {name: sumo.getTypeID(name).partition("@")[0] for name in shot.ids}
+        for row, name in enumerate(shot.ids):
+            assert (shot.length_m[row], shot.width_m[row]) == sizes[types[name]]
+            assert sumo.getLength(name) == shot.length_m[row]
+        driven.append((shot.ids, shot.s_m.tolist()))
+        known |= {name: types[name] for name in set(shot.ids) - first}
+    env.close()
+    assert info["vehicles"] == 40
+    assert set(known.values()) == {"truck", "taxi", "traffic"}
+    assert driven[0] == driven[2] != driven[1]
+
+
+def departed(folder: Path, tmp_path: Path, seconds: int) -> Counter[str]:
+    """The number of vehicles of each type that plain SUMO lets depart in the first seconds."""
+    sumo, states = program("netconvert").with_name("sumo"), tmp_path / "states.xml"
+    words = ["-c", folder / "highway.sumocfg", "--end", str(seconds), "--no-step-log"]
+    done = subprocess.run(
+        [sumo, *words, "--fcd-output", states], capture_output=True, text=True, check=True
+    )
+    assert done.stderr == ""
+    seen = {v.attrib["id"]: v.attrib["type"] for v in ET.parse(states).iter("vehicle")}
+    return Counter(seen.values())
+
+
+def test_the_demo_traffic_in_plain_sumo_has_the_own_types_by_their_shares(
+    folder: Path, tmp_path: Path
+) -> None:
+    types = {"demo.truck", "demo.taxi", "demo.traffic", "demo.ego"}
+    assert set(departed(folder, tmp_path, 2)) == types
+    description = StraightDescription(vehicle_types=(TRUCK, TAXI))
+    write_scenario(tmp_path / "road", description)
+    # 1,000 an hour on each of 3 lanes: some 500 in 600 s
+    number = departed(tmp_path / "road", tmp_path, 600)
+    others = number.total() - number["ego"]
+    assert others > 400
+    assert number["demo.truck"] / others == pytest.approx(0.3, abs=0.05)
+    assert number["demo.taxi"] / others == pytest.approx(0.2, abs=0.05)
+    assert number["demo.traffic"] / others == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_demo_truck_is_the_environments_truck_with_mean_parameters(folder: Path) -> None:
+    demo, env = (
+        next(
+            kind.attrib for kind in ET.parse(folder / file).iter("vType") if name in kind.get("id")
+        )
+        for file, name in (("traffic.rou.xml", "truck"), ("vehicle_types.add.xml", "truck"))
+    )
+    unlike = {key for key in demo.keys() | env.keys() if demo.get(key) != env.get(key)}
+    assert unlike == {"id", "probability", "tau", "lcSpeedGain", "maxSpeed"}
+    assert (demo["length"], demo["probability"], demo["tau"]) == ("14.0", "0.3", "1.1")
+
+
+def test_types_that_make_up_all_traffic_leave_none_of_the_usual_one(tmp_path: Path) -> None:
+    bus = OwnVehicleType("demo", 1.0, 12.0, 2.5)
+    write_scenario(tmp_path / "buses", ScenarioDescription(vehicle_types=(bus,)))
+    assert set(departed(tmp_path / "buses", tmp_path, 2)) == {"demo.demo", "ego"}
+
+
+def test_vehicles_of_25_m_on_a_loop_of_100_m_have_demo_traffic_too(tmp_path: Path) -> None:
+    write_scenario(
+        tmp_path / "short", ScenarioDescription(circumference_m=100.0, vehicle_length_m=25.0)
+    )
+    assert departed(tmp_path / "short", tmp_path, 2) == {"ego": 1, "demo": 2}
 
 
 def test_strict_accepts_another_size_and_refuses_another_model(tmp_path: Path) -> None:

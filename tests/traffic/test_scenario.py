@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
-from drl_av.errors import ScenarioError, SimulationError
-from drl_av.traffic import description as descriptions
+from drl_av.errors import ConfigError, ScenarioError, SimulationError
 from drl_av.traffic import network
+from drl_av.traffic.description_file import from_toml
 from drl_av.traffic.merge import MergeDescription
 from drl_av.traffic.scenario import (
     PlacedVehicle,
@@ -166,7 +166,7 @@ def test_placed_vehicles_start_exactly_where_they_are_put(tmp_path: Path) -> Non
 @given(st.floats(150, 3000), st.integers(1, 4), st.floats(2.5, 5), st.floats(1, 60))
 def test_description_survives_toml(c_m: float, lanes: int, width_m: float, limit: float) -> None:
     wanted = ScenarioDescription(c_m, lanes, width_m, limit, barricaded_lanes=(0,) * (lanes > 1))
-    assert descriptions.from_toml(wanted.to_toml()) == wanted
+    assert from_toml(wanted.to_toml()) == wanted
     assert tomllib.loads(wanted.to_toml())["lanes"] == lanes
 
 
@@ -417,7 +417,7 @@ def test_a_placed_vehicle_starts_at_any_speed_up_to_the_limit_in_plain_sumo_too(
 ) -> None:
     placed = tuple(
         PlacedVehicle(name, lane, 50.0, speed, 100.0)
-        for lane, (name, speed) in enumerate((("ego", 20.0), ("fast", 55.0), ("fastest", 100.0)))
+        for lane, (name, speed) in enumerate((("ego", 70.0), ("fast", 55.0), ("fastest", 100.0)))
     )
     fast = ScenarioDescription(speed_limit_m_s=100.0, vehicles=placed, circumference_m=5000.0)
     write_scenario(tmp_path / "fast", fast)
@@ -428,6 +428,17 @@ def test_a_placed_vehicle_starts_at_any_speed_up_to_the_limit_in_plain_sumo_too(
     speeds = {vehicle.attrib["id"]: float(vehicle.attrib["speed"]) for vehicle in first}
     assert speeds["fastest"] == pytest.approx(100.0, abs=1)
     assert speeds["fast"] == pytest.approx(55.0, abs=1.5)
+    assert speeds["ego"] == pytest.approx(70.0, abs=1.5)
+
+
+def test_an_ego_that_is_placed_faster_than_it_may_drive_is_refused(tmp_path: Path) -> None:
+    placed = (PlacedVehicle("ego", 0, 50.0, 33.0, 35.0), PlacedVehicle("other", 1, 9.0, 38.0, 38.0))
+    write_scenario(tmp_path / "fast", ScenarioDescription(vehicles=placed))
+    with pytest.raises(
+        ConfigError, match=r"ego at 33 m/s, .* ego.max_speed_m_s, 30: place it slow"
+    ):
+        HighwayEnv(tmp_path / "fast")
+    HighwayEnv(tmp_path / "fast", config={"ego": {"max_speed_m_s": 33.0}}).close()
 
 
 @pytest.mark.parametrize("name", SHIPPED)

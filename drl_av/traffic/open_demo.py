@@ -1,0 +1,75 @@
+"""The demo traffic of an open road, which SUMO alone drives: placed vehicles, or an inflow."""
+
+import xml.etree.ElementTree as ET
+from typing import Any
+
+from drl_av.traffic.kind import OpenPlan
+from drl_av.traffic.network import DEMO_END_S, vehicle_element
+
+EGO_DEPARTS_S = 60
+"""Time at which the ego enters among an inflow."""
+
+
+def traffic(description: Any) -> ET.Element:
+    """Return SUMO's route file: the vehicles that the scenario places, or an inflow and an ego.
+
+    ``description`` is an ``OpenDescription``.
+    """
+    plan: OpenPlan = description.plan()
+    root = ET.Element("routes")
+    for name, edges in plan.routes.items():
+        ET.SubElement(root, "route", id=name, edges=" ".join(edges))
+    if description.vehicles:
+        _place(root, description, plan)
+    else:
+        _let_enter(root, description, plan)
+    return root
+
+
+def _place(root: ET.Element, description: Any, plan: OpenPlan) -> None:
+    """Add the vehicles that the scenario places exactly; no others enter."""
+    for vehicle in description.vehicles:
+        edge = next(
+            edge
+            for edge in reversed(plan.edges)
+            if edge.begin_m <= vehicle.position_m and vehicle.lane in edge.lanes
+        )
+        name, edges = next(item for item in plan.routes.items() if edge.id in item[1])
+        vehicle_element(
+            root,
+            vehicle,
+            description.speed_limit_m_s,
+            route=name,
+            departEdge=str(edges.index(edge.id)),
+            departLane=str(vehicle.lane - edge.lanes[0]),
+            departPos=f"{vehicle.position_m - edge.begin_m:.2f}",
+        )
+
+
+def _let_enter(root: ET.Element, description: Any, plan: OpenPlan) -> None:
+    """Add an inflow in each lane, and the ego, which enters later."""
+    first, *_, last = [*plan.routes, *plan.routes]
+    entry = next(edge for edge in plan.edges if edge.id == plan.routes[first][0])
+    for lane in plan.start.lanes if description.flow_per_h else ():
+        ET.SubElement(
+            root,
+            "flow",
+            id=f"flow{lane}",
+            type="traffic",
+            route=first,
+            begin="0",
+            end=str(DEMO_END_S),
+            vehsPerHour=repr(description.flow_per_h),
+            departLane=str(lane - entry.lanes[0]),
+            departSpeed="max",
+        )
+    ET.SubElement(
+        root,
+        "vehicle",
+        id="ego",
+        type="ego",
+        route=last,
+        depart=str(EGO_DEPARTS_S),
+        departLane="0",
+        departSpeed=repr(min(plan.start.ego_speed_m_s or 20.0, description.speed_limit_m_s)),
+    )
