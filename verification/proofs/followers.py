@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from fractions import Fraction
 from math import ceil
 
+import z3
+
 from verification.proofs.argument import Argument
 from verification.proofs.lane_changes import going, is_over, places
 from verification.proofs.lateral import LINE
@@ -19,17 +21,26 @@ from verification.proofs.motion import (
 
 
 def response_claims(a: Argument) -> Iterator[Claim]:
-    """Yield one claim for each start position and action with which the ego enters the new lane.
+    """Yield the claims that the follower in the lane which the ego enters stays behind it.
 
-    It does so within one decision. The claim is that the follower in the new lane stays behind it.
+    There are two for each start position and action with which the ego crosses the line within one
+    decision, and two for each number of steps until the follower brakes. With the claims of the
+    lemma ``hand-over`` they are an induction over the steps, so that each has few cases.
     """
+    longest = 0
     for y_m in places(a):
         path = going(y_m, 1, a.steps, a)
         over = next((step for step, at_m in enumerate(path, 1) if is_over(at_m, a)), None)
         if over is None:
             continue
+        responds, crosses_s = over + a.response_steps, seconds_to_line(y_m, a)
+        longest = max(longest, responds)
         for rate in a.rates_m_s2 if a.by_number else (-a.hard_m_s2,):
-            yield handed_over(a, rate, over, seconds_to_line(y_m, a) + a.response_s)
+            yield crossing(a, rate, over, crosses_s)
+            yield permitted(a, rate, responds, crosses_s + a.response_s)
+    for left in range(1, longest + 1):
+        yield rolling(a, left)
+        yield farther(a, left)
 
 
 def seconds_to_line(y_m: Fraction, a: Argument) -> Fraction:
@@ -49,30 +60,92 @@ def pair(p: Problem, a: Argument) -> tuple[Term, Term, Term]:
     return ego, p.unknown("follower_speed", 0, a.others_most_m_s), gap_m
 
 
-def handed_over(a: Argument, rate: Fraction, over: int, delay_s: Fraction) -> Claim:
-    """Claim that the vehicle behind does not touch the ego, and can stop behind it at the end.
+def rolls(p: Problem, follower: Term, left: int, a: Argument) -> Term:
+    """Return how far the vehicle behind rolls at most that accelerates for ``left`` steps more."""
+    time_s = left * a.step_s
+    faster = follower + a.acceleration_m_s2 * time_s
+    return accelerated(follower, time_s, a) + follower_stops(p.largest, faster, a)
 
-    The ego's body is over the lane marking after ``over`` steps of a decision with acceleration
-    ``rate``. The check expects the vehicle to brake ``delay_s`` after the decision begins.
+
+def permitted(a: Argument, rate: Fraction, responds: int, delay_s: Fraction) -> Claim:
+    """Claim that the vehicle behind can stop behind the ego where the check permits the action.
+
+    It brakes after ``responds`` steps; the check expects this after ``delay_s``. The ego executes
+    the acceleration ``rate`` for the decision and brakes hard then.
     """
     p = Problem()
     speed, follower, gap_m = pair(p, a)
     p.unknown("rate", rate, rate)
     reach_m = reach(p.largest, speed, rate, a.steps, a)
     p.assume(reach_m > must_reach(p.largest, gap_m, follower, delay_s, a))
+    return p.follows(gap_m + reach_m > rolls(p, follower, responds, a))
+
+
+def crossing(a: Argument, rate: Fraction, over: int, crosses_s: Fraction) -> Claim:
+    """Claim that the vehicle behind does not touch the ego in the decision that crosses the line.
+
+    The ego's body is over the line after ``over`` steps of the acceleration ``rate``. The check
+    compares the distances of all steps if it finds that time, ``crosses_s``, not to be 0.
+    """
+    p = Problem()
+    speed, follower, gap_m = pair(p, a)
+    p.unknown("rate", rate, rate)
     planned, ego, apart = speeds(p.largest, speed, rate, a.steps, a), speed, []
     for step in range(1, a.steps + 1):
         covered_m = sum(a.step_s * each for each in planned[1 : step + 1])
-        p.assume(gap_m + covered_m > accelerated(follower, step * a.step_s, a))
-    responds = over + a.response_steps
-    for step in range(1, max(responds, a.steps) + 1):
-        certain = step <= a.steps and a.by_number
-        ego = planned[step] if certain else any_speed(p, ego, step, a)
-        follower = behind(p, follower, step, responds, a)
+        p.assume(*[gap_m + covered_m > accelerated(follower, step * a.step_s, a)] * (crosses_s > 0))
+    for step in range(1, a.steps + 1):
+        ego = planned[step] if a.by_number else any_speed(p, ego, step, a)
+        follower = any_faster(p, follower, step, a)
         apart += [gap_m > 0] if step >= over else []
         gap_m = gap_m + a.step_s * (ego - follower)
-    rest_m = gap_m + ego_stops(p.largest, ego, a)
-    return p.follows(*apart, gap_m > 0, rest_m > follower_stops(p.largest, follower, a))
+    return p.follows(*apart, gap_m > 0)
+
+
+def rolling(a: Argument, left: int) -> Claim:
+    """Claim that a vehicle that can stop within a distance still can after a step.
+
+    It may accelerate for ``left`` steps more, this one included, and brakes then.
+    """
+    p = Problem()
+    follower, distance_m = p.unknown("follower_speed", 0, a.others_most_m_s), p.unknown("distance")
+    p.assume(distance_m > rolls(p, follower, left, a))
+    after = any_faster(p, follower, 1, a) if left else braked(p, follower, a)
+    return p.follows(distance_m - a.step_s * after > rolls(p, after, max(left - 1, 0), a))
+
+
+def farther(a: Argument, left: int) -> Claim:
+    """Claim that a vehicle behind rolls at least as far as the ego if it is at least as fast."""
+    p = Problem()
+    ego, follower, _ = pair(p, a)
+    p.assume(follower >= ego)
+    return p.follows(rolls(p, follower, left, a) >= ego_stops(p.largest, ego, a))
+
+
+def slowing(a: Argument) -> Claim:
+    """Claim that the ego rolls least if it brakes hard: any other step leads at least as far."""
+    p = Problem()
+    ego = p.unknown("ego_speed", 0, a.most_m_s)
+    after = any_speed(p, ego, 1, a)
+    rolled_m = a.step_s * after + ego_stops(p.largest, after, a)
+    return p.follows(rolled_m >= ego_stops(p.largest, ego, a))
+
+
+def waiting(a: Argument) -> Claim:
+    """Claim that the gap stays open in a step, whether the vehicle behind brakes or not.
+
+    It needs no more of the distances that both roll than ``rolling``, ``farther`` and ``slowing``
+    say, and so holds at each step.
+    """
+    p = Problem()
+    names = ("ego_rolls", "ego_rolls_then", "follower_rolls", "follower_rolls_then")
+    ego_m, ego_then_m, follower_m, then_m = (p.unknown(name, 0) for name in names)
+    ego, follower, gap_m = (p.unknown(name, 0) for name in ("ego_speed", "follower_speed", "gap"))
+    p.assume(gap_m > 0, gap_m + ego_m > follower_m)
+    p.assume(follower_m >= a.step_s * follower + then_m, ego_m <= a.step_s * ego + ego_then_m)
+    p.assume(z3.Implies(follower >= ego, then_m >= ego_then_m))
+    gap_m = gap_m + a.step_s * (ego - follower)
+    return p.follows(gap_m > 0, gap_m + ego_then_m > then_m)
 
 
 def any_speed(p: Problem, before: Term, step: int, a: Argument) -> Term:
@@ -82,27 +155,24 @@ def any_speed(p: Problem, before: Term, step: int, a: Argument) -> Term:
     return speed
 
 
-def behind(p: Problem, before: Term, step: int, responds: int, a: Argument) -> Term:
-    """Return the speed after a step of the vehicle behind.
-
-    It accelerates within its bound up to the step ``responds``, and brakes afterwards.
-    """
-    if step > responds:
-        return p.largest([before - a.follower_m_s2 * a.step_s, 0 * before])
+def any_faster(p: Problem, before: Term, step: int, a: Argument) -> Term:
+    """Add and return a speed, after a step, of a vehicle behind that does not brake for the ego."""
     speed = p.unknown(f"follower_speed_{step}", 0, a.others_most_m_s)
     p.assume(speed <= before + a.acceleration_m_s2 * a.step_s)
     return speed
 
 
+def braked(p: Problem, before: Term, a: Argument) -> Term:
+    """Return the speed after a step of the vehicle behind that brakes as it is counted on to."""
+    return p.largest([before - a.follower_m_s2 * a.step_s, 0 * before])
+
+
 def follower_claims(a: Argument) -> Iterator[Claim]:
-    """Yield the claim that a vehicle behind that brakes stays behind, whatever the ego does."""
-    p = Problem()
-    ego, follower, gap_m = pair(p, a)
-    p.assume(gap_m + ego_stops(p.largest, ego, a) > follower_stops(p.largest, follower, a))
-    after, slower = any_speed(p, ego, 1, a), behind(p, follower, 1, 0, a)
-    gap_m = gap_m + a.step_s * (after - slower)
-    rest_m = gap_m + ego_stops(p.largest, after, a)
-    yield p.follows(gap_m > 0, rest_m > follower_stops(p.largest, slower, a))
+    """Yield the claims that a vehicle behind that brakes stays behind, whatever the ego does."""
+    yield rolling(a, 0)
+    yield farther(a, 0)
+    yield slowing(a)
+    yield waiting(a)
 
 
 LEMMAS = (

@@ -93,6 +93,13 @@ def test_settings_near_the_edge_of_the_argument_are_proved(
             assert refuted(each, numbers) is None
 
 
+def test_steps_of_a_tenth_of_a_second_are_proved_for_the_vehicle_behind() -> None:
+    numbers = argument(Config().updated("simulation", step_length_s=0.1))
+    for lemma in LEMMAS:
+        if lemma.name in ("response", "hand-over"):
+            assert refuted(lemma, numbers) is None
+
+
 def test_the_steering_plant_is_refused_before_any_proof(
     tmp_path: Path, capsys: Any, monkeypatch: Any
 ) -> None:
