@@ -48,7 +48,8 @@ class PlannerDriver:
         watcher = self._watch(scene, others)
         lap_m = scene.affordances.circumference_m or FAR_M
         chooser = Chooser(lanes, self._ego, self._limits)
-        forecaster = Forecaster(others, watcher, lap_m, chooser, self._ego)
+        mandatory = scene.affordances.mandatory
+        forecaster = Forecaster(others, watcher, lap_m, chooser, self._ego, mandatory)
         if is_new:
             self._next_plan(forecaster, scene)
         choice = forecaster.choice(self._egos(scene, 1), self._plan[:1])

@@ -13,8 +13,10 @@ from drl_av.config import EgoConfig
 from drl_av.drivers.planner.choice import LONG_HEADWAY_S, Choice, Chooser, Ego, Surroundings
 from drl_av.drivers.planner.others import FAR_M, BoolArray, IntArray, Lanes, Others, idm
 from drl_av.drivers.planner.watcher import Watcher
-from drl_av.traffic.road import FloatArray
+from drl_av.traffic.road import NO_CHANGE, FloatArray, MandatoryChange
 
+UNHURRIED_M = 400.0
+"""Distance for each mandatory lane change, from which on it has no price."""
 SETTLED_S = 2
 """Seconds after which the vehicles that change lanes have left their old ones."""
 LATE = 0.75
@@ -44,16 +46,26 @@ class Prices(NamedTuple):
     """Time after the forecast for which the ego is assumed to follow the vehicle ahead."""
     room: float = 0.8
     """Value of each metre of the gap ahead at the end of the forecast."""
+    mandatory_change: float = 400.0
+    """Price of each lane change that the ego's way still demands at the end of the forecast, if no
+    distance is left for it; it falls to 0 where ``UNHURRIED_M`` are left for each."""
 
 
 class Forecaster:
     """Makes forecasts that begin with one scene, and scores plans."""
 
     def __init__(
-        self, others: Others, watcher: Watcher, lap_m: float, chooser: Chooser, ego: EgoConfig
+        self,
+        others: Others,
+        watcher: Watcher,
+        lap_m: float,
+        chooser: Chooser,
+        ego: EgoConfig,
+        mandatory: MandatoryChange = NO_CHANGE,
     ) -> None:
         self._others, self._lap_m, self._chooser, self._ego = others, lap_m, chooser, ego
         self._desired_m_s, self._headway_s = watcher.desired_m_s, watcher.headway_s
+        self._mandatory = mandatory
 
     def around(self, ego: Ego, x_m: FloatArray, speed: FloatArray) -> Surroundings:
         """Return the other vehicles, at positions ``x_m`` of shape (P, N), relative to the ego."""
@@ -77,6 +89,7 @@ class Forecaster:
             for values in (self._others.x_m, self._others.speed_m_s)
         )
         score, last = np.zeros(len(plans)), np.full(len(plans), sign)
+        goal = self._chooser.lane(ego) + self._mandatory.lanes
         for second in range(plans.shape[1]):
             lanes = self._others.now if second < SETTLED_S else self._others.later
             around = self.around(ego, x_m, speed)
@@ -90,7 +103,16 @@ class Forecaster:
             score += self._drive(ego, choice.acceleration_m_s2) - price
             x_m += (1 - LATE) * speed + LATE * faster
             speed = faster
+        score -= self._price_of_way(ego, goal, prices)
         return score + self._tail(ego, self.around(ego, x_m, speed), prices)
+
+    def _price_of_way(self, ego: Ego, goal: IntArray, prices: Prices) -> FloatArray:
+        """Return the price of the mandatory lane changes that a forecast leaves, m, shape (P,)."""
+        sign = 1 if self._mandatory.lanes > 0 else -1
+        changes = np.maximum(sign * (goal - self._chooser.lane(ego)), 0)
+        left_m = np.maximum(self._mandatory.within_m - ego.x_m, 0.0)
+        missing: FloatArray = np.maximum(changes - left_m / UNHURRIED_M, 0.0)
+        return prices.mandatory_change * missing
 
     def _change_lanes(self, ego: Ego, choice: Choice) -> None:
         """Advance the egos' lane changes by a second, in place."""

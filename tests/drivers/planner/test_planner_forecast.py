@@ -12,7 +12,7 @@ from drl_av.drivers.planner.others import IntArray, others_of
 from drl_av.drivers.planner.plans import PLANS, Intent, usable_plans
 from drl_av.drivers.planner.watcher import Watcher
 from drl_av.driving.scene import Scene
-from drl_av.traffic.road import FloatArray
+from drl_av.traffic.road import FloatArray, MandatoryChange
 
 CONFIG = Config()
 KEEP, LEFTWARD = np.full((1, 20), Intent.KEEP), np.full((1, 20), Intent.LEFT)
@@ -23,7 +23,7 @@ def forecaster(world: Scene) -> Forecaster:
     chooser = Chooser(np.array([True] * 3), CONFIG.ego, limits_of(CONFIG))
     watcher = Watcher(others)
     watcher.desired_m_s = others.speed_m_s  # no vehicle wants to be faster than it is
-    return Forecaster(others, watcher, 500.0, chooser, CONFIG.ego)
+    return Forecaster(others, watcher, 500.0, chooser, CONFIG.ego, world.affordances.mandatory)
 
 
 def ego(n: int, speed: float, lane_number: int) -> Ego:
@@ -48,6 +48,23 @@ def test_alone_it_drives_577_5_m_in_20_s_and_300_m_after_them() -> None:
 def test_a_lane_change_has_its_price_and_the_road_its_edge() -> None:
     # the second change begins after the first; there is no third lane to the left
     assert scores(scene(), LEFTWARD) == pytest.approx([877.5 - 4.0])
+
+
+def test_each_mandatory_lane_change_that_a_plan_leaves_has_a_price() -> None:
+    def price(lanes: int, within_m: float, plans: IntArray) -> float:
+        world = scene()
+        way = MandatoryChange(lanes, within_m)
+        demanded = world._replace(affordances=world.affordances._replace(mandatory=way))
+        return float((scores(world, plans) - scores(demanded, plans))[0])
+
+    # after 577.5 m on lane 1; a lane change costs 400 m, and nothing 400 m ahead
+    assert price(1, 977.5, KEEP) == pytest.approx(0.0)
+    assert price(1, 777.5, KEEP) == pytest.approx(200.0)
+    assert price(2, 777.5, KEEP) == pytest.approx(600.0)
+    assert price(2, 777.5, LEFTWARD) == pytest.approx(200.0)  # it has made one of the two
+    assert price(1, 577.5, LEFTWARD) == 0.0
+    assert price(-1, 577.5, LEFTWARD) == pytest.approx(800.0)  # it has gone the wrong way
+    assert price(-1, 100.0, KEEP) == pytest.approx(400.0)  # too late
 
 
 def test_a_vehicle_that_the_ego_cuts_off_is_forecast_to_brake_for_it() -> None:
