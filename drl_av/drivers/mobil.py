@@ -11,7 +11,11 @@ from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.driving.car_following import idm_acceleration
 from drl_av.driving.scene import Scene
+from drl_av.traffic.road import UNHURRIED_M
 from drl_av.traffic.snapshot import EGO
+
+MANDATORY_BIAS_M_S2 = 4.0
+"""Largest bias of MOBIL's incentive criterion towards a mandatory lane change (ours)."""
 
 
 class MobilDriver:
@@ -32,7 +36,9 @@ class MobilDriver:
         if scene.lane_change is not None:
             return Action(Lateral.KEEP, longitudinal)
         gains = {
-            sign: self.gain(scene, sign) for sign in (1, -1) if scene.affordances.has_lane(sign)
+            sign: self.gain(scene, sign) + sign * self.bias(scene.affordances)
+            for sign in (1, -1)
+            if scene.affordances.has_lane(sign)
         }
         sign = max(gains, key=lambda side: gains[side], default=0)
         is_beneficial = sign != 0 and gains[sign] > self._mobil.threshold_m_s2
@@ -41,6 +47,15 @@ class MobilDriver:
     def longitudinal(self, affordances: Affordances) -> Longitudinal:
         """Return the longitudinal action; here that of the paper's IDM."""
         return idm_action(affordances, self._safety)
+
+    def bias(self, affordances: Affordances) -> float:
+        """Return MOBIL's bias of mandatory lane changes, m/s^2: to the left > 0, to the right < 0.
+
+        It grows as the distance shrinks to ``UNHURRIED_M`` for each lane change (ours).
+        """
+        lanes, within_m = affordances.mandatory
+        share = abs(lanes) * UNHURRIED_M / max(within_m, 1.0)
+        return math.copysign(MANDATORY_BIAS_M_S2 * min(share, 1.0), lanes)
 
     def gain(self, scene: Scene, sign: int) -> float:
         """Return the gain of a lane change to the left (+1) or right (-1), m/s^2.

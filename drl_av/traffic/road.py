@@ -47,6 +47,10 @@ class Barrier(NamedTuple):
     """The lateral positions of its two ends; they are equal if only a lane marking is blocked."""
 
 
+UNHURRIED_M = 400.0
+"""Distance along the road for each mandatory lane change from which on it is not urgent (ours)."""
+
+
 class MandatoryChange(NamedTuple):
     """The lane changes without which the ego cannot stay on its way."""
 

@@ -3,11 +3,12 @@
 import math
 
 import pytest
-from worlds import BARRICADED_ROAD, LEFT, RIGHT, ahead, behind, scene
+from worlds import BARRICADED_ROAD, LEFT, RIGHT, Car, ahead, behind, scene
 
 from drl_av.config import Config, MobilConfig
 from drl_av.drivers.mobil import MobilDriver, idm_acceleration
 from drl_av.driving.actions import Lateral
+from drl_av.traffic.road import MandatoryChange
 
 CONFIG = Config()
 
@@ -85,3 +86,27 @@ def test_a_barricaded_lane_is_never_entered_however_much_it_would_gain() -> None
     slow = (ahead(40, speed_m_s=15), ahead(40, LEFT, speed_m_s=15))
     assert act(scene(*slow)) is Lateral.RIGHT
     assert act(scene(*slow, road=BARRICADED_ROAD)) is Lateral.KEEP
+
+
+def test_bias_of_mandatory_lane_changes_grows_as_the_distance_shrinks() -> None:
+    def bias(lanes: int, within_m: float) -> float:
+        world = scene().affordances._replace(mandatory=MandatoryChange(lanes, within_m))
+        return driver().bias(world)
+
+    assert bias(0, math.inf) == 0.0
+    assert bias(1, 1600.0) == pytest.approx(1.0)  # 4 m/s2 from 400 m on
+    assert bias(-2, 1600.0) == pytest.approx(-2.0)
+    assert bias(-2, 800.0) == bias(-2, 0.0) == -4.0
+
+
+def test_a_mandatory_change_beats_the_gain_of_the_other_lane_and_not_the_safety_criterion() -> None:
+    # the left lane gains 2.67 m/s2, the right lane nothing; its exit is on the right
+    slow = ahead(40, speed_m_s=15), ahead(40, RIGHT, speed_m_s=15)
+    way = MandatoryChange(-1, 200.0)
+
+    def lateral(*cars: Car) -> Lateral:
+        world = scene(*cars)
+        return act(world._replace(affordances=world.affordances._replace(mandatory=way)))
+
+    assert lateral(*slow) is Lateral.RIGHT
+    assert lateral(*slow, behind(10, RIGHT, 28)) is Lateral.KEEP

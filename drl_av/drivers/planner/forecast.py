@@ -13,10 +13,8 @@ from drl_av.config import EgoConfig
 from drl_av.drivers.planner.choice import LONG_HEADWAY_S, Choice, Chooser, Ego, Surroundings
 from drl_av.drivers.planner.others import FAR_M, BoolArray, IntArray, Lanes, Others, idm
 from drl_av.drivers.planner.watcher import Watcher
-from drl_av.traffic.road import NO_CHANGE, FloatArray, MandatoryChange
+from drl_av.traffic.road import NO_CHANGE, UNHURRIED_M, FloatArray, MandatoryChange
 
-UNHURRIED_M = 400.0
-"""Distance for each mandatory lane change, from which on it has no price."""
 SETTLED_S = 2
 """Seconds after which the vehicles that change lanes have left their old ones."""
 LATE = 0.75
