@@ -75,7 +75,7 @@ results: setup
 	$(call text,long_run.txt,-m verification.long_run --episodes 5000 --out runs/long_run.csv)
 	$(call text,long_run_naturalistic.txt,-m verification.long_run --episodes 200 --traffic naturalistic --out runs/long_run_naturalistic.csv)
 	$(call text,long_run_hazards.txt,-m verification.long_run --episodes 100 --traffic hazards --out runs/long_run_hazards.csv)
-	$(call text,sumo_approaches.txt,-m verification.approaches --scenes 3000)
+	$(call text,sumo_approaches.txt,-m verification.approaches)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[benchmark]'
 	$(call text,crash_rate.txt,-m verification.crash_rate --tests 20000)
 	$(BIN)/python -m verification.shielding --out docs/results/shielding.csv

@@ -1,17 +1,19 @@
 """Drive random approaches in SUMO and in the kinematic simulator, and compare their collisions.
 
-    python -m verification.approaches                  # 10,000 at each of three step lengths
-    python -m verification.approaches --scenes 100 --step-length 0.1
+    python -m verification.approaches         # 10,000 for each step length, plant and road
+    python -m verification.approaches --scenes 100 --step-length 0.1 --plant steering
 
-The ego meets one other vehicle; both move at random, and no check protects the ego. The exit status
-is 1 if SUMO and the simulator disagree on a collision or on a position.
+The ego meets one other vehicle; both move at random, and no check protects the ego. Each plant,
+road and step length has scenes of its own. The exit status is 1 if SUMO and the simulator disagree
+on a collision or on a position.
 """
 
 import argparse
 import sys
 import time
 from collections.abc import Iterator
-from typing import Any
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,8 +25,9 @@ from drl_av.traffic.snapshot import CollisionKind
 from verification.batch_check import one_by_one
 from verification.falsification import placed
 from verification.falsify import show
-from verification.in_sumo import SumoWorld
+from verification.in_sumo import ROADS, SumoWorld
 from verification.kinematic_simulator import LENGTH_M, Mover, Orders, World
+from verification.lateral_plants import PLANTS
 
 STEPS_S = (1.0, 0.5, 0.25)
 DECISIONS = 5
@@ -32,7 +35,32 @@ NEAR_M = 25.0
 """The other vehicle starts within this distance of the ego."""
 SIDES = (-1.0, 0.0, 0.0, 1.0)
 APART_M = 1e-5
-"""Positions in SUMO and in the simulator may differ by this."""
+"""Positions in SUMO and in the simulator may differ by this with the kinematic plant."""
+IGNORED_M_S = 1e-3
+"""SUMO leaves out slower lateral movements, which the steering plant asks for near standstill."""
+
+
+class Case(NamedTuple):
+    """The settings under which approaches are driven."""
+
+    plant: str = "kinematic"
+    """The value of ``ego.lateral_plant``."""
+    road: str = "loop"
+    """A key of ``in_sumo.ROADS``."""
+    step_s: float = 0.5
+    """Length of a SUMO step, seconds."""
+
+    @property
+    def config(self) -> Config:
+        """The config of these settings, without a check."""
+        config = Config().updated("safety", check="permit_all")
+        config = config.updated("ego", lateral_plant=self.plant)
+        return config.updated("simulation", step_length_s=self.step_s)
+
+    @property
+    def tolerance_m(self) -> float:
+        """By how much positions in SUMO and in the simulator may differ."""
+        return APART_M if self.plant == "kinematic" else IGNORED_M_S * self.step_s
 
 
 def start(rng: np.random.Generator) -> World:
@@ -53,23 +81,26 @@ def orders(rng: np.random.Generator) -> Iterator[Orders]:
         yield Orders(rng.integers(0, 12, 1), acceleration, rng.choice(SIDES, (1, 1)))
 
 
-def compare(step_s: float, scenes: int, seed: int) -> dict[str, Any]:
-    """Return how many approaches end in a collision, and in how many the two worlds disagree."""
-    config = Config().updated("safety", check="permit_all")
-    config = config.updated("simulation", step_length_s=step_s)
-    sumo, rng, mover = SumoWorld(config), np.random.default_rng(seed), Mover(config)
-    collisions, unlike, apart_m = 0, 0, 0.0
+def compare(case: Case, scenes: int, seed: int) -> dict[str, Any]:
+    """Return how many approaches end in a collision, and in how many the two worlds disagree.
+
+    They disagree if they report different collisions, or if a position differs by more than the
+    tolerance.
+    """
+    sumo, mover = SumoWorld(case.config, case.road), Mover(case.config)
+    rng = np.random.default_rng(seed)
+    collisions, unlike, furthest_m = 0, 0, 0.0
     for _ in range(scenes):
         found, expected, off_m = sumo.play(start(rng), orders(rng), one_by_one(permit_all), mover)
         collisions += found is not None and found.kind is not CollisionKind.HIT_EDGE
-        unlike += found != expected
-        apart_m = max(apart_m, off_m)
+        unlike += found != expected or off_m >= case.tolerance_m
+        furthest_m = max(furthest_m, off_m)
     return {
-        "step_s": step_s,
+        **case._asdict(),
         "approaches": scenes,
         "collisions": collisions,
         "unlike_the_simulator": unlike,
-        "furthest_from_the_simulator_m": f"{apart_m:.1e}",
+        "furthest_from_the_simulator_m": f"{furthest_m:.1e}",
     }
 
 
@@ -77,17 +108,19 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=whole(1), default=10_000, help="default: 10000")
     parser.add_argument("--step-length", type=float, nargs="+", default=STEPS_S, metavar="S")
+    parser.add_argument("--plant", nargs="+", choices=PLANTS, default=list(PLANTS))
+    parser.add_argument("--road", nargs="+", choices=ROADS, default=list(ROADS))
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     begun_s = time.monotonic()
-    rows = [compare(step_s, arguments.scenes, arguments.seed) for step_s in arguments.step_length]
+    settings = product(arguments.plant, arguments.road, arguments.step_length)
+    rows = [
+        compare(Case(*setting), arguments.scenes, arguments.seed + row)
+        for row, setting in enumerate(settings)
+    ]
     show(rows)
     print(made_by(time.monotonic() - begun_s))
-    agree = all(
-        row["unlike_the_simulator"] == 0 and float(row["furthest_from_the_simulator_m"]) < APART_M
-        for row in rows
-    )
-    return 0 if agree else 1
+    return 1 if any(row["unlike_the_simulator"] for row in rows) else 0
 
 
 if __name__ == "__main__":

@@ -17,19 +17,28 @@ from drl_av.traffic.scenario import (
 )
 from drl_av.traffic.simulation import Simulation
 from drl_av.traffic.snapshot import Collision, CollisionKind, Command
+from drl_av.traffic.straight import StraightDescription
 from verification.kinematic_simulator import BatchCheck, Mover, Orders, World
 
 LAP_M = 2000.0
 START_M = 500.0
-"""Position of the ego's front bumper along the loop at the start."""
+"""Position of the ego's front bumper along the road at the start."""
+ROADS = {
+    "loop": ScenarioDescription(circumference_m=LAP_M),
+    "straight": StraightDescription(length_m=LAP_M, flow_per_h=0.0),
+}
+"""The roads by the name of their kind; on each of them a scene ends long before the road does."""
 
 
 class SumoWorld:
-    """Drives scenes in SUMO and in the kinematic simulator at the same time, and compares them."""
+    """Drives scenes in SUMO and in the kinematic simulator at the same time, and compares them.
 
-    def __init__(self, config: Config) -> None:
-        folder = Path(tempfile.mkdtemp()) / "loop"
-        write_scenario(folder, ScenarioDescription(circumference_m=LAP_M))
+    ``road`` is a key of ``ROADS``.
+    """
+
+    def __init__(self, config: Config, road: str = "loop") -> None:
+        folder = Path(tempfile.mkdtemp()) / road
+        write_scenario(folder, ROADS[road])
         self._scenario = load_scenario(folder)
         traffic = replace(config.traffic, random_lane_changes_per_s=0.0)
         self._config = replace(config, traffic=traffic)
@@ -53,7 +62,7 @@ class SumoWorld:
                 if hit is not None and hit.kind is CollisionKind.HIT_EDGE:
                     return hit, world.collisions.get(0), apart_m
                 s_m = START_M - 2.5 + world.x_m[0] - ego_x_m
-                off_m = np.abs((shot.s_m - s_m + LAP_M / 2) % LAP_M - LAP_M / 2)
+                off_m = np.abs(self._scenario.road.ahead_m(s_m, shot.s_m))
                 apart_m = max(apart_m, float(off_m.max()))
                 apart_m = max(apart_m, float(np.abs(shot.y_m - world.y_m[0]).max()))
                 if hit is not None or world.collisions:

@@ -19,6 +19,7 @@ from drl_av.safety.stopping import cut_in_gap, stopping_distance
 from drl_av.traffic.road import ARRIVED_M, FloatArray, Road
 from drl_av.traffic.snapshot import Collision, CollisionKind, Snapshot
 from verification.integration import Integration
+from verification.lateral_plants import PLANTS, Aside, Lanes
 from verification.separation import first_collision, swept_separation
 
 IntArray = npt.NDArray[np.int64]
@@ -54,6 +55,8 @@ class World:
     """The ego's collision; the key is the index of the scene, which has then ended."""
 
     def __post_init__(self) -> None:
+        self.heading_rad = np.zeros(len(self.x_m))
+        """Angle between the ego and its lane, left positive; steering plant only; (scenes,)."""
         self.least_m = np.full(self.x_m[:, 1:].shape, np.inf)
         """The smallest separation of each other vehicle from the ego, shape (scenes, others).
 
@@ -75,7 +78,8 @@ class World:
             WIDTH_M * size,
         )
         origin, target = int(self.origin[row]), int(self.target[row])
-        change = None if target == NONE else LaneChange(origin, target)
+        heading_rad = float(self.heading_rad[row])
+        change = None if target == NONE else LaneChange(origin, target, heading_rad)
         return Scene(shot, compute_affordances(shot, ROAD, 250.0), change)
 
 
@@ -99,6 +103,7 @@ class Mover:
 
     def __init__(self, config: Config, integration: Integration = Integration.EULER) -> None:
         self._config, self._integration = config, integration
+        self._plant = PLANTS[config.ego.lateral_plant]
         self.step_s = config.simulation.step_length_s
 
     def decision(self, world: World, executed: IntArray, orders: Orders) -> None:
@@ -267,13 +272,10 @@ class Mover:
         return result
 
     def _sideways(self, world: World, side: FloatArray, going: BoolArray) -> None:
-        ego = self._config.ego
-        stride_m = ROAD.lane_width_m / ego.lane_change_duration_s * self.step_s
-        left_m = world.target * ROAD.lane_width_m - world.y_m[:, 0]
-        changing = (world.target != NONE) & going
-        arrives = changing & (np.abs(left_m) <= stride_m + 1e-6)
-        moves = np.where(arrives, left_m, np.where(changing, np.sign(left_m) * stride_m, 0.0))
-        lateral = moves / self.step_s
+        ego = Aside(world.y_m[:, 0], world.lateral_m_s[:, 0], world.heading_rad)
+        target_m = world.target.astype(np.float64) * ROAD.lane_width_m
+        lanes = Lanes((world.target != NONE) & going, target_m, ROAD.lane_width_m)
+        ego, arrives = self._plant(ego, lanes, world.speed_m_s[:, 0], self._config.ego, self.step_s)
         reach_m = self._config.strict.lateral_speed_m_s * self.step_s
         ends = ROAD.lane_width_m * (len(ROAD.open_lanes) - 1)
         to_m = np.clip(world.y_m[:, 1:] + side * reach_m, 0.0, ends)
@@ -281,9 +283,9 @@ class Mover:
         to_m = np.where(side > 0, np.minimum(to_m, center_m), to_m)
         to_m = np.where(side < 0, np.maximum(to_m, center_m), to_m)
         to_m = np.where(going[:, None], to_m, world.y_m[:, 1:])
-        lateral_m_s = np.column_stack([lateral, (to_m - world.y_m[:, 1:]) / self.step_s])
+        lateral_m_s = np.column_stack([ego.lateral_m_s, (to_m - world.y_m[:, 1:]) / self.step_s])
         world.lateral_m_s = np.where(going[:, None], lateral_m_s, world.lateral_m_s)
-        world.y_m = np.column_stack([world.y_m[:, 0] + moves, to_m])
+        world.y_m, world.heading_rad = np.column_stack([ego.y_m, to_m]), ego.heading_rad
         world.origin = np.where(arrives, NONE, world.origin)
         world.target = np.where(arrives, NONE, world.target)
 
