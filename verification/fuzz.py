@@ -1,19 +1,23 @@
 """Tries mutated inputs of every kind: each must be used, or refused in one sentence.
 
-Run longer with: python -m verification.fuzz --inputs 20000 --seed 1
+    python -m verification.fuzz                                   # 20,000 inputs in all
+    python -m verification.fuzz --kind "driven config" --inputs 500 --seed 1
+
+The exit status is 1 if an input fails; each failure is named on a line of its own.
 """
 
 import argparse
 import contextlib
 import io
 import random
+import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from drl_av.cli import main
+from drl_av.cli.arguments import whole
 from drl_av.config import Config, from_toml
 from drl_av.config.stored import load_stored
 from drl_av.drivers.policy_file import PRETRAINED, load_policy
@@ -22,8 +26,8 @@ from drl_av.evaluation.recording import Recording, load_recording
 from drl_av.experiments.figures import EPISODE_COLUMNS
 from drl_av.files import read_table
 from drl_av.traffic.scenario import find_scenario, load_scenario
+from verification.fuzz_driving import Attempt, apart, driven_config, driven_scenario
 
-Attempt = Callable[[random.Random, Path], None]
 ABSURD = (b"nan", b"inf", b"-1", b"1e400", b"9" * 5000, b"\0", b"\xff\xfe", b"[" * 3000, b"'", b"$")
 TABLE = b"driver,vehicles,mean_speed_m_s\nidm,5,20.5\nmine,30,19.25\n"
 WORDS = (
@@ -107,42 +111,61 @@ KINDS: dict[str, Attempt] = {
     "recording": _recording,
     "table": _table,
     "command line": _command_line,
+    "driven config": apart(driven_config),
+    "driven scenario": apart(driven_scenario),
 }
 
 
-def fuzz(kind: str, inputs: int, seed: int) -> int:
-    """Try ``inputs`` mutated inputs of a kind; return how many were refused in one sentence.
+def is_refused(kind: str, number: int, seed: int) -> bool:
+    """Try a mutated input of a kind; return whether it is refused, in one sentence.
 
     Raises:
-        AssertionError: an input led to a wrong result, a traceback or a bad message; the error
+        AssertionError: the input leads to a wrong result, a traceback or a bad message; the error
             names its number, from which the same input can be made again.
     """
-    refused = 0
+    name = f"{kind} {number} of seed {seed}"
+    with tempfile.TemporaryDirectory() as home:
+        folder = Path(home, "input")
+        folder.mkdir()
+        try:
+            KINDS[kind](random.Random(f"{seed} {kind} {number}"), folder)
+        except DrlAvError as error:
+            if "\n" in str(error).strip() or not str(error).endswith("."):
+                raise AssertionError(f"{name}: {error!r}") from error
+            return True
+        except Exception as error:
+            raise AssertionError(f"{name}: {error!r}") from error
+    return False
+
+
+def fuzz(kind: str, inputs: int, seed: int) -> tuple[int, list[str]]:
+    """Try mutated inputs of a kind; return how many are refused, and the failures of others."""
+    refused, failures = 0, []
     for number in range(inputs):
-        with tempfile.TemporaryDirectory() as home:
-            folder = Path(home, "input")
-            folder.mkdir()
-            try:
-                KINDS[kind](random.Random(f"{seed} {kind} {number}"), folder)
-            except DrlAvError as error:
-                refused += 1
-                if "\n" in str(error).strip() or not str(error).endswith("."):
-                    raise AssertionError(f"{kind} {number} of seed {seed}: {error!r}") from error
-            except Exception as error:
-                raise AssertionError(f"{kind} {number} of seed {seed}: {error!r}") from error
-    return refused
+        try:
+            refused += is_refused(kind, number, seed)
+        except AssertionError as error:
+            failures.append(" ".join(str(error).split()))
+    return refused, failures
 
 
-def run() -> None:
-    """Try as many inputs as the command line asks for, and print how many were refused."""
+def run() -> int:
+    """Try as many inputs as the command line asks for, and print what became of them."""
     parser = argparse.ArgumentParser(description="Try mutated inputs of every kind.")
-    parser.add_argument("--inputs", type=int, default=20_000, help="in all")
+    parser.add_argument("--inputs", type=whole(1), default=20_000, help="in all (default: 20000)")
+    parser.add_argument("--kind", nargs="+", choices=KINDS, default=list(KINDS))
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    for kind in KINDS:
-        inputs = -(-options.inputs // len(KINDS))
-        print(f"{kind}: {fuzz(kind, inputs, options.seed)} of {inputs} refused", flush=True)
+    failed = False
+    with tempfile.TemporaryDirectory() as home, contextlib.chdir(home):
+        for kind in options.kind:
+            inputs = -(-options.inputs // len(options.kind))
+            refused, failures = fuzz(kind, inputs, options.seed)
+            failed |= bool(failures)
+            said = f"{kind}: {inputs} inputs, {refused} refused, {len(failures)} failures"
+            print(said, *failures, sep="\n  ", flush=True)
+    return int(failed)
 
 
 if __name__ == "__main__":
-    run()
+    sys.exit(run())

@@ -1,0 +1,189 @@
+"""Inputs of ``verification.fuzz`` that start SUMO: whatever is accepted is driven a few decisions.
+
+Each is tried in a process of its own, because SUMO can crash.
+"""
+
+import multiprocessing
+import random
+import re
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import Field, fields
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.env.highway import HighwayEnv
+from drl_av.errors import ConfigError, DrlAvError
+from drl_av.traffic.connection import connection
+from drl_av.traffic.description import BOUNDS, PlacedVehicle
+from drl_av.traffic.kinds import KINDS
+from drl_av.traffic.own_types import CAR_FOLLOWING_MODELS, OwnVehicleType
+from drl_av.traffic.road import Road
+from drl_av.traffic.scenario import shipped_scenarios, write_scenario
+from drl_av.traffic.snapshot import Snapshot
+
+Attempt = Callable[[random.Random, Path], None]
+DECISIONS = 4
+LIMIT_S = 120.0
+"""An input that takes longer counts as a hang."""
+DRIVEN = ("simulation", "traffic", "ego", "safety", "strict", "finite_state", "level_0", "reward")
+"""The sections of the config that change how an episode is driven."""
+NUMBER = re.compile(rb"(?<![\w.])-?\d+\.?\d*(?![\w.])")
+NUMBERS = (b"0", b"-1", b"1", b"0.001", b"2.5", b"19", b"1000", b"-0.0", b"1e9", b"nan")
+
+
+def value(item: "Field[Any]", rng: random.Random) -> Any:
+    """Return a value of a setting: mostly a bound or a value between the bounds."""
+    usual: Any = item.default
+    low, high = item.metadata.get("low"), item.metadata.get("high")
+    if item.metadata.get("choices"):
+        return rng.choice(item.metadata["choices"])
+    if isinstance(usual, bool):
+        return rng.random() < 0.5
+    if low is None:
+        return usual
+    high = max(low + 1, 2 * usual) if high is None else high
+    drawn = rng.choice([low, high, rng.uniform(low, high), usual * rng.uniform(0.5, 2)])
+    return round(drawn) if isinstance(usual, int) else float(drawn)
+
+
+def config(rng: random.Random) -> Config:
+    """Return a config with one to four changed settings; raises ConfigError if one is refused."""
+    found = Config()
+    for _ in range(rng.randint(1, 4)):
+        section = rng.choice(DRIVEN)
+        items = [item for item in fields(getattr(found, section)) if item.name != "scenario"]
+        item = rng.choice(items)
+        found = found.updated(section, **{item.name: value(item, rng)})
+    return found
+
+
+def description(rng: random.Random) -> Any:
+    """Return a description of any kind of road, with vehicles placed or types of its own."""
+    kind = KINDS[rng.choice(list(KINDS))].description
+    items = [item for item in fields(kind) if item.metadata.get("low") is not None]
+    given = {item.name: value(item, rng) for item in rng.sample(items, rng.randint(0, 4))}
+    if rng.random() < 0.3:
+        names = ["ego", *(f"v{number}" for number in range(rng.randint(0, 4)))]
+        given["vehicles"] = tuple(_placed(name, rng) for name in names)
+    elif rng.random() < 0.4 and any(item.name == "vehicle_types" for item in fields(kind)):
+        given["vehicle_types"] = tuple(
+            OwnVehicleType(
+                f"own{number}",
+                rng.choice([0.0, 0.3, 0.5, 1.0]),
+                rng.choice([1.0, 5.0, 18.0, 25.0]),
+                rng.choice([0.5, 1.8, 2.6, 5.0]),
+                rng.choice(list(CAR_FOLLOWING_MODELS)),
+            )
+            for number in range(rng.randint(1, 3))
+        )
+    return kind(**given)
+
+
+def _placed(name: str, rng: random.Random) -> PlacedVehicle:
+    lowest, fastest = BOUNDS["speed_m_s"]
+    return PlacedVehicle(
+        name,
+        rng.randint(0, 3),
+        rng.choice([0.0, rng.uniform(0, 500), rng.uniform(250, 700)]),
+        rng.choice([lowest, rng.uniform(0, 40), fastest]),
+        rng.choice([0.1, 30.0, 100.0]),
+    )
+
+
+def drive(env: HighwayEnv, rng: random.Random) -> None:
+    """Drive a few random decisions; raises AssertionError if a number makes no sense."""
+    observation, info = env.reset(seed=rng.randrange(2**31))
+    for _ in range(DECISIONS):
+        assert env.observation_space.contains(observation), observation
+        require_sense(env.scene.snapshot, env.road)
+        observation, reward, terminated, truncated, info = env.step(rng.randrange(12))
+        assert np.isfinite([reward, *info["rewards"].values()]).all(), (reward, info["rewards"])
+        if terminated or truncated:
+            break
+    assert env.observation_space.contains(observation), observation
+    require_sense(env.scene.snapshot, env.road)
+
+
+def require_sense(shot: Snapshot, road: Road) -> None:
+    """Raise AssertionError unless all numbers are finite and all vehicles are on the road."""
+    numbers = (shot.s_m, shot.y_m, shot.speed_m_s, shot.lateral_speed_m_s)
+    assert np.isfinite(numbers).all(), shot
+    assert len(set(shot.ids)) == len(shot.ids), shot.ids
+    assert ((shot.s_m >= 0) & (shot.s_m < road.lap_m)).all(), shot.s_m
+    assert ((shot.speed_m_s >= 0) & (shot.speed_m_s < 110)).all(), shot.speed_m_s
+    half_m = road.lane_width_m / 2
+    left_m = road.lane_width_m * len(road.open_lanes) - half_m
+    assert ((shot.y_m > -half_m) & (shot.y_m < left_m)).all(), shot.y_m
+
+
+def driven_config(rng: random.Random, folder: Path) -> None:
+    """Drive a shipped scenario with a mutated config."""
+    scenario = rng.choice(sorted(shipped_scenarios()))
+    with closing(HighwayEnv(scenario, config=config(rng))) as env:
+        drive(env, rng)
+
+
+def driven_scenario(rng: random.Random, folder: Path) -> None:
+    """Drive a new scenario; in half the cases numbers of its files are changed by hand."""
+    home = folder / "scenario"
+    write_scenario(home, description(rng))
+    if rng.random() < 0.5:
+        (home / "SHA256SUMS").unlink()
+        for _ in range(rng.randint(1, 3)):
+            file = rng.choice(sorted(home.iterdir()))
+            file.write_bytes(_renumbered(file.read_bytes(), rng))
+    with closing(HighwayEnv(home)) as env:
+        drive(env, rng)
+
+
+def _renumbered(data: bytes, rng: random.Random) -> bytes:
+    found = list(NUMBER.finditer(data))
+    if not found:
+        return data
+    place = rng.choice(found)
+    return data[: place.start()] + rng.choice(NUMBERS) + data[place.end() :]
+
+
+def apart(attempt: Attempt) -> Attempt:
+    """Return the attempt such that it runs in a process of its own.
+
+    The returned function raises AssertionError if the process crashes or hangs.
+    """
+    context = multiprocessing.get_context("fork")
+    connection(gui=False)  # imports libsumo once, not in each process
+
+    def tried(rng: random.Random, folder: Path) -> None:
+        receiver, sender = context.Pipe(duplex=False)
+        process = context.Process(target=_report, args=(attempt, rng, folder, sender))
+        process.start()
+        sender.close()
+        process.join(LIMIT_S)
+        if process.exitcode is None:
+            process.kill()
+            raise AssertionError(f"it takes longer than {LIMIT_S:g} s")
+        if process.exitcode != 0:
+            raise AssertionError(f"the process ended with {process.exitcode}")
+        refusal, failure = receiver.recv()
+        if failure:
+            raise AssertionError(failure)
+        if refusal:
+            raise ConfigError(refusal)
+
+    return tried
+
+
+def _report(attempt: Attempt, rng: random.Random, folder: Path, sender: Connection) -> None:
+    """Try it, and send the refusal and the failure, each "" without one."""
+    refusal = failure = ""
+    try:
+        attempt(rng, folder)
+    except DrlAvError as error:
+        refusal = str(error)
+    except Exception as error:
+        failure = repr(error)
+    sender.send((refusal, failure))
