@@ -1,28 +1,31 @@
-"""Checks that the background traffic has no collisions, and measures how it drives.
+"""Searches for collisions within the background traffic, and measures how it drives.
 
     python -m verification.background_traffic --episodes 500
-    python -m verification.background_traffic --episodes 200 --vehicles 30 --mix calm paper
+    python -m verification.background_traffic --vehicles 30 --mix calm paper --ego idm-mobil sumo
 
-SUMO also drives the ego, like the vehicles around it. It prints one line for each mix, which is a
-kind of traffic, or the shares of the drivers finite-state, level 0 and level 1 (the rest is SUMO's
-IDM). The line gives episodes, decisions of vehicles, vehicles in a collision according to SUMO,
-overlaps of bodies swept through each SUMO step, mean speed, and lane changes per vehicle and
-minute. The exit status is 1 if anything collided.
+It prints one line for each driver of the ego and each mix, which is a kind of traffic, or the
+shares of the drivers finite-state, level 0 and level 1 (the rest is SUMO's IDM). The line gives
+episodes, decisions of vehicles, vehicles in a collision according to SUMO, pairs of vehicles whose
+bodies overlap when they are swept through each SUMO step, mean speed, and lane changes per vehicle
+and minute. Collisions of the ego do not count. A line for each kind of overlap follows, with the
+first episode in which it was found.
 """
 
 import argparse
-import sys
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from contextlib import closing
+from itertools import product
 
 from drl_av.config import TRAFFIC_KINDS, Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.sumo import SumoDriver
+from drl_av.drivers.registry import driver_names, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.experiments.provenance import made_by
 from drl_av.traffic.collisions import bodies, motions
-from drl_av.traffic.ego_model import EgoModel
+from drl_av.traffic.population import EGO_ID, Kind
+from drl_av.traffic.road import CENTERED_M
 from drl_av.traffic.snapshot import Snapshot
 from verification.traffic_tally import TrafficTally
 
@@ -40,16 +43,21 @@ SEEDS = 810_000
 
 
 class SweptTally(TrafficTally):
-    """A TrafficTally that also counts pairs of bodies that touch when swept through a SUMO step."""
+    """A TrafficTally that also finds vehicles that touch when swept through a SUMO step.
+
+    It leaves out the collisions of the ego.
+    """
 
     def __init__(self, env: HighwayEnv) -> None:
         super().__init__(env)
-        self.overlaps = 0
-        self._before: Snapshot | None = None
+        self.overlaps: list[tuple[str, str]] = []
+        """For each pair of vehicles that overlap in an episode: how they meet, and the episode."""
 
     def drive(self, driver: Driver, seed: int, vehicles: int) -> None:
         """Drive an episode and add it to the statistics."""
-        self._before = None
+        self._before: Snapshot | None = None
+        self._pairs: set[tuple[str, str]] = set()
+        self._episode = f"seed {seed}, {vehicles} vehicles"
         super().drive(driver, seed, vehicles)
 
     def after_step(self, shot: Snapshot) -> None:
@@ -57,17 +65,40 @@ class SweptTally(TrafficTally):
         super().after_step(shot)
         before = self._before or self._env.scene.snapshot
         moves = motions(before, shot, self._env.road)
-        self.overlaps += len(bodies(shot, self._env.road).collisions(moves))
+        found = set(bodies(shot, self._env.road).collisions(moves)) - self._pairs
+        for pair in sorted(found):
+            if EGO_ID not in pair:
+                met = f"{self._episode}, {shot.time_s:g} s, {pair[0]} and {pair[1]}"
+                self.overlaps.append((self._meeting(pair, shot), met))
+        self._pairs |= found
         self._before = shot
 
+    def _meeting(self, pair: tuple[str, str], shot: Snapshot) -> str:
+        """Return how two vehicles meet: their drivers, and whether both keep to one lane."""
+        rows, road = [shot.ids.index(name) for name in pair], self._env.road
+        drivers = " and ".join(
+            sorted(Kind(self._env.simulation.fleet.kinds[row]).name.lower() for row in rows)
+        )
+        off_m = [abs(y_m - road.center_m(road.lane_of(y_m))) for y_m in shot.y_m[rows]]
+        return f"{drivers}, {'between lanes' if max(off_m) > CENTERED_M else 'in one lane'}"
 
-def check(config: Config, episodes: int, vehicles: Sequence[int]) -> SweptTally:
-    """Drive episodes, with the numbers of vehicles in turn, and return their statistics."""
+    def lines(self) -> Iterator[str]:
+        """Yield a line for each kind of overlap: how often it was found, and where first."""
+        for meeting, times in sorted(Counter(how for how, _ in self.overlaps).items()):
+            first = next(where for how, where in self.overlaps if how == meeting)
+            yield f"{meeting}: {times} pairs, first in {first}"
+
+
+def check(config: Config, ego: str, episodes: int, vehicles: Sequence[int]) -> SweptTally:
+    """Drive episodes, with the numbers of vehicles in turn, and return their statistics.
+
+    ``ego`` is the driver of the ego, a name of ``drivers.registry``.
+    """
+    [driver] = make_drivers(find_drivers([ego]), config).values()
     with closing(HighwayEnv(config=config)) as env:
         tally = SweptTally(env)
         for episode in range(episodes):
-            number = vehicles[episode % len(vehicles)]
-            tally.drive(SumoDriver(EgoModel()), SEEDS + episode, number)
+            tally.drive(driver, SEEDS + episode, vehicles[episode % len(vehicles)])
     return tally
 
 
@@ -84,8 +115,8 @@ def with_mix(mix: str) -> Config:
     )
 
 
-def main() -> int:
-    """Drive each mix of drivers and print a line for it; return 1 if vehicles collided, else 0."""
+def main() -> None:
+    """Drive each mix and print what was found."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--episodes", type=int, default=500, help="a mix (default: 500)")
     parser.add_argument(
@@ -100,21 +131,29 @@ def main() -> int:
     parser.add_argument(
         "--mix", nargs="+", default=MIXES, metavar="MIX", help=f"shares FSM,L0,L1, or: {kinds}"
     )
+    parser.add_argument(
+        "--ego",
+        nargs="+",
+        choices=driver_names(),
+        default=["sumo"],
+        metavar="DRIVER",
+        help="the ego's driver (default: sumo, like the vehicles around it)",
+    )
     options = parser.parse_args()
-    collided, begun_s = 0, time.monotonic()
-    for mix in options.mix:
-        tally = check(with_mix(mix), options.episodes, options.vehicles)
-        collided += tally.colliding + tally.overlaps
+    begun_s = time.monotonic()
+    for ego, mix in product(options.ego, options.mix):
+        tally = check(with_mix(mix), ego, options.episodes, options.vehicles)
         print(
-            f"{mix}: {options.episodes} episodes, {tally.vehicle_decisions} vehicle-decisions, "
-            f"{tally.colliding} collisions, {tally.overlaps} overlaps, "
+            f"{ego}, {mix}: {options.episodes} episodes, {tally.vehicle_decisions} "
+            f"vehicle-decisions, {tally.colliding} collisions, {len(tally.overlaps)} overlaps, "
             f"{tally.mean_speed_m_s:.2f} m/s, {tally.lane_changes_a_minute:.2f} lane changes "
             "a vehicle and minute",
+            *tally.lines(),
+            sep="\n  ",
             flush=True,
         )
     print(made_by(time.monotonic() - begun_s))
-    return 1 if collided else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -296,7 +296,7 @@ def test_traffic_alone_never_collides_in_a_mix() -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     # 10 episodes of 30 vehicles and 10 of 10, of 200 decisions each
     assert done.stdout.startswith(
-        "0.3,0.3,0.4: 20 episodes, 80000 vehicle-decisions, 0 collisions, 0 overlaps"
+        "sumo, 0.3,0.3,0.4: 20 episodes, 80000 vehicle-decisions, 0 collisions, 0 overlaps"
     )
 
 

@@ -1,0 +1,35 @@
+"""Collisions within the background traffic are found, and named by how the vehicles meet."""
+
+import pytest
+
+from drl_av.config import Config
+from verification import background_traffic
+from verification.background_traffic import check
+
+
+@pytest.fixture(autouse=True)
+def one_seed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The episode in which an IDM driver of acceleration 1.04 m/s² stops too late."""
+    monkeypatch.setattr(background_traffic, "SEEDS", 810_029)
+
+
+def test_idm_that_brakes_too_late_is_found_and_named_once() -> None:
+    tally = check(Config(), "sumo", 1, [30])
+    assert tally.colliding == 2  # both vehicles, as SUMO reports them
+    assert list(tally.lines()) == [
+        "sumo and sumo, in one lane: 1 pairs, first in seed 810029, 30 vehicles, 176 s, "
+        "vehicle10 and vehicle11"
+    ]
+
+
+def test_with_a_stopping_distance_the_same_traffic_does_not_collide() -> None:
+    tally = check(Config().updated("traffic", keep_stopping_distance=True), "sumo", 1, [30])
+    assert tally.colliding == 0
+    assert tally.overlaps == []
+
+
+def test_a_collision_of_the_ego_is_not_one_of_the_traffic() -> None:
+    config = Config().updated("safety", check="permit_all")
+    tally = check(config, "random", 1, [30])
+    assert tally.vehicle_decisions < 200 * 30  # the ego hit something
+    assert tally.overlaps == []
