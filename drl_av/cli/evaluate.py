@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drl_av.cli.arguments import whole
-from drl_av.cli.settings import driving, overridden
+from drl_av.cli.settings import driver_words, driving, overridden
 from drl_av.cli.status import INTERRUPTED
 from drl_av.config import Config
-from drl_av.drivers.registry import default_config, driver_names, find_drivers
+from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation import DENSITIES
 
 if TYPE_CHECKING:
@@ -35,8 +35,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="NAME",
-        help=f"more drivers: {', '.join(driver_names())} (the shipped driver), runs, your own "
-        "factory as module:factory, a stable-baselines3 .zip file, or an .onnx file",
+        help=f"more drivers: {driver_words()}",
     )
     parser.add_argument(
         "--vehicles",
@@ -75,11 +74,13 @@ def evaluate(options: argparse.Namespace) -> int:
     from drl_av.env.metrics import EpisodeResult
     from drl_av.evaluation.comparison import Evaluation
     from drl_av.evaluation.statistics import summarize, write_summaries
-    from drl_av.files import require_writable, write_table
+    from drl_av.files import require_suffix, require_writable, write_table
 
     words = [*options.runs, *options.driver]
     beside = provenance_file(options.out) if options.out else None
     require_writable(options.out, options.json, beside, inputs=[options.config, *words])
+    require_suffix(options.out, ".csv")
+    require_suffix(options.json, ".json")
     specs = find_drivers(words or ["pretrained"])
     config = overridden(default_config(specs), options)
     seeds = range(options.seed, options.seed + options.episodes)

@@ -14,14 +14,22 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def export(options: argparse.Namespace) -> int:
     """Write the ONNX file, and print its inputs and outputs; return the exit status 0."""
+    from drl_av.drivers.external import is_factory
     from drl_av.drivers.onnx_export import export as write
     from drl_av.drivers.policy_file import PRETRAINED, load_run
+    from drl_av.drivers.registry import RULE_DRIVERS
     from drl_av.driving.affordances import ObservationScale
+    from drl_av.errors import ConfigError
     from drl_av.files import require_suffix, require_writable
     from drl_av.traffic.scenario import find_scenario, load_scenario
 
     require_suffix(options.out, ".onnx")
     require_writable(options.out, inputs=[options.run])
+    if options.run in RULE_DRIVERS or is_factory(options.run):
+        raise ConfigError(
+            f"{options.run} is not a driver that drl-av trained, and has no network to export: "
+            "give a run's folder, or pretrained, the shipped driver."
+        )
     networks, config = load_run(PRETRAINED if options.run == "pretrained" else Path(options.run))
     road = load_scenario(find_scenario(config.simulation.scenario)).road
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)

@@ -4,11 +4,10 @@ import argparse
 from pathlib import Path
 
 from drl_av.cli.arguments import rate, whole
-from drl_av.cli.settings import driving, overridden
+from drl_av.cli.settings import driver_words, driving, overridden
 from drl_av.drivers.registry import (
     DRIVER_FILES,
     default_config,
-    driver_names,
     find_drivers,
     make_drivers,
 )
@@ -22,11 +21,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "source",
         nargs="?",
         metavar="RUN | RECORDING",
-        help="folder of a run, or a file written by --record (default: the shipped driver)",
+        help="a file written by --record, or a driver in any form that --driver takes "
+        "(default: the shipped driver)",
     )
-    which.add_argument(
-        "--driver", metavar="NAME", help=f"one of: {', '.join(driver_names())}, or module:factory"
-    )
+    which.add_argument("--driver", metavar="NAME", help=driver_words())
     parser.add_argument("--seed", type=whole(0), metavar="S", help="traffic seed (default: 0)")
     parser.add_argument(
         "--vehicles", type=whole(0), metavar="N", help="vehicles around the ego (default: 15)"
@@ -61,9 +59,9 @@ def replay(options: argparse.Namespace) -> int:
     from drl_av.files import require_suffix, require_writable
 
     inputs = [options.source, options.driver, options.config]
-    if options.html:
-        require_suffix(options.html, ".html")
     require_writable(options.record, options.video, options.html, inputs=inputs)
+    for path, suffix in ((options.html, ".html"), (options.record, ".npz")):
+        require_suffix(path, suffix)
     if options.video:
         require_film(options.video, options.rate)
     given = (options.source, options.driver, "pretrained")

@@ -3,7 +3,17 @@
 import argparse
 
 from drl_av.config import TRAFFIC_KINDS, Config, load_config, located
+from drl_av.drivers.registry import driver_names
 from drl_av.safety import CHECKS
+
+
+def driver_words() -> str:
+    """Return the forms in which an option takes a driver, for its help."""
+    return (
+        f"{', '.join(driver_names())} (the shipped driver), the folder of a run, a policy's "
+        ".safetensors file, a stable-baselines3 .zip file, an .onnx file, or your own factory as "
+        "module:factory"
+    )
 
 
 def driving(parser: argparse.ArgumentParser, whose: str) -> None:

@@ -67,7 +67,7 @@ def as_config(
         return from_sections(given, base)
     if isinstance(given, str) and given in PRESETS:
         return PRESETS[given]
-    is_file = isinstance(given, Path) or (isinstance(given, str) and Path(given).exists())
+    is_file = isinstance(given, Path) or (isinstance(given, str) and given and Path(given).exists())
     if given is None or is_file:
         return load_config(given, base)
     raise ConfigError(

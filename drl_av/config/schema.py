@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Iterable
 from dataclasses import field, fields
+from pathlib import PurePath
 from typing import Any
 
 from drl_av.errors import ConfigError
@@ -54,8 +55,22 @@ def section_name(section: type) -> str:
     return "_".join(words).lower()
 
 
+def _converted(value: Any, kind: type) -> Any:
+    """Return a value as the type ``kind`` where nothing is lost, else unchanged.
+
+    A number of numpy becomes one of Python, a whole number a float, and a path a text.
+    """
+    if getattr(value, "shape", None) == () and callable(getattr(value, "item", None)):
+        value = value.item()
+    if kind is float and type(value) is int:
+        return float(value) if abs(value) <= sys.float_info.max else math.inf
+    return str(value) if kind is str and isinstance(value, PurePath) else value
+
+
 class Section:
     """Base class of all sections, which checks the value of each field when it is created.
+
+    Numbers of numpy and paths are converted, too.
 
     Raises:
         ConfigError: a value has a wrong type, is out of bounds, or is not one of the choices.
@@ -67,8 +82,8 @@ class Section:
             meta = item.metadata
             where = f"{section_name(type(self))}.{item.name}"
             kind = type(item.default)
-            if kind is float and type(value) is int:
-                value = float(value) if abs(value) <= sys.float_info.max else math.inf
+            if type(value) is not kind:
+                value = _converted(value, kind)
                 object.__setattr__(self, item.name, value)
             if type(value) is not kind:
                 raise ConfigError(f"{where} is {value!r}, but must be of type {kind.__name__}.")

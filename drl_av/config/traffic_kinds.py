@@ -87,12 +87,12 @@ def traffic_of_kind(name: object, traffic: TrafficConfig) -> TrafficConfig:
     Raises:
         ConfigError: there is no such kind; the message suggests the nearest name.
     """
-    if name not in TRAFFIC_KINDS:
+    if not isinstance(name, str) or name not in TRAFFIC_KINDS:
         raise ConfigError(
             f"There is no kind of traffic {name!r}{did_you_mean(name, TRAFFIC_KINDS)}; "
             f"the kinds are: {', '.join(TRAFFIC_KINDS)}."
         )
-    found = TRAFFIC_KINDS[str(name)].settings
+    found = TRAFFIC_KINDS[name].settings
     return TrafficConfig(
         vehicles_min=traffic.vehicles_min,
         vehicles_max=traffic.vehicles_max,

@@ -77,7 +77,9 @@ def driver_of_factory(word: str, config: Config) -> Driver:
 
 
 def is_driver(made: object) -> bool:
-    """Return whether an object has the methods of a driver, ``start`` and ``act``."""
+    """Return whether an object, but no class, has a driver's methods ``start`` and ``act``."""
+    if isinstance(made, type):
+        return False
     return callable(getattr(made, "start", None)) and callable(getattr(made, "act", None))
 
 

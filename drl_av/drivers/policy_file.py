@@ -22,6 +22,8 @@ PRETRAINED = Path(__file__).parent.parent / "pretrained"
 """Folder of the driver that ships with the package, in the layout of a run."""
 FORMAT = "drl_av/1"
 """The only key in the metadata of a file: safetensors writes several keys in random order."""
+OTHER_PROGRAMS = {".zip": "an agent of stable-baselines3", ".onnx": "an ONNX network"}
+"""What a file of another program holds, by suffix."""
 _DAMAGE = (SafetensorError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
 """The errors that a damaged file, or a file of another program, can cause."""
 
@@ -125,19 +127,25 @@ def find_policy(path: Path) -> Path:
     """Return ``path/policy.safetensors`` if ``path`` is a folder of a run, else ``path`` itself.
 
     Raises:
-        RunError: that file does not exist: no such run, or the run has not saved a policy yet.
+        RunError: that file does not exist (no such run, or the run has not saved a policy yet), or
+            it belongs to another program.
     """
+    remedy = "give a run's folder that has a policy.safetensors, or pretrained, the shipped driver"
     file = path / "policy.safetensors" if path.is_dir() else path
     if path == PRETRAINED and not file.is_file():
         raise RunError(
             f"This installation lacks the driver that ships with drl-av ({file}): train one with "
             "drl-av train --out RUN and name its folder, or name another driver."
         )
-    if not file.is_file():
+    if not path.exists():
+        raise RunError(f"There is no file or folder {path}: {remedy}.")
+    if path.suffix in OTHER_PROGRAMS and path.is_file():
         raise RunError(
-            f"{path} holds no trained driver: give a run's folder that has a policy.safetensors, "
-            "or leave the run out for the driver that ships with drl-av."
+            f"{path} is {OTHER_PROGRAMS[path.suffix]}, not a driver that drl-av trained: {remedy}; "
+            "drl-av evaluate and replay drive with this file as it is."
         )
+    if not file.is_file():
+        raise RunError(f"{path} holds no trained driver: {remedy}.")
     return file
 
 
@@ -145,7 +153,7 @@ def load_run(path: Path) -> tuple[list[QNetwork], Config]:
     """Read the networks and the config of a run's folder or of a policy file.
 
     Raises:
-        RunError: there is no policy file.
+        RunError: there is no policy file, or the file belongs to another program.
         CheckpointError: the policy file is damaged, or its config is not that of ``config.toml`` in
             the folder.
     """

@@ -101,7 +101,9 @@ def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
 
 
 def _unknown(word: str) -> ConfigError:
-    names = driver_names()
+    names, suffix = driver_names(), Path(word).suffix
+    if suffix in (*DRIVER_FILES, ".npz"):
+        return ConfigError(f"There is no file {word}: correct its path.")
     hint = did_you_mean(word, names)
     return ConfigError(
         f"There is no driver or run folder {word!r}{hint}; the drivers are: {', '.join(names)}."

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterable, Mapping
 from contextlib import closing
+from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeGuard
 
 from drl_av.config import Config, located
 from drl_av.config.presets import as_config
@@ -59,16 +60,21 @@ def evaluate(
         RunError, CheckpointError: a driver cannot be loaded.
         SimulationError: SUMO ended unexpectedly.
     """
-    numbers = [vehicles] if isinstance(vehicles, int) else list(vehicles)
-    counts = [("episodes", episodes, 1), ("seed", seed, 0), ("jobs", jobs, 1)]
-    for name, value, least in [*counts, *(("vehicles", number, 0) for number in numbers)]:
-        _require_whole(name, value, least)
+    given = vehicles if isinstance(vehicles, Iterable) else [vehicles]
+    numbers = [_whole("vehicles", number, 0) for number in given]
+    episodes, seed = _whole("episodes", episodes, 1), _whole("seed", seed, 0)
+    jobs = _whole("jobs", jobs, 1)
+    if not isinstance(own, Mapping):
+        raise ConfigError(
+            f"own is a {type(own).__name__}, but must be a dictionary of drivers by name: write "
+            "own={'mine': driver}."
+        )
     if own and jobs > 1:
         raise ConfigError(
             "The drivers in own are objects and drive in one process: name a factory as "
             "'module:factory' among the drivers instead, or use jobs=1."
         )
-    specs = _specs([drivers] if isinstance(drivers, str | Path) else drivers, own)
+    specs = _specs(drivers if _is_several(drivers) else [drivers], own)
     base = default_config(specs)
     settings = as_config(config, base if traffic is None else base.with_traffic(traffic))
     if scenario is not None:
@@ -80,13 +86,28 @@ def evaluate(
         return list(rows)
 
 
-def _specs(words: Iterable[Word], own: Mapping[str, Driver]) -> list[DriverSpec]:
-    specs = list(find_drivers(map(str, words) if own else map(str, [*words] or ["pretrained"])))
+def _is_several(drivers: object) -> TypeGuard[Iterable[Word]]:
+    return isinstance(drivers, Iterable) and not isinstance(drivers, str | Path)
+
+
+def _specs(drivers: Iterable[Any], own: Mapping[str, Driver]) -> list[DriverSpec]:
+    words = list(drivers)
+    for word in words:
+        if not isinstance(word, str | Path):
+            raise ConfigError(
+                f"drivers has a {type(word).__name__}, but must have names and paths: pass a "
+                "driver object as own={'mine': driver}, the driver of a function of yours as "
+                "own={'mine': function(config)} or 'module:function'."
+            )
+    specs = list(find_drivers(map(str, words) if own else map(str, words or ["pretrained"])))
     for name, driver in own.items():
+        if not isinstance(name, str) or not name:
+            raise ConfigError(f"own names a driver {name!r}, but a name must be a text.")
         if not is_driver(driver):
             raise ConfigError(
                 f"The driver {name!r} in own is a {type(driver).__name__}, but must be an object "
-                "with start(seed) and act(scene, observation)."
+                "with start(seed) and act(scene, observation): a class or a function has to be "
+                "called."
             )
         if name in [spec.name for spec in specs]:
             raise ConfigError(f"Two drivers are called {name!r}: rename the one in own.")
@@ -94,6 +115,8 @@ def _specs(words: Iterable[Word], own: Mapping[str, Driver]) -> list[DriverSpec]
     return specs
 
 
-def _require_whole(name: str, value: object, least: int) -> None:
-    if type(value) is not int or value < least:
+def _whole(name: str, value: object, least: int) -> int:
+    """Return ``value``, a Python or numpy integer; raise ConfigError if it is none or too small."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
         raise ConfigError(f"{name} is {value!r}, but must be a whole number from {least} on.")
+    return int(value)

@@ -131,9 +131,12 @@ def _try(path: Path) -> None:
         raise _refused(path, error, DrlAvError) from error
 
 
-def require_suffix(path: Path, suffix: str) -> None:
-    """Raise DrlAvError if a file to write has another suffix, such as that of a user's source."""
-    if path.suffix.lower() != suffix:
+def require_suffix(path: Path | None, suffix: str) -> None:
+    """Raise DrlAvError if a file to write has another suffix, such as that of a user's source.
+
+    A path that is None is ignored.
+    """
+    if path is not None and path.suffix.lower() != suffix:
         raise DrlAvError(f"{path} must end with {suffix}: choose another name.")
 
 

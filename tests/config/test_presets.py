@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy as np
 import pytest
 
 import drl_av
@@ -56,6 +57,42 @@ def test_a_preset_has_its_name_and_nothing_stands_for_the_paper_s(
     assert as_config("./fast") == as_config(Path("fast")) == FIVE
 
 
+def test_numbers_of_numpy_and_paths_become_what_a_file_would_hold() -> None:
+    given = as_config(
+        {
+            "traffic": {"vehicles_max": np.int64(5), "vehicles_min": np.array(2)},
+            "ego": {"max_speed_m_s": np.float64(25.5), "overtake_right": np.bool_(True)},
+            "reward": {"desired_speed_m_s": np.int32(28)},
+            "simulation": {"scenario": Path("my_loop")},
+        }
+    )
+    wanted = (
+        FIVE.updated("traffic", vehicles_min=2)
+        .updated("ego", max_speed_m_s=25.5, overtake_right=True)
+        .updated("reward", desired_speed_m_s=28.0)
+        .updated("simulation", scenario="my_loop")
+    )
+    assert given == wanted
+    assert given.to_toml() == wanted.to_toml()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("vehicles_max", np.float64(5.0), r"vehicles_max is 5.0, but must be of type int"),
+        ("vehicles_max", np.array([5]), r"vehicles_max is array\(\[5\]\), but must be of type int"),
+        ("vehicles_max", np.bool_(True), "vehicles_max is True, but must be of type int"),
+        ("headway_min_s", np.float64("nan"), "headway_min_s is nan, but must be a finite number"),
+        ("kind", ["calm"], r"no kind of traffic \['calm'\]"),
+    ],
+)
+def test_numbers_of_numpy_are_checked_as_those_of_python(
+    key: str, value: Any, message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        as_config({"traffic": {key: value}})
+
+
 @pytest.mark.parametrize(("sections", "text", "message"), WRONG)
 def test_sections_are_refused_as_a_file_of_them_is(
     sections: dict[Any, Any], text: str, message: str, tmp_path: Path
@@ -67,7 +104,7 @@ def test_sections_are_refused_as_a_file_of_them_is(
             as_config(given)
 
 
-@pytest.mark.parametrize("given", ["fasst", "/nowhere/fast.toml", 5, ["traffic"]])
+@pytest.mark.parametrize("given", ["fasst", "/nowhere/fast.toml", "", 5, ["traffic"]])
 def test_what_is_no_config_is_refused_with_all_that_would_be(given: Any) -> None:
     with pytest.raises(ConfigError, match=r"must be a preset \(paper, fast\), a TOML") as caught:
         as_config(given)

@@ -1,6 +1,7 @@
 """Drivers of the user's own, by a factory, a stable-baselines3 zip or an ONNX file."""
 
 import csv
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from worlds import ALONE
 from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.drivers.external import OnnxDriver, driver_of_agent, driver_of_factory, is_factory
+from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError
 
@@ -61,6 +63,35 @@ def test_it_stands_in_the_table_beside_the_others_in_several_processes(module: s
     assert main(words) == 0
     rows = list(csv.DictReader(Path("rows.csv").read_text(encoding="utf-8").splitlines()))
     assert [row["driver"] for row in rows] == ["idm", f"{module}:careful"]
+
+
+def test_replay_takes_each_form_of_driver_that_its_help_names(
+    module: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with HighwayEnv() as env:
+        DQN("MlpPolicy", env, buffer_size=10, device="cpu").save("agent.zip")
+    network(Path("own.onnx"), 27)
+    shutil.copy(PRETRAINED / "policy.safetensors", "policy.safetensors")
+    words = (str(PRETRAINED), "policy.safetensors", "agent.zip", "own.onnx", f"{module}:careful")
+    for word in (*words, "idm", "pretrained"):
+        assert main(["replay", word, "--html", "page.html", "--decisions", "2"]) == 0
+        assert "2 decisions" in capsys.readouterr().out
+    for verb in ("replay", "evaluate"):
+        with pytest.raises(SystemExit):
+            main([verb, "--help"])
+        shown = " ".join(capsys.readouterr().out.split())
+        forms = ("folder of a run", ".safetensors", ".zip", ".onnx", "module:factory", "pretrained")
+        assert all(form in shown for form in forms)
+
+
+@pytest.mark.parametrize("name", ["absent.zip", "absent.onnx", "absent.safetensors", "absent.npz"])
+@pytest.mark.parametrize("words", [["evaluate", "--driver"], ["replay"], ["evaluate"]])
+def test_a_file_that_is_not_there_is_said_to_be_missing(
+    name: str, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words, f"nowhere/{name}"]) == 1
+    found = capsys.readouterr().err
+    assert found == f"drl-av: There is no file nowhere/{name}: correct its path.\n"
 
 
 @pytest.mark.parametrize(

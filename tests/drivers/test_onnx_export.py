@@ -44,6 +44,36 @@ def test_it_decides_as_the_shipped_driver_on_10_000_observations(exported: Path)
         assert ACTIONS[actions[row]] == wanted, row
 
 
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("dqn.zip", "dqn.zip is an agent of stable-baselines3, not a driver that drl-av trained: "),
+        ("net.onnx", "net.onnx is an ONNX network, not a driver that drl-av trained: give a run's"),
+        ("nope", "There is no file or folder nope: give a run's folder that has a policy.safetens"),
+        ("empty", "empty holds no trained driver: give a run's folder that has a policy.safetens"),
+        ("idm", "idm is not a driver that drl-av trained, and has no network to export: give a"),
+        ("module:factory", "module:factory is not a driver that drl-av trained, and has no"),
+    ],
+)
+def test_what_cannot_be_exported_is_named_with_what_can(
+    word: str,
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for file in ("dqn.zip", "net.onnx"):
+        Path(file).write_bytes(b"PK")
+    Path("empty").mkdir()
+    assert main(["export", word, "out.onnx"]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith(f"drl-av: {message}")
+    assert "pretrained" in said
+    assert "leave the run out" not in said
+    assert not Path("out.onnx").exists()
+
+
 def test_a_lane_change_begins_only_above_the_margin_and_continues_without_one(
     exported: Path,
 ) -> None:

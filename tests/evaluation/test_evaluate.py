@@ -106,6 +106,14 @@ def test_a_loaded_driver_drives_the_environment_as_its_evaluation_does() -> None
         ({"jobs": "two"}, "jobs is 'two'"),
         ({"drivers": "pretraind"}, "did you mean 'pretrained'"),
         ({"own": {"mine": 3}}, "'mine' in own is a int, but must be an object with start"),
+        ({"own": {"mine": Brakes}}, "'mine' in own is a type, .* a class .* has to be called"),
+        ({"own": {3: Brakes()}}, "own names a driver 3, but a name must be a text"),
+        ({"own": [Brakes()]}, r"own is a list, .* write own=\{'mine': driver\}"),
+        ({"drivers": [Brakes()]}, r"has a Brakes, .* pass a driver object as own=\{'mine': driver"),
+        ({"drivers": lambda config: Brakes()}, "has a function, .* or 'module:function'"),
+        ({"drivers": None}, "has a NoneType, but must have names and paths"),
+        ({"drivers": "nowhere/agent.zip"}, r"There is no file nowhere/agent\.zip"),
+        ({"vehicles": None}, "vehicles is None, but must be a whole number"),
         ({"drivers": "idm", "own": {"idm": Brakes()}}, "Two drivers are called 'idm'"),
         ({"own": {"mine": Brakes()}, "jobs": 2}, "drive in one process: name a factory"),
         ({"traffic": "calmm"}, "did you mean 'calm'"),
@@ -120,6 +128,14 @@ def test_a_wrong_argument_is_refused_in_one_sentence(
     with pytest.raises(DrlAvError, match=message) as caught:
         drl_av.evaluate(**({"vehicles": 1, "episodes": 2} | arguments))
     assert "\n" not in str(caught.value)
+
+
+def test_numbers_of_numpy_are_taken_as_those_of_python() -> None:
+    settings: dict[str, Any] = {"config": {"simulation": {"decisions_per_episode": np.int64(3)}}}
+    found = drl_av.evaluate(
+        "idm", vehicles=np.array([2, 4]), episodes=np.int32(1), seed=np.uint8(7), **settings
+    )
+    assert [(row.vehicles, row.seed, row.decisions) for row in found] == [(2, 7, 3), (4, 7, 3)]
 
 
 def test_a_driver_that_does_not_exist_is_refused(tmp_path: Path) -> None:
