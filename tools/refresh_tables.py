@@ -17,6 +17,7 @@ from docs_pages import actions, observation
 from drl_av.experiments.experiment import Results
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.registry import EXPERIMENTS
+from verification import shielding_report
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
@@ -36,6 +37,7 @@ TABLES: dict[str, Callable[[Results], str]] = {
     "observation": lambda results: observation(),
     "actions": lambda results: actions(),
     "experiments": experiment_table,
+    "shielding": shielding_report.section,
 } | {name: table for each in EXPERIMENTS.values() for name, table in each.summaries.items()}
 
 

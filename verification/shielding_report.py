@@ -4,6 +4,7 @@ from pathlib import Path
 
 from drl_av.evaluation.statistics import Mean, mean_with_interval
 from drl_av.experiments.canvas import label_axes, panels, save_figure
+from drl_av.experiments.experiment import Results
 from drl_av.experiments.markdown import markdown_table
 from drl_av.files import Row
 
@@ -50,6 +51,15 @@ def table(rows: list[Row]) -> str:
             lines.append([*cells, str(sum(int(row["ego_hits"]) for row in own))])
     names = ["method", "stage", "trainings", *(label for label, _ in CURVES.values()), "ego hits"]
     return markdown_table(names, lines)
+
+
+def section(results: Results) -> str:
+    """Return the table and the figure of ``shielding.csv`` as Markdown, as far as there are any."""
+    rows = results.rows("shielding.csv")
+    if not rows:
+        return "*The trainings have not been made yet.*"
+    picture = "![Learning with a mask, with a replacement, and with a penalty](shielding.png)"
+    return f"{table(rows)}\n\n{picture}"
 
 
 def figure(rows: list[Row], path: Path) -> None:
