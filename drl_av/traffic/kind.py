@@ -1,7 +1,7 @@
 """The interface of a kind of scenario."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from drl_av.traffic.road import Road
@@ -40,7 +40,8 @@ class OpenPlan(NamedTuple):
     """An open road: its edges and routes in SUMO, and the same road as the simulation needs it.
 
     Each lane continues in the lane of the same index on every edge that begins where its edge ends.
-    The last route is that of the ego in the demo traffic.
+    The first route is the way of the traffic, and that of an ego that has missed its exit; the last
+    route is the way of the ego.
     """
 
     edges: tuple[Edge, ...]
@@ -59,6 +60,16 @@ class Layout(NamedTuple):
     """By SUMO lane id: index of the lane, and position of its start along the road, metres."""
     start: OpenStart | None = None
     """None on a loop, on which the vehicles may start at any position."""
+
+
+def route_on(routes: Mapping[str, tuple[str, ...]], edge: str, is_way: bool) -> str:
+    """Return the name of a route that contains an edge: the first, or with ``is_way`` the last.
+
+    The ego takes the last route, and so does each vehicle that starts in a lane that begins or ends
+    on the way: it may lead nowhere else.
+    """
+    names = [name for name, edges in routes.items() if edge in edges]
+    return names[-1 if is_way else 0]
 
 
 class ScenarioKind(NamedTuple):

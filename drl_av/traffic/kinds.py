@@ -8,13 +8,21 @@ from typing import Any
 
 from drl_av.errors import ScenarioError
 from drl_av.traffic.circular import LOOP
+from drl_av.traffic.exit import EXIT
 from drl_av.traffic.kind import ScenarioKind
 from drl_av.traffic.merge import MERGE
+from drl_av.traffic.ramp_to_ramp import RAMP_TO_RAMP
 from drl_av.traffic.straight import STRAIGHT
 
 __all__ = ["KINDS", "ScenarioKind", "kind_of", "stated_kind"]
 
-KINDS: dict[str, ScenarioKind] = {"loop": LOOP, "straight": STRAIGHT, "merge": MERGE}
+KINDS: dict[str, ScenarioKind] = {
+    "loop": LOOP,
+    "straight": STRAIGHT,
+    "merge": MERGE,
+    "exit": EXIT,
+    "ramp_to_ramp": RAMP_TO_RAMP,
+}
 
 
 def kind_name(description: Any) -> str:

@@ -3,8 +3,9 @@
 import xml.etree.ElementTree as ET
 from typing import Any
 
-from drl_av.traffic.kind import OpenPlan
+from drl_av.traffic.kind import OpenPlan, route_on
 from drl_av.traffic.network import DEMO_END_S, vehicle_element
+from drl_av.traffic.population import EGO_ID
 
 EGO_DEPARTS_S = 60
 """Time at which the ego enters among an inflow."""
@@ -34,13 +35,14 @@ def _place(root: ET.Element, description: Any, plan: OpenPlan) -> None:
             for edge in reversed(plan.edges)
             if edge.begin_m <= vehicle.position_m and vehicle.lane in edge.lanes
         )
-        name, edges = next(item for item in plan.routes.items() if edge.id in item[1])
+        is_way = vehicle.id == EGO_ID or plan.road.is_partial(vehicle.lane)
+        name = route_on(plan.routes, edge.id, is_way)
         vehicle_element(
             root,
             vehicle,
             description.speed_limit_m_s,
             route=name,
-            departEdge=str(edges.index(edge.id)),
+            departEdge=str(plan.routes[name].index(edge.id)),
             departLane=str(vehicle.lane - edge.lanes[0]),
             departPos=f"{vehicle.position_m - edge.begin_m:.2f}",
         )
@@ -49,7 +51,8 @@ def _place(root: ET.Element, description: Any, plan: OpenPlan) -> None:
 def _let_enter(root: ET.Element, description: Any, plan: OpenPlan) -> None:
     """Add an inflow in each lane, and the ego, which enters later."""
     first, *_, last = [*plan.routes, *plan.routes]
-    entry = next(edge for edge in plan.edges if edge.id == plan.routes[first][0])
+    lanes = {edge.id: edge.lanes for edge in plan.edges}
+    entry, ego_entry = (lanes[plan.routes[name][0]] for name in (first, last))
     for lane in plan.start.lanes if description.flow_per_h else ():
         ET.SubElement(
             root,
@@ -60,7 +63,7 @@ def _let_enter(root: ET.Element, description: Any, plan: OpenPlan) -> None:
             begin="0",
             end=str(DEMO_END_S),
             vehsPerHour=repr(description.flow_per_h),
-            departLane=str(lane - entry.lanes[0]),
+            departLane=str(lane - entry[0]),
             departSpeed="max",
         )
     ET.SubElement(
@@ -70,6 +73,6 @@ def _let_enter(root: ET.Element, description: Any, plan: OpenPlan) -> None:
         type="ego",
         route=last,
         depart=str(EGO_DEPARTS_S),
-        departLane="0",
+        departLane=str((plan.start.ego_lane or ego_entry[0]) - ego_entry[0]),
         departSpeed=repr(min(plan.start.ego_speed_m_s or 20.0, description.speed_limit_m_s)),
     )

@@ -23,12 +23,14 @@ from drl_av.traffic.network import PRECISION, netconvert, xml_text
 from drl_av.traffic.open_demo import traffic
 from drl_av.traffic.own_types import OwnVehicleType
 
+START_M = 300.0
+"""Position at which the ego starts on the highway: all followers in its range are on the road."""
 BEYOND_M = 250.0
 """Length of road with other vehicles beyond the end of the ego's way; it is the ego's range."""
 RUN_OUT_M = 500.0
 """Length of SUMO's road beyond that end. Vehicles leave the fleet before they reach SUMO's end."""
 TOLERANCE = 1e-6
-__all__ = ["BEYOND_M", "Edge", "OpenDescription", "OpenPlan", "open_kind", "xml_text"]
+__all__ = ["BEYOND_M", "START_M", "Edge", "OpenDescription", "OpenPlan", "open_kind", "xml_text"]
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from typing import Any
 
 from drl_av.config import TrafficConfig
 from drl_av.traffic.ego_model import take_control
-from drl_av.traffic.kind import Layout
+from drl_av.traffic.kind import Layout, route_on
 from drl_av.traffic.population import Population
 from drl_av.traffic.snapshot import EGO
 
@@ -23,7 +23,9 @@ def place(
     """
     name, speed = population.ids[row], float(population.speed_m_s[row])
     lane_id, position_m = _lane_and_position(layout, population.lane[row], population.front_m[row])
-    vehicle.add(name, _route(layout, lane_id), type_id, "now", departSpeed="0")
+    is_way = row == EGO or layout.road.is_partial(int(population.lane[row]))
+    route = route_on(layout.routes, lane_id.rpartition("_")[0], is_way)
+    vehicle.add(name, route, type_id, "now", departSpeed="0")
     if population.is_truck[row]:
         vehicle.setLength(name, traffic.truck_length_m)
         vehicle.setWidth(name, traffic.truck_width_m)
@@ -38,14 +40,6 @@ def place(
         gain = repr(float(population.speed_gain[row]))
         vehicle.setParameter(name, "laneChangeModel.lcSpeedGain", gain)
     vehicle.setMaxSpeed(name, float(population.desired_speed_m_s[row]))
-
-
-def _route(layout: Layout, lane_id: str) -> str:
-    """Return the name of the first route that contains the edge of a SUMO lane."""
-    if len(layout.routes) == 1:
-        return next(iter(layout.routes))
-    edge = lane_id.rpartition("_")[0]
-    return next(name for name, edges in layout.routes.items() if edge in edges)
 
 
 def _lane_and_position(layout: Layout, lane: int, front_m: float) -> tuple[str, float]:

@@ -101,11 +101,14 @@ class Road:
         """Whether the lane exists somewhere on the road and is not barricaded."""
         return 0 <= lane < len(self.open_lanes) and self.open_lanes[lane]
 
+    def is_partial(self, lane: int) -> bool:
+        """Whether the lane begins or ends within the road."""
+        return any(part.lane == lane for part in self.partial_lanes)
+
     def is_open_at(self, lane: int, s_m: float) -> bool:
         """Whether the lane exists at the position ``s_m`` along the road and is not barricaded."""
         return self.is_open(lane) and (
-            self._part(lane, s_m) is not None
-            or all(part.lane != lane for part in self.partial_lanes)
+            self._part(lane, s_m) is not None or not self.is_partial(lane)
         )
 
     def is_beside(self, lane: int, other: int, s_m: float) -> bool:

@@ -1,5 +1,6 @@
 """One simulation in SUMO: it loads a scenario, places vehicles, and advances by one decision."""
 
+import math
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -240,18 +241,31 @@ class Simulation:
         if changes:
             vehicle.changeSublane(EGO_ID, command.y_m - self._readings.place(EGO)[1])
             self._ego_y_m = command.y_m
+        if self._misses_exit(command):
+            vehicle.setRouteID(EGO_ID, next(iter(self.scenario.layout.routes)))
         vehicle.setSpeed(EGO_ID, command.speed_m_s)
         self._ego_lateral_speed_m_s = command.lateral_speed_m_s
         return True
 
     def _stays_on_its_lanes(self, command: Command) -> bool:
         """Return whether the ego stays on open lanes if it executes the command."""
-        width_m, half_m = float(self.fleet.width_m[EGO]), float(self.fleet.length_m[EGO]) / 2
+        width_m = float(self.fleet.width_m[EGO])
         if not self.road.partial_lanes:
             return self.road.holds(command.y_m, width_m)
+        return self.road.holds(command.y_m, width_m, self._front_m(command))
+
+    def _misses_exit(self, command: Command) -> bool:
+        """Return whether the ego passes its exit in the next step in another lane.
+
+        SUMO stops a vehicle at the end of an edge from which its lane does not follow its route.
+        """
+        lane, exit_m = self.road.lane_of(command.y_m), self.road.exit_m
+        return lane > 0 and exit_m < math.inf and self._front_m(command) >= exit_m
+
+    def _front_m(self, command: Command) -> float:
+        """Return the position of the ego's front bumper after the next step."""
         further_m = command.speed_m_s * self._config.simulation.step_length_s
-        front_m = self._readings.place(EGO)[0] + half_m + further_m
-        return self.road.holds(command.y_m, width_m, front_m)
+        return self._readings.place(EGO)[0] + float(self.fleet.length_m[EGO]) / 2 + further_m
 
     def _snapshot(self) -> Snapshot:
         """Read the state of all vehicles from SUMO, and return it as a snapshot."""

@@ -6,15 +6,13 @@ from drl_av.config.schema import setting
 from drl_av.traffic.kind import OpenStart
 from drl_av.traffic.open_road import (
     BEYOND_M,
+    START_M,
     Edge,
     OpenDescription,
     OpenPlan,
     open_kind,
 )
 from drl_av.traffic.road import OPEN_LAP_M, Road
-
-START_M = 300.0
-"""Position at which the ego starts, so far that all followers in its range are on the road."""
 
 
 @dataclass(frozen=True)

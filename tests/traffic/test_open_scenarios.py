@@ -1,5 +1,6 @@
 """Open roads as scenario folders, with the real netconvert and the real SUMO."""
 
+import math
 import subprocess
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -19,6 +20,8 @@ from drl_av.traffic.open_road import OpenDescription, OpenPlan, open_kind
 from drl_av.traffic.road import PartialLane
 from drl_av.traffic.scenario import load_scenario, write_scenario
 from drl_av.traffic.straight import StraightDescription
+
+OPEN_KINDS = ("straight", "merge", "exit", "ramp_to_ramp")
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +61,60 @@ def test_the_acceleration_lane_leads_nowhere_in_sumo(folder: Callable[[str], Pat
     assert ("ramp", "0", "0") in ways
 
 
+def test_exit_has_a_deceleration_lane_of_250_m_that_becomes_the_off_ramp(
+    folder: Callable[[str], Path],
+) -> None:
+    layout = load_scenario(folder("exit")).layout
+    road, start = layout.road, layout.start
+    assert start is not None
+    assert (start.ego_lane, start.ego_front_m) == (3, 300.0)  # 1 to 3 are the through lanes
+    assert road.exit_m == 1300.0
+    assert road.partial_lanes == (PartialLane(0, 1050.0, math.inf, 1050.0, 1300.0),)
+    assert road.end_m == 1400.0
+    assert layout.lane_positions["before_0"] == (1, 0.0)
+    assert layout.lane_positions["exit_0"] == (0, 1050.0)
+    assert layout.lane_positions["off_ramp_0"] == (0, 1300.0)
+    assert layout.lane_positions["after_0"] == (1, 1300.0)
+
+
+def test_the_deceleration_lane_leads_to_the_off_ramp_only_in_sumo(
+    folder: Callable[[str], Path],
+) -> None:
+    network = ET.parse(folder("exit") / "highway.net.xml").getroot()
+    ways = {
+        (way.get("from"), way.get("fromLane"), way.get("to"), way.get("toLane"))
+        for way in network.iter("connection")
+    }
+    assert {way for way in ways if way[:2] == ("exit", "0")} == {("exit", "0", "off_ramp", "0")}
+    assert {way for way in ways if way[2] == "off_ramp"} == {("exit", "0", "off_ramp", "0")}
+    assert ("exit", "1", "after", "0") in ways
+
+
+def test_ramp_to_ramp_has_both_ramps_1000_m_apart(folder: Callable[[str], Path]) -> None:
+    layout = load_scenario(folder("ramp_to_ramp")).layout
+    merge, leave = layout.road.partial_lanes
+    assert merge == load_scenario(folder("merge")).layout.road.partial_lanes[0]
+    assert leave == PartialLane(0, 1500.0, math.inf, 1500.0, 1750.0)
+    assert (layout.road.exit_m, layout.road.end_m) == (1750.0, 1850.0)
+    assert layout.start is not None
+    assert (layout.start.ego_lane, layout.start.ego_front_m) == (0, 400.0)
+
+
+@pytest.mark.parametrize("kind", ["exit", "ramp_to_ramp"])
+def test_plain_sumo_s_ego_leaves_by_the_exit_and_no_other_vehicle_does(
+    kind: str, folder: Callable[[str], Path], tmp_path: Path
+) -> None:
+    sumo, trips = program("netconvert").with_name("sumo"), tmp_path / "trips.xml"
+    arguments = ["-c", folder(kind) / "highway.sumocfg", "--end", "300", "--no-step-log"]
+    subprocess.run([sumo, *arguments, "--tripinfo-output", str(trips)], check=True)
+    arrived = {
+        trip.attrib["id"]: trip.attrib["arrivalLane"]
+        for trip in ET.parse(trips).getroot().iter("tripinfo")
+    }
+    assert arrived.pop("ego") == "off_ramp_0"
+    assert set(arrived.values()) == {"after_0", "after_1", "after_2"}
+
+
 def test_straight_leads_the_ego_2_km_from_where_followers_in_range_are_on_the_road(
     folder: Callable[[str], Path],
 ) -> None:
@@ -69,7 +126,7 @@ def test_straight_leads_the_ego_2_km_from_where_followers_in_range_are_on_the_ro
     assert not layout.road.is_loop
 
 
-@pytest.mark.parametrize("kind", ["straight", "merge"])
+@pytest.mark.parametrize("kind", OPEN_KINDS)
 def test_plain_sumo_opens_an_open_road_and_its_vehicles_drive_through(
     kind: str, folder: Callable[[str], Path], tmp_path: Path
 ) -> None:
@@ -107,7 +164,7 @@ def test_vehicles_placed_on_an_open_road_are_its_demo_traffic_in_plain_sumo(tmp_
     assert {v.attrib["id"] for moment in rest for v in moment} == set(shown)
 
 
-@pytest.mark.parametrize("kind", ["straight", "merge"])
+@pytest.mark.parametrize("kind", OPEN_KINDS)
 def test_what_is_written_reads_back_equal_and_to_the_same_bytes(
     kind: str, folder: Callable[[str], Path], tmp_path: Path
 ) -> None:

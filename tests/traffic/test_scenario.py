@@ -18,7 +18,9 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError, SimulationError
 from drl_av.traffic import network
 from drl_av.traffic.description_file import from_toml
+from drl_av.traffic.exit import ExitDescription
 from drl_av.traffic.merge import MergeDescription
+from drl_av.traffic.ramp_to_ramp import RampToRampDescription
 from drl_av.traffic.scenario import (
     PlacedVehicle,
     ScenarioDescription,
@@ -55,7 +57,12 @@ def folder(tmp_path: Path) -> Path:
     return Path(shutil.copytree(find_scenario(), tmp_path / "scenario"))
 
 
-OPEN = {"straight": StraightDescription(), "merge": MergeDescription()}
+OPEN = {
+    "straight": StraightDescription(),
+    "merge": MergeDescription(),
+    "exit": ExitDescription(),
+    "ramp_to_ramp": RampToRampDescription(),
+}
 
 
 @pytest.mark.parametrize("name", [*SHIPPED, *OPEN])

@@ -38,7 +38,8 @@ from verification.auditor import (
 
 CONFIG = Config()
 STRICT = CONFIG.strict
-SHIPPED = ("circular_three_lane", "barricaded_right_lane", "merge", "straight")
+OPEN = ("straight", "merge", "exit", "ramp_to_ramp")
+SHIPPED = ("circular_three_lane", "barricaded_right_lane", *OPEN)
 STEP_S = 0.5
 
 

@@ -1,0 +1,39 @@
+"""The kind of scenario ``ramp_to_ramp``: from an on-ramp over the highway to the next off-ramp."""
+
+from dataclasses import dataclass
+
+from drl_av.traffic.kind import Edge, OpenPlan
+from drl_av.traffic.off_ramp import OffRamp
+from drl_av.traffic.on_ramp import GORE_M, OnRamp
+from drl_av.traffic.open_road import open_kind
+
+
+@dataclass(frozen=True)
+class RampToRampDescription(OnRamp, OffRamp):
+    """A highway with an on-ramp and an off-ramp, which are both lane 0."""
+
+    def plan(self) -> OpenPlan:
+        """Return the road, on which the acceleration lane ends before the deceleration lane."""
+        ramp, through = self.on_ramp, range(1, self.lanes + 1)
+        off_ramp = self.off_ramp(ramp.end_m)
+        road = self.road_to_exit(ramp, off_ramp)
+        return OpenPlan(
+            edges=(
+                Edge("before", 0.0, GORE_M, through),
+                self.on_ramp_edge,
+                Edge("beside", GORE_M, ramp.end_m, range(self.lanes + 1)),
+                Edge("between", ramp.end_m, off_ramp.begin_m, through),
+                *self.exit_edges(off_ramp),
+            ),
+            routes={
+                "through": ("before", "beside", "between", "exit", "after"),
+                "way": ("ramp", "beside", "between", "exit", "off_ramp"),
+            },
+            road=road,
+            start=self.start_on_ramp(road.end_m),
+        )
+
+
+RAMP_TO_RAMP = open_kind(
+    "an on-ramp, a highway and an off-ramp, by which the ego leaves", RampToRampDescription
+)
