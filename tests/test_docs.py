@@ -16,6 +16,7 @@ from shown import ROOT, fenced, read, run, run_commands
 from drl_av.cli import VERBS
 from drl_av.config import Config
 from drl_av.config.reference import SECTIONS, settings
+from drl_av.drivers.onnx_interface import INPUTS, OUTPUTS
 from drl_av.driving.affordances import INDICATORS
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -72,6 +73,15 @@ def test_the_environment_page_has_every_indicator_and_action(site: Path) -> None
         assert re.search(rf"\b{place}\s+{name}\b", page)
     assert re.search(r"keep the lane\s+0\s+1\s+2\s+3", page)
     assert re.search(r"change to the left\s+8\s+9\s+10\s+11", page)
+
+
+def test_the_export_page_has_every_input_output_and_indicator(site: Path) -> None:
+    page = re.sub(r"\s+", " ", words(site / "export.html"))
+    for port in (*INPUTS, *OUTPUTS):
+        shape = ", ".join(map(str, port.shape))
+        assert f"{port.name} {port.dtype} ({shape}) {port.meaning}" in page
+    for place, name in enumerate(INDICATORS):
+        assert re.search(rf"\b{place} {name}\b", page)
 
 
 def test_the_argument_for_strict_stands_on_the_safety_page(site: Path) -> None:

@@ -16,20 +16,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from drl_av.cli import command_line
 from drl_av.config import Config
 from drl_av.config.reference import SECTIONS, section_meaning, settings, written
+from drl_av.drivers.onnx_interface import INPUTS, INSIDE, OUTPUTS
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
-from drl_av.driving.affordances import INDICATORS, SLOTS
+from drl_av.driving.affordances import INDICATORS, SLOTS, indicator_meaning
 from drl_av.env.observation import GROUPS
 from drl_av.traffic.kinds import KINDS
 
-MEANINGS = {
-    "d_x": "net gap, bumper to bumper, m",
-    "v_x": "relative velocity, m/s; negative for a vehicle ahead that comes nearer",
-    "d_y": "relative lateral position, m; left positive",
-    "v_y": "relative lateral velocity, m/s; left positive",
-    "ego_v_x": "speed of the ego, m/s",
-    "ego_d_y": "lateral position of the ego from the centre of the rightmost lane, m",
-    "ego_v_y": "lateral velocity of the ego, m/s; left positive",
-}
 LONGITUDINAL = ("maintain", "accelerate", "brake", "hard brake")
 LATERAL = ("keep the lane", "change to the right", "change to the left")
 
@@ -72,12 +64,18 @@ def observation() -> str:
 
 def indicators() -> str:
     """Return the Markdown table of the 27 affordance indicators, one row for each."""
-    rows = []
-    for place, name in enumerate(INDICATORS):
-        slot = next((slot for slot in SLOTS if name.startswith(f"{slot}_")), None)
-        state = name if slot is None else name.removeprefix(f"{slot}_")
-        rows.append([place, f"`{name}`", MEANINGS[state]])
+    rows = [[place, f"`{name}`", indicator_meaning(name)] for place, name in enumerate(INDICATORS)]
     return table(["place", "name", "meaning"], rows)
+
+
+def exported() -> str:
+    """Return the table of an exported driver's inputs and outputs, and what it contains."""
+    rows = [
+        [kind, f"`{port.name}`", port.dtype, f"({', '.join(map(str, port.shape))})", port.meaning]
+        for kind, ports in (("input", INPUTS), ("output", OUTPUTS))
+        for port in ports
+    ]
+    return table(["", "name", "type", "shape", "meaning"], rows) + f"\n\n{INSIDE}"
 
 
 def kinds() -> str:
@@ -95,6 +93,7 @@ def groups() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     "actions": actions,
+    "exported": exported,
     "groups": groups,
     "indicators": indicators,
     "kinds": kinds,

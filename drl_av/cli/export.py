@@ -6,16 +6,22 @@ from pathlib import Path
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av export`` to its parser."""
+    from drl_av.drivers.onnx_interface import described
+
     parser.add_argument(
-        "run", metavar="RUN", help="folder of a run, or pretrained (the shipped driver)"
+        "run",
+        metavar="RUN",
+        help="folder of a run, its policy.safetensors, or pretrained (the shipped driver)",
     )
     parser.add_argument("out", type=Path, metavar="FILE.onnx", help="file to write")
+    parser.epilog = described()
 
 
 def export(options: argparse.Namespace) -> int:
-    """Write the ONNX file, and print its inputs and outputs; return the exit status 0."""
+    """Write the ONNX file, and describe its inputs and outputs; return the exit status 0."""
     from drl_av.drivers.external import is_factory
     from drl_av.drivers.onnx_export import export as write
+    from drl_av.drivers.onnx_interface import INPUTS, OUTPUTS
     from drl_av.drivers.policy_file import PRETRAINED, load_run
     from drl_av.drivers.registry import RULE_DRIVERS
     from drl_av.driving.affordances import ObservationScale
@@ -34,6 +40,9 @@ def export(options: argparse.Namespace) -> int:
     road = load_scenario(find_scenario(config.simulation.scenario)).road
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
     write(options.out, networks, config, scale)
-    print(f"{options.out}: inputs indicators (rows, 27) in SI units and lane_change (rows,); ")
-    print("outputs action (rows,) and q (rows, 12)")
+    for kind, ports in (("input", INPUTS), ("output", OUTPUTS)):
+        for port in ports:
+            shape = ", ".join(map(str, port.shape))
+            print(f"{options.out}: {kind} {port.name}, {port.dtype} ({shape})")
+    print("What they mean: drl-av export --help, or the descriptions in the file.")
     return 0

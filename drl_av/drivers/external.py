@@ -20,12 +20,13 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.driver import Driver
+from drl_av.drivers.onnx_interface import INPUTS
 from drl_av.driving.actions import ACTIONS, Action, action_of
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.scene import Scene
 from drl_av.errors import CheckpointError, ConfigError
 
-INDICATORS_INPUT, LANE_CHANGE_INPUT = "indicators", "lane_change"
+INDICATORS_INPUT, LANE_CHANGE_INPUT = (port.name for port in INPUTS)
 """Names of the two inputs of an ONNX file that ``drl-av export`` wrote."""
 _FACTORY = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 _AGENTS = {

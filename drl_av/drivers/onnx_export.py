@@ -10,8 +10,9 @@ from drl_av.config import Config
 from drl_av.drivers.external import INDICATORS_INPUT, LANE_CHANGE_INPUT
 from drl_av.drivers.learned import CHANGES_LANE
 from drl_av.drivers.network import LEAK, QNetwork
+from drl_av.drivers.onnx_interface import INPUTS, INSIDE, OUTPUTS, Port, metadata
 from drl_av.driving.actions import ACTIONS
-from drl_av.driving.affordances import INDICATORS, ObservationScale
+from drl_av.driving.affordances import ObservationScale
 from drl_av.driving.mirror import MIRROR
 from drl_av.errors import DrlAvError
 from drl_av.files import write_whole
@@ -47,10 +48,7 @@ def export(
 ) -> None:
     """Write the driver of trained networks to an ONNX file; needs the package onnx.
 
-    The inputs are ``indicators``, float64 of shape (rows, 27), the affordance indicators in SI
-    units, and ``lane_change``, bool of shape (rows,), whether a lane change is in progress. The
-    outputs are ``action``, int64 of shape (rows,), the action numbers, and ``q``, float32 of shape
-    (rows, 12), the Q-values before the margin for lane changes is subtracted.
+    ``onnx_interface`` describes the inputs, the outputs and the metadata, which the file holds too.
 
     Raises:
         DrlAvError: onnx is not installed, or the file cannot be written.
@@ -69,21 +67,32 @@ def export(
         total = graph.add("Add", total, member)
     q = graph.add("Div", total, graph.constant(np.float32(len(members))), name="q")
     _chosen(graph, q, config.learning.lane_change_margin)
-    helper, kinds = onnx.helper, onnx.TensorProto
-    inputs = [
-        helper.make_tensor_value_info(INDICATORS_INPUT, kinds.DOUBLE, ["rows", len(INDICATORS)]),
-        helper.make_tensor_value_info(LANE_CHANGE_INPUT, kinds.BOOL, ["rows"]),
-    ]
-    outputs = [
-        helper.make_tensor_value_info("action", kinds.INT64, ["rows"]),
-        helper.make_tensor_value_info("q", kinds.FLOAT, ["rows", len(ACTIONS)]),
-    ]
-    made = helper.make_graph(graph.nodes, "drl_av_driver", inputs, outputs, graph.constants)
+    helper, inputs, outputs = onnx.helper, *(_described(ports) for ports in (INPUTS, OUTPUTS))
+    made = helper.make_graph(
+        graph.nodes, "drl_av_driver", inputs, outputs, graph.constants, doc_string=INSIDE
+    )
     model = helper.make_model(made, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=8)
     model.producer_name = "drl-av"
-    model.metadata_props.add(key="config", value=config.to_toml())
+    model.doc_string = INSIDE
+    for key, value in metadata(config).items():
+        model.metadata_props.add(key=key, value=value)
     onnx.checker.check_model(model, full_check=True)
     write_whole(path, model.SerializeToString())
+
+
+def _described(ports: Sequence[Port]) -> list[Any]:
+    """Return the inputs or outputs with their types, shapes and meanings, as ONNX has them."""
+    from onnx import helper
+
+    return [
+        helper.make_tensor_value_info(
+            port.name,
+            helper.np_dtype_to_tensor_dtype(np.dtype(port.dtype)),
+            port.shape,
+            doc_string=port.meaning,
+        )
+        for port in ports
+    ]
 
 
 def _scaled(graph: _Graph, scale: ObservationScale) -> str:

@@ -1,18 +1,22 @@
 """The exported driver decides as the driver does, in a program that knows only ONNX."""
 
+import json
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
+import onnx
 import onnxruntime
 import pytest
 from worlds import ROAD, scene
 
 from drl_av.cli import main
+from drl_av.config import from_toml
+from drl_av.drivers.onnx_interface import described
 from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import find_drivers, load_learned, make_drivers
 from drl_av.driving.actions import ACTIONS
-from drl_av.driving.affordances import INDICATORS, ObservationScale
+from drl_av.driving.affordances import INDICATORS, SLOTS, ObservationScale
 from drl_av.driving.scene import LaneChange
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
@@ -42,6 +46,47 @@ def test_it_decides_as_the_shipped_driver_on_10_000_observations(exported: Path)
         assert q[row] == pytest.approx(driver.values(observation), abs=1e-4)
         wanted = driver.act(busy if changing[row] else alone, observation)
         assert ACTIONS[actions[row]] == wanted, row
+
+
+def test_the_file_describes_its_inputs_outputs_indicators_and_actions(exported: Path) -> None:
+    graph = onnx.load(exported).graph
+    kinds = onnx.TensorProto
+    shown = {
+        port.name: (
+            port.type.tensor_type.elem_type,
+            [axis.dim_param or axis.dim_value for axis in port.type.tensor_type.shape.dim],
+        )
+        for port in (*graph.input, *graph.output)
+    }
+    assert shown == {
+        "indicators": (kinds.DOUBLE, ["rows", 27]),
+        "lane_change": (kinds.BOOL, ["rows"]),
+        "action": (kinds.INT64, ["rows"]),
+        "q": (kinds.FLOAT, ["rows", 12]),
+    }
+    meanings = {port.name: port.doc_string for port in (*graph.input, *graph.output)}
+    assert "in SI units, unscaled" in meanings["indicators"]
+    assert "lane change of the ego is in progress" in meanings["lane_change"]
+    assert "no safety check" in graph.doc_string
+    session = onnxruntime.InferenceSession(exported, providers=["CPUExecutionProvider"])
+    held = session.get_modelmeta().custom_metadata_map
+    indicators, actions = json.loads(held["indicators"]), json.loads(held["actions"])
+    assert [each["name"] for each in indicators] == list(INDICATORS)
+    assert indicators[4] == {"name": "own_rear_d_x", "meaning": "net gap, bumper to bumper, m"}
+    assert indicators[24] == {"name": "ego_v_x", "meaning": "speed of the ego, m/s"}
+    assert (actions[0], actions[5], actions[11]) == tuple(str(ACTIONS[n]) for n in (0, 5, 11))
+    assert held["lane_change_margin"] == "0.04"
+    assert from_toml(held["config"]) == load_learned(PRETRAINED)[1]
+
+
+def test_the_help_of_export_describes_them_too(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["export", "--help"])
+    shown = " ".join(capsys.readouterr().out.split())
+    assert described() in shown
+    order = [shown.index(f" {slot}") for slot in SLOTS]
+    assert order == sorted(order)
+    assert "Output q, float32 (rows, 12): Q-values" in shown
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,83 @@
+"""Describes the inputs and outputs of an exported driver for its file, the help and the docs."""
+
+import json
+from typing import NamedTuple
+
+from drl_av.config import Config
+from drl_av.driving.actions import ACTIONS
+from drl_av.driving.affordances import INDICATORS, SLOTS, indicator_meaning
+
+
+class Port(NamedTuple):
+    """An input or output of an exported driver."""
+
+    name: str
+    dtype: str
+    """The numpy name of its element type."""
+    columns: int | None
+    """Its shape is (rows, columns), or (rows,) if None. A row is a scene."""
+    meaning: str
+
+    @property
+    def shape(self) -> list[str | int]:
+        """The shape, with the name of the free dimension."""
+        return ["rows"] if self.columns is None else ["rows", self.columns]
+
+
+_STATES = "d_x, v_x, d_y, v_y"
+INPUTS = (
+    Port(
+        "indicators",
+        "float64",
+        len(INDICATORS),
+        "the affordance indicators in SI units, unscaled, in the order of info['indicators']: "
+        f"{_STATES} for each of {', '.join(SLOTS)}, then {', '.join(INDICATORS[-3:])}",
+    ),
+    Port(
+        "lane_change",
+        "bool",
+        None,
+        "whether a lane change of the ego is in progress: from the decision that starts it until "
+        "the ego is on the centre of a lane again",
+    ),
+)
+OUTPUTS = (
+    Port(
+        "action",
+        "int64",
+        None,
+        "number of the action with the greatest Q-value, 4 * lateral (keep, right, left) + "
+        "longitudinal (maintain, accelerate, brake, hard brake); without a lane change in progress "
+        "the actions that change lanes lose the margin first",
+    ),
+    Port("q", "float32", len(ACTIONS), "Q-values of the actions, without the margin"),
+)
+INSIDE = (
+    "The file contains the scaling and clipping of the indicators, all networks and their mean, "
+    "the mean over the scene and its mirror image if the driver was trained so, and the margin for "
+    "lane changes. It contains no safety check. One call is one decision, for the next second."
+)
+
+
+def described() -> str:
+    """Return one paragraph on the inputs, the outputs and the content of an exported driver."""
+    words = [
+        f"{kind} {port.name}, {port.dtype} ({', '.join(map(str, port.shape))}): {port.meaning}."
+        for kind, ports in (("Input", INPUTS), ("Output", OUTPUTS))
+        for port in ports
+    ]
+    return " ".join([*words, INSIDE])
+
+
+def metadata(config: Config) -> dict[str, str]:
+    """Return the metadata of an exported driver: its config, its indicators and its actions.
+
+    ``indicators`` and ``actions`` are JSON lists, ``config`` is TOML.
+    """
+    indicators = [{"name": name, "meaning": indicator_meaning(name)} for name in INDICATORS]
+    return {
+        "config": config.to_toml(),
+        "indicators": json.dumps(indicators),
+        "actions": json.dumps([str(action) for action in ACTIONS]),
+        "lane_change_margin": repr(config.learning.lane_change_margin),
+    }
