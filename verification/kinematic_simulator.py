@@ -133,7 +133,7 @@ class Mover:
         world.lateral_m_s[:, 0] = np.where(arrived, 0.0, world.lateral_m_s[:, 0])
 
     def _steer(self, world: World, sign: IntArray) -> None:
-        """Start, reverse or continue the ego's lane changes, as ``maneuver.next_lane_change``.
+        """Start, reverse or continue the ego's lane changes like ``maneuver.next_lane_change``.
 
         ``sign``, shape (scenes,), is the direction of each lateral action: left +1, right -1.
         """

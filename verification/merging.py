@@ -3,11 +3,11 @@
     python -m verification.merging --episodes 100
     python -m verification.merging --driver sumo --flow 1000 2000 --episodes 20
 
-A line a driver and flow. An episode counts as merged if the ego is on the highway where the
-acceleration lane has ended. The ego waits while it stands on the ramp or on the acceleration lane.
+Prints one line for each driver and flow. An episode counts as merged if the ego is on the highway
+where the acceleration lane has ended. The ego waits while it stands on the ramp or on that lane.
 It forces a vehicle to brake if the nearest vehicle behind it, in its lane or in the one that it
 enters, brakes harder than 3 m/s^2 from the start of the merge until 10 s after it. Intervals are
-Wilson's at 95 %. Exits with 1 where the ego hit anything.
+Wilson's at 95 %. Exits with 1 if the ego hit anything.
 """
 
 import argparse
@@ -41,7 +41,7 @@ AFTER_MERGE = 10
 
 @dataclass
 class Merge:
-    """What one episode showed."""
+    """The outcome of one episode; the module's docstring defines merging, waiting and forcing."""
 
     merged: bool = False
     ego_hit: bool = False
@@ -56,7 +56,7 @@ class Merge:
 
 
 def drive(env: HighwayEnv, name: str, seed: int) -> Merge:
-    """Drive one episode with the driver of a name."""
+    """Drive one episode with the driver ``name``, and return its outcome."""
     merge, made = Merge(), 0
     passed, lanes = 0, len(env.road.open_lanes) - 1
     end_m = env.road.barriers[0].s_m
@@ -80,7 +80,11 @@ def drive(env: HighwayEnv, name: str, seed: int) -> Merge:
 
 
 def _hardest_braking_behind(decision: Decision) -> float:
-    """The braking of the nearest vehicles behind the ego within a decision, m/s^2."""
+    """Return the hardest braking of the vehicles behind the ego within a decision, m/s^2.
+
+    These are the nearest ones in the ego's lane and in the lane that it enters. The result is 0 if
+    there is none, or if none brakes.
+    """
     affordances, after = decision.scene.affordances, decision.next_scene.snapshot
     change = decision.scene.lane_change
     sides = (0,) if change is None else (0, change.target - affordances.lane)
@@ -95,14 +99,14 @@ def _hardest_braking_behind(decision: Decision) -> float:
 
 
 def _passes(before: Snapshot, after: Snapshot, s_m: float) -> int:
-    """How many vehicles but the ego pass a place of the road within a decision."""
+    """Return how many vehicles besides the ego pass the position ``s_m`` within a decision."""
     behind = {name for name, at in zip(before.ids, before.s_m, strict=True) if at < s_m}
     ahead = {name for name, at in zip(after.ids, after.s_m, strict=True) if at >= s_m}
     return len((behind & ahead) - {"ego"})
 
 
 def interval(successes: int, trials: int) -> str:
-    """A share with Wilson's interval at 95 %, in percent."""
+    """Return the share of successes in percent as text, with Wilson's interval at 95 %."""
     z, share = 1.96, successes / trials
     middle = (share + z * z / (2 * trials)) / (1 + z * z / trials)
     half = z * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials**2))
@@ -111,7 +115,7 @@ def interval(successes: int, trials: int) -> str:
 
 
 def line(name: str, flow: float, merges: Sequence[Merge]) -> str:
-    """The line of a driver and a flow."""
+    """Return the line of text on all episodes of one driver at one flow."""
     n = len(merges)
     made = [merge.decisions for merge in merges if merge.decisions is not None]
     return (

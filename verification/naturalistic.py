@@ -197,7 +197,7 @@ class Traffic:
 def _idm(
     speed: FloatArray, desired: FloatArray | float, gap_m: FloatArray, closing: FloatArray
 ) -> FloatArray:
-    """Return IDM accelerations, m/s^2, as ``car_following.idm_acceleration``, for arrays.
+    """Return the IDM acceleration of each vehicle, m/s^2: ``car_following.idm_acceleration``.
 
     The calibration is that of highD; ``closing`` is positive if the gap shrinks.
     """

@@ -35,7 +35,10 @@ def motion(scene: Scene, action: Action, config: Config) -> Motion:
 def affordances_after(
     other: Motion, made: Motion, affordances: Affordances, road: Road
 ) -> Affordances | None:
-    """Return the affordances that the ego would have after the motion ``other`` (ours).
+    """Return the affordances that the ego would have if it had made another motion.
+
+    On a loop, a neighbor ahead stays the one ahead and a neighbor behind the one behind, even if
+    the other way round the loop is shorter after the other motion.
 
     Args:
         other: The motion that the ego did not make.
@@ -44,9 +47,8 @@ def affordances_after(
         road: The road.
 
     Returns:
-        The affordances; None if they cannot be computed, because the ego would be in another lane,
-        with other neighbours, or because a neighbour is or would be beside it. A vehicle on the far
-        side of the loop stays ahead or behind as it was.
+        The affordances after the motion ``other``. They are None if the ego would be in another
+        lane, where its neighbors are unknown, or if a neighbor is or would be beside it.
     """
     y_m = affordances.ego_y_m + other.y_m - made.y_m
     if road.lane_of(y_m) != affordances.lane:

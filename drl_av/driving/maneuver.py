@@ -36,7 +36,11 @@ def aborts(lane_change: LaneChange | None, lateral: Lateral) -> bool:
 
 
 def target_lane(scene: Scene, lateral: Lateral) -> int:
-    """Return the target lane of the ego after a lateral action; without a lane change its own."""
+    """Return the index of the lane in which the ego's lane change ends if it takes ``lateral``.
+
+    The action may start, continue or abort the lane change. Without a lane change the result is the
+    lane that contains the ego's centre.
+    """
     change = next_lane_change(scene.lane_change, scene.affordances.lane, lateral)
     return scene.affordances.lane if change is None else change.target
 

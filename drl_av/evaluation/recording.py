@@ -169,7 +169,7 @@ class Tracks:
         self._moments.append((snapshot.ids, states_of(snapshot)))
 
     def states(self) -> FloatArray:
-        """Shape (moments, vehicles, 4), as ``Recording.states``."""
+        """Return the states in the form of ``Recording.states``, shape (moments, vehicles, 4)."""
         found = np.full((len(self._moments), len(self._rows), 4), np.nan)
         for moment, (ids, states) in enumerate(self._moments):
             found[moment, [self._rows[name] for name in ids]] = states

@@ -287,7 +287,7 @@ class UniformBuffer(Buffer):
         return batch_of(self.ring.draw(batch_size, rng), self.ring.observation_size)
 
     def state(self) -> State:
-        """Return the state of the ring, as ``Ring.state``."""
+        """Return the state of the ring, which ``Ring.state`` describes."""
         return self.ring.state()
 
     def restore(self, state: State) -> None:

@@ -166,9 +166,9 @@ class Bodies:
         return collision
 
     def collisions(self, moves: Mapping[int, Motion]) -> list[tuple[str, str]]:
-        """Return the pairs of ids of all vehicles, the ego included, that touch in a SUMO step.
+        """Return each pair of vehicles that touch each other in a SUMO step, as a pair of ids.
 
-        ``moves`` holds the motion of each vehicle by its row index.
+        ``moves`` holds the motion of each vehicle, the ego included, by its row index.
         """
         return [
             (self.ids[one], self.ids[other])

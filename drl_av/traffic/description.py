@@ -147,7 +147,10 @@ class ScenarioDescription:
 
 
 def toml_text(description: Any) -> str:
-    """Return a description as TOML text, without its kind, and without own types if it has none."""
+    """Return a description as TOML text, without its kind.
+
+    The key of the user's own vehicle types is left out if there are none.
+    """
     values = asdict(description)
     return tomli_w.dumps({key: values[key] for key in values if key != TYPES or values[key]})
 
@@ -163,7 +166,7 @@ def check_sizes(description: Any) -> None:
 
     Raises:
         ScenarioError: a number has a wrong type or is out of bounds, a vehicle is wider than a
-            lane, or the own vehicle types do not fit each other.
+            lane, or the user's vehicle types do not fit each other.
     """
     _check_numbers(description, "The scenario's ")
     if description.vehicle_width_m > description.lane_width_m:

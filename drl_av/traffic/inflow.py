@@ -18,9 +18,10 @@ SUPPLY = 64
 
 
 def flow_speed(traffic: TrafficConfig) -> float:
-    """Return the speed of the traffic on an open road, m/s, for converting flow and density.
+    """Return the speed at which the traffic on an open road is assumed to flow, m/s.
 
-    It is the lowest desired speed, because vehicles follow the slowest one of their lane.
+    The flow in a lane is this speed times the density. The speed is the lowest desired speed,
+    because vehicles follow the slowest one of their lane, but at least 1 m/s.
     """
     return max(traffic.desired_speed_min_m_s, 1.0)
 

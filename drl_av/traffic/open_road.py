@@ -38,8 +38,8 @@ class OpenDescription(ABC):
     """The settings that all open roads have; a subclass adds its own settings and the plan.
 
     Raises:
-        ScenarioError: a value has a wrong type or is out of bounds, own vehicle types do not fit
-            each other, or a placed vehicle is not on the road, too fast, or overlaps another one.
+        ScenarioError: a value has a wrong type or is out of bounds, the user's vehicle types do not
+            fit each other, or a placed vehicle is not on the road, too fast, or overlaps another.
     """
 
     lanes: int = LANES()

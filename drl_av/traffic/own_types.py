@@ -70,7 +70,7 @@ class OwnVehicleType:
 
 
 def check_own_types(description: Any) -> None:
-    """Raise ScenarioError if the own vehicle types do not fit each other or the scenario."""
+    """Raise ScenarioError if the user's vehicle types do not fit each other or the scenario."""
     own = description.vehicle_types
     names = [each.id for each in own]
     for each in own:

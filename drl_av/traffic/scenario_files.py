@@ -74,8 +74,8 @@ def _demo(root: ET.Element, description: Any) -> ET.Element:
 
     The environment sets them for each vehicle; SUMO alone reads them from the vehicle type "demo",
     or from the distribution "demo.mix" if the scenario has types of its own. Above 40 m/s the ego
-    has the type "demo.ego", because the type "ego" is not faster. No own type has a name with a
-    dot.
+    has the type "demo.ego", because the type "ego" is not faster. These names contain a dot, so
+    that none of the user's own types can have them.
     """
     size = description.vehicle_length_m, description.vehicle_width_m
     traffic = TrafficConfig()

@@ -66,12 +66,12 @@ NUMBERS = {
 
 @dataclass(frozen=True)
 class VehicleTypes:
-    """The vehicle types of a scenario: that of the ego, that of other vehicles, and own types."""
+    """The vehicle types of a scenario: the ego's, that of other vehicles, and the user's own."""
 
     traffic: VehicleType
     ego: VehicleType
     own: Mapping[str, VehicleType] = field(default_factory=dict)
-    """Further types of other vehicles, by id."""
+    """Further types of other vehicles, which the user has added, by id."""
 
     @property
     def by_id(self) -> dict[str, VehicleType]:

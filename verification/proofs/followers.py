@@ -61,7 +61,10 @@ def pair(p: Problem, a: Argument) -> tuple[Term, Term, Term]:
 
 
 def rolls(p: Problem, follower: Term, left: int, a: Argument) -> Term:
-    """Return how far the vehicle behind rolls at most that accelerates for ``left`` steps more."""
+    """Return the longest distance that a vehicle behind can cover until it stands, m.
+
+    It accelerates for ``left`` more SUMO steps and then brakes as the check expects.
+    """
     time_s = left * a.step_s
     faster = follower + a.acceleration_m_s2 * time_s
     return accelerated(follower, time_s, a) + follower_stops(p.largest, faster, a)
@@ -70,8 +73,8 @@ def rolls(p: Problem, follower: Term, left: int, a: Argument) -> Term:
 def permitted(a: Argument, rate: Fraction, responds: int, delay_s: Fraction) -> Claim:
     """Claim that the vehicle behind can stop behind the ego where the check permits the action.
 
-    It brakes after ``responds`` steps; the check expects this after ``delay_s``. The ego executes
-    the acceleration ``rate`` for the decision and brakes hard then.
+    That vehicle brakes after ``responds`` steps; the check expects this after ``delay_s``. The ego
+    drives with the acceleration ``rate`` for the decision and then brakes hard.
     """
     p = Problem()
     speed, follower, gap_m = pair(p, a)
@@ -103,9 +106,9 @@ def crossing(a: Argument, rate: Fraction, over: int, crosses_s: Fraction) -> Cla
 
 
 def rolling(a: Argument, left: int) -> Claim:
-    """Claim that a vehicle that can stop within a distance still can after a step.
+    """Claim that a vehicle which can stop within a distance can stop within the rest after a step.
 
-    It may accelerate for ``left`` steps more, this one included, and brakes then.
+    The vehicle may accelerate for ``left`` more steps, this one included, and then brakes.
     """
     p = Problem()
     follower, distance_m = p.unknown("follower_speed", 0, a.others_most_m_s), p.unknown("distance")
@@ -115,7 +118,10 @@ def rolling(a: Argument, left: int) -> Claim:
 
 
 def farther(a: Argument, left: int) -> Claim:
-    """Claim that a vehicle behind rolls at least as far as the ego if it is at least as fast."""
+    """Claim that a vehicle behind which is no slower than the ego needs no less distance to stop.
+
+    It accelerates for ``left`` more steps and then brakes; the ego brakes hard.
+    """
     p = Problem()
     ego, follower, _ = pair(p, a)
     p.assume(follower >= ego)
@@ -123,7 +129,10 @@ def farther(a: Argument, left: int) -> Claim:
 
 
 def slowing(a: Argument) -> Claim:
-    """Claim that the ego rolls least if it brakes hard: any other step leads at least as far."""
+    """Claim that hard braking gives the ego its shortest distance to standstill.
+
+    If the ego does anything else in one step and then brakes hard, it covers at least as much.
+    """
     p = Problem()
     ego = p.unknown("ego_speed", 0, a.most_m_s)
     after = any_speed(p, ego, 1, a)
@@ -134,8 +143,8 @@ def slowing(a: Argument) -> Claim:
 def waiting(a: Argument) -> Claim:
     """Claim that the gap stays open in a step, whether the vehicle behind brakes or not.
 
-    It needs no more of the distances that both roll than ``rolling``, ``farther`` and ``slowing``
-    say, and so holds at each step.
+    About the distances to standstill of both, it assumes only what the claims ``rolling``,
+    ``farther`` and ``slowing`` state. It therefore holds at each step.
     """
     p = Problem()
     names = ("ego_rolls", "ego_rolls_then", "follower_rolls", "follower_rolls_then")
@@ -149,21 +158,24 @@ def waiting(a: Argument) -> Claim:
 
 
 def any_speed(p: Problem, before: Term, step: int, a: Argument) -> Term:
-    """Add and return a speed of the ego after a step in which it does anything it can."""
+    """Add and return the ego's speed after a step: any that hard braking or less can give."""
     speed = p.unknown(f"ego_speed_{step}", 0, a.most_m_s)
     p.assume(speed >= before - a.hard_m_s2 * a.step_s)
     return speed
 
 
 def any_faster(p: Problem, before: Term, step: int, a: Argument) -> Term:
-    """Add and return a speed, after a step, of a vehicle behind that does not brake for the ego."""
+    """Add and return the speed of a vehicle behind after a step without braking for the ego.
+
+    It may be any speed that the highest acceleration allows.
+    """
     speed = p.unknown(f"follower_speed_{step}", 0, a.others_most_m_s)
     p.assume(speed <= before + a.acceleration_m_s2 * a.step_s)
     return speed
 
 
 def braked(p: Problem, before: Term, a: Argument) -> Term:
-    """Return the speed after a step of the vehicle behind that brakes as it is counted on to."""
+    """Return the speed of a vehicle behind after a step of braking by bound 4 of ``strict``."""
     return p.largest([before - a.follower_m_s2 * a.step_s, 0 * before])
 
 

@@ -1,8 +1,9 @@
 """Lemmas on the vehicle ahead: the ego follows it, it cuts in, or it is the end of a lane.
 
-All use the lemma ``following``, on one SUMO step in which the ego can roll and then brake hard
-within some distance. The lemma ``decision`` shows that at each step of a decision the rest of its
-``reach`` is such a distance. The proof therefore holds for any number of steps and decisions.
+All use the lemma ``following``, which is about a single SUMO step: it assumes a distance within
+which the ego can complete the step and then brake hard to standstill. The lemma ``decision`` shows
+that at each step of a decision the rest of its ``reach`` is such a distance. The proof therefore
+holds for any number of steps and decisions.
 """
 
 from collections.abc import Iterator
@@ -44,9 +45,13 @@ def stopping_claims(a: Argument) -> Iterator[Claim]:
 
 
 def following(p: Problem, a: Argument, stands: bool = False) -> tuple[Term, ...]:
-    """Add an ego and a vehicle ahead of it to a problem, which stands if ``stands``.
+    """Add an ego and a vehicle ahead of it to the problem ``p``, as unknowns of one SUMO step.
 
-    Returns the ego's speed, the gap, and the other vehicle's speeds before and after a step.
+    If ``stands`` is true, the vehicle ahead stands still before and after the step.
+
+    Returns:
+        The ego's speed in the step, m/s; the gap before the step, m; and the speeds of the vehicle
+        ahead before and after the step, m/s.
     """
     ego, gap_m = p.unknown("ego_speed", 0, a.most_m_s), p.unknown("gap", 0)
     most = 0 if stands else a.others_most_m_s
@@ -56,9 +61,12 @@ def following(p: Problem, a: Argument, stands: bool = False) -> tuple[Term, ...]
 
 
 def step_claims(a: Argument, stands: bool = False) -> Iterator[Claim]:
-    """Yield the claims that a step keeps the gap and the ability to stop behind the vehicle ahead.
+    """Yield the claims that an ego which can stop behind the vehicle ahead keeps this ability.
 
-    Before the step the ego can roll it and then stop within a distance that is short enough.
+    They are about one SUMO step. Before it, the ego can complete the step at its speed and then
+    brake hard to standstill behind the vehicle ahead. The claims are that it does not touch this
+    vehicle within the step, and that it can still stop behind it afterwards. If ``stands`` is true,
+    the vehicle ahead stands still.
     """
     p = Problem()
     ego, gap_m, other, after = following(p, a, stands)
@@ -142,9 +150,10 @@ def between_two_claims(a: Argument) -> Iterator[Claim]:
 
 
 def lane_end_claims(a: Argument) -> Iterator[Claim]:
-    """Yield the claims of ``step_claims`` for a standing vehicle, and one for an ego at rest.
+    """Yield the claims that the ego stops before the end of its lane.
 
-    The end of a lane counts as a vehicle that stands there.
+    The end counts as a vehicle that stands there. The claims are those of ``step_claims`` for a
+    vehicle that stands, and one that an ego at rest keeps its clearance.
     """
     yield from step_claims(a, stands=True)
     p = Problem()

@@ -31,7 +31,10 @@ def lanes_under(p: Problem, y_m: Term, a: Argument) -> tuple[Term, Term]:
 
 
 def lanes_about(p: Problem, y_m: Term, a: Argument) -> tuple[Term, Term]:
-    """Return the lane that contains a position, twice, or both lanes if it is on their marking."""
+    """Return the right and the left lane that contain a position; usually they are equal.
+
+    They differ if the position is on the marking between two lanes.
+    """
     half = z3.Q(1, 2)
     right, left = (y_m - ON_LINE) / a.lane_m, (y_m + ON_LINE) / a.lane_m
     return p.floor(right + half), p.floor(left + half)
@@ -52,7 +55,11 @@ def next_position(p: Problem, y_m: Term, end: int, sign: int, a: Argument) -> Te
 
 
 def corridor(p: Problem, y_m: Term, end: int, sign: int, a: Argument) -> Span:
-    """Return the ego's corridor in a lane change to lane ``end``, as ``strict.corridor``."""
+    """Return the lateral range that the ego's body may use in a lane change.
+
+    It is the range that ``drl_av.safety.strict.corridor`` computes. The ego is at ``y_m`` and moves
+    right (-1) or left (1), by ``sign``, to the centre of the lane ``end``.
+    """
     after_m = next_position(p, y_m, end, sign, a)
     lanes = [*lanes_under(p, y_m, a), *lanes_about(p, after_m, a)]
     places = [y_m, end * a.lane_m + 0 * y_m, *(a.lane_m * lane for lane in lanes)]
@@ -60,9 +67,10 @@ def corridor(p: Problem, y_m: Term, end: int, sign: int, a: Argument) -> Span:
 
 
 def extent(p: Problem, y_m: Term, toward: int, a: Argument) -> Span:
-    """Return where the body of another vehicle may be, as ``lateral_extent``.
+    """Return the lateral range that another vehicle's body may occupy.
 
-    ``toward`` is the sign of its lateral speed: left +1, right -1, none 0.
+    It is the range that ``drl_av.safety.reachability.lateral_extent`` computes. ``toward`` is the
+    sign of the vehicle's lateral speed: left +1, right -1, none 0.
     """
     lowest, highest = lanes_under(p, y_m, a)
     below, above = p.floor(y_m / a.lane_m), p.ceil(y_m / a.lane_m)

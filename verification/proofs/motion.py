@@ -1,4 +1,6 @@
-"""Models how far vehicles roll by linear pieces, as ``drl_av/safety/stopping.py`` computes it.
+"""Models the distances that vehicles cover, such as stopping distances, by linear pieces.
+
+The distances are those that ``drl_av/safety/stopping.py`` computes.
 
 The functions work on terms of Z3, on fractions and on arrays; their argument ``largest`` is the
 function that takes the largest of such numbers. Distances are in metres, speeds in m/s.
@@ -29,8 +31,8 @@ class Line(NamedTuple):
 def lines(braking: Fraction, most: Fraction, step_s: Fraction) -> list[Line]:
     """Return the linear pieces of the stopping distance for speeds up to ``most``.
 
-    Piece k is that of a vehicle that still rolls after k steps; ``stopping_distance`` uses the
-    piece k = floor(speed / (braking * step)).
+    Piece k holds for a vehicle that still moves after k steps of braking; ``stopping_distance``
+    uses the piece k = floor(speed / (braking * step)).
     """
     return [
         Line(step_s * k, step_s * k * braking * step_s * (k + 1) / 2)
@@ -41,7 +43,10 @@ def lines(braking: Fraction, most: Fraction, step_s: Fraction) -> list[Line]:
 def stopping(
     largest: Largest, speed: Number, braking: Fraction, most: Fraction, step_s: Fraction
 ) -> Number:
-    """Return how far a vehicle rolls that brakes from now on; its speed is at most ``most``."""
+    """Return the distance in which a vehicle comes to rest if it brakes from now on, m.
+
+    ``braking`` is positive, m/s^2. The vehicle's ``speed`` is at most ``most``, m/s.
+    """
     return largest([line(speed) for line in lines(braking, most, step_s)])
 
 
@@ -61,7 +66,10 @@ def speeds(
 
 
 def reach(largest: Largest, speed: Number, rate: Number, steps: int, argument: Argument) -> Number:
-    """Return how far the ego rolls in ``steps`` steps with ``rate`` and in braking hard then."""
+    """Return the distance that the ego covers until it stands, m.
+
+    It drives ``steps`` SUMO steps with the acceleration ``rate``, and then brakes hard.
+    """
     after = speeds(largest, speed, rate, steps, argument)
     return sum(argument.step_s * each for each in after[1:]) + ego_stops(
         largest, after[-1], argument
@@ -69,39 +77,42 @@ def reach(largest: Largest, speed: Number, rate: Number, steps: int, argument: A
 
 
 def ego_stops(largest: Largest, speed: Number, argument: Argument) -> Number:
-    """Return how far the ego rolls if it brakes hard from now on."""
+    """Return the distance in which the ego comes to rest if it brakes hard from now on, m."""
     return stopping(largest, speed, argument.hard_m_s2, argument.most_m_s, argument.step_s)
 
 
 def lead_stops(largest: Largest, speed: Number, argument: Argument) -> Number:
-    """Return how far a vehicle ahead rolls at least, by the bounds of the check."""
+    """Return the shortest distance in which bound 1 of ``strict`` lets a vehicle ahead stop, m."""
     return stopping(
         largest, speed, argument.braking_m_s2, argument.others_most_m_s, argument.step_s
     )
 
 
 def follower_stops(largest: Largest, speed: Number, argument: Argument) -> Number:
-    """Return how far a vehicle behind rolls that brakes as the check expects."""
+    """Return the distance in which a vehicle behind stops by bound 4 of ``strict``, m."""
     most = argument.others_most_m_s + 20 * argument.acceleration_m_s2
     return stopping(largest, speed, argument.follower_m_s2, most, argument.step_s)
 
 
 def may_reach(largest: Largest, gap_m: Number, speed: Number, argument: Argument) -> Number:
-    """Return how far the ego may roll at most behind a vehicle ahead."""
+    """Return the distance within which the ego must stop behind a vehicle ahead, m."""
     return gap_m + lead_stops(largest, speed, argument) - argument.clearance_m
 
 
 def must_reach(
     largest: Largest, gap_m: Number, speed: Number, delay_s: Fraction, argument: Argument
 ) -> Number:
-    """Return how far the ego must roll at least ahead of a vehicle that brakes after a delay."""
+    """Return the distance that the ego must exceed so that a vehicle behind stops behind it, m.
+
+    That vehicle accelerates as hard as it can for ``delay_s`` and then brakes.
+    """
     faster = speed + argument.acceleration_m_s2 * delay_s
     stops_m = follower_stops(largest, faster, argument)
     return accelerated(speed, delay_s, argument) + stops_m - gap_m + argument.clearance_m
 
 
 def accelerated(speed: Number, time_s: Fraction, argument: Argument) -> Number:
-    """Return how far a vehicle rolls in ``time_s`` if it accelerates as hard as it can."""
+    """Return the distance that a vehicle covers in ``time_s`` at its highest acceleration, m."""
     gained = argument.acceleration_m_s2 * time_s
     return speed * time_s + gained * (time_s + argument.step_s) / 2
 
@@ -111,7 +122,7 @@ def cut_in_gap(
 ) -> Number:
     """Return the gap above which a vehicle may begin to cut in ahead of the ego, m.
 
-    ``other_m`` is how far that vehicle rolls at least.
+    ``other_m`` is the shortest distance in which that vehicle can come to rest.
     """
     rate = rate if argument.by_number else max(argument.rates_m_s2)
     rolled_m = reach(largest, speed, rate, argument.cut_in_steps, argument)

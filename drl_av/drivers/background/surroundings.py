@@ -42,7 +42,7 @@ class Surroundings(NamedTuple):
         return np.abs(self.off_center_m) > CENTERED_M
 
     def vectors(self) -> FloatArray:
-        """Return the 27 indicators of each vehicle, as ``Affordances.vector``; shape (R, 27)."""
+        """Return each vehicle's 27 indicators in the form of ``Affordances.vector``; (R, 27)."""
         absent_m = np.where(self.has_lane, self.range_m, 0.0)[:, :, None]
         neighbors = np.stack(
             (

@@ -184,7 +184,7 @@ class Chooser:
         return np.where(hard, -ego.hard_brake_m_s2, np.where(brakes, -ego.brake_m_s2, 0.0))
 
     def _law(self, speed: FloatArray, front: Near, headway_s: float) -> FloatArray:
-        """Return the time-gap law's acceleration, as ``car_following.time_gap_acceleration``."""
+        """Return the acceleration that ``car_following.time_gap_acceleration`` gives, m/s^2."""
         spare_m = front.gap_m - self._ego.reference_standstill_gap_m - headway_s * speed
         closing = speed - front.speed_m_s
         law: FloatArray = (self._ego.acc_gap_gain_per_s * spare_m - closing) / headway_s
@@ -192,6 +192,6 @@ class Chooser:
 
 
 def _is_passed_on_the_left(front: Near) -> BoolArray:
-    """Return whether the ego must not pass a vehicle on its right, as ``passing.py`` rules."""
+    """Return whether the rule of ``passing.py`` forbids the ego to pass ``front`` on its right."""
     banned: BoolArray = (front.gap_m > 0) & (front.speed_m_s > CONGESTED_M_S)
     return banned & (front.gap_m < FAR_M / 2)

@@ -27,7 +27,10 @@ HARDEST_M_S2 = 4.0
 
 
 class Prices(NamedTuple):
-    """The prices of events in a forecast, in metres of the ego's driven distance."""
+    """The parameters of a plan's score: the distance that the ego drives, minus a price per event.
+
+    A price is in metres: an event of price 4 is as bad as driving 4 m less.
+    """
 
     hit: float = 1000.0
     short_headway: float = 1.5
