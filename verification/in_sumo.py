@@ -70,12 +70,20 @@ class SumoWorld:
         return None, None, apart_m
 
     def _start(self, world: World) -> Simulation:
+        """Start SUMO with the vehicles of a world; return the simulation.
+
+        SUMO places vehicles in the centres of lanes. They start a step earlier where one is beside
+        its centre, and reach their places in that step.
+        """
+        lane = np.round(world.y_m[0] / 3.8)
+        beside = bool(np.abs(world.y_m[0] - 3.8 * lane).max() > 0)
+        before_m = beside * self._config.simulation.step_length_s * world.speed_m_s[0]
         names = ("ego", *(f"vehicle{row}" for row in range(1, world.x_m.shape[1])))
         placed = tuple(
             PlacedVehicle(
                 name,
-                round(float(world.y_m[0, row]) / 3.8),
-                float((START_M + world.x_m[0, row] - world.x_m[0, 0]) % LAP_M),
+                int(lane[row]),
+                float((START_M + world.x_m[0, row] - world.x_m[0, 0] - before_m[row]) % LAP_M),
                 float(world.speed_m_s[0, row]),
                 40.0,
             )
@@ -87,7 +95,12 @@ class SumoWorld:
         self._vehicle = simulation._sumo.vehicle
         for name in names[1:]:
             take_control(self._vehicle, name)
-        self._names, self._y_m = names, world.y_m[0].copy()
+        self._names, self._y_m = names, 3.8 * lane
+        if beside:
+            self._command_others(world.speed_m_s[0], world.y_m[0])
+            ego = float(world.speed_m_s[0, 0]), float(world.y_m[0, 0])
+            simulation.advance([Command(*ego, 0.0)])
+        self._y_m = world.y_m[0].copy()
         return simulation
 
     def _command_others(self, speeds: np.ndarray, places_m: np.ndarray) -> None:

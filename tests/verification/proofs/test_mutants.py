@@ -1,6 +1,7 @@
 """Arguments that are wrong in one number: Z3 refutes each, and its numbers collide when driven.
 
-The check drives the ego as the wrong argument says; the others keep to the bounds as they are.
+The check drives the ego as the wrong argument says; the others keep to the bounds as they are. SUMO
+and the kinematic simulator drive each case side by side and must agree on the collision.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,11 +16,14 @@ import z3
 import verification.kinematic_simulator as simulator
 from drl_av.config import Config
 from drl_av.safety.stopping import stopping_distance
+from drl_av.traffic.snapshot import CollisionKind
+from verification.approaches import APART_M
 from verification.batch_check import BatchStrict
-from verification.falsification import play
+from verification.in_sumo import SumoWorld
 from verification.kinematic_simulator import LENGTH_M, NONE, IntArray, Mover, Orders, World
 from verification.proofs import followers, following, lane_changes
 from verification.proofs.argument import Argument, argument
+from verification.proofs.lateral import Span, lanes_under
 from verification.proofs.lemma import Claim, Model, counterexample
 from verification.proofs.motion import lines
 
@@ -92,7 +96,12 @@ def orders(proposal: int, rates: list[float], side: float = 0.0) -> Iterator[Ord
 
 
 def collides(world: World, given: Iterator[Orders], check: Any, config: Config = CONFIG) -> bool:
-    return bool(play(world, given, check, Mover(config))[1][0])
+    """Whether the ego and the other one collide, in SUMO and in the simulator alike."""
+    found, expected, apart_m = SumoWorld(config).play(world, given, check, Mover(config))
+    assert found == expected
+    assert found is None or found.kind is not CollisionKind.HIT_EDGE
+    assert apart_m < APART_M
+    return found is not None
 
 
 STRICT = BatchStrict(CONFIG)
@@ -108,15 +117,49 @@ def test_a_lead_that_brakes_at_9_where_4_is_assumed() -> None:
         assert collides(world, orders(KEEP + ACCELERATE, [HARDEST]), STRICT, config) is hit
 
 
+def slack(world: World, proposal: IntArray) -> IntArray:
+    """The check with a metre of slack: it sees the one ahead a metre farther away."""
+    return STRICT(replace(world, x_m=world.x_m + np.array([0.0, 1.0])), proposal)
+
+
 def test_a_metre_of_slack() -> None:
     wrong = replace(TRUE, clearance_m=TRUE.clearance_m - 1)
     model = refuted(following.step_claims, wrong, overlap(0.3, 4))
+    assert collides(one_lane(model), orders(KEEP + ACCELERATE, [HARDEST]), slack)
 
-    def slack(world: World, proposal: IntArray) -> IntArray:
-        return STRICT(replace(world, x_m=world.x_m + np.array([0.0, 1.0])), proposal)
 
-    world = one_lane(model)
-    assert collides(world, orders(KEEP + ACCELERATE, [HARDEST]), slack)
+def test_a_metre_of_slack_before_the_end_of_a_lane() -> None:
+    wrong = replace(TRUE, clearance_m=TRUE.clearance_m - 1)
+    model = refuted(following.lane_end_claims, wrong, overlap(0.3, 4))
+    assert model["other_speed"] == model["other_speed_after"] == 0
+    assert collides(one_lane(model), orders(KEEP + ACCELERATE, [0.0]), slack)
+
+
+class Narrow(BatchStrict):
+    """The check with a corridor of the ego's body alone, where it is."""
+
+    def _corridor(self, world: World, target: IntArray) -> Any:
+        return super()._corridor(world, np.full_like(target, NONE))
+
+
+def test_a_corridor_without_the_lane_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    def body(p: Any, y_m: Any, end: int, sign: int, a: Argument) -> Span:
+        lowest, highest = (a.lane_m * lane for lane in lanes_under(p, y_m, a))
+        return Span(lowest - a.width_m / 2, highest + a.width_m / 2)
+
+    assert not any(counterexample(claim) for claim in lane_changes.corridor_claims(TRUE))
+    monkeypatch.setattr(lane_changes, "corridor", body)
+    # the other one is as far to the right as it may be without its side over the line at 1.9 m
+    beside = (lambda n: n["y"] == Fraction(76, 100), lambda n: n["other_y"] == Fraction(282, 100))
+    later = (lambda n: n["y_later"] == 2 * n["y"], lambda n: n["other_y_later"] == n["other_y"])
+    facts = (*beside, *later)
+    claims = lane_changes.corridor_claims(TRUE)
+    models = (counterexample(c, *(fact(c.names) for fact in facts)) for c in claims)
+    model = next(model for model in models if model)
+    steady = CONFIG.updated("strict", lateral_speed_m_s=0.0)
+    for check, hit in ((Narrow(steady), True), (STRICT, False)):
+        world = two(0, 20, 20, (model["y"], model["other_y"]), 0, 1)
+        assert collides(world, orders(LEFT, [0.0]), check) is hit
 
 
 def test_a_reaction_one_step_less() -> None:
