@@ -19,7 +19,7 @@ class RecordVideo(
 ):
     """Films episodes with pictures between the decisions.
 
-    gymnasium's wrapper of the same name takes one picture per decision, so that its films show one
+    gymnasium's wrapper of the same name keeps one picture of each step, so that its films show one
     picture a second. This one needs neither a render mode nor moviepy, and writes ``FOLDER/
     PREFIX-episode-N.mp4`` when an episode ends or the environment is closed.
 

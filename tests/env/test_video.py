@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import imageio_ffmpeg
@@ -51,6 +52,35 @@ def test_an_episode_that_does_not_end_is_written_too(tmp_path: Path, end: str) -
     assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "mine-episode-0.mp4"))[0] == 2
     env.close()
     assert len(list(tmp_path.iterdir())) == 1  # the second episode has no decision
+
+
+class Several(gymnasium.Env[int, int]):
+    """An environment of two steps that returns three pictures of each, of growing brightness."""
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array_list"], "render_fps": 3}  # noqa: RUF012
+    observation_space = action_space = gymnasium.spaces.Discrete(2)
+    render_mode = "rgb_array_list"
+
+    def reset(self, **_: Any) -> tuple[int, dict[str, Any]]:
+        self.shown = 0
+        return 0, {}
+
+    def step(self, action: int) -> tuple[int, float, bool, bool, dict[str, Any]]:
+        return 0, 0.0, False, False, {}
+
+    def render(self) -> Any:
+        self.shown += 3
+        return [np.full((8, 8, 3), self.shown - back, np.uint8) for back in (2, 1, 0)]
+
+
+def test_gymnasium_s_wrapper_keeps_one_picture_of_each_step_even_of_several(tmp_path: Path) -> None:
+    # the reason for a wrapper of our own: if this fails, rgb_array_list could give motion there too
+    env = gymnasium.wrappers.RecordVideo(Several(), str(tmp_path), lambda episode: True)
+    env.reset()
+    for _ in range(2):
+        env.step(0)
+    assert [int(frame[0, 0, 0]) for frame in env.recorded_frames] == [3, 6, 9]
+    env.close()
 
 
 def test_another_environment_and_an_impossible_film_are_refused(tmp_path: Path) -> None:
