@@ -111,25 +111,33 @@ def run(
     frequencies: Frequencies,
     seed: int,
     careless: float = CARELESS_SHARE,
+    people: type[Traffic] = Traffic,
 ) -> Outcome:
     """Simulate the tests of one check, and return their results.
 
-    With the same seed, the starts of two checks differ only in the gaps that the checks require.
+    ``people`` is the class that decides for the other drivers. With the same seed, the starts of
+    two checks differ only in the gaps that the checks require.
     """
     batches = [range(first, min(first + BATCH, tests)) for first in range(0, tests, BATCH)]
     parts = [
-        _batch(config, len(each), frequencies, (seed, each.start), careless) for each in batches
+        _batch(config, len(each), frequencies, (seed, each.start), careless, people)
+        for each in batches
     ]
     return Outcome(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def _batch(
-    config: Config, size: int, frequencies: Frequencies, seed: tuple[int, int], careless: float
+    config: Config,
+    size: int,
+    frequencies: Frequencies,
+    seed: tuple[int, int],
+    careless: float,
+    people: type[Traffic],
 ) -> list[FloatArray]:
     rng, driver, check = np.random.default_rng(seed), load_driver(PRETRAINED), check_of(config)
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, ROAD)
     world, mover = starts(size, config, rng), UnboundedMover(config)
-    traffic, begin_m = Traffic(world, frequencies, rng, careless), world.x_m[:, 0].copy()
+    traffic, begin_m = people(world, frequencies, rng, careless), world.x_m[:, 0].copy()
     weights, unanswered = np.ones(size), np.zeros(size)
     for _ in range(SECONDS):
         executed = check(world, proposals(world, driver, scale))

@@ -83,8 +83,8 @@ class UnboundedMover(Mover):
 def starts(scenes: int, config: Config, rng: np.random.Generator) -> World:
     """Draw scenes with three vehicles in each of three lanes around the ego.
 
-    The vehicle ahead of the ego is at least as far away as the ego's check requires, because the
-    start is not the ego's decision.
+    The two vehicles ahead of the ego are at least as far away as the ego's check requires, because
+    the start is not the ego's decision.
     """
     flow = np.clip(rng.normal(SPEED_M_S, SPEED_SD_M_S, (scenes, 1)), 20.0, 40.0)
     lanes = np.repeat(np.arange(3), PER_LANE)
@@ -96,10 +96,13 @@ def starts(scenes: int, config: Config, rng: np.random.Generator) -> World:
     for lane in range(3):
         first, own = PER_LANE * lane, ego_lane == lane
         beside_m = rng.uniform(-0.5, 0.5, scenes) * pitch_m[:, first]
-        required_m = LENGTH_M + needed_gap(ego, speed[:, first], config)
-        ahead_m = np.maximum(pitch_m[:, first], required_m)
-        x_m[:, first] = np.where(own, ahead_m, beside_m)
+        required_m = [
+            LENGTH_M + needed_gap(ego, speed[:, each], config) for each in (first, first + 1)
+        ]
+        x_m[:, first] = np.where(own, np.maximum(pitch_m[:, first], required_m[0]), beside_m)
         x_m[:, first + 1] = x_m[:, first] + pitch_m[:, first + 1]
+        second_m = np.maximum(x_m[:, first + 1], required_m[1])
+        x_m[:, first + 1] = np.where(own, second_m, x_m[:, first + 1])
         behind_of_m = np.where(own, 0.0, x_m[:, first])
         x_m[:, first + 2] = behind_of_m - pitch_m[:, first + 2]
     return placed(ego_lane, ego, x_m, np.broadcast_to(lanes, shape), speed)
@@ -167,17 +170,20 @@ class Traffic:
             into = lane[:, 1:] + side
             possible = still & (into >= 0) & (into < 3)
             dangerous = near & possible & (into == lane[:, :1])
-            attempts = possible & self._happens(
-                np.where(dangerous, often.lane_change, LANE_CHANGES_PER_S),
-                LANE_CHANGES_PER_S,
-                possible,
-            )
+            attempts = self._attempts(world, side, possible, dangerous)
             share = np.where(dangerous, max(often.careless, self._careless), self._careless)
             careless = self._happens(share, self._careless, attempts)
             room, careful = _room(world, self._target, into)
             begins = attempts & room & (careful | careless)
             self._target = np.where(begins, into, self._target)
             still &= ~begins
+
+    def _attempts(
+        self, world: World, side: int, possible: BoolArray, dangerous: BoolArray
+    ) -> BoolArray:
+        """Draw which vehicles try to change lanes to a side: right -1, left 1."""
+        frequency = np.where(dangerous, self._frequencies.lane_change, LANE_CHANGES_PER_S)
+        return possible & self._happens(frequency, LANE_CHANGES_PER_S, possible)
 
     def _happens(
         self, frequency: FloatArray, among_people: float, counts: BoolArray | None = None
