@@ -4,12 +4,19 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator
+from importlib.util import find_spec
 
 import pytest
 from hypothesis import settings
 
 settings.register_profile("drl_av", deadline=None)
 settings.load_profile("drl_av")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip the tests of ray without the extra ``ray``."""
+    if item.get_closest_marker("ray") and not find_spec("ray"):
+        pytest.skip("needs ray: pip install -e '.[dev,ray]', as make setup does")
 
 
 @pytest.fixture(scope="session")

@@ -95,7 +95,9 @@ def doomed(last: int) -> Callable[[TrainingJob], None]:
     return work
 
 
-@pytest.mark.parametrize(("engine", "seeds"), [("loky", 1), ("ray", 2)])
+@pytest.mark.parametrize(
+    ("engine", "seeds"), [("loky", 1), pytest.param("ray", 2, marks=pytest.mark.ray)]
+)
 def test_killed_worker_is_begun_again_at_its_checkpoint_and_nothing_counts_twice(
     engine: str, seeds: int, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

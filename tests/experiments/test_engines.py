@@ -4,10 +4,12 @@ import os
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
+from shown import ROOT
 
 from drl_av.errors import DrlAvError, RunError, SimulationError
 from drl_av.experiments import engines
@@ -99,6 +101,7 @@ def test_missing_ray_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
         next(on_ray(print, [], 1))
 
 
+@pytest.mark.ray
 @pytest.mark.parametrize(
     ("address", "reason"), [("nonsense", "Invalid address"), ("127.0.0.1:1", "no answer in 0.5 s")]
 )
@@ -134,6 +137,15 @@ except SimulationError as error:
 """
 
 
+def test_make_setup_installs_ray_which_the_extra_dev_leaves_out() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = extras["optional-dependencies"]
+    assert not [each for each in extras["dev"] if each.startswith("ray")]
+    assert [each for each in extras["ray"] if each.startswith("ray")]
+    assert "-e '.[dev,ray]'" in (ROOT / "Makefile").read_text()
+
+
+@pytest.mark.ray
 def test_a_killed_raylet_is_one_sentence() -> None:
     environment = {name: value for name, value in os.environ.items() if name != "RAY_ADDRESS"}
     ended = subprocess.run(
