@@ -1,6 +1,6 @@
 """Measures whether resident memory grows over thousands of resets; exit status 1 if by 5 %.
 
-    python tools/measure_memory.py --resets 5000
+    python tools/measure_memory.py --resets 5000 --environments 2
 
 The driver ``random`` makes a few decisions after each reset. Growth is measured from the end of
 the first 200 resets, when every cache is full. Linux only, because it reads /proc.
@@ -60,7 +60,10 @@ def main() -> int:
                 held[done] = resident_bytes()
                 print(f"{done:>7} resets {held[done] / 2**20:8.1f} MiB", flush=True)
     growth = held[total] / held[options.warm_up] - 1
-    print(f"growth over {options.resets} resets: {growth:+.2%}")
+    print(
+        f"growth over {options.resets} resets of {options.environments} "
+        f"environment{'' if options.environments == 1 else 's'}: {growth:+.2%}"
+    )
     return int(growth >= MOST_GROWTH)
 
 
