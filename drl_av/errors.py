@@ -10,7 +10,7 @@ class ConfigError(DrlAvError):
 
 
 class ScenarioError(DrlAvError):
-    """A scenario folder is missing or incomplete, or its road is not a closed loop."""
+    """A scenario folder is missing or damaged, or a setting of a scenario is wrong."""
 
 
 class SimulationError(DrlAvError):

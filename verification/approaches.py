@@ -3,9 +3,9 @@
     python -m verification.approaches         # 10,000 for each step length, plant and road
     python -m verification.approaches --scenes 100 --step-length 0.1 --plant steering
 
-The ego meets one other vehicle; both move at random, and no check protects the ego. Each plant,
-road and step length has scenes of its own. The exit status is 1 if SUMO and the simulator disagree
-on a collision or on a position.
+In an approach, the ego meets one other vehicle; both move at random, and no check protects the
+ego. Each plant, road and step length has approaches of its own. The exit status is 1 if SUMO and
+the simulator disagree on a collision or on a position.
 """
 
 import argparse
@@ -41,7 +41,7 @@ IGNORED_M_S = 1e-3
 
 
 class Case(NamedTuple):
-    """The settings under which approaches are driven."""
+    """The settings with which ``compare`` drives random approaches in SUMO and the simulator."""
 
     plant: str = "kinematic"
     """The value of ``ego.lateral_plant``."""
@@ -82,10 +82,10 @@ def orders(rng: np.random.Generator) -> Iterator[Orders]:
 
 
 def compare(case: Case, scenes: int, seed: int) -> dict[str, Any]:
-    """Return how many approaches end in a collision, and in how many the two worlds disagree.
+    """Return how many approaches end in a collision in SUMO, and in how many both disagree.
 
-    They disagree if they report different collisions, or if a position differs by more than the
-    tolerance.
+    SUMO and the simulator disagree if they report different collisions, or if a position differs by
+    the tolerance or more.
     """
     sumo, mover = SumoWorld(case.config, case.road), Mover(case.config)
     rng = np.random.default_rng(seed)

@@ -115,8 +115,10 @@ def run(
 ) -> Outcome:
     """Simulate the tests of one check, and return their results.
 
-    ``people`` is the class that decides for the other drivers. With the same seed, the starts of
-    two checks differ only in the gaps that the checks require.
+    ``config`` names the check. ``careless`` is the share of the human drivers' lane changes that
+    ignore the vehicle behind. ``people`` is the class that decides for the other drivers. With the
+    same seed, two checks get the same start scenes, apart from gaps that are widened to the size
+    that the check requires.
     """
     batches = [range(first, min(first + BATCH, tests)) for first in range(0, tests, BATCH)]
     parts = [

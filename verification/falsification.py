@@ -179,10 +179,16 @@ def genes(family: Family) -> int:
 
 
 def orders(genome: FloatArray, family: Family, config: Config) -> Iterator[Orders]:
-    """Yield the commands for each decision that genomes, shape (scenes, genes), encode.
+    """Yield the commands of each decision; ``genome``, shape (scenes, genes), encodes them.
 
-    An acceleration gene of 0 is half-way between the bounds; beyond +-0.67 it is at a bound. A
-    lateral gene beyond +-0.7 commands a lateral movement, and one beyond +-0.4 creeps sideways.
+    In each decision every vehicle has an acceleration gene and a lateral gene. Both genes of the
+    ego together select its proposed action. For the other vehicles:
+
+    - An acceleration gene of 0 is half-way between the bounds of the acceleration. From 2/3 on it
+      is the upper bound, and from -2/3 on the lower one.
+    - The sign of a lateral gene is the direction, left positive. Above 0.7 in size, the vehicle
+      moves at the highest lateral speed; above 0.4 it creeps at ``CREEPING_M_S``, else it keeps its
+      lateral position.
     """
     strict, n = config.strict, family.others
     commands = genome[:, PLACED * n :].reshape(len(genome), DECISIONS, RATES, n + 1)

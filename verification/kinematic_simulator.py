@@ -168,7 +168,7 @@ class Mover:
     ) -> None:
         """Record the ego's collisions of a step, given the positions before it.
 
-        In a scene where the ego also leaves the road, that is its collision.
+        If the ego leaves the road in the same step, the scene's collision is that with the edge.
         """
         sizes_m = (LENGTH_M, WIDTH_M)
         least_m = swept_separation((from_x_m, from_y_m), (world.x_m, world.y_m), *sizes_m)

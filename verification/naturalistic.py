@@ -203,9 +203,10 @@ class Traffic:
 def _idm(
     speed: FloatArray, desired: FloatArray | float, gap_m: FloatArray, closing: FloatArray
 ) -> FloatArray:
-    """Return the IDM acceleration of each vehicle, m/s^2: ``car_following.idm_acceleration``.
+    """Return the acceleration of the IDM with the parameters ``HIGHD``, m/s^2.
 
-    The calibration is that of highD; ``closing`` is positive if the gap shrinks.
+    This is ``car_following.idm_acceleration`` for arrays. ``closing`` is the speed at which the gap
+    shrinks, m/s.
     """
     spread = 2 * np.sqrt(HIGHD.acceleration_m_s2 * HIGHD.comfortable_braking_m_s2)
     wanted_m = HIGHD.standstill_gap_m + np.maximum(

@@ -47,7 +47,8 @@ class MobilConfig(Section):
 class FiniteStateConfig(Section):
     """The finite-state machine that drives background vehicles (states of Zhang et al. 2017).
 
-    The values are ours, because Zhang et al. find theirs by numerical optimization.
+    The values of its parameters are our own choice; those of Zhang et al. come from a numerical
+    optimization.
     """
 
     follow_headway_s: float = setting(

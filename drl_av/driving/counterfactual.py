@@ -37,8 +37,8 @@ def affordances_after(
 ) -> Affordances | None:
     """Return the affordances that the ego would have if it had made another motion.
 
-    On a loop, a neighbor ahead stays the one ahead and a neighbor behind the one behind, even if
-    the other way round the loop is shorter after the other motion.
+    On a loop, a neighbour ahead still counts as ahead, and one behind as behind, even if the other
+    way round the loop is shorter after the other motion.
 
     Args:
         other: The motion that the ego did not make.
@@ -48,7 +48,7 @@ def affordances_after(
 
     Returns:
         The affordances after the motion ``other``. They are None if the ego would be in another
-        lane, where its neighbors are unknown, or if a neighbor is or would be beside it.
+        lane, where its neighbours are unknown, or if a neighbour is or would be beside it.
     """
     y_m = affordances.ego_y_m + other.y_m - made.y_m
     if road.lane_of(y_m) != affordances.lane:

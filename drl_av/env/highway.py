@@ -212,7 +212,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the scene as a picture, uint8 of shape (720, 1280, 3).
 
-        None without a render mode, and with ``human``, where sumo-gui shows the scene.
+        The result is None without a render mode. It is also None in the mode ``human``, in which
+        sumo-gui shows the scene.
         """
         return self._renderer.render()
 

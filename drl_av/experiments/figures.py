@@ -23,9 +23,9 @@ SMOOTHED_OVER = 20
 def learning_figure(runs: Sequence[Path]) -> "Figure":
     """Draw the greedy driver's mean reward per decision against training episodes.
 
-    One curve for each run's folder; as Fig. 7 of the paper. Behind it, in a light colour, is the
-    mean reward of the training episodes, which include exploration, over the last ``SMOOTHED_OVER``
-    episodes.
+    The figure has one curve for each run's folder, like Fig. 7 of the paper. A second curve in a
+    light colour shows the mean reward of the last ``SMOOTHED_OVER`` training episodes, which
+    include exploration.
     """
     figure, axes = one_panel("training episode", "mean reward a decision")
     curves = {}

@@ -35,7 +35,10 @@ class Cell(Protocol):
         """
 
     def reported(self) -> list[Row]:
-        """Return the rows that the training's folder holds; [] if rows need an evaluation."""
+        """Return the rows that the training has already written to its folder.
+
+        The list is empty if the rows come from an evaluation instead.
+        """
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
         """Make and yield the rows that ``rows`` lacks, in ``jobs`` processes."""

@@ -57,10 +57,11 @@ def named_check(
 
 
 def starts_unsafe(check: SafetyCheck, scene: Scene) -> bool:
-    """Whether the check may be unable to prevent a collision from the first scene of an episode.
+    """Return whether the first scene of an episode, ``scene``, breaks the invariant of ``strict``.
 
-    Only ``strict`` can tell, because its invariant must hold in the first scene; it is False for
-    every other check. Only a scenario that places its vehicles exactly can have such a scene.
+    ``strict`` may then be unable to prevent a collision. Only a scenario that places its vehicles
+    exactly can begin with such a scene. For all other checks the result is False, because they have
+    no invariant.
     """
     return isinstance(check, Strict) and not check.fallback_is_free(scene)
 

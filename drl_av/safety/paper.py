@@ -17,9 +17,9 @@ def closing_speed(front: Neighbor) -> float:
 
 
 def time_to_collision(gap_m: float, closing_m_s: float) -> float:
-    """Return T_C of eq. 3 of the paper, gap / closing speed, seconds; inf without closing.
+    """Return the time to collision, T_C of eq. 3 of the paper: gap / closing speed, seconds.
 
-    ``closing_m_s`` is positive if the gap shrinks.
+    ``closing_m_s`` is positive if the gap shrinks; otherwise the result is inf.
     """
     return gap_m / closing_m_s if closing_m_s > 0 else math.inf
 

@@ -63,9 +63,9 @@ def reach(
 def covered(
     speed_m_s: Number, acceleration_m_s2: Number, ego: EgoConfig, sim: SimulationConfig
 ) -> list[Number]:
-    """Return the distance that the ego covers until the end of each SUMO step of a decision.
+    """Return the distances that the ego has covered after each SUMO step of a decision, metres.
 
-    In metres, one value for each step; the acceleration is constant.
+    The acceleration is constant.
     """
     most, step_s = ego.max_speed_m_s, sim.step_length_s
     return [

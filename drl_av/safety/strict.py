@@ -166,7 +166,7 @@ def lanes_about(y_m: float, lane_width_m: float) -> tuple[int, int]:
 
 
 def fallback_maneuver(scene: Scene) -> LaneChange | None:
-    """Return the lane change to the lane that contains the ego's centre; None without any."""
+    """Return the lane change to the lane of the ego's centre, or None if none is in progress."""
     change = scene.lane_change
     return (
         change.reversed()

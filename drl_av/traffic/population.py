@@ -68,7 +68,7 @@ class Population:
 def require_speed_limit(config: Config, description: ScenarioDescription) -> None:
     """Raise ConfigError if a setting permits a speed above the road's speed limit.
 
-    Also if the scenario places the ego at a speed above its own maximum.
+    It also raises ConfigError if the scenario starts the ego faster than ``ego.max_speed_m_s``.
     """
     fastest = {"ego.max_speed_m_s": config.ego.max_speed_m_s}
     if not description.vehicles:

@@ -196,7 +196,7 @@ def shipped_scenarios() -> dict[str, Path]:
 def find_scenario(name_or_path: str | Path | None = None) -> Path:
     """Return the folder of a scenario, from its path or the name of a shipped one.
 
-    None is the default scenario.
+    None stands for the default scenario.
 
     Raises:
         ScenarioError: no folder and no shipped scenario has that name.

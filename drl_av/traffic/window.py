@@ -44,9 +44,9 @@ class Window:
         self._sumo.poi.setPosition(CAPTION, x_m + below_m * right[0], y_m + below_m * right[1])
 
     def show(self, text: str, colors: Mapping[str, Color]) -> None:
-        """Show a line of text as the caption, and colour vehicles by id.
+        """Show a line of text as the caption, and colour the vehicles whose ids ``colors`` holds.
 
-        A color is (red, green, blue), each from 0 to 255.
+        A colour is (red, green, blue), each from 0 to 255.
         """
         self._sumo.poi.setParameter(CAPTION, CAPTION, text)
         for name, color in colors.items():

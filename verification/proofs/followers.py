@@ -180,7 +180,7 @@ def braked(p: Problem, before: Term, a: Argument) -> Term:
 
 
 def follower_claims(a: Argument) -> Iterator[Claim]:
-    """Yield the claims that a vehicle behind that brakes stays behind, whatever the ego does."""
+    """Yield the claims that a follower which brakes stays behind, whatever the ego does."""
     yield rolling(a, 0)
     yield farther(a, 0)
     yield slowing(a)

@@ -25,9 +25,11 @@ from verification.proofs.motion import (
 
 
 def stopping_claims(a: Argument) -> Iterator[Claim]:
-    """Yield the claims that the piece which the floor selects is the stopping distance.
+    """Yield the claims that ``stopping_distance`` computes the stopping distance.
 
-    It is the largest piece, and equals the distance of one braking step plus that of the rest.
+    It selects one of the linear pieces by rounding down (see ``motion.lines``). The claims say that
+    this piece is the largest one at the given speed, and that it equals the distance of one braking
+    step plus the stopping distance after that step. There is one for each braking rate.
     """
     brakes = [(a.hard_m_s2, a.most_m_s), (a.braking_m_s2, a.others_most_m_s)]
     for braking, most in [*brakes, (a.follower_m_s2, a.others_most_m_s)]:
@@ -94,9 +96,11 @@ def between() -> Claim:
 
 
 def decision_claims(a: Argument) -> Iterator[Claim]:
-    """Yield one claim for each action and step of a decision: the rest of the reach suffices.
+    """Yield the claims that an ego within its plan for a decision can stop within its reach.
 
-    It covers the distance of that step and of braking hard afterwards.
+    There is one claim for each longitudinal action and SUMO step. The rest of the reach before the
+    step is at least the distance that the ego covers if it completes the step, at most at the
+    planned speed, and then brakes hard to standstill.
     """
     for rate in a.rates_m_s2:
         for step in range(a.steps):
@@ -135,9 +139,9 @@ def cut_in_claims(a: Argument) -> Iterator[Claim]:
 
 
 def between_two_claims(a: Argument) -> Iterator[Claim]:
-    """Yield the claim on a vehicle that cuts in ahead of the vehicle ahead of the ego.
+    """Yield the claim on a vehicle that cuts in ahead of the vehicle that the ego follows.
 
-    If the vehicle ahead can stop behind it, the ego also stops behind it.
+    If the vehicle that the ego follows can stop behind the one that cuts in, the ego can too.
     """
     p = Problem()
     gap_m, beyond_m, length_m = p.unknown("gap", 0), p.unknown("beyond"), p.unknown("length", 0)

@@ -72,7 +72,7 @@ def _side(
 
 
 def _clear(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> BoolArray:
-    """Return whether ``lane`` exists and its gaps ahead and behind suffice to enter; shape (R,)."""
+    """Return whether ``lane`` exists and its gaps are large enough to enter it; shape (R,)."""
     closing_m_s = neighbors.relative_speed_m_s[:, lane] * (-1.0, 1.0)
     needed_m = config.lane_change_gap_m + config.lane_change_time_s * np.maximum(closing_m_s, 0)
     clear: BoolArray = neighbors.has_lane[:, lane] & (neighbors.gap_m[:, lane] > needed_m).all(
@@ -113,7 +113,7 @@ def _acceleration(
 def _behind(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
     """Return the acceleration that keeps the headway to the vehicle ahead in ``lane``, m/s^2.
 
-    Its shape is (R,); it is inf without a vehicle ahead in range.
+    The shape is (R,). The acceleration is inf if no vehicle ahead is in range.
     """
     kept_m = config.standstill_gap_m + config.headway_s * neighbors.speed_m_s
     to_spare_m = neighbors.gap_m[:, lane, FRONT] - kept_m

@@ -29,7 +29,7 @@ class Surroundings(NamedTuple):
     relative_lateral_speed_m_s: FloatArray
     """Shape (R, 3, 2), left positive; 0 without a neighbour."""
     speed_m_s: FloatArray
-    """Shape (R,), as the next three fields: the state of the R vehicles themselves."""
+    """The state of the R vehicles themselves; this field and the next three have shape (R,)."""
     y_m: FloatArray
     off_center_m: FloatArray
     """Offset from the centre of the own lane, left positive."""
@@ -42,7 +42,10 @@ class Surroundings(NamedTuple):
         return np.abs(self.off_center_m) > CENTERED_M
 
     def vectors(self) -> FloatArray:
-        """Return each vehicle's 27 indicators in the form of ``Affordances.vector``; (R, 27)."""
+        """Return each vehicle's 27 indicators in the form of ``Affordances.vector``.
+
+        The shape is (R, 27).
+        """
         absent_m = np.where(self.has_lane, self.range_m, 0.0)[:, :, None]
         neighbors = np.stack(
             (
@@ -90,9 +93,12 @@ def surroundings(
 def _nearest(
     snapshot: Snapshot, road: Road, centers_m: FloatArray, rows: npt.NDArray[np.intp]
 ) -> tuple[FloatArray, npt.NDArray[np.intp]]:
-    """Return the gap to each nearest neighbour, m, and its row index, both of shape (R, 3, 2).
+    """Return the gaps to the nearest neighbours of R vehicles, m, and the neighbours' row indices.
 
-    The gap is negative for bodies side by side, and inf if there is no neighbour.
+    Both have shape (R, 3, 2); the axes are the vehicle, the lane (own, right, left) and front/rear.
+    ``rows``, shape (R,), holds the row index of each vehicle; ``centers_m``, shape (R, 3), holds
+    the y of the lanes' centres. A gap is negative if the bodies are side by side, and inf without a
+    neighbour, where the row index means nothing.
     """
     length, looking = snapshot.length_m, np.arange(len(rows))
     ahead_m = road.ahead_m(snapshot.s_m[rows, None], snapshot.s_m)

@@ -173,7 +173,10 @@ class Chooser:
         return np.where(accelerates, ego.accelerate_m_s2, braking)
 
     def _braking(self, speed: FloatArray, front: Near) -> FloatArray:
-        """Return the mildest that suffices behind a vehicle: 0, brake or hard brake, m/s^2."""
+        """Return the acceleration, m/s^2, of the mildest braking that is enough behind ``front``.
+
+        It is 0, or that of the action brake or hard brake.
+        """
         ego, closing = self._ego, np.maximum(speed - front.speed_m_s, 0.0)
         law = self._law(speed, front, SHORT_HEADWAY_S)
         room_m = np.maximum(front.gap_m - ego.reference_standstill_gap_m - closing, 1.0)
