@@ -23,7 +23,7 @@ from rich.table import Table
 
 if TYPE_CHECKING:
     from drl_av.evaluation.paired import Paired
-    from drl_av.evaluation.statistics import Mean, Summary
+    from drl_av.evaluation.statistics import Mean, Overall, Summary
     from drl_av.experiments.options import Progress as Reached
     from drl_av.learning.training import EpisodeRow, EvaluationRow
 
@@ -190,6 +190,27 @@ def print_gains(gains: Sequence["Paired"]) -> None:
     for gain in gains:
         cells = (gain.driver, gain.baseline, _cell(gain.difference_m_s))
         table.add_row(str(gain.vehicles), *cells)
+    _console().print(table)
+
+
+def print_overall(overalls: Sequence["Overall"]) -> None:
+    """Print a table with the statistics of each driver over all numbers of vehicles."""
+    best = next((each.over for each in overalls if each.over), None)
+    beside = "" if best is None else f", and the probability of being faster than {best}"
+    table = Table(
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        caption=f"over all numbers of vehicles: interquartile mean{beside},\n"
+        "with 95 % intervals by the stratified bootstrap",
+        caption_justify="left",
+    )
+    table.add_column("driver", overflow="fold")
+    table.add_column("speed, m/s", justify="right", no_wrap=True)
+    if best is not None:
+        table.add_column("probability of\nimprovement", justify="right", no_wrap=True)
+    for each in overalls:
+        improvement = "" if each.improvement is None else str(each.improvement)
+        table.add_row(each.driver, str(each.speed_m_s), *([] if best is None else [improvement]))
     _console().print(table)
 
 

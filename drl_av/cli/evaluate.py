@@ -14,7 +14,7 @@ from drl_av.cli.arguments import whole
 from drl_av.cli.settings import driver_words, driving, overridden
 from drl_av.cli.status import INTERRUPTED
 from drl_av.config import Config
-from drl_av.drivers.registry import default_config, find_drivers
+from drl_av.drivers.registry import baselines, default_config, find_drivers
 from drl_av.evaluation import DENSITIES
 
 if TYPE_CHECKING:
@@ -70,10 +70,16 @@ def evaluate(options: argparse.Namespace) -> int:
 
     If ``--out`` exists already, it is replaced only after the last episode.
     """
-    from drl_av.cli.console import counted, print_gains, print_summaries, progress_bar
+    from drl_av.cli.console import (
+        counted,
+        print_gains,
+        print_overall,
+        print_summaries,
+        progress_bar,
+    )
     from drl_av.env.metrics import EpisodeResult
     from drl_av.evaluation.comparison import Evaluation
-    from drl_av.evaluation.statistics import summarize, write_summaries
+    from drl_av.evaluation.statistics import overall, summarize, write_summaries
     from drl_av.files import require_suffix, require_writable, write_table
 
     words = [*options.runs, *options.driver]
@@ -109,14 +115,18 @@ def evaluate(options: argparse.Namespace) -> int:
         kept.unlink()
     elif rows and kept != options.out:
         print(f"drl-av: {options.out} is unchanged; the new rows are in {kept}.", file=sys.stderr)
+    rules = baselines(row.driver for row in rows)
+    overalls = overall(rows, rules) if status == 0 else []
     if rows and options.json:
-        write_summaries(options.json, summarize(rows))
+        write_summaries(options.json, summarize(rows), overalls)
     if options.out and status == 0:
         _write_provenance(options, config)
     if rows:
         print_summaries(summarize(rows))
-    if status == 0 and (gains := _gains(rows)):
-        print_gains(gains)
+    if status == 0:
+        if gains := _gains(rows, rules):
+            print_gains(gains)
+        print_overall(overalls)
     return status
 
 
@@ -135,17 +145,15 @@ def provenance_file(table: Path) -> Path:
     return table.with_suffix(".provenance.json")
 
 
-def _gains(rows: Sequence["EpisodeResult"]) -> list["Paired"]:
+def _gains(rows: Sequence["EpisodeResult"], rules: Sequence[str]) -> list["Paired"]:
     """Compute the gain of each other driver over the fastest rule-based driver, by density."""
-    from drl_av.drivers.registry import RULE_DRIVERS
     from drl_av.evaluation.paired import Speed, paired
 
     speeds = [Speed(row.driver, row.vehicles, row.seed, row.mean_speed_m_s) for row in rows]
     names = list(dict.fromkeys(row.driver for row in rows))
-    baselines = [name for name in names if name in RULE_DRIVERS]
-    if not baselines:
+    if not rules:
         return []
-    gains = [paired(speeds, name, baselines) for name in names if name not in baselines]
+    gains = [paired(speeds, name, rules) for name in names if name not in rules]
     return sorted((g for own in gains for g in own if g.best), key=lambda gain: gain.vehicles)
 
 

@@ -28,7 +28,12 @@ def figures(options: argparse.Namespace) -> int:
     from drl_av.experiments.canvas import save_figure
     from drl_av.experiments.density_sweep import speed_figure
     from drl_av.experiments.experiment import draw_results
-    from drl_av.experiments.figures import EPISODE_COLUMNS, learning_figure, reward_figure
+    from drl_av.experiments.figures import (
+        EPISODE_COLUMNS,
+        learning_figure,
+        profile_figure,
+        reward_figure,
+    )
     from drl_av.experiments.lane_change_figure import lane_change_figure
     from drl_av.experiments.registry import EXPERIMENTS
     from drl_av.files import read_table
@@ -40,6 +45,7 @@ def figures(options: argparse.Namespace) -> int:
     if tables:
         rows = [row for table in tables for row in read_table(table, EPISODE_COLUMNS)]
         figures["mean_speed"] = speed_figure(rows)
+        figures["speed_profile"] = profile_figure(rows)
     if runs:
         figures["learning"] = learning_figure(runs)
     for folder in folders:

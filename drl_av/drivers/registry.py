@@ -69,6 +69,14 @@ def driver_names() -> tuple[str, ...]:
     return *RULE_DRIVERS, "pretrained"
 
 
+def baselines(names: Iterable[str]) -> list[str]:
+    """Return those of the names that are rule-based drivers, to which the others are compared.
+
+    The planner, which searches, is no baseline.
+    """
+    return [name for name in dict.fromkeys(names) if name in RULE_DRIVERS and name != "planner"]
+
+
 def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
     """Find the driver of each word of the user; a repeated word counts once.
 

@@ -1,15 +1,22 @@
-"""Computes means over episodes with 95 % confidence intervals, by driver and vehicle number."""
+"""Summarizes episodes with 95 % intervals: by driver and number of vehicles, and by driver."""
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from drl_av.env.metrics import EpisodeResult
+from drl_av.evaluation.aggregates import (
+    Estimate,
+    interquartile_mean,
+    performance_profile,
+    probability_of_improvement,
+)
 from drl_av.files import write_whole
+from drl_av.traffic.road import FloatArray
 
 
 class Mean(NamedTuple):
@@ -74,17 +81,83 @@ def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
     ]
 
 
-def write_summaries(path: Path, summaries: Iterable[Summary]) -> None:
-    """Write the summaries as a JSON list of objects; raises DrlAvError if the write fails."""
-    objects = [
-        {name: _plain(value) for name, value in summary._asdict().items()} for summary in summaries
+class Overall(NamedTuple):
+    """The statistics of one driver over all numbers of vehicles around the ego."""
+
+    driver: str
+    episodes: int
+    speed_m_s: Estimate
+    """Interquartile mean of the episodes' mean speeds."""
+    improvement: Estimate | None
+    """Probability of a higher mean speed than the fastest baseline's; None without another one."""
+    over: str | None
+    """The fastest baseline, or None."""
+    share_faster_than_m_s: dict[int, float]
+    """Performance profile: the share of episodes above each whole speed, up to the first 0."""
+
+
+def overall(rows: Sequence[EpisodeResult], baselines: Iterable[str]) -> list[Overall]:
+    """Summarize the speeds of each driver over all numbers of vehicles, in order of first rows.
+
+    Raises:
+        DrlAvError: a driver and a baseline did not drive among the same numbers of vehicles.
+    """
+    speeds: dict[str, dict[int, list[float]]] = {}
+    for row in rows:
+        own = speeds.setdefault(row.driver, {}).setdefault(row.vehicles, [])
+        own.append(row.mean_speed_m_s)
+    strata = {
+        driver: [np.array(own[vehicles]) for vehicles in sorted(own)]
+        for driver, own in speeds.items()
+    }
+    best = fastest(rows, baselines)
+    return [
+        Overall(
+            driver=driver,
+            episodes=sum(map(len, scores)),
+            speed_m_s=interquartile_mean(scores),
+            improvement=None
+            if best in (None, driver)
+            else probability_of_improvement(scores, strata[best]),
+            over=None if best == driver else best,
+            share_faster_than_m_s=_profile(scores),
+        )
+        for driver, scores in strata.items()
     ]
+
+
+def fastest(rows: Iterable[EpisodeResult], drivers: Iterable[str]) -> str | None:
+    """Return the one of these drivers with the highest mean speed over its rows; None without."""
+    names, speeds = set(drivers), dict[str, list[float]]()
+    for row in rows:
+        if row.driver in names:
+            speeds.setdefault(row.driver, []).append(row.mean_speed_m_s)
+    means = {driver: sum(own) / len(own) for driver, own in speeds.items()}
+    return max(means, key=means.__getitem__, default=None)
+
+
+def _profile(strata: Sequence[FloatArray]) -> dict[int, float]:
+    thresholds = range(math.ceil(max(scores.max() for scores in strata)) + 1)
+    return dict(zip(thresholds, performance_profile(strata, thresholds).tolist(), strict=True))
+
+
+def write_summaries(
+    path: Path, summaries: Iterable[Summary], overalls: Iterable[Overall] = ()
+) -> None:
+    """Write the summaries as a JSON object of two lists; raises DrlAvError if the write fails."""
+    parts: dict[str, Iterable[Summary | Overall]] = {"by_vehicles": summaries, "overall": overalls}
+    objects = {
+        part: [{name: _plain(value) for name, value in each._asdict().items()} for each in found]
+        for part, found in parts.items()
+    }
     write_whole(path, json.dumps(objects, indent=2).encode() + b"\n")
 
 
 def _plain(value: object) -> object:
-    """Convert a value for JSON: a Mean becomes an object, an infinite half-width becomes null."""
-    if not isinstance(value, Mean):
-        return value
-    known = math.isfinite(value.half_width)
-    return {"mean": value.value, "ci95_half_width": value.half_width if known else None}
+    """Convert a value for JSON: a Mean and an Estimate become objects, with null for infinity."""
+    if isinstance(value, Mean):
+        known = math.isfinite(value.half_width)
+        return {"mean": value.value, "ci95_half_width": value.half_width if known else None}
+    if isinstance(value, Estimate):
+        return {"value": value.value, "ci95": [value.low, value.high]}
+    return value

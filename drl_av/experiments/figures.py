@@ -1,13 +1,14 @@
-"""Draws the reward functions of the settings, and the learning curves of runs."""
+"""Draws the reward functions of the settings, the learning curves of runs, and speed profiles."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from drl_av.config import Config
 from drl_av.env.reward import gap_reward, lateral_reward, safe_gap, speed_reward
+from drl_av.evaluation.aggregates import performance_profile
 from drl_av.experiments.canvas import legend_of_names, one_panel, panels
 from drl_av.files import read_table
 
@@ -65,4 +66,22 @@ def reward_figure(config: Config) -> "Figure":
         panel.set_xlabel(label)
         panel.grid(alpha=0.3)
     axes[0].set_ylabel("reward")
+    return figure
+
+
+def profile_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
+    """Draw the performance profiles: the share of episodes in which a driver is faster than v.
+
+    There is one curve for each driver, over all its numbers of vehicles.
+    """
+    figure, axes = one_panel("speed v, m/s", "share of episodes with a mean speed above v")
+    speeds: dict[str, list[float]] = {}
+    for row in rows:
+        speeds.setdefault(row["driver"], []).append(row["mean_speed_m_s"])
+    thresholds = sorted({0.0, *(speed for own in speeds.values() for speed in own)})
+    curves = {}
+    for driver, own in speeds.items():
+        profile = performance_profile([np.array(own)], thresholds)
+        [curves[driver]] = axes.step(thresholds, profile, where="post")
+    legend_of_names(axes, curves)
     return figure

@@ -3,8 +3,11 @@
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from drl_av.config import Config
 from drl_av.drivers.registry import default_config, find_drivers
+from drl_av.evaluation.aggregates import interquartile_mean, probability_of_improvement
 from drl_av.evaluation.statistics import Mean, mean_with_interval
 from drl_av.experiments.canvas import label_axes, legend_of_names, panels
 from drl_av.experiments.cells import Drives, driven_with
@@ -144,6 +147,23 @@ def _pooled(rows: Iterable[Row]) -> dict[str, dict[str, float]]:
     return speeds(row | {"seed": f"{row['vehicles']}, {row['seed']}"} for row in own)
 
 
+def aggregate_table(results: Results) -> str:
+    """Return the Markdown table of each driver's statistics over ``MIDDLE`` vehicles.
+
+    The statistics are the interquartile mean of the speeds, and the probability of being faster
+    than the best opponent in these episodes; both with 95 % intervals.
+    """
+    rows, lines = results.rows(OPPONENTS_SWEEP.table), []
+    for kind in dict.fromkeys(row["traffic"] for row in rows):
+        best = best_opponent(_pooled([row for row in rows if row["traffic"] == kind]))
+        cells = [found for number, found in _cells(rows, kind).items() if number in MIDDLE]
+        strata = {name: [np.array([*found[name].values()]) for found in cells] for name in cells[0]}
+        for name, own in strata.items():
+            improvement = "" if name == best else str(probability_of_improvement(own, strata[best]))
+            lines.append([kind, f"`{name}`", str(interquartile_mean(own)), improvement])
+    return markdown_table(["traffic", "driver", "speed, m/s", "probability of improvement"], lines)
+
+
 def speed_table(results: Results) -> str:
     """Return the Markdown table of mean speeds, m/s, and of how each driver drives."""
     rows, lines = results.rows(OPPONENTS_SWEEP.table), []
@@ -190,6 +210,10 @@ OPPONENTS_SWEEP = Experiment(
     meaning="the shipped driver and the planner beside the strongest rule-based drivers",
     row="an episode of a driver in a kind of traffic, with a check and a longitudinal reference",
     plan=opponents_plan,
-    summaries={"opponents_gain": gain_table, "opponents_speed": speed_table},
+    summaries={
+        "opponents_gain": gain_table,
+        "opponents_aggregate": aggregate_table,
+        "opponents_speed": speed_table,
+    },
     figures={"opponents": opponents_figure},
 )

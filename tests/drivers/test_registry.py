@@ -15,6 +15,7 @@ from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import (
     RULE_DRIVERS,
     DriverSpec,
+    baselines,
     default_config,
     find_drivers,
     make_drivers,
@@ -78,6 +79,11 @@ def test_help_names_every_driver(
         main([verb, "--help"])
     words = capsys.readouterr().out.replace(",", " ").split()
     assert {*RULE_DRIVERS, "pretrained"} <= set(words)
+
+
+def test_the_planner_and_learned_drivers_are_no_baselines() -> None:
+    names = ["mine", "planner", "sumo", "pretrained", "idm", "sumo"]
+    assert baselines(names) == ["sumo", "idm"]
 
 
 def test_a_word_that_is_neither_a_driver_nor_a_path_is_refused() -> None:

@@ -27,7 +27,13 @@ from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError, DrlAvError, RunError
 from drl_av.evaluation import comparison as module
 from drl_av.evaluation.comparison import Evaluation, drive_all
-from drl_av.evaluation.statistics import Mean, mean_with_interval, summarize, write_summaries
+from drl_av.evaluation.statistics import (
+    Mean,
+    mean_with_interval,
+    overall,
+    summarize,
+    write_summaries,
+)
 from drl_av.files import require_writable, write_table
 from drl_av.learning.checkpoint import save_policy
 
@@ -203,7 +209,7 @@ def test_interval_of_a_known_sample() -> None:
 def test_one_episode_has_no_interval(tmp_path: Path) -> None:
     assert mean_with_interval([3.0]) == Mean(3.0, math.inf)
     write_summaries(tmp_path / "one.json", summarize([ROW]))
-    [summary] = json.loads((tmp_path / "one.json").read_text())
+    [summary] = json.loads((tmp_path / "one.json").read_text())["by_vehicles"]
     assert summary["speed_m_s"] == {"mean": 20.0, "ci95_half_width": None}
 
 
@@ -316,3 +322,42 @@ def test_seeds_of_training_are_not_evaluated_on() -> None:
     with pytest.raises(ConfigError, match="1000000 on belong to training"):
         Evaluation(SHORT, find_drivers(["idm"]), (1,), range(999_999, 1_000_001))
     Evaluation(SHORT, find_drivers(["idm"]), (1,), range(999_999, 1_000_000))
+
+
+def test_the_overall_statistics_compare_each_driver_with_the_fastest_baseline() -> None:
+    speeds = {
+        ("idm", 5): (20.0, 22.0),
+        ("idm", 10): (10.0, 12.0),
+        ("slow", 5): (28.0, 2.0),
+        ("slow", 10): (1.0, 1.0),
+        ("mine", 10): (13.0, 11.0),  # its rows come in another order
+        ("mine", 5): (22.0, 21.0),
+    }
+    rows = [
+        replace(ROW, driver=driver, vehicles=vehicles, seed=seed, mean_speed_m_s=speed)
+        for (driver, vehicles), both in speeds.items()
+        for seed, speed in enumerate(both)
+    ]
+    idm, slow, mine = overall(rows, ["slow", "idm", "absent"])
+    assert (idm.driver, idm.over, idm.improvement) == ("idm", None, None)
+    assert (slow.over, mine.over, mine.episodes) == ("idm", "idm", 4)
+    assert mine.improvement is not None
+    # of 22 and 21 against 20 and 22: 3 pairs and half a tie less; of 13 and 11 against 10 and 12: 3
+    assert mine.improvement.value == (2.5 / 4 + 3 / 4) / 2
+    assert mine.speed_m_s.value == (13 + 21) / 2  # 11, 13, 21 and 22 without the outer two
+    profile = mine.share_faster_than_m_s
+    assert (profile[10], profile[11], profile[21], profile[22]) == (1.0, 0.75, 0.25, 0.0)
+    assert max(profile) == 22
+    assert [each.over for each in overall(rows, [])] == [None] * 3
+
+
+def test_the_json_has_the_statistics_by_vehicles_and_overall(tmp_path: Path) -> None:
+    rows = [ROW, replace(ROW, driver="mine", mean_speed_m_s=21.0)]
+    write_summaries(tmp_path / "both.json", summarize(rows), overall(rows, ["idm"]))
+    found = json.loads((tmp_path / "both.json").read_text())
+    assert [each["vehicles"] for each in found["by_vehicles"]] == [5, 5]
+    idm, mine = found["overall"]
+    assert idm["improvement"] is None
+    assert mine["speed_m_s"] == {"value": 21.0, "ci95": [21.0, 21.0]}
+    assert (mine["over"], mine["improvement"]["value"]) == ("idm", 1.0)
+    assert mine["share_faster_than_m_s"]["20"] == 1.0

@@ -13,7 +13,7 @@ from drl_av.experiments.canvas import save_figure
 from drl_av.experiments.curves import check_figure, replay_figure
 from drl_av.experiments.density_sweep import speed_figure
 from drl_av.experiments.experiment import draw_results
-from drl_av.experiments.figures import learning_figure, reward_figure
+from drl_av.experiments.figures import learning_figure, profile_figure, reward_figure
 from drl_av.experiments.registry import EXPERIMENTS
 from drl_av.files import Row
 
@@ -43,6 +43,18 @@ def test_speed_figure_has_a_curve_for_each_driver_through_its_means() -> None:
     assert set(curves) == {"idm", "mine"}
     assert curves["idm"].get_xdata().tolist() == pytest.approx([5, 30], abs=0.1)
     assert curves["idm"].get_ydata().tolist() == [21.0, 18.0]
+
+
+def test_the_profile_falls_at_each_speed_of_the_driver() -> None:
+    rows = [
+        {"driver": driver, "vehicles": 5.0, "mean_speed_m_s": speed}
+        for driver, speed in (("idm", 20.0), ("mine", 25.0), ("idm", 22.0), ("mine", 25.0))
+    ]
+    idm, mine = profile_figure(rows).axes[0].lines
+    assert idm.get_xdata().tolist() == [0, 20, 22, 25]
+    assert idm.get_ydata().tolist() == [1, 0.5, 0, 0]
+    assert mine.get_ydata().tolist() == [1, 1, 1, 0]
+    assert idm.get_drawstyle() == "steps-post"
 
 
 def test_learning_figure_follows_the_evaluations_of_a_run(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from drl_av.experiments import opponents
 from drl_av.experiments.experiment import Results, reproduce
 from drl_av.experiments.opponents import OPPONENTS_SWEEP, VARIANTS, best_opponent, gain, speeds
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.files import Row
+from drl_av.files import Row, write_table
 
 
 def row(driver: str, seed: int, speed: float, variant: str = "paper") -> Row:
@@ -35,6 +35,25 @@ def test_the_gain_is_over_the_fastest_opponent_and_paired_by_seed() -> None:
         (1.0, 4.303 * 2 / 3**0.5), 1e-3
     )
     assert gain(found["planner"], found["sumo"]).value == pytest.approx(2.0)
+
+
+def test_the_statistics_are_those_of_the_middle_densities_beside_the_best_opponent(
+    tmp_path: Path,
+) -> None:
+    speeds = {"planner": (24.0, 25.0, 1.0), "sumo": (24.0, 20.0, 30.0), "idm": (10.0, 11.0, 30.0)}
+    rows = [
+        row(driver, seed, speed) | {"traffic": "calm", "vehicles": vehicles}
+        for driver, own in speeds.items()
+        for seed, vehicles, speed in zip((1, 2, 1), ("5", "5", "40"), own, strict=True)
+    ]
+    write_table(tmp_path / OPPONENTS_SWEEP.table, [*rows[0]], rows)
+    lines = OPPONENTS_SWEEP.summaries["opponents_aggregate"](Results(tmp_path)).splitlines()
+    # of two speeds none is an outer quarter; 24 ties with 24, the other three pairs are won
+    assert lines[2].startswith("| calm | `planner` | 24.50 [24.00, 25.00] | 0.88 [")
+    assert lines[3:] == [
+        "| calm | `sumo` | 22.00 [20.00, 24.00] |  |",
+        "| calm | `idm` | 10.50 [10.00, 11.00] | 0.00 [0.00, 0.00] |",
+    ]
 
 
 def test_every_driver_drives_the_same_seeds_in_its_own_settings_once(

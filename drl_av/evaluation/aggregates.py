@@ -1,0 +1,111 @@
+"""Aggregate statistics of scores over several numbers of vehicles, each with a 95 % interval.
+
+They are those that Agarwal et al. recommend ("Deep Reinforcement Learning at the Edge of the
+Statistical Precipice", NeurIPS 2021), and agree with their package rliable. ``Strata`` are the
+scores of one driver: one array for each number of vehicles, which is their task, with one score for
+each episode, which is their run. The arrays may have different lengths.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from drl_av.errors import DrlAvError
+from drl_av.traffic.road import FloatArray
+
+Strata = Sequence[FloatArray]
+RESAMPLES = 2000
+"""Resamples of a bootstrap, as for the performance profiles of rliable."""
+SEED = 0
+"""Seed of the resampling, so that the same scores have the same interval."""
+
+
+class Estimate(NamedTuple):
+    """A statistic, and the ends of its 95 % interval by the percentiles of a bootstrap."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.2f} [{self.low:.2f}, {self.high:.2f}]"
+
+
+def interquartile_mean(strata: Strata) -> Estimate:
+    """Compute the mean of the middle half of all scores (Agarwal et al., Section 4.3).
+
+    A quarter of the scores, rounded down, is left out at each end. The interval is that of the
+    stratified bootstrap, which draws from each number of vehicles as many episodes as it has.
+
+    Raises:
+        DrlAvError: a number of vehicles has no scores.
+    """
+    _require_scores(strata)
+    random = np.random.default_rng(SEED)
+    drawn = [random.choice(scores, (RESAMPLES, len(scores))) for scores in strata]
+    resampled = _middle_mean(np.concatenate(drawn, axis=1))
+    return _estimate(float(_middle_mean(np.concatenate(strata))), resampled)
+
+
+def probability_of_improvement(ours: Strata, theirs: Strata) -> Estimate:
+    """Compute the probability that our score exceeds theirs (Agarwal et al., Section 4.3).
+
+    It compares each of our scores with each of theirs among as many vehicles, counts a tie as one
+    half, and is the mean over the numbers of vehicles. The bootstrap resamples both drivers
+    independently, as rliable does; for drivers in the same traffic the paired gain is sharper.
+
+    Raises:
+        DrlAvError: a number of vehicles has no scores, or the drivers have not the same numbers.
+    """
+    _require_scores(ours, theirs)
+    if len(ours) != len(theirs):
+        raise DrlAvError(
+            f"The scores are of {len(ours)} and of {len(theirs)} numbers of vehicles: compare "
+            "drivers that drove among the same numbers."
+        )
+    random = np.random.default_rng(SEED)
+    values, resampled = [], []
+    for x, y in zip(ours, theirs, strict=True):
+        wins = np.greater.outer(x, y) + 0.5 * np.equal.outer(x, y)
+        values.append(wins.mean())
+        count_x, count_y = (
+            random.multinomial(len(scores), np.full(len(scores), 1 / len(scores)), RESAMPLES)
+            for scores in (x, y)
+        )
+        resampled.append(((count_x @ wins) * count_y).sum(axis=1) / wins.size)
+    return _estimate(float(np.mean(values)), np.mean(resampled, axis=0))
+
+
+def performance_profile(strata: Strata, thresholds: Sequence[float]) -> FloatArray:
+    """Compute the share of scores above each threshold (Agarwal et al., Section 4.2).
+
+    Returns:
+        Shape (thresholds,), each share from 0 to 1.
+
+    Raises:
+        DrlAvError: a number of vehicles has no scores.
+    """
+    _require_scores(strata)
+    above = np.less.outer(np.array(thresholds), np.concatenate(strata))
+    shares: FloatArray = above.mean(axis=1)
+    return shares
+
+
+def _middle_mean(scores: FloatArray) -> FloatArray:
+    """Return the interquartile mean along the last axis."""
+    cut = scores.shape[-1] // 4
+    middle: FloatArray = np.sort(scores, axis=-1)[..., cut : scores.shape[-1] - cut]
+    means: FloatArray = middle.mean(axis=-1)
+    return means
+
+
+def _estimate(value: float, resampled: FloatArray) -> Estimate:
+    low, high = np.percentile(resampled, (2.5, 97.5)).tolist()
+    return Estimate(value, low, high)
+
+
+def _require_scores(*all_strata: Strata) -> None:
+    for strata in all_strata:
+        if not strata or not all(len(scores) for scores in strata):
+            raise DrlAvError("A number of vehicles has no scores: drive at least one episode.")
