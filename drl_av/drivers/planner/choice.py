@@ -78,10 +78,13 @@ class Surroundings(NamedTuple):
 
 
 class Chooser:
-    """Chooses the ego's actions on a road with these open lanes, within the check's limits."""
+    """Chooses the ego's actions on a road with these open lanes, within the check's limits.
 
-    def __init__(self, open_lanes: BoolArray, ego: EgoConfig, limits: Limits) -> None:
-        self._open, self._ego, self._limits = open_lanes, ego, limits
+    ``way`` is the direction of a mandatory lane change, left +1, right -1, or 0 without any.
+    """
+
+    def __init__(self, open_lanes: BoolArray, ego: EgoConfig, limits: Limits, way: int = 0) -> None:
+        self._open, self._ego, self._limits, self._way = open_lanes, ego, limits, way
         self._crossing_s = ego.lane_change_duration_s / 2
         rates = [ego.accelerate_m_s2, 0.0, -ego.brake_m_s2, -ego.hard_brake_m_s2]
         self._rates = np.array(rates)[:, None]
@@ -106,7 +109,9 @@ class Chooser:
         own, own_rear = around.near(member[lane])
         front, rear = around.near(member[other])
         into, from_behind = own.where(crossed, front), own_rear.where(crossed, rear)
-        margin_m = np.where(changes, 0.0, MARGIN_M)
+        if self._limits.followers_stay_behind:
+            from_behind = Near(np.where(crossed, FAR_M, rear.gap_m), rear.speed_m_s)
+        margin_m = np.where(changes | (wanted == self._way), 0.0, MARGIN_M)
         permitted = self._permits(ego.speed_m_s, (own, into), from_behind, margin_m)
         if not self._ego.overtake_right:
             exists &= (wanted >= 0) | ~_is_passed_on_the_left(own)

@@ -47,9 +47,11 @@ class Prices(NamedTuple):
     """Time after the forecast for which the ego is assumed to follow the vehicle ahead."""
     room: float = 0.8
     """Value of each metre of the gap ahead at the end of the forecast."""
-    mandatory_change: float = 400.0
-    """Price of each lane change that the ego's way still demands at the end of the forecast, if no
-    distance is left for it; it falls to 0 where ``UNHURRIED_M`` are left for each."""
+    late_change: float = 15.0
+    """Price per second of each mandatory lane change that is left, if no distance is left for it;
+    it falls to 0 where ``UNHURRIED_M`` are left for each."""
+    missed_change: float = 400.0
+    """The same price at the end of the forecast."""
 
 
 class Forecaster:
@@ -100,20 +102,21 @@ class Forecaster:
             last = np.where(signs != 0, signs, last)
             score -= _price_of_choice(ego, choice, prices)
             self._change_lanes(ego, choice)
+            score -= prices.late_change * self._missing_changes(ego, goal)
             faster, price = self._follow(ego, around, x_m, lanes, prices)
             score += self._drive(ego, choice.acceleration_m_s2) - price
             x_m += (1 - LATE) * speed + LATE * faster
             speed = faster
-        score -= self._price_of_way(ego, goal, prices)
+        score -= prices.missed_change * self._missing_changes(ego, goal)
         return score + self._tail(ego, self.around(ego, x_m, speed), prices)
 
-    def _price_of_way(self, ego: Ego, goal: IntArray, prices: Prices) -> FloatArray:
-        """Return the price of the mandatory lane changes that a forecast leaves, m, shape (P,)."""
+    def _missing_changes(self, ego: Ego, goal: IntArray) -> FloatArray:
+        """Return how many mandatory lane changes are left, less those that are not urgent, (P,)."""
         sign = 1 if self._mandatory.lanes > 0 else -1
         changes = np.maximum(sign * (goal - self._chooser.lane(ego)), 0)
         left_m = np.maximum(self._mandatory.within_m - ego.x_m, 0.0)
         missing: FloatArray = np.maximum(changes - left_m / UNHURRIED_M, 0.0)
-        return prices.mandatory_change * missing
+        return missing
 
     def _change_lanes(self, ego: Ego, choice: Choice) -> None:
         """Advance the egos' lane changes by a second, in place."""

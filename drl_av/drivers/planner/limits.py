@@ -31,6 +31,9 @@ class Near(NamedTuple):
 class Limits(Protocol):
     """The interface to what a safety check permits; ``speed`` is the ego's, m/s."""
 
+    followers_stay_behind: bool
+    """Whether the check regards no vehicle behind the ego once the ego's centre is in its lane."""
+
     def fastest(self, speed: FloatArray, front: Near) -> FloatArray:
         """Return the largest permitted acceleration behind a vehicle ahead, m/s^2."""
 
@@ -43,6 +46,8 @@ class Limits(Protocol):
 
 class PaperLimits:
     """What rules 1 and 3 of the check ``paper`` permit."""
+
+    followers_stay_behind = False
 
     def __init__(self, config: Config) -> None:
         self._safety, self._ego = config.safety, config.ego
@@ -71,6 +76,8 @@ class PaperLimits:
 
 class StrictLimits:
     """What the check ``strict`` permits, by its stopping distances."""
+
+    followers_stay_behind = True
 
     def __init__(self, config: Config) -> None:
         self._strict, self._ego, self._simulation = config.strict, config.ego, config.simulation

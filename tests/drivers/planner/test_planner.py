@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
-from worlds import ALONE, LEFT, RIGHT, SLOW_LEADER, Car, ahead, changing, scene
+from worlds import ALONE, LEFT, MERGE, RIGHT, SLOW_LEADER, Car, ahead, behind, changing, scene
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
@@ -62,6 +62,20 @@ def test_it_brakes_early_enough_for_a_vehicle_that_stands() -> None:
 def test_it_lets_a_lane_change_go_on() -> None:
     world = changing(ahead(60.0, speed_m_s=15.0), origin=1, target=2, seconds=2)
     assert act(world).lateral is Lateral.KEEP
+
+
+def test_it_leaves_a_ramp_where_the_lanes_are_joined_and_not_before() -> None:
+    divided, joined = (scene(s_m=s_m, y_m=RIGHT, road=MERGE) for s_m in (530.0, 570.0))
+    assert act(divided) == Action(Lateral.KEEP, Longitudinal.ACCELERATE)
+    assert act(joined).lateral is Lateral.LEFT
+
+
+def test_under_strict_it_completes_a_change_ahead_of_a_vehicle_that_must_stay_behind() -> None:
+    # 3 s into the change the body is in the way of the one behind; eq. 2 forbids to go on
+    close = changing(behind(5.0, LEFT, 20.0), origin=1, target=2, seconds=3)
+    strict = PlannerDriver(CONFIG.updated("safety", check="strict"))
+    assert act(close, strict).lateral is Lateral.KEEP
+    assert act(close).lateral is Lateral.RIGHT
 
 
 def test_asked_again_in_the_same_scene_it_answers_the_same() -> None:

@@ -50,14 +50,20 @@ def test_a_lane_change_has_its_price_and_the_road_its_edge() -> None:
     assert scores(scene(), LEFTWARD) == pytest.approx([877.5 - 4.0])
 
 
+def price_of_way(lanes: int, within_m: float, plans: IntArray, **prices: float) -> float:
+    """What mandatory lane changes cost, on lane 1; after 20 s the ego has driven 577.5 m."""
+    world = scene()
+    way = MandatoryChange(lanes, within_m)
+    demanded = world._replace(affordances=world.affordances._replace(mandatory=way))
+    found = scores(world, plans) - scores(demanded, plans, prices=Prices(**prices))
+    return float(found[0])
+
+
 def test_each_mandatory_lane_change_that_a_plan_leaves_has_a_price() -> None:
     def price(lanes: int, within_m: float, plans: IntArray) -> float:
-        world = scene()
-        way = MandatoryChange(lanes, within_m)
-        demanded = world._replace(affordances=world.affordances._replace(mandatory=way))
-        return float((scores(world, plans) - scores(demanded, plans))[0])
+        return price_of_way(lanes, within_m, plans, late_change=0.0, missed_change=400.0)
 
-    # after 577.5 m on lane 1; a lane change costs 400 m, and nothing 400 m ahead
+    # a lane change costs 400 m, and nothing where 400 m are left
     assert price(1, 977.5, KEEP) == pytest.approx(0.0)
     assert price(1, 777.5, KEEP) == pytest.approx(200.0)
     assert price(2, 777.5, KEEP) == pytest.approx(600.0)
@@ -65,6 +71,15 @@ def test_each_mandatory_lane_change_that_a_plan_leaves_has_a_price() -> None:
     assert price(1, 577.5, LEFTWARD) == 0.0
     assert price(-1, 577.5, LEFTWARD) == pytest.approx(800.0)  # it has gone the wrong way
     assert price(-1, 100.0, KEEP) == pytest.approx(400.0)  # too late
+
+
+def test_each_second_before_an_urgent_lane_change_has_a_price() -> None:
+    def price(lanes: int, within_m: float, plans: IntArray) -> float:
+        return price_of_way(lanes, within_m, plans, late_change=10.0, missed_change=0.0)
+
+    assert price(1, 0.0, KEEP) == pytest.approx(200.0)
+    assert price(1, 0.0, LEFTWARD) == pytest.approx(20.0)  # its centre is over the line after 3 s
+    assert price(1, 10_000.0, KEEP) == 0.0
 
 
 def test_a_vehicle_that_the_ego_cuts_off_is_forecast_to_brake_for_it() -> None:
