@@ -166,9 +166,9 @@ def test_rl_zoo3_trains_and_enjoys_with_the_hyperparameters_that_ship(tmp_path: 
     shared = ["--algo", "dqn", "--env", ID, "--gym-packages", "drl_av", "-f", str(tmp_path)]
     shared += ["--env-kwargs", short, "--device", "cpu"]
     shared += ["--seed", "1"]
-    tuned = ["--conf-file", str(ROOT / "examples" / "rl_zoo3.yml"), "-n", "60"]
-    tuned += ["--eval-freq", "30", "--eval-episodes", "1", "--eval-env-kwargs", short]
-    printed = run(tmp_path, "-m", "rl_zoo3.train", *shared, *tuned).stdout
+    shipped = ["--conf-file", str(ROOT / "examples" / "rl_zoo3.yml"), "-n", "60"]
+    shipped += ["--eval-freq", "30", "--eval-episodes", "1", "--eval-env-kwargs", short]
+    printed = run(tmp_path, "-m", "rl_zoo3.train", *shared, *shipped).stdout
     assert "Eval num_timesteps=60" in printed
     printed = run(tmp_path, "-m", "rl_zoo3.enjoy", *shared, "--no-render", "-n", "25").stdout
     assert "Mean reward" in printed
