@@ -9,7 +9,7 @@ import numpy.typing as npt
 from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import Action, action_of
 from drl_av.driving.scene import Scene
-from drl_av.safety.check import Rule, SafetyCheck, Verdict
+from drl_av.safety.check import Rule, SafetyCheck, Verdict, judged
 
 
 class CheckedDriver:
@@ -36,7 +36,7 @@ class CheckedDriver:
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the inner driver's proposal, or the action by which the check replaces it."""
-        self.verdict = self._check(scene, self._driver.act(scene, observation))
+        self.verdict = judged(self._check, scene, self._driver.act(scene, observation))
         self.triggers += self.verdict.rule is not Rule.NONE
         return self.verdict.action
 

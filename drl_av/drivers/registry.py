@@ -206,6 +206,11 @@ def load_driver(
         RunError, CheckpointError: the file or folder cannot be used, or the driver was trained
             with another observation.
     """
+    if not isinstance(driver, str | Path):
+        raise ConfigError(
+            f"driver is a {type(driver).__name__}, but must be a name, a path or "
+            "'module:function'; a driver object needs no loading."
+        )
     specs = find_drivers([str(driver)])
     [loaded] = make_drivers(specs, as_config(config, default_config(specs))).values()
     return loaded

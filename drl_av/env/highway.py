@@ -31,7 +31,7 @@ from drl_av.env.observation import (
 from drl_av.env.reward import RewardFunction, Rewards, Transition, desired, own_reward, rewards
 from drl_av.errors import ConfigError
 from drl_av.safety import ActionMask, action_mask, named_check, starts_unsafe
-from drl_av.safety.check import Rule, SafetyCheck, Verdict
+from drl_av.safety.check import Rule, SafetyCheck, Verdict, judged
 from drl_av.traffic.ego_model import EgoModel
 from drl_av.traffic.scenario import find_scenario, load_scenario
 from drl_av.traffic.simulation import Simulation
@@ -68,6 +68,11 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.render_mode = render_mode
         config = as_config(config)
         if scenario is not None:
+            if not isinstance(scenario, str | Path):
+                raise ConfigError(
+                    f"scenario is {scenario!r}, but must be a folder or the name of a shipped "
+                    "scenario."
+                )
             folder = Path(scenario)
             name = str(folder.absolute() if folder.is_dir() else scenario)
             config = config.updated("simulation", scenario=name)
@@ -183,7 +188,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         """
         proposed = self._proposed(action)
         scene, config = self.scene, self.config
-        verdict = self.safety_check(scene, proposed)
+        verdict = judged(self.safety_check, scene, proposed)
         commands, lane_change = plan(scene, verdict.action, config.ego, config.simulation)
         traffic_commands = self.traffic_drivers(scene.snapshot)
         self._over = True  # remains so if SUMO ends during the decision

@@ -117,12 +117,13 @@ def require_inside(observation: Any, space: gymnasium.spaces.Space[Any]) -> None
 
 def _require_groups(groups: Sequence[str]) -> None:
     """Raise ConfigError if a group is unknown or occurs twice, or no group is given."""
-    for group, number in Counter(groups).items():
-        if group not in GROUPS:
+    for group in groups:
+        if not isinstance(group, str) or group not in GROUPS:
             raise ConfigError(
                 f"There is no group of indicators {group!r}{did_you_mean(group, GROUPS)}; "
                 f"the groups are: {', '.join(GROUPS)}."
             )
+    for group, number in Counter(groups).items():
         if number > 1:
             raise ConfigError(f"The group of indicators {group!r} is named {number} times.")
     if not groups:

@@ -1,6 +1,8 @@
 """The wrapper ``RecordVideo``, which films episodes of the environment."""
 
+import math
 from collections.abc import Callable
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,7 @@ from gymnasium.utils.save_video import capped_cubic_video_schedule
 
 from drl_av.drawing.film import Film, require_film
 from drl_av.env.highway import HighwayEnv, Observation
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, RecordingError
 
 
 class RecordVideo(
@@ -33,8 +35,9 @@ class RecordVideo(
         rate: Speed of the film as a multiple of real time.
 
     Raises:
-        ConfigError: ``env`` is not drl-av's environment.
-        RecordingError: the folder is not writable, or ``fps`` is not above 0.
+        ConfigError: ``env`` is not drl-av's environment, ``fps`` or ``rate`` is no number above 0,
+            or ``episode_trigger`` is no function.
+        RecordingError: the folder cannot be made.
     """
 
     def __init__(
@@ -59,9 +62,22 @@ class RecordVideo(
             raise ConfigError(
                 f"RecordVideo films drl-av's environments, not {env.unwrapped}: take gymnasium's."
             )
+        for name, value in (("fps", fps), ("rate", rate)):
+            if not isinstance(value, Real) or not 0 < value < math.inf:
+                raise ConfigError(f"{name} is {value!r}, but must be a number above 0.")
+        if not callable(episode_trigger):
+            raise ConfigError(
+                f"episode_trigger is {episode_trigger!r}, but must be a function of the number of "
+                "an episode, such as lambda episode: True."
+            )
         self._highway = env.unwrapped
         self._prefix = Path(video_folder) / name_prefix
-        self._prefix.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            self._prefix.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RecordingError(
+                f"The folder {video_folder} cannot be made ({error.strerror}): name another."
+            ) from error
         self._fps, self._rate, self._trigger = fps, rate, episode_trigger
         self._episode = -1
         self._film: Film | None = None

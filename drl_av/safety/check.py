@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from drl_av.driving.actions import Action
 from drl_av.driving.scene import Scene
+from drl_av.errors import ConfigError
 
 
 class Rule(Flag):
@@ -35,6 +36,21 @@ class Verdict(NamedTuple):
 
 SafetyCheck = Callable[[Scene, Action], Verdict]
 """A function that returns the verdict on a proposed action in a scene."""
+
+
+def judged(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
+    """Return the verdict of a check, which may be the user's own.
+
+    Raises:
+        ConfigError: the check returned something else than a Verdict with an Action.
+    """
+    verdict = check(scene, proposed)
+    if not isinstance(verdict, Verdict) or not isinstance(verdict.action, Action):
+        raise ConfigError(
+            f"The safety check returned {verdict!r}, but must return a Verdict: "
+            "Verdict(proposed, Rule.NONE) permits the action."
+        )
+    return verdict
 
 
 def permit_all(scene: Scene, proposed: Action) -> Verdict:

@@ -39,6 +39,8 @@ def test_reset_refuses_more_vehicles_than_fit_and_continues_after_it(env: Highwa
         ({"safety_check": "permitall"}, r"\(did you mean 'permit_all'\?\)"),
         ({"render_mode": "ansi"}, r"render_mode is 'ansi', but must be None, 'human' or 'rgb_arr"),
         ({"config": "/nowhere/settings.toml"}, r"/nowhere/settings.toml', but must be a preset"),
+        ({"scenario": 3}, r"scenario is 3, but must be a folder or the name of a shipped"),
+        ({"observation": [["ego"]]}, r"no group of indicators \['ego'\].*; the groups are"),
     ],
 )
 def test_an_environment_refuses_bad_arguments(arguments: dict[str, Any], message: str) -> None:

@@ -75,7 +75,7 @@ class Several(gymnasium.Env[int, int]):
 
 def test_gymnasium_s_wrapper_keeps_one_picture_of_each_step_even_of_several(tmp_path: Path) -> None:
     # the reason for a wrapper of our own: if this fails, rgb_array_list could give motion there too
-    env = gymnasium.wrappers.RecordVideo(Several(), str(tmp_path), lambda episode: True)
+    env = gymnasium.wrappers.RecordVideo(Several(), str(tmp_path / "films"), lambda episode: True)
     env.reset()
     for _ in range(2):
         env.step(0)
@@ -86,5 +86,16 @@ def test_gymnasium_s_wrapper_keeps_one_picture_of_each_step_even_of_several(tmp_
 def test_another_environment_and_an_impossible_film_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"not .*CartPole.*: take gymnasium's"):
         drl_av.RecordVideo(gymnasium.make("CartPole-v1"), tmp_path)  # type: ignore[arg-type]
-    with pytest.raises(RecordingError, match="0 frames a second"):
-        drl_av.RecordVideo(highway(), tmp_path, fps=0)
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"fps": 0}, "fps is 0, but must be a number above 0"),
+        ({"fps": "fast"}, "fps is 'fast', but must be a number above 0"),
+        ({"rate": 0.0}, "rate is 0.0, but must be a number above 0"),
+        ({"rate": float("nan")}, "rate is nan, but must be a number above 0"),
+        ({"episode_trigger": True}, "episode_trigger is True, but must be a function"),
+    ]
+    for arguments, message in wrong:
+        with pytest.raises(ConfigError, match=message):
+            drl_av.RecordVideo(highway(), tmp_path, **arguments)
+    (tmp_path / "file").touch()
+    with pytest.raises(RecordingError, match=r"file cannot be made \(File exists\): name another"):
+        drl_av.RecordVideo(highway(), tmp_path / "file")

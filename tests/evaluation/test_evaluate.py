@@ -130,6 +130,12 @@ def test_a_wrong_argument_is_refused_in_one_sentence(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("driver", [None, 3, Brakes(), lambda config: Brakes()])
+def test_a_driver_is_loaded_by_its_name_or_path_only(driver: Any) -> None:
+    with pytest.raises(ConfigError, match=r"must be a name, a path or 'module:function'"):
+        drl_av.load_driver(driver)
+
+
 def test_numbers_of_numpy_are_taken_as_those_of_python() -> None:
     settings: dict[str, Any] = {"config": {"simulation": {"decisions_per_episode": np.int64(3)}}}
     found = drl_av.evaluate(

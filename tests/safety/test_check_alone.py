@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import closing
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -65,6 +66,15 @@ def test_only_who_asks_for_the_mask_pays_for_it() -> None:
 
     with closing(HighwayEnv(config=SHORT, safety_check=never)) as bare:  # type: ignore[arg-type]
         assert "action_mask" not in bare.reset(seed=1)[1]
+
+
+@pytest.mark.parametrize("returned", [None, ACTIONS[0], 3, Verdict(3, Rule.NONE)])  # type: ignore[arg-type]
+def test_a_check_that_returns_no_verdict_is_refused_in_one_sentence(returned: Any) -> None:
+    with closing(HighwayEnv(config=SHORT, safety_check=lambda scene, proposed: returned)) as env:
+        env.reset(seed=1)
+        for asked in (lambda: env.step(0), env.action_masks):
+            with pytest.raises(ConfigError, match=r"check returned .*, but must return a Verdict"):
+                asked()
 
 
 def test_workers_tell_their_masks_together() -> None:

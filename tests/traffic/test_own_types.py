@@ -15,7 +15,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
 from drl_av.traffic.description_file import from_toml
-from drl_av.traffic.merge import MergeDescription
+from drl_av.traffic.kinds import KINDS
 from drl_av.traffic.network import program
 from drl_av.traffic.own_types import OwnVehicleType, draw_types
 from drl_av.traffic.scenario import load_scenario, write_scenario
@@ -101,9 +101,10 @@ def test_the_shares_are_those_of_the_types_and_the_ego_has_its_own() -> None:
     assert drawn[1:].count("traffic") / 10_000 == pytest.approx(0.5, abs=0.02)
 
 
-@pytest.mark.parametrize("kind", [StraightDescription, MergeDescription])
-def test_vehicles_that_enter_an_open_road_have_its_types_too(kind: Any, tmp_path: Path) -> None:
-    write_scenario(tmp_path / "road", kind(vehicle_types=(TRUCK, TAXI), flow_per_h=1500.0))
+@pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"loop"}))
+def test_vehicles_that_enter_an_open_road_have_its_types_too(kind: str, tmp_path: Path) -> None:
+    described = KINDS[kind].description(vehicle_types=(TRUCK, TAXI), flow_per_h=1500.0)
+    write_scenario(tmp_path / "road", described)
     env = HighwayEnv(tmp_path / "road")
     sizes = {"truck": (14.0, 2.5), "taxi": (4.5, 1.7), "traffic": (5.0, 1.8), "ego": (5.0, 1.8)}
     driven, known = [], {}
