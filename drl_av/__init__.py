@@ -46,11 +46,16 @@ register(
     entry_point="drl_av.env:HighwayEnv",
     kwargs={"action_mask": True},
 )
-for _name, _scenario in (("Straight", "straight"), ("Merge", "merge")):
+for _name, _scenario, _observation in (
+    ("Straight", "straight", _WITH_LANE_END),
+    ("Merge", "merge", _WITH_LANE_END),
+    ("Exit", "exit", (*_WITH_LANE_END, "way")),
+    ("RampToRamp", "ramp_to_ramp", (*_WITH_LANE_END, "way")),
+):
     register(
         id=f"drl_av/{_name}-v0",
         entry_point="drl_av.env:HighwayEnv",
-        kwargs={"action_mask": True, "scenario": _scenario, "observation": _WITH_LANE_END},
+        kwargs={"action_mask": True, "scenario": _scenario, "observation": _observation},
     )
 
 

@@ -5,6 +5,7 @@ Distances between vehicles are net gaps, as in the stories that the tests tell: 
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,8 @@ EXIT = Road(
     OPEN_LAP_M, LANE_M, (True,) * 4, 1500.0, (PartialLane(0, 900.0, math.inf, 900.0, 1150.0),)
 )
 """A lane begins at 900 m beside three others, and parts from them at 1,150 m as an off-ramp."""
+LEAVE = replace(EXIT, exit_m=1150.0)
+"""The same road where the off-ramp is the ego's way."""
 
 
 class Car(NamedTuple):

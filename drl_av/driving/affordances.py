@@ -222,15 +222,17 @@ class ObservationScale:
             config.lateral_scale_m,
             config.lateral_speed_scale_m_s,
         )
-        middle_m = road.lane_width_m * (len(road.open_lanes) - 1) / 2
+        self.lanes = len(road.open_lanes)
+        """Number of lanes of the road."""
+        middle_m = road.lane_width_m * (self.lanes - 1) / 2
         half_speed = max_speed_m_s / 2
         self.offset = np.array([0.0] * 24 + [half_speed, middle_m, 0.0])
         self.scale = np.array(
             [*vehicle * 6, half_speed, config.lateral_scale_m, config.lateral_speed_scale_m_s]
         )
-        widest_m = road.lane_width_m * (len(road.open_lanes) + 1)
+        widest_m = road.lane_width_m * (self.lanes + 1)
         limits = (config.range_m, 60.0, widest_m, 4.0)
-        half_road_m = road.lane_width_m * len(road.open_lanes) / 2
+        half_road_m = road.lane_width_m * self.lanes / 2
         ends = np.array([*limits * 6, half_speed, half_road_m, 4.0]) / self.scale
         self.bounds: npt.NDArray[np.float32] = ends.astype(np.float32)
         """Largest absolute value of each scaled indicator, shape (27,)."""

@@ -24,8 +24,8 @@ class Mirror(NamedTuple):
 def mirror_of(names: Sequence[str]) -> Mirror:
     """Return the mirror of an observation that consists of the named indicators.
 
-    The words "right" and "left" in the names are exchanged. Lateral positions, lateral velocities
-    and the direction of a lane change get the opposite sign.
+    The words "right" and "left" in the names are exchanged. Lateral positions, lateral velocities,
+    the direction of a lane change and the lane changes of the way get the opposite sign.
 
     Raises:
         ValueError: an indicator of one side is present without that of the other side.
@@ -38,7 +38,7 @@ def mirror_of(names: Sequence[str]) -> Mirror:
     )
 
 
-_LATERAL = ("d_y", "v_y", "lane_change")
+_LATERAL = ("d_y", "v_y", "lane_change", "way_changes")
 """The endings of the names of lateral indicators."""
 
 

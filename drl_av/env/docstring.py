@@ -39,8 +39,9 @@ of a lane, remain until `close`.
 
 ## Episode End
 The episode terminates when the ego collides. It is truncated after
-`config.simulation.decisions_per_episode` decisions, which is `env.spec.max_episode_steps`. The
-environment does this itself, without gymnasium's `TimeLimit`.
+`config.simulation.decisions_per_episode` decisions, which is `env.spec.max_episode_steps`, and on
+an open road at its end: after an exit, 100 m beyond it, whether the ego has taken or missed it.
+The environment does this itself, without gymnasium's `TimeLimit`.
 
 ## Arguments
 `scenario` (folder or name), `safety_check` (name or function), `config` (a preset's name, a
@@ -53,9 +54,10 @@ or an object with an attribute `space` that is called with the scene).
 
 ## Information
 `proposed_action, executed_action, rule, rewards, collision, collided_with, speed_m_s, indicators,
-seed, vehicles, action_mask`. No value is None, which some libraries refuse to store: `collision`
-and `collided_with` are texts, empty without a collision. The mask has shape (12,) and type int8. It
-is 1 for each action that the safety check would execute now as proposed;
+seed, vehicles, exit, action_mask`. No value is None, which some libraries refuse to store:
+`collision` and `collided_with` are texts, empty without a collision; `exit` is `taken` or `missed`
+once the ego has passed its exit, empty before and on a road without one. The mask has shape (12,)
+and type int8. It is 1 for each action that the safety check would execute now as proposed;
 `action_space.sample(mask)` accepts it. The info of a reset also holds `unsafe_start`: whether the
 check `strict` can no longer keep the ego from a collision there.
 

@@ -267,6 +267,12 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             return PictureRenderer(self.road)
         return Renderer() if render_mode is None else GuiRenderer(self.simulation.show)
 
+    def _exit(self) -> str:
+        """Return whether the ego has taken its exit or missed it; "" before and without an exit."""
+        snapshot = self.scene.snapshot
+        front_m = float(snapshot.s_m[EGO] + snapshot.length_m[EGO] / 2)
+        return self.road.exit_outcome(self.scene.affordances.lane, front_m)
+
     def _info(self) -> dict[str, Any]:
         """Return the part of ``info`` that ``reset`` and ``step`` have in common."""
         info = {
@@ -274,6 +280,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             "vehicles": len(self.scene.snapshot.ids) - 1,
             "speed_m_s": self.scene.affordances.ego_speed_m_s,
             "indicators": self.indicators.copy(),
+            "exit": self._exit(),
         }
         if self._masked:
             info["action_mask"] = self.action_masks()

@@ -16,14 +16,18 @@ from drl_av.driving.mirror import Mirror, mirror_of
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 
-FURTHER = ("right_lane", "left_lane", "lane_change", "lane_end")
+FURTHER = ("right_lane", "left_lane", "lane_change", "lane_end", "way_changes", "way_distance")
 """Indicators that the paper does not have. Lanes: 1 if the lane exists and is open, else 0. Lane
 change in progress: +1 left, -1 right, 0 none. Lane end: the distance to the end of the ego's lane
-as a share of the range, 1 without an end in range."""
+as a share of the range, 1 without an end in range. Way changes: the lane changes that the ego's way
+demands, as a share of all lane changes across the road, left positive. Way distance: the distance
+within which they must be complete as a share of ``WAY_M``, at most 1; 1 if none is needed."""
+WAY_M = 1000.0
+"""Distance that ``way_distance`` shows as 1, metres (ours)."""
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {slot: tuple(name for name in INDICATORS if name.startswith(slot)) for slot in SLOTS}
     | {"ego": INDICATORS[-3:], "lanes": FURTHER[:2], "lane_change": FURTHER[2:3]}
-    | {"lane_end": FURTHER[3:]}
+    | {"lane_end": FURTHER[3:4], "way": FURTHER[4:]}
 )
 """The names of the indicators in each group; the first seven groups are those of the paper."""
 
@@ -63,6 +67,8 @@ class GroupObservation:
         further = (
             *(affordances.right_lane, affordances.left_lane, change.sign if change else 0),
             affordances.lane_end_gap_m / affordances.range_m,
+            affordances.mandatory.lanes / max(self._scale.lanes - 1, 1),
+            min(affordances.mandatory.within_m / WAY_M, 1.0),
         )
         scaled = np.append(self._scale(affordances.vector()), np.array(further, np.float32))
         selected: npt.NDArray[np.float32] = scaled[self._places]

@@ -13,6 +13,7 @@ from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 from drl_av.safety.check import Rule
 from drl_av.safety.paper import lane_is_clear
+from drl_av.traffic.road import UNHURRIED_M
 from drl_av.traffic.snapshot import Collision
 
 
@@ -134,23 +135,59 @@ def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig
     """Return v_des and y_des, which depend on the affordance indicators only (ours).
 
     If ``config.desired`` is "fixed", they are the two values of the config. If it is "traffic",
-    they are the ``tolerated_speed`` in the ego's lane and the centre of the best lane. Another lane
-    is better if its attainable speed is more than ``worthwhile_gain_m_s`` higher, and if rule 3
-    permits the lane change. Of two equally good lanes the nearer one is the best.
+    they are the ``tolerated_speed`` in the ego's lane and the centre of a lane: the next one on the
+    ego's way if the way demands lane changes now (``way_side``) and rule 3 permits this one, else
+    the ego's own; and if the way demands nothing, the best one (``faster_side``).
     """
     if config.desired == "fixed":
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)
     own = attainable_speed(affordances, 0, config, safety.minimum_gap_m)
-    best, sign = own + config.worthwhile_gain_m_s, 0
+    side = way_side(affordances)
+    if not side:
+        side = faster_side(affordances, own, config, safety)
+    elif not _may_enter(affordances, side, safety):
+        side = 0
+    return Desired(
+        tolerated_speed(affordances.ego_speed_m_s, own, config),
+        affordances.lane_center_m + side * affordances.lane_width_m,
+    )
+
+
+def way_side(affordances: Affordances) -> int:
+    """Return the side, +1 left or -1 right, of the lane change that the ego's way demands now.
+
+    It demands n lane changes now if they must be complete within n times ``UNHURRIED_M``; else the
+    result is 0 (ours).
+    """
+    changes, within_m = affordances.mandatory
+    if within_m > abs(changes) * UNHURRIED_M:
+        return 0
+    return 1 if changes > 0 else -1
+
+
+def faster_side(
+    affordances: Affordances, own_m_s: float, config: RewardConfig, safety: SafetyConfig
+) -> int:
+    """Return the side, +1 left or -1 right, of the best lane, or 0 for the ego's own (ours).
+
+    Another lane is better if its attainable speed is more than ``worthwhile_gain_m_s`` higher than
+    ``own_m_s``, that of the ego's lane, and if rule 3 permits the lane change. Of two equally good
+    lanes the nearer one is the best.
+    """
+    best, sign = own_m_s + config.worthwhile_gain_m_s, 0
     nearer = 1 if affordances.ego_y_m >= affordances.lane_center_m else -1
     for side in (nearer, -nearer):
         if affordances.has_lane(side):
             there = attainable_speed(affordances, side, config, safety.minimum_gap_m)
-            if there > best and lane_is_clear(affordances, affordances.lane + side, safety):
+            if there > best and _may_enter(affordances, side, safety):
                 best, sign = there, side
-    return Desired(
-        tolerated_speed(affordances.ego_speed_m_s, own, config),
-        affordances.lane_center_m + sign * affordances.lane_width_m,
+    return sign
+
+
+def _may_enter(affordances: Affordances, side: int, safety: SafetyConfig) -> bool:
+    """Return whether the lane on this side exists and rule 3 permits a lane change to it."""
+    return affordances.has_lane(side) and lane_is_clear(
+        affordances, affordances.lane + side, safety
     )
 
 

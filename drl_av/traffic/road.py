@@ -135,6 +135,15 @@ class Road:
             return MandatoryChange(-lane, self.exit_m - s_m)
         return NO_CHANGE
 
+    def exit_outcome(self, lane: int, s_m: float) -> str:
+        """Return "taken" or "missed" for a vehicle in ``lane`` after the exit; "" before it.
+
+        ``s_m`` is the position of its front bumper. Without an exit the result is "".
+        """
+        if s_m < self.exit_m:
+            return ""
+        return "taken" if lane == 0 else "missed"
+
     def _part(self, lane: int, s_m: float) -> PartialLane | None:
         """Return the partial lane with this index at the position ``s_m``, or None."""
         for part in self.partial_lanes:

@@ -21,6 +21,7 @@ from drl_av.errors import ConfigError, RecordingError
 from drl_av.evaluation.recording import load_recording
 from drl_av.evaluation.replay import Page, ReplaySession, replay_session, watcher_of
 from drl_av.traffic.description import PlacedVehicle
+from drl_av.traffic.kinds import KINDS
 from drl_av.traffic.merge import MergeDescription
 from drl_av.traffic.scenario import write_scenario
 from drl_av.traffic.snapshot import CollisionKind
@@ -126,18 +127,32 @@ def test_ego_that_crosses_the_divider_of_the_ramp_hits_the_edge(tmp_path: Path) 
         assert env.scene.snapshot.y_m[0] < 1.1
 
 
-@pytest.mark.parametrize("driver", ["gap-mobil", "sumo"])
-def test_an_episode_is_recorded_filmed_and_repeated_exactly(driver: str, tmp_path: Path) -> None:
-    short = config("merge").updated("simulation", decisions_per_episode=12)
+@pytest.mark.parametrize(
+    ("driver", "kind", "decisions"),
+    [
+        ("gap-mobil", "merge", 12),
+        ("sumo", "merge", 12),
+        ("idm", "exit", 24),
+        ("sumo", "exit", 27),
+        ("gap-mobil", "ramp_to_ramp", 12),
+    ],
+)
+def test_an_episode_is_recorded_filmed_and_repeated_exactly(
+    driver: str, kind: str, decisions: int, tmp_path: Path
+) -> None:
+    near = {"approach_m": 500.0} if kind == "exit" else {}  # so that the ego passes the gore
+    write_scenario(tmp_path / "road", KINDS[kind].description(**near))
+    short = config(str(tmp_path / "road")).updated("simulation", decisions_per_episode=decisions)
     session = ReplaySession(short, rule_driver(driver, short), driver, 9, 50)
-    page = Page("a merge", session.road, session.driver)
+    page = Page("a ramp", session.road, session.driver)
     film = Film(driver, session.road)
     recording, result = session.drive(None, watcher_of(film), page)
     assert (result.vehicles, recording.vehicles) == (50, 50)
     assert np.isnan(recording.states).any()  # vehicles that came or went
     recording.save(tmp_path / "episode.npz")
     page.write(tmp_path / "page.html")
-    assert film.write(tmp_path / "film.gif", rate=20.0) == 12
+    assert film.write(tmp_path / "film.gif", rate=20.0) == decisions
+    assert kind != "exit" or recording.states[-1, 0, 0] > session.road.exit_m
     loaded = load_recording(tmp_path / "episode.npz")
     assert replay_session(loaded).drive(None)[0].hash() == recording.hash()
     loaded.states[7, 3, 2] += 1e-12
@@ -155,14 +170,23 @@ def test_picture_shows_the_acceleration_lane_only_where_it_is(merge: HighwayEnv)
     assert tuple(lane_0[40]) != asphalt
 
 
-@pytest.mark.parametrize("name", ["drl_av/Straight-v0", "drl_av/Merge-v0"])
-def test_environments_have_names_and_pass_gymnasiums_check(name: str) -> None:
-    env = gymnasium.make(name)
+@pytest.mark.parametrize(
+    ("name", "way"),
+    [
+        ("Straight", []),
+        ("Merge", []),
+        ("Exit", [-1.0, 1.0]),  # three lane changes to the right of three, within 1,000 m
+        ("RampToRamp", [1 / 3, 0.35]),  # one to the left, within 100 m of ramp and 250 m
+    ],
+)
+def test_environments_have_names_and_pass_gymnasiums_check(name: str, way: list[float]) -> None:
+    env = gymnasium.make(f"drl_av/{name}-v0")
     with closing(env):
         check_env(env.unwrapped, skip_render_check=True)
-        assert env.observation_space.shape == (28,)
-        observation, _ = env.reset(seed=2, options={"vehicles": 30})
+        observation, info = env.reset(seed=2, options={"vehicles": 30})
         assert observation[27] == 1.0  # the end of the ego's lane is out of range
+        assert observation[28:] == pytest.approx(way)
+        assert info["exit"] == ""
 
 
 def test_the_distance_to_the_end_of_the_lane_is_observed(unchecked: HighwayEnv) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from drives import ID, KEEP, RIGHT, start
 from gymnasium.utils.env_checker import check_env
-from worlds import CENTER, ROAD, Car, ahead, behind, changing, scene
+from worlds import CENTER, LEAVE, MERGE, ROAD, Car, ahead, behind, changing, scene
 from worlds import LEFT as LEFT_LANE
 from worlds import RIGHT as RIGHT_LANE
 
@@ -60,6 +60,22 @@ def test_lanes_and_lane_change_are_indicators_too() -> None:
     assert observe(scene(y_m=RIGHT_LANE)).tolist() == [0, 1, 0]
     assert observe(changing(origin=1, target=2, seconds=2)).tolist() == [1, 1, 1]
     assert observe(changing(origin=1, target=0, seconds=2)).tolist() == [1, 1, -1]
+
+
+def test_the_way_is_the_lane_changes_that_it_demands_and_their_distance() -> None:
+    observe = GroupObservation(("way",), ObservationScale(ObservationConfig(), 30.0, LEAVE))
+    assert observe.names == ("way_changes", "way_distance")
+    # the ego's front is at 647.5 m, the exit of four lanes at 1,150 m
+    leftmost = scene(s_m=645.0, y_m=11.4, road=LEAVE)
+    assert observe(leftmost) == pytest.approx([-1.0, 0.5025])
+    assert observe(scene(s_m=645.0, y_m=CENTER, road=LEAVE)) == pytest.approx([-1 / 3, 0.5025])
+    assert observe(scene(s_m=100.0, y_m=11.4, road=LEAVE)).tolist() == [-1, 1]  # 1,047.5 m
+    assert observe(scene(s_m=1149.0, y_m=CENTER, road=LEAVE)).tolist() == [0, 1]  # missed
+    # before the end of a lane that is left at the left, 200 m ahead
+    assert observe(scene(s_m=597.5, y_m=RIGHT_LANE, road=MERGE)) == pytest.approx([1 / 3, 0.2])
+    assert GroupObservation(("way",), SCALE)(scene()).tolist() == [0, 1]
+    reflected = mirrored_observations(observe(leftmost), observe.mirror)
+    assert reflected == pytest.approx([1.0, 0.5025])
 
 
 def test_the_mirror_of_groups_exchanges_left_and_right() -> None:

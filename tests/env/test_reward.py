@@ -12,8 +12,11 @@ from worlds import (
     BARRICADED_ROAD,
     CENTER,
     LANE_M,
+    LEAVE,
     LEFT,
+    MERGE,
     RIGHT,
+    Car,
     ahead,
     behind,
     scene,
@@ -46,6 +49,44 @@ SPEEDS = st.floats(0, 60)
 def wanted_by(world: Scene) -> tuple[float, float]:
     """The desired speed and lateral position of the ego in the traffic."""
     return tuple(desired(world.affordances, TRAFFIC, SAFETY))
+
+
+@pytest.mark.parametrize(
+    ("s_m", "lane", "desired_lane"),
+    [
+        (338.0, 2, 2),  # two lane changes within 809.5 m: not within 400 m for each
+        (348.0, 2, 1),
+        (348.0, 1, 1),  # one within 799.5 m
+        (748.0, 1, 1),  # one within 399.5 m, but the lane to the right begins at 900 m
+        (900.0, 1, 0),
+        (1148.0, 1, 1),  # missed
+        (1000.0, 0, 0),
+    ],
+)
+def test_y_des_is_the_next_lane_to_the_exit_within_400_m_for_each_lane_change(
+    s_m: float, lane: int, desired_lane: int
+) -> None:
+    world = scene(s_m=s_m, y_m=lane * LANE_M, road=LEAVE)
+    assert wanted_by(world)[1] == pytest.approx(desired_lane * LANE_M)
+
+
+def test_no_lane_is_desired_for_its_speed_where_the_way_demands_a_lane_change() -> None:
+    # one at 10 m/s ahead, the lane to the left free, a vehicle beside it to the right
+    slow, beside = ahead(50.0, CENTER, 10.0), Car(0.0, RIGHT)
+    assert wanted_by(scene(slow, beside, s_m=700.0, road=LEAVE))[1] == LEFT  # within 447.5 m
+    assert wanted_by(scene(slow, beside, s_m=1000.0, road=LEAVE))[1] == CENTER
+    assert wanted_by(scene(slow, s_m=1000.0, road=LEAVE))[1] == RIGHT
+    # a vehicle that rule 3 would not let it in before, and one behind which it has room
+    for gap_m, wanted in ((14.0, CENTER), (16.0, RIGHT)):
+        assert wanted_by(scene(behind(gap_m, RIGHT), s_m=1000.0, road=LEAVE))[1] == wanted
+
+
+def test_y_des_on_the_acceleration_lane_is_the_lane_that_it_joins() -> None:
+    on_ramp, beside = (scene(s_m=s_m, y_m=RIGHT, road=MERGE) for s_m in (500.0, 600.0))
+    assert wanted_by(on_ramp)[1] == RIGHT  # divided from the highway up to 550 m
+    assert wanted_by(beside)[1] == LANE_M
+    blocked = scene(behind(5.0, LANE_M), s_m=600.0, y_m=RIGHT, road=MERGE)
+    assert wanted_by(blocked)[1] == RIGHT
 
 
 @pytest.mark.parametrize(
