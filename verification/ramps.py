@@ -1,0 +1,197 @@
+"""How drivers merge from an on-ramp and leave by an off-ramp, against the flow on the highway.
+
+    python -m verification.ramps --kind merge --episodes 100
+    python -m verification.ramps --kind exit ramp_to_ramp --driver sumo --flow 1000 2000
+
+Prints one line for each kind of road, flow and driver. An episode is a success if the ego is on
+the highway where the acceleration lane has ended, or if it takes its exit. The ego waits while it
+stands in a lane that its way demands to leave. It forces a vehicle to brake if the nearest vehicle
+behind it, in its lane or in the one that it enters, brakes harder than 3 m/s^2 while the ego
+changes lanes as its way demands, or within 10 s after it has reached the next lane. The time lost
+is the mean time of the successful episodes to the end of the way, less the time of the same driver
+on the empty road. Intervals are Wilson's at 95 %. Exits with 1 if the ego hit anything.
+"""
+
+import argparse
+import math
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import fmean
+
+from drl_av.config import Config
+from drl_av.drivers.registry import rule_driver
+from drl_av.env.decision import Decision
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import rollout
+from drl_av.experiments.provenance import made_by
+from drl_av.safety import CHECKS
+from drl_av.traffic.kinds import KINDS
+from drl_av.traffic.scenario import write_scenario
+from drl_av.traffic.snapshot import Snapshot
+
+SEEDS = 760_000
+FLOWS = (0.0, 500.0, 1000.0, 1500.0, 2000.0)
+STANDING_M_S = 0.5
+FORCED_M_S2 = 3.0
+AFTER_CHANGE = 10
+"""Decisions after a lane change in which a vehicle behind counts as forced to brake."""
+SUCCESS = {
+    "merge": ("merged", "on the highway"),
+    "exit": ("took the exit", "in the exit lane"),
+    "ramp_to_ramp": ("took the exit", "in the exit lane"),
+}
+"""By kind of road: what is a success, and where the ego is after its last mandatory lane change."""
+
+
+@dataclass
+class Trip:
+    """The outcome of one episode; the module's docstring defines success, waiting and forcing."""
+
+    success: bool = False
+    ego_hit: bool = False
+    was_hit: bool = False
+    forced: bool = False
+    waits: int = 0
+    """Decisions at which the ego stood while its way demanded a lane change."""
+    decisions: int | None = None
+    """Decisions until its way demanded no lane change any more; None if it did to the end."""
+    end_s: float | None = None
+    """Time to the end of the way; None if the ego did not reach it."""
+    flow_per_h: float = 0.0
+    """Flow on a lane of the highway where the last ramp meets it, as it was in the episode."""
+
+
+def drive(env: HighwayEnv, name: str, seed: int, vehicles: int | None = None) -> Trip:
+    """Drive one episode with the driver ``name``, and return its outcome.
+
+    ``vehicles`` is the number of other vehicles at the start; None is the number of the flow.
+    """
+    trip, made, changed = Trip(), 0, -math.inf
+    road, passed = env.road, 0
+    ramp_m = road.partial_lanes[-1].joined_to_m
+    usual = env.simulation.fleet.usual if vehicles is None else vehicles
+    for decision in rollout(env, rule_driver(name, env.config), seed, usual):
+        made += 1
+        before, after = decision.scene, decision.next_scene
+        demanded, left = before.affordances.mandatory.lanes, after.affordances.mandatory.lanes
+        exited, front_m = decision.info["exit"], float(after.snapshot.s_m[0])
+        trip.waits += left != 0 and after.affordances.ego_speed_m_s < STANDING_M_S
+        if demanded * (after.affordances.lane - before.affordances.lane) > 0:
+            changed = made
+        if trip.decisions is None and left == 0 and exited != "missed":
+            trip.decisions = made
+        if made - changed <= AFTER_CHANGE or (demanded and before.lane_change is not None):
+            trip.forced |= _hardest_braking_behind(decision) > FORCED_M_S2
+        collision = decision.collision
+        if collision is not None:
+            trip.ego_hit, trip.was_hit = collision.kind.ego_hit, not collision.kind.ego_hit
+        merged = road.exit_m == math.inf and front_m > ramp_m and after.affordances.lane > 0
+        trip.success |= collision is None and (merged or exited == "taken")
+        passed += _passes(before.snapshot, after.snapshot, ramp_m)
+        if front_m >= road.end_m:
+            over_m = front_m - road.end_m
+            trip.end_s = made - over_m / (front_m - float(before.snapshot.s_m[0]))
+    trip.flow_per_h = 3600 * passed / made / (len(road.open_lanes) - 1)
+    return trip
+
+
+def _hardest_braking_behind(decision: Decision) -> float:
+    """Return the hardest braking of the vehicles behind the ego within a decision, m/s^2.
+
+    These are the nearest ones in the ego's lane and in the lane that it enters. The result is 0 if
+    there is none, or if none brakes.
+    """
+    affordances, after = decision.scene.affordances, decision.next_scene.snapshot
+    change = decision.scene.lane_change
+    sides = (0,) if change is None else (0, change.target - affordances.lane)
+    hardest = 0.0
+    for side in sides:
+        rear = affordances.rear(side)
+        name = "" if rear is None else decision.scene.snapshot.ids[rear.vehicle]
+        if rear is not None and name in after.ids:
+            lost = affordances.ego_speed_m_s + rear.relative_speed_m_s
+            hardest = max(hardest, lost - float(after.speed_m_s[after.ids.index(name)]))
+    return hardest
+
+
+def _passes(before: Snapshot, after: Snapshot, s_m: float) -> int:
+    """Return how many vehicles besides the ego pass the position ``s_m`` within a decision."""
+    behind = {name for name, at in zip(before.ids, before.s_m, strict=True) if at < s_m}
+    ahead = {name for name, at in zip(after.ids, after.s_m, strict=True) if at >= s_m}
+    return len((behind & ahead) - {"ego"})
+
+
+def interval(successes: int, trials: int) -> str:
+    """Return the share of successes in percent as text, with Wilson's interval at 95 %."""
+    z, share = 1.96, successes / trials
+    middle = (share + z * z / (2 * trials)) / (1 + z * z / trials)
+    half = z * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials**2))
+    half /= 1 + z * z / trials
+    return f"{share:.1%} ({max(middle - half, 0.0):.1%} to {min(middle + half, 1.0):.1%})"
+
+
+def time_lost(trips: Sequence[Trip], empty_s: float | None) -> str:
+    """Return the mean time lost of the successful trips as text.
+
+    ``empty_s`` is the time on the empty road; None if the driver did not reach its end.
+    """
+    ends_s = [trip.end_s for trip in trips if trip.success and trip.end_s is not None]
+    if empty_s is None or not ends_s:
+        return "time lost unknown"
+    return f"time lost {fmean(ends_s) - empty_s:.1f} s"
+
+
+def line(kind: str, name: str, flow: float, trips: Sequence[Trip], empty_s: float | None) -> str:
+    """Return the line of text on all episodes of one driver on one kind of road at one flow."""
+    n = len(trips)
+    success, where = SUCCESS[kind]
+    made = [trip.decisions for trip in trips if trip.decisions is not None]
+    return (
+        f"{kind}, {name}, {flow:g} vehicles/h/lane asked, "
+        f"{fmean(trip.flow_per_h for trip in trips):.0f} found: {n} episodes, "
+        f"{success} {interval(sum(trip.success for trip in trips), n)}, "
+        f"ego hits {sum(trip.ego_hit for trip in trips)}, "
+        f"hit by others {sum(trip.was_hit for trip in trips)}, "
+        f"waited {interval(sum(trip.waits > 0 for trip in trips), n)}, "
+        f"longest wait {max(trip.waits for trip in trips)} s, "
+        f"{where} after {sum(made) / max(len(made), 1):.1f} s, "
+        f"{time_lost(trips, empty_s)}, "
+        f"forced braking {interval(sum(trip.forced for trip in trips), n)}"
+    )
+
+
+def main() -> int:
+    """Drive each driver on each kind of road at each flow and print its line."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("--kind", nargs="+", default=["merge"], choices=SUCCESS)
+    parser.add_argument("--episodes", type=int, default=100, help="a line (default: 100)")
+    parser.add_argument("--driver", nargs="+", default=["gap-mobil"], metavar="NAME")
+    parser.add_argument("--flow", nargs="+", type=float, default=FLOWS, metavar="VEHICLES_PER_H")
+    parser.add_argument("--safety-check", default="strict", choices=CHECKS)
+    parser.add_argument("--seed", type=int, default=SEEDS, help=f"first (default: {SEEDS})")
+    options = parser.parse_args()
+    hits, begun_s = 0, time.monotonic()
+    config = Config().updated("safety", check=options.safety_check)
+    seeds = range(options.seed, options.seed + options.episodes)
+    with tempfile.TemporaryDirectory() as home:
+        for kind, flow in ((kind, flow) for kind in options.kind for flow in options.flow):
+            folder = Path(home, f"{kind}_{flow:g}")
+            write_scenario(folder, KINDS[kind].description(flow_per_h=flow))
+            own = config.updated("simulation", scenario=str(folder))
+            with closing(HighwayEnv(config=own)) as env:
+                for name in options.driver:
+                    empty_s = drive(env, name, options.seed, vehicles=0).end_s
+                    trips = [drive(env, name, seed) for seed in seeds]
+                    hits += sum(trip.ego_hit for trip in trips)
+                    print(line(kind, name, flow, trips, empty_s), flush=True)
+    print(made_by(time.monotonic() - begun_s))
+    return 1 if hits else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
