@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+LONGEST_NAME = 80
+"""Largest number of characters of a name in a legend."""
+
 
 def panels(size: tuple[float, float], *shape: int, **options: Any) -> "tuple[Figure, Any]":
     """Make a figure of ``size`` inches; return it and its axes, one or an array of ``shape``."""
@@ -36,13 +39,14 @@ def label_axes(axes: "Axes", x: str = "", y: str = "") -> None:
 
 
 def legend_of_names(axes: "Axes", curves: Mapping[str, Any]) -> None:
-    """Add a legend that shows the names (keys) of the curves literally.
+    """Add a legend that shows the names (keys) of the curves literally, a long one shortened.
 
     matplotlib alone would read ``$`` as a formula and leave out names that begin with ``_``.
     """
     legend = axes.legend(list(curves.values()), ["name"] * len(curves), frameon=False)
     for text, name in zip(legend.get_texts(), curves, strict=True):
-        text.set(text=name, parse_math=False)
+        shown = name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 3]}..."
+        text.set(text=shown, parse_math=False)
 
 
 def save_figure(figure: "Figure", path: Path) -> None:

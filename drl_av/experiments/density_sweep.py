@@ -13,6 +13,7 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.drivers.registry import default_config, find_drivers
+from drl_av.errors import DrlAvError
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.paired import Paired, Speed, paired
 from drl_av.evaluation.statistics import Mean, mean_with_interval
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 
 DRIVER, BASELINES = "pretrained", ("idm", "idm-mobil", "idm-sumo")
 DRIVERS = (DRIVER, *BASELINES)
+MOST_DRIVERS = 50
+"""Largest number of drivers in the figure."""
 STEP = 5
 """Increase of the number of vehicles from one density to the next, beyond DENSITIES."""
 STYLES = {
@@ -169,9 +172,17 @@ def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
 
     There is one curve for each driver. The rows need at least the columns ``driver``, ``vehicles``
     and ``mean_speed_m_s``.
+
+    Raises:
+        DrlAvError: there are more than ``MOST_DRIVERS`` drivers.
     """
     figure, axes = one_panel("vehicles on the loop", "mean speed of the ego, m/s")
     drivers = list(dict.fromkeys(row["driver"] for row in rows))
+    if len(drivers) > MOST_DRIVERS:
+        raise DrlAvError(
+            f"The tables hold {len(drivers)} drivers, but a figure shows at most {MOST_DRIVERS}: "
+            "draw some of them."
+        )
     other_colors, curves = cycle(OTHER_COLORS), {}
     for place, driver in enumerate(drivers):
         speeds: dict[int, list[float]] = {}

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
 from drl_av.experiments.options import Progress, ReproduceOptions
 from drl_av.experiments.plan import Plan
@@ -15,10 +16,13 @@ from drl_av.experiments.store import (
     read_sidecar,
     report_corrupt_table,
 )
-from drl_av.files import Row
+from drl_av.files import LARGEST, PossiblyInfinite, Row, column_types
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+UNBOUNDED = {name for name, kind in column_types(EpisodeResult).items() if kind is PossiblyInfinite}
+"""The columns of results that may hold any number, such as a time to collision."""
 
 
 class Results:
@@ -65,13 +69,29 @@ class Experiment:
     def draw(self, folder: Path) -> "Iterator[tuple[str, Figure]]":
         """Draw the table in ``folder``, and yield the name and the figure of each drawing.
 
-        Raises DrlAvError if the table is damaged.
+        Raises DrlAvError if the table is damaged or a number in it is too large to draw.
         """
         with report_corrupt_table(folder / self.table):
             rows = read_rows(folder / self.table)
+            _require_plain(rows)
             for name, drawing in self.figures.items():
                 if rows and (figure := drawing(rows)) is not None:
                     yield name, figure
+
+
+def _require_plain(rows: list[Row]) -> None:
+    """Raise ValueError if a number is larger than ``LARGEST``, infinite or NaN.
+
+    The columns ``UNBOUNDED`` may hold any number.
+    """
+    for row in rows:
+        for column in row.keys() - UNBOUNDED:
+            try:
+                number = float(row[column])
+            except ValueError:
+                continue
+            if not abs(number) <= LARGEST:
+                raise ValueError(f"{column} is {row[column][:60]}")
 
 
 def reproduce(experiment: Experiment, options: ReproduceOptions) -> Generator[Progress, None, None]:

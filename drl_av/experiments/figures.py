@@ -10,13 +10,13 @@ from drl_av.config import Config
 from drl_av.env.reward import gap_reward, lateral_reward, safe_gap, speed_reward
 from drl_av.evaluation.aggregates import performance_profile
 from drl_av.experiments.canvas import legend_of_names, one_panel, panels
-from drl_av.files import read_table
+from drl_av.files import PlainNumber, read_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-EPISODE_COLUMNS = {"driver": str, "vehicles": float, "mean_speed_m_s": float}
-EVALUATION_COLUMNS = {"episode": float, "mean_reward": float}
+EPISODE_COLUMNS = {"driver": str, "vehicles": PlainNumber, "mean_speed_m_s": PlainNumber}
+EVALUATION_COLUMNS = {"episode": PlainNumber, "mean_reward": PlainNumber}
 SMOOTHED_OVER = 20
 """Number of training episodes in each mean of a learning curve."""
 

@@ -185,7 +185,7 @@ def report_corrupt_table(table: Path) -> Iterator[None]:
     """Replace the errors that damaged rows or facts cause in the block by DrlAvError."""
     try:
         yield
-    except (ValueError, LookupError, TypeError, AttributeError) as error:
+    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
         raise DrlAvError(
             f"{table}, or the file beside it, is damaged or of another version ({error!r}): "
             "put both back as they were, or move them away to make them again."

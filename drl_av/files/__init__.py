@@ -1,6 +1,8 @@
 """Functions that write files atomically, and that read and write CSV tables."""
 
 from drl_av.files.table import (
+    LARGEST,
+    PlainNumber,
     PossiblyInfinite,
     Row,
     append_rows,
@@ -13,6 +15,8 @@ from drl_av.files.table import (
 from drl_av.files.whole import append, replacing, require_suffix, require_writable, write_whole
 
 __all__ = [
+    "LARGEST",
+    "PlainNumber",
     "PossiblyInfinite",
     "Row",
     "append",

@@ -8,8 +8,10 @@ reading returns exactly the float that was written.
 import csv
 import io
 import math
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, is_dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
@@ -20,16 +22,26 @@ Row = dict[str, str]
 """A row of a CSV file; each value is text, the key is its column."""
 PossiblyInfinite = Annotated[float, "possibly infinite"]
 """The type of a column of numbers that may be inf, such as a time to collision."""
+PlainNumber = Annotated[float, "up to 1e9"]
+"""The type of a column of numbers that are drawn; matplotlib fails at numbers near 1e308."""
+LARGEST = 1e9
+"""The largest absolute value of a PlainNumber."""
+MAX_BYTES, MAX_ROWS, MAX_HEADER = 512_000_000, 5_000_000, 100_000
+"""The largest table that is read: its size, its rows, and the bytes of its first line."""
 Columns = type | Iterable[str]
 """A dataclass or NamedTuple whose fields are the columns, or the columns' names."""
 RowType = TypeVar("RowType")
 _REMEDY = "put the table back as it was written, or make it again"
+_SPLIT = "split it into smaller tables, or make it again"
+SHOWN = 60
+"""Largest number of characters of a cell that an error message shows."""
 _KINDS: dict[Any, str] = {
     str: "text",
     int: "a whole number",
     bool: "True or False",
     float: "a finite number",
     PossiblyInfinite: "a number or inf",
+    PlainNumber: "a finite number, at most 1e9",
 }
 
 
@@ -106,30 +118,35 @@ def read_table(
 
     Raises:
         DrlAvError: the file is missing, unreadable or empty, has no rows, lacks a column or has it
-            twice, or its last line is incomplete; or a row has a wrong number of values, or a value
-            of a wrong type.
+            twice, its last line is incomplete, or it is larger than the program reads; or a row has
+            a wrong number of values, or a value of a wrong type.
     """
     if growing and not (path.exists() and path.stat().st_size):
         return []
-    text = _text(path)
-    if not text.endswith("\n"):
+    data = _data(path)
+    if not data.endswith(b"\n"):
         if not growing:
-            raise DrlAvError(_cut(path, text))
-        text = text[: text.rfind("\n") + 1]
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+            raise DrlAvError(_cut(path, data))
+        data = data[: data.rfind(b"\n") + 1]
+    reader = csv.reader(io.TextIOWrapper(io.BytesIO(data), "utf-8-sig", newline=""), strict=True)
+    found: list[dict[str, Any]] = []
     try:
-        lines = [(reader.line_num, cells) for cells in reader if cells]
+        lines = filter(None, reader)
+        header, first = next(lines, []), next(lines, None)
+        if first is None and not growing:
+            raise DrlAvError(f"The table {path} has no rows: {_REMEDY}.")
+        types = dict.fromkeys(header, str) if columns is None else columns
+        if header:
+            _require_columns(path, header, types)
+        for cells in () if first is None else chain([first], lines):
+            if len(found) == MAX_ROWS:
+                raise DrlAvError(f"The table {path} has more than {MAX_ROWS} rows: {_SPLIT}.")
+            found.append(_row(f"{path}, line {reader.line_num}", header, cells, types))
     except csv.Error as error:
         raise DrlAvError(
             f"{path}, line {reader.line_num} is damaged ({error}): {_REMEDY}."
         ) from error
-    if len(lines) < 2 and not growing:
-        raise DrlAvError(f"The table {path} has no rows: {_REMEDY}.")
-    header = lines[0][1] if lines else []
-    types = dict.fromkeys(header, str) if columns is None else columns
-    if lines:
-        _require_columns(path, header, types)
-    return [_row(f"{path}, line {line}", header, cells, types) for line, cells in lines[1:]]
+    return found
 
 
 def _cells(row: Any) -> Mapping[str, object]:
@@ -140,9 +157,11 @@ def _cells(row: Any) -> Mapping[str, object]:
     return cells
 
 
-def _text(path: Path) -> str:
-    """Return the text of a table file; raise DrlAvError if it is missing, unreadable or empty."""
+def _data(path: Path) -> bytes:
+    """Return the bytes of a table; raise DrlAvError if it is missing, unreadable or too large."""
     try:
+        if path.stat().st_size > MAX_BYTES:
+            raise DrlAvError(f"The table {path} is larger than {MAX_BYTES // 10**6} MB: {_SPLIT}.")
         data = path.read_bytes()
     except FileNotFoundError as error:
         raise DrlAvError(f"There is no table {path}: check the path.") from error
@@ -153,13 +172,18 @@ def _text(path: Path) -> str:
     if not data:
         raise DrlAvError(f"The table {path} is empty: {_REMEDY}.")
     try:
-        return data.decode("utf-8-sig")
+        data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise DrlAvError(f"The table {path} is not UTF-8 text ({error}): {_REMEDY}.") from error
+    if data.find(b"\n", 0, MAX_HEADER) < 0 and len(data) > MAX_HEADER:
+        raise DrlAvError(
+            f"The first line of the table {path} is longer than {MAX_HEADER} bytes: {_REMEDY}."
+        )
+    return data
 
 
-def _cut(path: Path, text: str) -> str:
-    last = text.count("\n") + 1
+def _cut(path: Path, data: bytes) -> str:
+    last = data.count(b"\n") + 1
     return f"{path}, line {last} is cut short, it has no line end: {_REMEDY}."
 
 
@@ -205,14 +229,15 @@ def _value(place: str, column: str, cell: str, kind: Any) -> Any:
         return _parsed(cell, kind)
     except ValueError as error:
         raise DrlAvError(
-            f"{place}: {column} is {cell!r}, but must be {_KINDS[kind]}: {_REMEDY}."
+            f"{place}: {column} is {cell[:SHOWN]!r}, but must be {_KINDS[kind]}: {_REMEDY}."
         ) from error
 
 
 def _parsed(cell: str, kind: Any) -> Any:
     """Convert a cell to str, int, bool or float; raise ValueError if it does not fit.
 
-    NaN is refused; inf is refused unless ``kind`` is PossiblyInfinite.
+    NaN is refused; inf is refused unless ``kind`` is PossiblyInfinite, and a PlainNumber is at most
+    ``LARGEST``.
     """
     value: Any
     if kind is bool:
@@ -221,7 +246,8 @@ def _parsed(cell: str, kind: Any) -> Any:
         value = kind(cell)
     else:
         number = float(cell)
-        value = None if math.isnan(number) or (kind is float and math.isinf(number)) else number
+        largest = {float: sys.float_info.max, PlainNumber: LARGEST}.get(kind, math.inf)
+        value = number if abs(number) <= largest else None
     if value is None:
         raise ValueError(cell)
     return value

@@ -8,6 +8,7 @@ import pytest
 from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.errors import DrlAvError
+from drl_av.experiments import experiment
 from drl_av.experiments.adaptation import adaptation_figure, moving_average
 from drl_av.experiments.canvas import save_figure
 from drl_av.experiments.curves import check_figure, replay_figure
@@ -96,7 +97,7 @@ def test_names_are_in_the_legend_as_they_are(tmp_path: Path) -> None:
         save_figure(figure, tmp_path / "figure.png")
 
 
-@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e400", "9" * 400])
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e400", "1e308", "9" * 400])
 def test_a_number_that_cannot_be_drawn_is_one_sentence(
     number: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -111,6 +112,40 @@ def test_a_number_that_cannot_be_drawn_is_one_sentence(
         message = capsys.readouterr().err
         assert message.count("\n") == 1
         assert "must be a finite number" in message
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "1e308", "9" * 400])
+@pytest.mark.parametrize("column", ["episode", "mean_reward"])
+def test_a_number_of_the_results_that_cannot_be_drawn_is_one_sentence(
+    number: str, column: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, *rows = [line.split(",") for line in CURVES.strip().splitlines()]
+    rows[0][first.index(column)] = number
+    (tmp_path / "curves.csv").write_text("".join(",".join(row) + "\n" for row in [first, *rows]))
+    assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert "curves.csv, or the file beside it, is damaged or of another version" in message
+    assert f"(ValueError('{column} is" in message
+    assert len(message) < 300 + len(str(tmp_path))
+
+
+def test_a_time_to_collision_of_the_results_may_be_infinite() -> None:
+    experiment._require_plain([{"min_ttc_s": "inf", "mean_speed_m_s": "1e9"}])
+    with pytest.raises(ValueError, match="mean_speed_m_s is inf"):
+        experiment._require_plain([{"min_ttc_s": "3", "mean_speed_m_s": "inf"}])
+
+
+def test_a_long_name_is_shortened_in_the_legend_and_51_drivers_are_too_many(tmp_path: Path) -> None:
+    name = "x" * 100_000
+    figure = speed_figure(rows_of(f"{HEADER}{name},5,20\n"))
+    [text] = figure.axes[0].get_legend().get_texts()  # type: ignore[union-attr]
+    assert text.get_text() == "x" * 77 + "..."
+    save_figure(figure, tmp_path / "figure.png")  # no warning
+    many = HEADER + "".join(f"d{number},5,20\n" for number in range(51))
+    assert len(speed_figure(rows_of(many.rpartition("d50")[0])).axes[0].containers) == 50
+    with pytest.raises(DrlAvError, match="hold 51 drivers, but a figure shows at most 50"):
+        speed_figure(rows_of(many))
 
 
 def test_reward_figure_has_three_panels_with_their_best_at_the_desired_values(
