@@ -70,7 +70,7 @@ results: setup
 	$(call text,proved_strict.txt,-m verification.prove)
 	$(call text,completeness_strict.txt,-m verification.completeness)
 	$(call text,speed_bound.txt,tools/bound_speeds.py)
-	$(call text,background_traffic.txt,-m verification.background_traffic)
+	$(call text,background_traffic.txt,-m verification.background_traffic --episodes 150 --mix calm paper overtaking naturalistic hazards --ego sumo idm-mobil pretrained random)
 	$(call text,traffic_moments.txt,-m verification.traffic_moments --episodes 18)
 	$(call text,long_run.txt,-m verification.long_run --episodes 5000 --out runs/long_run.csv)
 	$(call text,long_run_naturalistic.txt,-m verification.long_run --episodes 200 --traffic naturalistic --out runs/long_run_naturalistic.csv)
