@@ -1,10 +1,12 @@
-"""Our time to collision against SUMO's own surrogate safety measures (the SSM device).
+"""Our time to collision and DRAC against SUMO's own surrogate safety measures (the SSM device).
 
 What is compared: the finite time to collision with ``scene.seen.own_front`` at each decision, as
 the check and the results take it, and the TTC that the device on the ego logs for the same foe in
 an encounter of type 2 (following, the ego behind). Both are the net gap, bumper to bumper without
-minGap, over the closing speed. The device works at the end of a SUMO step but stamps the time at
-which that began: its 3.5 s is our snapshot of 4.0 s, and of the start it knows nothing.
+minGap, over the closing speed. The DRAC, in the column ``max_drac_m_s2`` of ``drl-av evaluate
+--criticality``, is half of the closing speed squared over that gap; the device prints nine
+decimals. The device works at the end of a SUMO step but stamps the time at which that began: its
+3.5 s is our snapshot of 4.0 s, and of the start it knows nothing.
 
 Where they cannot be compared: the device loses a leader that is on another edge than the ego (the
 loop has four edges, joined by junctions without lanes inside), and finds it again as soon as the
@@ -27,6 +29,7 @@ from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
+from drl_av.evaluation.surrogates import required_deceleration
 from drl_av.safety.paper import closing_speed, time_to_collision
 from drl_av.traffic.connection import start_arguments
 from drl_av.traffic.scenario import ScenarioDescription, write_scenario
@@ -43,6 +46,7 @@ class Look(NamedTuple):
     time_s: float
     foe: str
     ttc_s: float
+    drac_m_s2: float
     same_edge: bool
     centered: bool
     """Both have their centres in one lane, which is all that the device knows of lanes."""
@@ -78,6 +82,7 @@ def trip(driver: Driver, seed: int, vehicles: int, scenario: str) -> Trip:
             shot.time_s,
             shot.ids[front.vehicle],
             time_to_collision(front.gap_m, closing_speed(front)),
+            required_deceleration(front.gap_m, closing_speed(front)),
             same_edge=edges[0] == edges[1],
             centered=env.road.lane_of(float(shot.y_m[front.vehicle])) == scene.affordances.lane,
         )
@@ -91,23 +96,26 @@ def trip(driver: Driver, seed: int, vehicles: int, scenario: str) -> Trip:
     return taken
 
 
-def logged(file: Path) -> dict[tuple[float, str], float]:
-    """The values of the device for the ego as a follower: TTC by our time and by the foe."""
+def logged(file: Path) -> dict[tuple[float, str], tuple[float, float]]:
+    """The device's TTC and DRAC of the ego as a follower, by our time and by the foe."""
     found = {}
     for conflict in ET.parse(file).getroot().iter("conflict"):
-        spans = [conflict.find(name) for name in ("timeSpan", "typeSpan", "TTCSpan")]
+        spans = [conflict.find(name) for name in ("timeSpan", "typeSpan", "TTCSpan", "DRACSpan")]
         values = [span.attrib["values"].split() for span in spans if span is not None]
-        for began, kind, ttc in zip(*values, strict=True):
+        for began, kind, ttc, drac in zip(*values, strict=True):
             if kind == FOLLOWING:
                 time_s = float(began) + CONFIG.simulation.step_length_s
-                found[time_s, conflict.attrib["foe"]] = math.inf if ttc == "NA" else float(ttc)
+                found[time_s, conflict.attrib["foe"]] = (
+                    math.inf if ttc == "NA" else float(ttc),
+                    0.0 if drac == "NA" else float(drac),
+                )
     return found
 
 
 def with_device(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every SUMO from now on carries the device on its ego."""
-    options = {"explicit": "ego", "measures": "TTC", "thresholds": "1e9", "trajectories": "true"}
-    options |= {"range": "250", "extratime": "0", "file": str(file)}
+    options = {"explicit": "ego", "measures": "TTC DRAC", "thresholds": "1e9 0"}
+    options |= {"trajectories": "true", "range": "250", "extratime": "0", "file": str(file)}
     own = [word for name, value in options.items() for word in (f"--device.ssm.{name}", value)]
     monkeypatch.setattr(
         drl_av.traffic.connection,
@@ -126,7 +134,7 @@ def with_device(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("idm-sumo", 850_006, 30, 2000.0),
     ],
 )
-def test_time_to_collision_is_that_of_sumo_s_device_at_every_decision_that_it_sees(
+def test_time_to_collision_and_drac_are_those_of_sumo_s_device_at_every_decision_that_it_sees(
     name: str,
     seed: int,
     vehicles: int,
@@ -142,14 +150,15 @@ def test_time_to_collision_is_that_of_sumo_s_device_at_every_decision_that_it_se
     assert ours.states == without.states  # the device changes nothing
     theirs = logged(tmp_path / "ssm.xml")
     compared = 0
-    for time_s, foe, ttc_s, same_edge, centered in ours.looks:
-        affordances = theirs.get((time_s, foe))
+    for time_s, foe, ttc_s, drac_m_s2, same_edge, centered in ours.looks:
+        found = theirs.get((time_s, foe))
         if time_s == 0.0 or not same_edge or not centered:
-            assert affordances is None
+            assert found is None
         elif math.isinf(ttc_s):
-            assert affordances is None or affordances == math.inf
+            assert found is None or found == (math.inf, 0.0)
+            assert drac_m_s2 == 0.0
         else:
-            assert affordances == pytest.approx(ttc_s, rel=1e-6)
+            assert found == pytest.approx((ttc_s, drac_m_s2), rel=1e-6, abs=1e-9)
             compared += 1
     lost = sum(not look.same_edge and math.isfinite(look.ttc_s) for look in ours.looks)
     assert compared >= 5

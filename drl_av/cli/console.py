@@ -1,15 +1,13 @@
-"""Prints progress bars and tables of results, and handles Ctrl-C."""
+"""Prints progress bars and lines about results, and handles Ctrl-C."""
 
-import math
 import os
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -19,11 +17,8 @@ from rich.progress import (
     TextColumn,
     TimeRemainingColumn,
 )
-from rich.table import Table
 
 if TYPE_CHECKING:
-    from drl_av.evaluation.paired import Paired
-    from drl_av.evaluation.statistics import Mean, Overall, Summary
     from drl_av.experiments.options import Progress as Reached
     from drl_av.learning.training import EpisodeRow, EvaluationRow
 
@@ -33,7 +28,8 @@ WIDTH = 110
 """Width of a table in characters if the output is not a terminal."""
 
 
-def _console() -> Console:
+def make_console() -> Console:
+    """Return the console for the output; without a terminal it has ``WIDTH`` characters."""
     console = Console(highlight=False, markup=False)
     return console if console.is_terminal else Console(width=WIDTH, highlight=False, markup=False)
 
@@ -73,7 +69,7 @@ class Bar:
 @contextmanager
 def progress_bar(what: str, total: int, done: int = 0) -> Iterator[Bar]:
     """Show a bar named ``what`` while the block runs; ``done`` of ``total`` episodes are over."""
-    console = _console()
+    console = make_console()
     progress = Progress(
         TextColumn("{task.description}"),
         BarColumn(bar_width=20),
@@ -132,94 +128,6 @@ def stop_request() -> Iterator[StopRequest]:
             signal.signal(number, handler)
 
 
-def print_summaries(summaries: Sequence["Summary"]) -> None:
-    """Print a table with one row for each driver and number of vehicles."""
-    several_checks = len({summary.safety_check for summary in summaries}) > 1
-    table = Table(
-        box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        caption=_caption(summaries, several_checks),
-        caption_justify="left",
-    )
-    table.add_column("vehicles", justify="right", no_wrap=True)
-    table.add_column("driver", overflow="fold")
-    if several_checks:
-        table.add_column("check", no_wrap=True)
-    for heading in ("speed\nm/s", "reward", "ego\nhit", "was\nhit", "safety\ntriggers"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("lane\nchanges", justify="right", no_wrap=True)
-    former = None
-    for summary in summaries:
-        if former not in (None, summary.vehicles):
-            table.add_section()
-        former = summary.vehicles
-        table.add_row(
-            str(summary.vehicles),
-            summary.driver,
-            *([summary.safety_check] if several_checks else []),
-            _cell(summary.speed_m_s),
-            _cell(summary.reward, 3),
-            str(summary.ego_hits),
-            str(summary.collisions - summary.ego_hits),
-            _cell(summary.triggers),
-            _cell(summary.lane_changes),
-        )
-    _console().print(table)
-
-
-def _caption(summaries: Sequence["Summary"], several_checks: bool) -> str:
-    fewest, most = (pick(summary.episodes for summary in summaries) for pick in (min, max))
-    number = str(most) if fewest == most else f"{fewest} to {most}"
-    check = "" if several_checks else f", check {summaries[0].safety_check}"
-    noun = "episode" if number == "1" else "episodes"
-    return f"{number} {noun} each, ± half of the 95 % interval{check}"
-
-
-def print_gains(gains: Sequence["Paired"]) -> None:
-    """Print a table with the gain in speed over the fastest baseline at each number of vehicles."""
-    table = Table(
-        box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        caption="paired by seed, ± half of the 95 % interval",
-        caption_justify="left",
-    )
-    table.add_column("vehicles", justify="right", no_wrap=True)
-    table.add_column("driver", overflow="fold")
-    table.add_column("fastest baseline", overflow="fold")
-    table.add_column("gain in\nspeed, m/s", justify="right", no_wrap=True)
-    for gain in gains:
-        cells = (gain.driver, gain.baseline, _cell(gain.difference_m_s))
-        table.add_row(str(gain.vehicles), *cells)
-    _console().print(table)
-
-
-def print_overall(overalls: Sequence["Overall"]) -> None:
-    """Print a table with the statistics of each driver over all numbers of vehicles."""
-    best = next((each.over for each in overalls if each.over), None)
-    beside = "" if best is None else f", and the probability of being faster than {best}"
-    table = Table(
-        box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        caption=f"over all numbers of vehicles: interquartile mean{beside},\n"
-        "with 95 % intervals by the stratified bootstrap",
-        caption_justify="left",
-    )
-    table.add_column("driver", overflow="fold")
-    table.add_column("speed, m/s", justify="right", no_wrap=True)
-    if best is not None:
-        table.add_column("probability of\nimprovement", justify="right", no_wrap=True)
-    for each in overalls:
-        improvement = "" if each.improvement is None else str(each.improvement)
-        table.add_row(each.driver, str(each.speed_m_s), *([] if best is None else [improvement]))
-    _console().print(table)
-
-
 def counted(number: int, noun: str) -> str:
     """Return a number with its noun, which gets an "s" unless the number is 1."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
-def _cell(mean: "Mean", digits: int = 2) -> str:
-    if math.isinf(mean.half_width):
-        return f"{mean.value:.{digits}f}"
-    return f"{mean.value:.{digits}f}±{mean.half_width:.{digits}f}"

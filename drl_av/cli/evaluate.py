@@ -61,6 +61,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.csv",
         help="write a table with one row for each episode, and FILE.provenance.json beside it",
     )
+    parser.add_argument(
+        "--criticality",
+        action="store_true",
+        help="also measure comfort and how near each episode is to a crash; adds columns to --out",
+    )
     parser.add_argument("--json", type=Path, metavar="FILE.json", help="write the summary")
     driving(parser, "the first RUN's")
 
@@ -70,15 +75,11 @@ def evaluate(options: argparse.Namespace) -> int:
 
     If ``--out`` exists already, it is replaced only after the last episode.
     """
-    from drl_av.cli.console import (
-        counted,
-        print_gains,
-        print_overall,
-        print_summaries,
-        progress_bar,
-    )
-    from drl_av.env.metrics import EpisodeResult
+    from drl_av.cli.console import counted, progress_bar
+    from drl_av.cli.tables import print_gains, print_overall, print_styles, print_summaries
+    from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
     from drl_av.evaluation.comparison import Evaluation
+    from drl_av.evaluation.criticality import CriticalityMetrics, CriticalityResult, styles
     from drl_av.evaluation.statistics import overall, summarize, write_summaries
     from drl_av.files import require_suffix, require_writable, write_table
 
@@ -90,7 +91,9 @@ def evaluate(options: argparse.Namespace) -> int:
     specs = find_drivers(words or ["pretrained"])
     config = overridden(default_config(specs), options)
     seeds = range(options.seed, options.seed + options.episodes)
-    evaluation = Evaluation(config, specs, tuple(options.vehicles or ()), seeds)
+    metrics = CriticalityMetrics if options.criticality else EpisodeMetrics
+    columns = CriticalityResult if options.criticality else EpisodeResult
+    evaluation = Evaluation(config, specs, tuple(options.vehicles or ()), seeds, metrics)
     kept = _partial(options.out) if options.out and options.out.exists() else options.out
     rows, status, saved_s = [], 0, time.monotonic()
     try:
@@ -102,23 +105,23 @@ def evaluate(options: argparse.Namespace) -> int:
                 rows.append(row)
                 bar.advance(f"{row.driver}, {counted(row.vehicles, 'vehicle')}", row.decisions)
                 if kept and time.monotonic() - saved_s > SAVE_EVERY_S:
-                    write_table(kept, EpisodeResult, rows)
+                    write_table(kept, columns, rows)
                     saved_s = time.monotonic()
     except KeyboardInterrupt:
         status = INTERRUPTED
         print(f"drl-av: interrupted after {counted(len(rows), 'episode')}.", file=sys.stderr)
     finally:
         if rows and kept:
-            write_table(kept, EpisodeResult, rows)
+            write_table(kept, columns, rows)
     if rows and kept != options.out and status == 0:
-        write_table(options.out, EpisodeResult, rows)
+        write_table(options.out, columns, rows)
         kept.unlink()
     elif rows and kept != options.out:
         print(f"drl-av: {options.out} is unchanged; the new rows are in {kept}.", file=sys.stderr)
     rules = baselines(row.driver for row in rows)
     overalls = overall(rows, rules) if status == 0 else []
     if rows and options.json:
-        write_summaries(options.json, summarize(rows), overalls)
+        write_summaries(options.json, summarize(rows), overalls, styles(rows))
     if options.out and status == 0:
         _write_provenance(options, config)
     if rows:
@@ -127,6 +130,8 @@ def evaluate(options: argparse.Namespace) -> int:
         if gains := _gains(rows, rules):
             print_gains(gains)
         print_overall(overalls)
+    if found_styles := styles(rows):
+        print_styles(found_styles)
     return status
 
 

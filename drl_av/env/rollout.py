@@ -1,6 +1,6 @@
 """The rollout of one episode, for training, evaluation and replay."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.sumo import SumoDriver
@@ -49,9 +49,16 @@ def _number(action: Action) -> int:
         ) from error
 
 
-def drive(env: HighwayEnv, driver: Driver, name: str, seed: int, vehicles: int) -> EpisodeResult:
+def drive(
+    env: HighwayEnv,
+    driver: Driver,
+    name: str,
+    seed: int,
+    vehicles: int,
+    make_metrics: Callable[[], EpisodeMetrics] = EpisodeMetrics,
+) -> EpisodeResult:
     """Drive one episode to its end and return its metrics; ``name`` is the name of the driver."""
-    metrics = EpisodeMetrics()
+    metrics = make_metrics()
     for decision in rollout(env, driver, seed, vehicles):
         metrics.add(decision)
     return metrics.result(name, env.check_name, vehicles, seed)

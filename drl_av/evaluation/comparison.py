@@ -1,6 +1,6 @@
 """Drives several drivers through the same seeded traffic, for comparison."""
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from functools import cache
 from itertools import product
@@ -10,11 +10,14 @@ from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, make_drivers
 from drl_av.env.episode import TRAINING_SEEDS
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.metrics import EpisodeResult
+from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import drive
 from drl_av.errors import ConfigError, SimulationError
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.processes import BrokenProcessPool, workers
+
+MakeMetrics = Callable[[], EpisodeMetrics]
+"""Makes the metrics of one episode; a class that worker processes can import."""
 
 
 def drive_all(
@@ -22,20 +25,22 @@ def drive_all(
     drivers: Mapping[str, Driver],
     vehicles: Sequence[int],
     seeds: Sequence[int],
+    make_metrics: MakeMetrics = EpisodeMetrics,
 ) -> Iterator[EpisodeResult]:
     """Drive one episode for each number of vehicles, seed and driver; yield each episode's result.
 
     The order is that of the arguments: the numbers of vehicles, then the seeds, then the drivers.
     """
     for number, seed, name in product(vehicles, seeds, drivers):
-        yield drive(env, drivers[name], name, seed, number)
+        yield drive(env, drivers[name], name, seed, number, make_metrics)
 
 
 class Evaluation:
     """What to evaluate: drivers, numbers of vehicles around the ego, and traffic seeds.
 
     If ``vehicles`` is empty, the numbers are those of the published tables, or the number that the
-    scenario places. ``len`` is the number of episodes.
+    scenario places. ``make_metrics`` makes the metrics of each episode, whose result is its row.
+    ``len`` is the number of episodes.
 
     Raises:
         RunError, CheckpointError: a learned driver cannot be read.
@@ -49,7 +54,9 @@ class Evaluation:
         specs: Sequence[DriverSpec],
         vehicles: Sequence[int],
         seeds: range,
+        make_metrics: MakeMetrics = EpisodeMetrics,
     ) -> None:
+        self._make_metrics = make_metrics
         self._config, self._specs = config, tuple(specs)
         if seeds[-1] >= TRAINING_SEEDS[0]:
             raise ConfigError(
@@ -81,14 +88,15 @@ class Evaluation:
             return
         with closing(HighwayEnv(config=self._config)) as env:
             drivers = make_drivers(self._specs, self._config)
-            yield from drive_all(env, drivers, self._vehicles, self._seeds)
+            yield from drive_all(env, drivers, self._vehicles, self._seeds, self._make_metrics)
 
     def _rows_of_processes(self, jobs: int) -> Iterator[EpisodeResult]:
         names = [spec.name for spec in self._specs]
         episodes = list(product(self._vehicles, self._seeds, names))
         done = 0
         with workers(jobs) as submit:
-            rows = [submit(_drive, self._config, self._specs, *episode) for episode in episodes]
+            given = self._config, self._specs, self._make_metrics
+            rows = [submit(_drive, *given, *episode) for episode in episodes]
             try:
                 for row in rows:
                     yield row.result()
@@ -111,7 +119,12 @@ def _equipped(
 
 
 def _drive(
-    config: Config, specs: tuple[DriverSpec, ...], vehicles: int, seed: int, name: str
+    config: Config,
+    specs: tuple[DriverSpec, ...],
+    make_metrics: MakeMetrics,
+    vehicles: int,
+    seed: int,
+    name: str,
 ) -> EpisodeResult:
     env, drivers = _equipped(config, specs)
-    return drive(env, drivers[name], name, seed, vehicles)
+    return drive(env, drivers[name], name, seed, vehicles, make_metrics)

@@ -12,9 +12,10 @@ from drl_av.config.presets import as_config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import is_driver
 from drl_av.drivers.registry import DriverSpec, default_config, find_drivers
-from drl_av.env.metrics import EpisodeResult
+from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.errors import ConfigError
 from drl_av.evaluation.comparison import Evaluation
+from drl_av.evaluation.criticality import CriticalityMetrics
 
 Word = str | Path
 """A driver as the user names it on the command line, for example ``"idm"`` or a run's folder."""
@@ -32,6 +33,7 @@ def evaluate(
     scenario: str | Path | None = None,
     safety_check: str | None = None,
     traffic: str | None = None,
+    criticality: bool = False,
 ) -> list[EpisodeResult]:
     """Drive each driver through the same traffic, as ``drl-av evaluate`` does, and return results.
 
@@ -51,6 +53,8 @@ def evaluate(
         scenario: Folder of a scenario, or the name of a shipped one.
         safety_check: ``"permit_all"``, ``"paper"`` or ``"strict"``.
         traffic: The name of a kind of traffic, whose settings ``config`` may change.
+        criticality: Whether each row is a CriticalityResult, with the columns of
+            ``--criticality``.
 
     Returns:
         One EpisodeResult for each episode, ordered by number of vehicles, then seed, then driver.
@@ -81,7 +85,9 @@ def evaluate(
         settings = settings.updated("simulation", scenario=str(scenario))
     if safety_check is not None:
         settings = settings.updated("safety", check=safety_check)
-    evaluation = Evaluation(located(settings), specs, numbers, range(seed, seed + episodes))
+    metrics = CriticalityMetrics if criticality else EpisodeMetrics
+    seeds = range(seed, seed + episodes)
+    evaluation = Evaluation(located(settings), specs, numbers, seeds, metrics)
     with closing(evaluation.rows(jobs)) as rows:
         return list(rows)
 

@@ -15,6 +15,7 @@ from drl_av.evaluation.aggregates import (
     performance_profile,
     probability_of_improvement,
 )
+from drl_av.evaluation.criticality import Style
 from drl_av.files import write_whole
 from drl_av.traffic.road import FloatArray
 
@@ -142,10 +143,17 @@ def _profile(strata: Sequence[FloatArray]) -> dict[int, float]:
 
 
 def write_summaries(
-    path: Path, summaries: Iterable[Summary], overalls: Iterable[Overall] = ()
+    path: Path,
+    summaries: Iterable[Summary],
+    overalls: Iterable[Overall] = (),
+    styles: Iterable[Style] = (),
 ) -> None:
-    """Write the summaries as a JSON object of two lists; raises DrlAvError if the write fails."""
-    parts: dict[str, Iterable[Summary | Overall]] = {"by_vehicles": summaries, "overall": overalls}
+    """Write the summaries as a JSON object of lists; raises DrlAvError if the write fails."""
+    parts: dict[str, Iterable[Summary | Overall | Style]] = {
+        "by_vehicles": summaries,
+        "overall": overalls,
+        "criticality": styles,
+    }
     objects = {
         part: [{name: _plain(value) for name, value in each._asdict().items()} for each in found]
         for part, found in parts.items()
@@ -160,4 +168,4 @@ def _plain(value: object) -> object:
         return {"mean": value.value, "ci95_half_width": value.half_width if known else None}
     if isinstance(value, Estimate):
         return {"value": value.value, "ci95": [value.low, value.high]}
-    return value
+    return None if value == math.inf else value

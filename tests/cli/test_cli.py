@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from drl_av import cli
-from drl_av.cli import console, main
+from drl_av.cli import console, main, tables
 from drl_av.drivers import policy_file
 from drl_av.evaluation.statistics import Mean, Summary
 from drl_av.traffic.scenario import find_scenario
@@ -327,7 +327,7 @@ def test_long_names_fold_and_checks_are_distinguished(capsys: pytest.CaptureFixt
     mean = Mean(123.456, 10.0)
     long = "runs/" + "x" * 60 + "/end"
     summary = Summary(long, "paper", 30, 50, mean, mean, 50, 50, mean, mean)
-    console.print_summaries([summary, replace_check(summary)])
+    tables.print_summaries([summary, replace_check(summary)])
     text = capsys.readouterr().out
     assert "…" not in text
     assert max(map(len, text.splitlines())) <= console.WIDTH

@@ -1,0 +1,122 @@
+"""Prints the tables of ``drl-av evaluate``."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from drl_av.cli.console import make_console
+
+if TYPE_CHECKING:
+    from drl_av.evaluation.criticality import Style
+    from drl_av.evaluation.paired import Paired
+    from drl_av.evaluation.statistics import Mean, Overall, Summary
+
+
+def _table(caption: str) -> Table:
+    return Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), caption=caption, caption_justify="left")
+
+
+def print_summaries(summaries: Sequence["Summary"]) -> None:
+    """Print a table with one row for each driver and number of vehicles."""
+    several_checks = len({summary.safety_check for summary in summaries}) > 1
+    table = _table(
+        _caption(summaries, several_checks),
+    )
+    table.add_column("vehicles", justify="right", no_wrap=True)
+    table.add_column("driver", overflow="fold")
+    if several_checks:
+        table.add_column("check", no_wrap=True)
+    for heading in ("speed\nm/s", "reward", "ego\nhit", "was\nhit", "safety\ntriggers"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("lane\nchanges", justify="right", no_wrap=True)
+    former = None
+    for summary in summaries:
+        if former not in (None, summary.vehicles):
+            table.add_section()
+        former = summary.vehicles
+        table.add_row(
+            str(summary.vehicles),
+            summary.driver,
+            *([summary.safety_check] if several_checks else []),
+            _cell(summary.speed_m_s),
+            _cell(summary.reward, 3),
+            str(summary.ego_hits),
+            str(summary.collisions - summary.ego_hits),
+            _cell(summary.triggers),
+            _cell(summary.lane_changes),
+        )
+    make_console().print(table)
+
+
+def _caption(summaries: Sequence["Summary"], several_checks: bool) -> str:
+    fewest, most = (pick(summary.episodes for summary in summaries) for pick in (min, max))
+    number = str(most) if fewest == most else f"{fewest} to {most}"
+    check = "" if several_checks else f", check {summaries[0].safety_check}"
+    noun = "episode" if number == "1" else "episodes"
+    return f"{number} {noun} each, ± half of the 95 % interval{check}"
+
+
+def print_gains(gains: Sequence["Paired"]) -> None:
+    """Print a table with the gain in speed over the fastest baseline at each number of vehicles."""
+    table = _table(
+        "paired by seed, ± half of the 95 % interval",
+    )
+    table.add_column("vehicles", justify="right", no_wrap=True)
+    table.add_column("driver", overflow="fold")
+    table.add_column("fastest baseline", overflow="fold")
+    table.add_column("gain in\nspeed, m/s", justify="right", no_wrap=True)
+    for gain in gains:
+        cells = (gain.driver, gain.baseline, _cell(gain.difference_m_s))
+        table.add_row(str(gain.vehicles), *cells)
+    make_console().print(table)
+
+
+def print_overall(overalls: Sequence["Overall"]) -> None:
+    """Print a table with the statistics of each driver over all numbers of vehicles."""
+    best = next((each.over for each in overalls if each.over), None)
+    beside = "" if best is None else f", and the probability of being faster than {best}"
+    table = _table(
+        f"over all numbers of vehicles: interquartile mean{beside},\n"
+        "with 95 % intervals by the stratified bootstrap",
+    )
+    table.add_column("driver", overflow="fold")
+    table.add_column("speed, m/s", justify="right", no_wrap=True)
+    if best is not None:
+        table.add_column("probability of\nimprovement", justify="right", no_wrap=True)
+    for each in overalls:
+        improvement = "" if each.improvement is None else str(each.improvement)
+        table.add_row(each.driver, str(each.speed_m_s), *([] if best is None else [improvement]))
+    make_console().print(table)
+
+
+def print_styles(styles: Sequence["Style"]) -> None:
+    """Print a table of how each driver drives: comfort, and how near it comes to a crash."""
+    table = _table(
+        "over all episodes; comfort: decisions within nuPlan's bounds;\n"
+        "TET: TTC of at most 3 s to the vehicle ahead",
+    )
+    table.add_column("driver", overflow="fold")
+    headings = {
+        "reversals\n/km": "reversals_per_km",
+        "jerk\nm/s³": "mean_abs_jerk_m_s3",
+        "comfort\n%": "comfortable_percent",
+        "TET\ns/km": "tet_s_per_km",
+        "DRAC\nm/s²": "max_drac_m_s2",
+        "PET\ns": "min_pet_s",
+        "gap < 1 s\n%": "short_headways_percent",
+        "forced\n/1000": "forced_brakes_per_1000",
+    }
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for style in styles:
+        table.add_row(style.driver, *(f"{getattr(style, name):.2f}" for name in headings.values()))
+    make_console().print(table)
+
+
+def _cell(mean: "Mean", digits: int = 2) -> str:
+    if math.isinf(mean.half_width):
+        return f"{mean.value:.{digits}f}"
+    return f"{mean.value:.{digits}f}±{mean.half_width:.{digits}f}"

@@ -1,0 +1,234 @@
+"""The columns of ``drl-av evaluate --criticality``: comfort, and how near an episode is to a crash.
+
+All of them are measured once a decision, as the other columns: accelerations and jerks are means
+over a decision, so peaks within it are not seen.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from drl_av.env.decision import Decision
+from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+from drl_av.evaluation.surrogates import (
+    Motion,
+    Track,
+    post_encroachment_time,
+    required_deceleration,
+)
+from drl_av.files import PossiblyInfinite
+from drl_av.safety.paper import closing_speed, time_to_collision
+from drl_av.traffic.snapshot import EGO, Snapshot
+
+CRITICAL_TTC_S = 3.0
+"""A time to collision below it adds to TET and TIT; the default threshold of SUMO's SSM device."""
+CHANGE_M_S = 0.3
+"""A change of speed in a decision that counts as accelerating or braking."""
+SHORT_HEADWAY_S = 1.0
+CRAWLING_M_S = 5.0
+"""Headways at this speed and below do not count as short."""
+FORCED_M_S2 = 2.0
+"""Harder braking behind a lane change counts as forced."""
+
+
+@dataclass(frozen=True)
+class CriticalityResult(EpisodeResult):
+    """One row of the table with ``--criticality``: the usual columns, and those of this module."""
+
+    driven_m: float
+    mean_abs_jerk_m_s3: float
+    """Mean absolute longitudinal jerk."""
+    max_abs_jerk_m_s3: float
+    max_abs_lateral_acceleration_m_s2: float
+    comfortable_decisions: int
+    """Number of decisions within nuPlan's bounds of comfort."""
+    reversals: int
+    """Number of accelerations after braking, and of brakings after an acceleration."""
+    tet_s: float
+    """Time exposed time-to-collision: the time with a TTC of at most 3 s to the vehicle ahead."""
+    tit_s2: float
+    """Time integrated time-to-collision: the integral of 3 s minus TTC over that time."""
+    max_drac_m_s2: PossiblyInfinite
+    """Largest deceleration that avoids a crash with the vehicle ahead, which keeps its speed."""
+    min_pet_s: PossiblyInfinite
+    """Smallest post-encroachment time between the ego and any vehicle, whichever comes first."""
+    short_headways: int
+    """Number of decisions after which the time gap to the vehicle ahead is below 1 s."""
+    forced_brakes: int
+    """Number of decisions with a lane change in which the vehicle behind brakes above 2 m/s^2."""
+    max_forced_braking_m_s2: float
+    """Hardest braking of the vehicle behind the ego during a lane change; 0 without any."""
+
+
+class CriticalityMetrics(EpisodeMetrics):
+    """Computes the metrics of one episode with those of comfort and criticality."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.motions: list[Motion] = []
+        self.reversals = self.short_headways = self.forced_brakes = 0
+        self.driven_m = self.tet_s = self.tit_s2 = 0.0
+        self.max_drac_m_s2 = self.max_forced_braking_m_s2 = 0.0
+        self._sign = 0
+        self._snapshots: list[Snapshot] = []
+        self._lap_m = 0.0
+
+    def add(self, decision: Decision) -> None:
+        """Update the metrics with the next decision of the episode."""
+        super().add(decision)
+        before, after = decision.scene.snapshot, decision.next_scene.snapshot
+        self._snapshots += [after] if self._snapshots else [before, after]
+        self._lap_m = decision.scene.affordances.circumference_m
+        duration_s = after.time_s - before.time_s
+        self.driven_m += self.speeds_m_s[-1] * duration_s
+        self._add_motion(before, after, duration_s)
+        self._add_front(decision, duration_s)
+        self._add_rear(decision, duration_s)
+
+    def _add_motion(self, before: Snapshot, after: Snapshot, duration_s: float) -> None:
+        """Add the ego's motion; the first decision has no jerk, for want of one before it."""
+        (v_x, v_y, heading), (next_v_x, next_v_y, next_heading) = map(_velocity, (before, after))
+        a_x, a_y = (next_v_x - v_x) / duration_s, (next_v_y - v_y) / duration_s
+        yaw_rate = (next_heading - heading) / duration_s
+        former = self.motions[-1] if self.motions else Motion(a_x, a_y, 0.0, 0.0, yaw_rate, 0.0)
+        motion = Motion(
+            a_x,
+            a_y,
+            (a_x - former.a_x_m_s2) / duration_s,
+            (a_y - former.a_y_m_s2) / duration_s,
+            yaw_rate,
+            (yaw_rate - former.yaw_rate_rad_s) / duration_s,
+        )
+        self.motions.append(motion)
+        sign = (next_v_x - v_x > CHANGE_M_S) - (next_v_x - v_x < -CHANGE_M_S)
+        self.reversals += sign * self._sign < 0
+        self._sign = sign or self._sign
+
+    def _add_front(self, decision: Decision, duration_s: float) -> None:
+        """Update what depends on the vehicle ahead after the decision, if there is one."""
+        front = decision.next_scene.affordances.own_front
+        if front is None:
+            return
+        closing_m_s, speed_m_s = closing_speed(front), self.speeds_m_s[-1]
+        exposed_s = CRITICAL_TTC_S - time_to_collision(front.gap_m, closing_m_s)
+        if exposed_s >= 0.0:
+            self.tet_s += duration_s
+            self.tit_s2 += exposed_s * duration_s
+        drac = required_deceleration(front.gap_m, closing_m_s)
+        self.max_drac_m_s2 = max(self.max_drac_m_s2, drac)
+        if speed_m_s > CRAWLING_M_S:
+            self.short_headways += front.gap_m < SHORT_HEADWAY_S * speed_m_s
+
+    def _add_rear(self, decision: Decision, duration_s: float) -> None:
+        """Update how hard the vehicle behind brakes during a lane change of the ego."""
+        scenes = decision.scene, decision.next_scene
+        rear = decision.next_scene.affordances.own_rear
+        if rear is None or not any(scene.lane_change for scene in scenes):
+            return
+        before, after = (scene.snapshot for scene in scenes)
+        name = after.ids[rear.vehicle]
+        if name not in before.ids:
+            return
+        old_m_s = float(before.speed_m_s[before.ids.index(name)])
+        braking = (old_m_s - float(after.speed_m_s[rear.vehicle])) / duration_s
+        self.forced_brakes += braking > FORCED_M_S2
+        self.max_forced_braking_m_s2 = max(self.max_forced_braking_m_s2, braking)
+
+    @property
+    def min_pet_s(self) -> float:
+        """Smallest post-encroachment time between the ego and any other vehicle; inf without."""
+        ego = _track(self._snapshots, [EGO] * len(self._snapshots))
+        times_s = [math.inf]
+        for name in {name: None for shot in self._snapshots for name in shot.ids[EGO + 1 :]}:
+            present = [place for place, shot in enumerate(self._snapshots) if name in shot.ids]
+            shots = [self._snapshots[place] for place in present]
+            other = _track(shots, [shot.ids.index(name) for shot in shots])
+            here = Track(*(values[present] for values in ego))
+            times_s.append(post_encroachment_time(other, here, self._lap_m))
+            times_s.append(post_encroachment_time(here, other, self._lap_m))
+        return min(times_s)
+
+    def result(self, driver: str, safety_check: str, vehicles: int, seed: int) -> CriticalityResult:
+        """Return the row of the episode: its metrics, and the four given values."""
+        jerks = [abs(motion.j_x_m_s3) for motion in self.motions]
+        return CriticalityResult(
+            **vars(super().result(driver, safety_check, vehicles, seed)),
+            driven_m=self.driven_m,
+            mean_abs_jerk_m_s3=sum(jerks) / len(jerks),
+            max_abs_jerk_m_s3=max(jerks),
+            max_abs_lateral_acceleration_m_s2=max(abs(each.a_y_m_s2) for each in self.motions),
+            comfortable_decisions=sum(motion.comfortable for motion in self.motions),
+            reversals=self.reversals,
+            tet_s=self.tet_s,
+            tit_s2=self.tit_s2,
+            max_drac_m_s2=self.max_drac_m_s2,
+            min_pet_s=self.min_pet_s,
+            short_headways=self.short_headways,
+            forced_brakes=self.forced_brakes,
+            max_forced_braking_m_s2=self.max_forced_braking_m_s2,
+        )
+
+
+def _velocity(snapshot: Snapshot) -> tuple[float, float, float]:
+    """Return the ego's speed, its lateral speed, and the direction of its motion, radians."""
+    v_x, v_y = float(snapshot.speed_m_s[EGO]), float(snapshot.lateral_speed_m_s[EGO])
+    return v_x, v_y, math.atan2(v_y, v_x)
+
+
+def _track(snapshots: list[Snapshot], rows: list[int]) -> Track:
+    pairs = list(zip(snapshots, rows, strict=True))
+    return Track(
+        np.array([shot.time_s for shot in snapshots]),
+        np.array([shot.s_m[row] for shot, row in pairs]),
+        np.array([shot.y_m[row] for shot, row in pairs]),
+        np.array([shot.length_m[row] for shot, row in pairs]),
+        np.array([shot.width_m[row] for shot, row in pairs]),
+    )
+
+
+class Style(NamedTuple):
+    """How one driver drives over all its episodes besides its speed."""
+
+    driver: str
+    reversals_per_km: float
+    mean_abs_jerk_m_s3: float
+    comfortable_percent: float
+    """Share of decisions within nuPlan's bounds of comfort."""
+    tet_s_per_km: float
+    """Time with a TTC of at most 3 s to the vehicle ahead, seconds in a kilometre."""
+    max_drac_m_s2: float
+    min_pet_s: float
+    short_headways_percent: float
+    forced_brakes_per_1000: float
+    """Forced brakings of others in 1,000 decisions."""
+
+
+def styles(rows: Iterable[EpisodeResult]) -> list[Style]:
+    """Summarize how each driver drives, over all its episodes, in the order of first rows.
+
+    Rows without the columns of this module are left out.
+    """
+    groups: dict[str, list[CriticalityResult]] = {}
+    for row in rows:
+        if isinstance(row, CriticalityResult):
+            groups.setdefault(row.driver, []).append(row)
+    return [_style(driver, group) for driver, group in groups.items()]
+
+
+def _style(driver: str, rows: list[CriticalityResult]) -> Style:
+    decisions = sum(row.decisions for row in rows)
+    driven_km = max(sum(row.driven_m for row in rows), 1.0) / 1000
+    return Style(
+        driver=driver,
+        reversals_per_km=sum(row.reversals for row in rows) / driven_km,
+        mean_abs_jerk_m_s3=sum(row.mean_abs_jerk_m_s3 * row.decisions for row in rows) / decisions,
+        comfortable_percent=100 * sum(row.comfortable_decisions for row in rows) / decisions,
+        tet_s_per_km=sum(row.tet_s for row in rows) / driven_km,
+        max_drac_m_s2=max(row.max_drac_m_s2 for row in rows),
+        min_pet_s=min(row.min_pet_s for row in rows),
+        short_headways_percent=100 * sum(row.short_headways for row in rows) / decisions,
+        forced_brakes_per_1000=1000 * sum(row.forced_brakes for row in rows) / decisions,
+    )

@@ -1,0 +1,92 @@
+"""Surrogate measures of safety and comfort, as pure functions: how near a drive is to a crash."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from drl_av.traffic.road import FloatArray
+
+LONGITUDINAL_M_S2 = (-4.05, 2.40)
+LATERAL_M_S2 = 4.89
+LONGITUDINAL_JERK_M_S3 = 4.13
+JERK_M_S3 = 8.37
+YAW_RATE_RAD_S = 0.95
+YAW_ACCELERATION_RAD_S2 = 1.93
+"""The bounds of nuPlan's metric ``ego_is_comfortable``; all but the first are on absolute values.
+
+Source: the experiment configuration of motional/nuplan-devkit.
+"""
+
+
+class Motion(NamedTuple):
+    """What passengers feel; x is along the road, y is to the left."""
+
+    a_x_m_s2: float
+    a_y_m_s2: float
+    j_x_m_s3: float
+    j_y_m_s3: float
+    yaw_rate_rad_s: float
+    yaw_acceleration_rad_s2: float
+
+    @property
+    def comfortable(self) -> bool:
+        """Whether all of it is within the bounds of nuPlan."""
+        least, most = LONGITUDINAL_M_S2
+        return (
+            least <= self.a_x_m_s2 <= most
+            and abs(self.a_y_m_s2) <= LATERAL_M_S2
+            and abs(self.j_x_m_s3) <= LONGITUDINAL_JERK_M_S3
+            and math.hypot(self.j_x_m_s3, self.j_y_m_s3) <= JERK_M_S3
+            and abs(self.yaw_rate_rad_s) <= YAW_RATE_RAD_S
+            and abs(self.yaw_acceleration_rad_s2) <= YAW_ACCELERATION_RAD_S2
+        )
+
+
+def required_deceleration(gap_m: float, closing_m_s: float) -> float:
+    """Return DRAC, the deceleration to avoid a crash: closing speed^2 / (2 gap), m/s^2.
+
+    It is 0 without closing, and inf without a gap. Source: Cooper and Ferguson (1976), for a
+    vehicle ahead that keeps its speed; as SUMO's SSM device computes it.
+    """
+    if closing_m_s <= 0.0:
+        return 0.0
+    return closing_m_s**2 / (2.0 * gap_m) if gap_m > 0.0 else math.inf
+
+
+class Track(NamedTuple):
+    """The states of one vehicle at the same moments as those of another, each of shape (T,)."""
+
+    time_s: FloatArray
+    s_m: FloatArray
+    """Position of the body's centre along the road."""
+    y_m: FloatArray
+    length_m: FloatArray
+    width_m: FloatArray
+
+
+def post_encroachment_time(first: Track, second: Track, lap_m: float) -> float:
+    """Return the smallest PET in which ``second`` drives where ``first`` was, seconds.
+
+    It is the time from the moment at which the rear of ``first`` leaves a place to the arrival of
+    the front of ``second`` there, inf if that never happens (Allen, Shin and Cooper, 1978). The
+    places are those of the rear of ``first`` at each moment, across its width; between two moments
+    ``second`` moves on a straight line. Behind a vehicle of the same speed it is the time gap.
+
+    Args:
+        first: The vehicle that leaves.
+        second: The vehicle that arrives; it never drives backwards.
+        lap_m: Length of the loop; 0 on an open road.
+    """
+    steps_m, ahead_m = np.diff(second.s_m), first.s_m - second.s_m
+    if lap_m:
+        steps_m = (steps_m + lap_m / 2) % lap_m - lap_m / 2
+        ahead_m = ahead_m % lap_m
+    driven_m = np.concatenate(([0.0], np.cumsum(steps_m)))
+    gap_m = ahead_m - (first.length_m + second.length_m) / 2
+    place_m = driven_m + gap_m
+    arrival_s = np.interp(place_m, driven_m, second.time_s)
+    y_m = np.interp(arrival_s, second.time_s, second.y_m)
+    reached = (gap_m >= 0.0) & (place_m <= driven_m[-1])
+    reached &= abs(y_m - first.y_m) < (first.width_m + second.width_m) / 2
+    return float((arrival_s - first.time_s)[reached].min(initial=math.inf))
