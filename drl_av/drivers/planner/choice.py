@@ -112,7 +112,11 @@ class Chooser:
         if self._limits.followers_stay_behind:
             from_behind = Near(np.where(crossed, FAR_M, rear.gap_m), rear.speed_m_s)
         margin_m = np.where(changes | (wanted == self._way), 0.0, MARGIN_M)
-        permitted = self._permits(ego.speed_m_s, (own, into), from_behind, margin_m)
+        while_maintaining = self._permits(ego.speed_m_s, (own, into), from_behind, margin_m)
+        while_braking, brake = while_maintaining, -self._ego.brake_m_s2
+        if self._way:
+            while_braking = self._permits(ego.speed_m_s, (own, into), from_behind, margin_m, brake)
+        permitted = while_maintaining | while_braking
         if not self._ego.overtake_right:
             exists &= (wanted >= 0) | ~_is_passed_on_the_left(own)
         begins = np.where(~changes & exists & permitted, wanted, 0)
@@ -120,9 +124,14 @@ class Chooser:
         if crossed.any():
             fails &= ~crossed | self._permits(ego.speed_m_s, (own, front), rear, 0.0)
         follows_both = changes & ~crossed | (begins != 0)
-        rate = self._follow(ego.speed_m_s, own, front.where(follows_both, own))
+        leaves = follows_both & (np.where(changes, direction, begins) == self._way)
+        rate = self._follow(ego.speed_m_s, front.where(leaves, own), front.where(follows_both, own))
         goes_on = self._to_continue(ego.speed_m_s, own, front)
         rate = np.where(follows_both, np.minimum(rate, goes_on), rate)
+        must_brake = follows_both & while_braking & ~while_maintaining
+        must_not_brake = follows_both & while_maintaining & ~while_braking
+        rate = np.where(must_brake, np.minimum(rate, brake), rate)
+        rate = np.where(must_not_brake, np.maximum(rate, 0.0), rate)
         yields = YIELDS[intent] & ~changes & (begins == 0)
         yields &= ego.speed_m_s > SLOWEST_YIELDING_M_S
         rate = np.where(yields, np.minimum(rate, -self._ego.brake_m_s2), rate)
@@ -132,11 +141,19 @@ class Chooser:
         return Choice(rate, begins, fails | (changes & (wanted == -direction)), own)
 
     def _permits(
-        self, speed: FloatArray, fronts: tuple[Near, Near], rear: Near, margin_m: FloatArray | float
+        self,
+        speed: FloatArray,
+        fronts: tuple[Near, Near],
+        rear: Near,
+        margin_m: FloatArray | float,
+        rate: float = 0.0,
     ) -> BoolArray:
-        """Return whether the check permits a lane change behind ``fronts``, ahead of ``rear``."""
-        first, second = (self._limits.clear_ahead(speed, front, margin_m) for front in fronts)
-        return first & second & self._limits.clear_behind(speed, rear, margin_m)
+        """Return whether the check permits a lane change behind ``fronts``, ahead of ``rear``.
+
+        ``rate`` is the ego's acceleration in the next second, m/s^2, not above 0.
+        """
+        first, second = (self._limits.clear_ahead(speed, front, margin_m, rate) for front in fronts)
+        return first & second & self._limits.clear_behind(speed, rear, margin_m, rate)
 
     def _to_continue(self, speed: FloatArray, own: Near, front: Near) -> FloatArray:
         """Return the largest acceleration after which both vehicles ahead still permit the change.

@@ -16,6 +16,9 @@ from drl_av.driving.scene import Scene
 from drl_av.traffic.snapshot import Snapshot
 
 DECISIONS_PER_PLAN = 2
+HURRIED_M = 150.0
+"""If less than this distance is left for each mandatory lane change, the ego begins one as soon as
+the check permits it, whatever it forecasts."""
 
 
 class PlannerDriver:
@@ -53,14 +56,18 @@ class PlannerDriver:
         if is_new:
             self._next_plan(forecaster, scene)
         choice = forecaster.choice(self._egos(scene, 1), self._plan[:1])
+        if mandatory.within_m < HURRIED_M * abs(mandatory.lanes) and scene.lane_change is None:
+            intent = Intent.LEFT if mandatory.lanes > 0 else Intent.RIGHT
+            to_change = forecaster.choice(self._egos(scene, 1), np.array([intent]))
+            choice = to_change if to_change.begins[0] else choice
         self._sign = int(np.sign(choice.acceleration_m_s2[0])) or self._sign
         return self._action(scene, choice)
 
     def _open_lanes(self, scene: Scene) -> BoolArray:
         """Return which lanes are open; a lane not seen yet is open if it contains vehicles."""
         seen = scene.affordances
-        right, left = _lanes_to_plan_with(seen)
-        self._open |= {seen.lane - 1: right, seen.lane: True, seen.lane + 1: left}
+        self._open |= {seen.lane - 1: seen.right_lane, seen.lane + 1: seen.left_lane}
+        self._open[seen.lane] = True
         used = np.round(scene.snapshot.y_m / seen.lane_width_m).astype(int)
         last = max(int(used.max()), *(lane for lane, is_open in self._open.items() if is_open))
         return np.array(
@@ -83,7 +90,7 @@ class PlannerDriver:
         if self._decisions % DECISIONS_PER_PLAN == 0:
             seen = scene.affordances
             is_changing = scene.lane_change is not None
-            plans = np.vstack([usable_plans(is_changing, *_lanes_to_plan_with(seen)), rest])
+            plans = np.vstack([usable_plans(is_changing, seen.right_lane, seen.left_lane), rest])
             ego = self._egos(scene, len(plans))
             scores = forecaster.scores(ego, self._sign, plans, self._prices)
             scores[-1] += self._prices.change_of_plan
@@ -105,23 +112,12 @@ class PlannerDriver:
     def _action(self, scene: Scene, choice: Choice) -> Action:
         rate, change = float(choice.acceleration_m_s2[0]), scene.lane_change
         side = int(choice.begins[0])
-        if not scene.affordances.has_lane(side):
-            side = 0
         if change is not None and choice.aborts[0]:
             side = -change.sign
         by_model = self._ego.longitudinal_reference != "acceleration"
         if by_model and rate > -self._ego.brake_m_s2:
             return Action(toward(side), Longitudinal.ACCELERATE)
         return Action(toward(side), nearest_action(rate, self._ego))
-
-
-def _lanes_to_plan_with(seen: Affordances) -> tuple[bool, bool]:
-    """Return whether plans may use the lanes to the right and to the left of the ego.
-
-    They may use a lane that the ego's way demands before it lies beside the ego's lane.
-    """
-    lanes = seen.mandatory.lanes
-    return seen.right_lane or lanes < 0, seen.left_lane or lanes > 0
 
 
 def _ahead(others: Others, seen: Affordances) -> Ahead:

@@ -37,10 +37,17 @@ class Limits(Protocol):
     def fastest(self, speed: FloatArray, front: Near) -> FloatArray:
         """Return the largest permitted acceleration behind a vehicle ahead, m/s^2."""
 
-    def clear_ahead(self, speed: FloatArray, front: Near, margin_m: Any = 0.0) -> BoolArray:
-        """Return whether a vehicle ahead permits a lane change, with ``margin_m`` to spare."""
+    def clear_ahead(
+        self, speed: FloatArray, front: Near, margin_m: Any = 0.0, rate: float = 0.0
+    ) -> BoolArray:
+        """Return whether a vehicle ahead permits a lane change, with ``margin_m`` to spare.
 
-    def clear_behind(self, speed: FloatArray, rear: Near, margin_m: Any = 0.0) -> BoolArray:
+        ``rate`` is the ego's acceleration in the next second, m/s^2, not above 0.
+        """
+
+    def clear_behind(
+        self, speed: FloatArray, rear: Near, margin_m: Any = 0.0, rate: float = 0.0
+    ) -> BoolArray:
         """Return whether a vehicle behind in the target lane permits a lane change, likewise."""
 
 
@@ -61,13 +68,17 @@ class PaperLimits:
         safe = np.where(ttc_s <= safety.hard_brake_ttc_s, -ego.hard_brake_m_s2, mild)
         return np.where(free, ego.accelerate_m_s2, safe)
 
-    def clear_ahead(self, speed: FloatArray, front: Near, margin_m: Any = 0.0) -> BoolArray:
+    def clear_ahead(
+        self, speed: FloatArray, front: Near, margin_m: Any = 0.0, rate: float = 0.0
+    ) -> BoolArray:
         """Return whether eq. 2 of the paper holds for the vehicle ahead (rule 3)."""
         closing = speed - front.speed_m_s
         permitted: BoolArray = gap_condition(front.gap_m - margin_m, closing, self._safety)
         return permitted
 
-    def clear_behind(self, speed: FloatArray, rear: Near, margin_m: Any = 0.0) -> BoolArray:
+    def clear_behind(
+        self, speed: FloatArray, rear: Near, margin_m: Any = 0.0, rate: float = 0.0
+    ) -> BoolArray:
         """Return whether eq. 2 of the paper holds for the vehicle behind (rule 3)."""
         closing = rear.speed_m_s - speed
         permitted: BoolArray = gap_condition(rear.gap_m - margin_m, closing, self._safety)
@@ -94,16 +105,20 @@ class StrictLimits:
         fastest: FloatArray = self._rates[permitted.argmax(axis=0)]
         return fastest
 
-    def clear_ahead(self, speed: FloatArray, front: Near, margin_m: Any = 0.0) -> BoolArray:
-        """Return whether the ego can maintain its speed now and stop behind the vehicle ahead."""
-        reached_m = reach(speed, 0.0, self._ego, self._simulation)
+    def clear_ahead(
+        self, speed: FloatArray, front: Near, margin_m: Any = 0.0, rate: float = 0.0
+    ) -> BoolArray:
+        """Return whether the ego can accelerate with ``rate`` and stop behind the vehicle ahead."""
+        reached_m = reach(speed, rate, self._ego, self._simulation)
         permitted: BoolArray = reached_m < self._most_m(front) - margin_m
         return permitted
 
-    def clear_behind(self, speed: FloatArray, rear: Near, margin_m: Any = 0.0) -> BoolArray:
+    def clear_behind(
+        self, speed: FloatArray, rear: Near, margin_m: Any = 0.0, rate: float = 0.0
+    ) -> BoolArray:
         """Return whether the vehicle behind can stop behind the ego, whatever the ego does."""
         strict, step_s = self._strict, self._simulation.step_length_s
-        least_m = reach(speed, self._slowest, self._ego, self._simulation)
+        least_m = reach(speed, min(rate, self._slowest), self._ego, self._simulation)
         delay_s = strict.follower_response_s + self._simulation.decision_interval_s / 2
         faster = rear.speed_m_s + strict.acceleration_m_s2 * delay_s
         rolled_m = (rear.speed_m_s + faster + strict.acceleration_m_s2 * step_s) / 2 * delay_s

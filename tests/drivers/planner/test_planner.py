@@ -3,7 +3,19 @@
 from collections.abc import Iterator
 
 import pytest
-from worlds import ALONE, LEFT, MERGE, RIGHT, SLOW_LEADER, Car, ahead, behind, changing, scene
+from worlds import (
+    ALONE,
+    LANE_M,
+    LEFT,
+    MERGE,
+    RIGHT,
+    SLOW_LEADER,
+    Car,
+    ahead,
+    behind,
+    changing,
+    scene,
+)
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
@@ -13,6 +25,7 @@ from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
+from drl_av.safety import named_check
 
 CONFIG = Config()
 BOXED_SEED, VEHICLES = 820_008, 10
@@ -66,7 +79,7 @@ def test_it_lets_a_lane_change_go_on() -> None:
 
 def test_it_leaves_a_ramp_where_the_lanes_are_joined_and_not_before() -> None:
     divided, joined = (scene(s_m=s_m, y_m=RIGHT, road=MERGE) for s_m in (530.0, 570.0))
-    assert act(divided) == Action(Lateral.KEEP, Longitudinal.ACCELERATE)
+    assert act(divided).lateral is Lateral.KEEP
     assert act(joined).lateral is Lateral.LEFT
 
 
@@ -76,6 +89,17 @@ def test_under_strict_it_completes_a_change_ahead_of_a_vehicle_that_must_stay_be
     strict = PlannerDriver(CONFIG.updated("safety", check="strict"))
     assert act(close, strict).lateral is Lateral.KEEP
     assert act(close).lateral is Lateral.RIGHT
+
+
+def test_on_its_way_it_takes_the_gap_that_braking_opens() -> None:
+    # at 20 m/s the ego stops in 20 + 45 m if it maintains, in 19 + 36 m if it brakes; the vehicle
+    # ahead, at 18 m/s, leaves 25 + 36 m; both less what half of a SUMO step adds
+    gap = Car(30.0, LANE_M, 18.0), Car(-40.0, LANE_M, 14.0)
+    world = scene(*gap, s_m=687.5, y_m=RIGHT, speed_m_s=20.0, road=MERGE)
+    strict = CONFIG.updated("safety", check="strict")
+    assert act(world, PlannerDriver(strict)) == Action(Lateral.LEFT, Longitudinal.BRAKE)
+    maintaining = Action(Lateral.LEFT, Longitudinal.MAINTAIN)
+    assert named_check(strict)(world, maintaining).action.lateral is Lateral.KEEP
 
 
 def test_asked_again_in_the_same_scene_it_answers_the_same() -> None:

@@ -34,14 +34,24 @@ def test_the_largest_acceleration_is_what_the_check_makes_of_accelerate(
     assert found[0] == verdict.action.longitudinal.acceleration_m_s2(config.ego)
 
 
-def changes(config: Config, world: Scene) -> bool:
-    proposed = Action(Lateral.LEFT, Longitudinal.MAINTAIN)
+def changes(config: Config, world: Scene, longitudinal: Longitudinal) -> bool:
+    proposed = Action(Lateral.LEFT, longitudinal)
     return named_check(config)(world, proposed).action.lateral is Lateral.LEFT
 
 
-@given(SPEEDS, GAPS, SPEEDS, GAPS, SPEEDS, GAPS, SPEEDS)
+@given(
+    st.sampled_from([Longitudinal.MAINTAIN, Longitudinal.BRAKE]),
+    *(SPEEDS, GAPS, SPEEDS, GAPS, SPEEDS, GAPS, SPEEDS),
+)
 def test_a_lane_change_is_permitted_where_the_check_permits_it(
-    speed: float, own_m: float, own: float, front_m: float, front: float, rear_m: float, rear: float
+    longitudinal: Longitudinal,
+    speed: float,
+    own_m: float,
+    own: float,
+    front_m: float,
+    front: float,
+    rear_m: float,
+    rear: float,
 ) -> None:
     world = scene(
         ahead(own_m, speed_m_s=own),
@@ -52,14 +62,15 @@ def test_a_lane_change_is_permitted_where_the_check_permits_it(
 
     def permits(config: Config, margin_m: float) -> bool:
         limits, at = limits_of(config), np.array([speed])
-        fronts = (near(own_m, own), near(front_m, front))
-        ahead_is_clear = [limits.clear_ahead(at, each, margin_m)[0] for each in fronts]
-        return bool(all(ahead_is_clear) and limits.clear_behind(at, near(rear_m, rear), margin_m))
+        fronts, rate = (near(own_m, own), near(front_m, front)), longitudinal.acceleration_m_s2
+        how = margin_m, rate(config.ego)
+        ahead_is_clear = [limits.clear_ahead(at, each, *how)[0] for each in fronts]
+        return bool(all(ahead_is_clear) and limits.clear_behind(at, near(rear_m, rear), *how))
 
     if permits(CONFIGS[0], 0.01):
-        assert changes(CONFIGS[0], world)
+        assert changes(CONFIGS[0], world, longitudinal)
     elif not permits(CONFIGS[0], -0.01):
-        assert not changes(CONFIGS[0], world)
+        assert not changes(CONFIGS[0], world, longitudinal)
     if permits(CONFIGS[1], 0.01):
         # more careful than the check: it does not know when the ego crosses the line
-        assert changes(CONFIGS[1], world)
+        assert changes(CONFIGS[1], world, longitudinal)
