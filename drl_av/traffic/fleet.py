@@ -15,6 +15,7 @@ from drl_av.traffic.inflow import (
     open_capacity,
     vehicles_of_flow,
 )
+from drl_av.traffic.off_ramp import require_reachable
 from drl_av.traffic.own_types import draw_types
 from drl_av.traffic.population import (
     Population,
@@ -37,6 +38,7 @@ class Fleet:
     Raises:
         ConfigError: the settings allow vehicles that are too fast or too wide for the road, or
             other drivers than SUMO's on an open road.
+        ScenarioError: the ego cannot reach its exit with these settings.
     """
 
     population: Population
@@ -51,6 +53,8 @@ class Fleet:
         require_speed_limit(config, scenario.description)
         require_truck_width(config, scenario.description)
         self.scenario, self._config, self._start = scenario, config, scenario.layout.start
+        if self._start is not None and self.placed is None:
+            require_reachable(scenario.road, self._start, config.ego)
         if self._start is not None and sum(config.traffic.shares) > 0:
             raise ConfigError(
                 "traffic: finite_state_share, level_0_share, level_1_share and hard_braking_share "

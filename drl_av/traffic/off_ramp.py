@@ -1,11 +1,12 @@
 """An off-ramp, which parts from an open highway as its deceleration lane; the ego leaves by it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from drl_av.config import EgoConfig
 from drl_av.config.schema import setting
 from drl_av.errors import ScenarioError
-from drl_av.traffic.kind import Edge
+from drl_av.traffic.kind import Edge, OpenStart
 from drl_av.traffic.open_road import OpenDescription
 from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
 
@@ -22,7 +23,8 @@ class OffRamp(OpenDescription):
     """A highway with a deceleration lane, which is lane 0 and becomes the off-ramp.
 
     Raises:
-        ScenarioError: the deceleration lane is longer than the way to its end.
+        ScenarioError: the deceleration lane is longer than the way to its end, or this way is too
+            short for the lane changes to the exit.
     """
 
     approach_m: float = setting(
@@ -44,6 +46,9 @@ class OffRamp(OpenDescription):
                 f"The scenario's deceleration_lane_m is {self.deceleration_lane_m:g}, but must be "
                 f"at most approach_m - {SHORTEST_M:g}, {self.approach_m - SHORTEST_M:g}."
             )
+        plan, ego = self.plan(), EgoConfig()
+        slow = replace(ego, max_speed_m_s=min(ego.max_speed_m_s, self.speed_limit_m_s))
+        require_reachable(plan.road, plan.start, slow)
 
     def off_ramp(self, from_m: float) -> PartialLane:
         """Return the deceleration lane and the off-ramp, which is divided from the highway.
@@ -68,3 +73,26 @@ class OffRamp(OpenDescription):
         exit_m = partial_lanes[-1].joined_to_m
         lanes, end_m = (True,) * (self.lanes + 1), exit_m + AFTER_M
         return Road(OPEN_LAP_M, self.lane_width_m, lanes, end_m, partial_lanes, exit_m)
+
+
+def require_reachable(road: Road, start: OpenStart, ego: EgoConfig) -> None:
+    """Raise ScenarioError if the ego cannot change lanes to its exit in time without braking.
+
+    Each lane change takes ``lane_change_duration_s`` at ``max_speed_m_s`` (ours). A road without an
+    exit is accepted.
+    """
+    if road.exit_m == math.inf:
+        return
+    lane, from_m = start.ego_lane, start.ego_front_m
+    if lane is None:
+        lane = max(start.lanes)
+    elif road.mandatory_change(lane, from_m).lanes > 0:
+        lane, from_m = lane + 1, road.lane_end_m(lane, from_m)
+    needed_m = lane * ego.lane_change_duration_s * ego.max_speed_m_s
+    if road.exit_m - from_m < needed_m:
+        raise ScenarioError(
+            f"The way to the exit is {road.exit_m - from_m:g} m long, but {lane} lane "
+            f"change{'s' * (lane > 1)} of {ego.lane_change_duration_s:g} s at "
+            f"{ego.max_speed_m_s:g} m/s take{'s' * (lane == 1)} {needed_m:g} m: make approach_m at "
+            f"least {math.ceil(needed_m)}."
+        )

@@ -4,21 +4,24 @@ import math
 import subprocess
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 
 from drl_av.cli import main
+from drl_av.config import Config
 from drl_av.config.schema import setting
 from drl_av.errors import ScenarioError
 from drl_av.traffic import kinds
 from drl_av.traffic.description import PlacedVehicle
+from drl_av.traffic.exit import ExitDescription
+from drl_av.traffic.fleet import Fleet
 from drl_av.traffic.merge import MergeDescription
 from drl_av.traffic.network import program
 from drl_av.traffic.open_road import OpenDescription, OpenPlan, open_kind
 from drl_av.traffic.road import PartialLane
-from drl_av.traffic.scenario import load_scenario, write_scenario
+from drl_av.traffic.scenario import find_scenario, load_scenario, write_scenario
 from drl_av.traffic.straight import StraightDescription
 
 OPEN_KINDS = ("straight", "merge", "exit", "ramp_to_ramp")
@@ -232,6 +235,22 @@ def test_vehicles_are_placed_on_lanes_that_exist_there(vehicle: PlacedVehicle, r
             ["--kind", "straight", "--flow-per-h", "9000"],
             r"flow_per_h is 9000.0, but must be .*2400",
         ),
+        (["--kind", "exit", "--approach-m", "50"], r"approach_m is 50.0, but must be .* from 100"),
+        (
+            ["--kind", "exit", "--approach-m", "440"],
+            r"way to the exit is 440 m long, but 3 lane changes of 5 s at 30 m/s take 450 m: make "
+            r"approach_m at least 450\.",
+        ),
+        (["--kind", "exit", "--lanes", "9"], r"1000 m long, .* 9 lane .* approach_m at least 1350"),
+        (
+            ["--kind", "ramp_to_ramp", "--approach-m", "140", "--deceleration-lane-m", "60"],
+            r"way to the exit is 140 m long, but 1 lane change of 5 s at 30 m/s takes 150 m",
+        ),
+        (
+            ["--kind", "ramp_to_ramp", "--deceleration-lane-m", "995"],
+            r"deceleration_lane_m is 995, but must be at most approach_m - 10, 990",
+        ),
+        (["--kind", "exit", "--ramp-m", "90"], r"no --ramp-m: .* kind merge, ramp_to_ramp"),
         (["--kind", "straight", "--vehicle-width-m", "4"], r"must be at most lane_width_m, 3.8"),
     ],
 )
@@ -243,6 +262,21 @@ def test_bad_arguments_are_one_sentence(
     with pytest.raises(ScenarioError, match=reason):
         raise ScenarioError(line)
     assert not (tmp_path / "new").exists()
+
+
+def test_an_exit_of_450_m_can_be_reached_and_a_nearer_one_on_a_slower_road() -> None:
+    assert ExitDescription(approach_m=450.0).plan().road.exit_m == 750.0
+    slow = ExitDescription(approach_m=300.0, speed_limit_m_s=20.0)  # 3 lane changes, 5 s at 20 m/s
+    assert slow.plan().road.exit_m == 600.0
+    with pytest.raises(ScenarioError, match="take 300 m"):
+        replace(slow, approach_m=299.0)
+
+
+def test_settings_with_which_the_ego_cannot_reach_the_exit_are_refused() -> None:
+    lazy = Config().updated("simulation", scenario="exit")
+    lazy = lazy.updated("ego", lane_change_duration_s=12.0)
+    with pytest.raises(ScenarioError, match=r"3 lane changes of 12 s at 30 m/s take 1080 m"):
+        Fleet(load_scenario(find_scenario("exit")), lazy)
 
 
 @dataclass(frozen=True)
