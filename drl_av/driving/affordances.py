@@ -159,10 +159,14 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
         if abs(y_m[row] - left_m) < reach_m and gap_m < gaps_m[4 + rear]:
             gaps_m[4 + rear], rows[4 + rear] = gap_m, row
     partial, front_m = road.partial_lanes, ego_s_m + ego_length_m / 2
+    beside = {side: road.is_open(lane + side) for side in (-1, 1)}
     if partial:
+        for side in beside:  # the front must not have passed the end of the lane
+            both_m = (ego_s_m, front_m)
+            beside[side] = all(road.is_beside(lane, lane + side, at_m) for at_m in both_m)
         for slot, sign in ((0, 0), (2, -1), (4, 1)):
             gap_m = road.lane_end_m(lane + sign, ego_s_m) - front_m
-            if gap_m < gaps_m[slot] and (sign == 0 or road.is_beside(lane, lane + sign, ego_s_m)):
+            if gap_m < gaps_m[slot] and (sign == 0 or beside[sign]):
                 gaps_m[slot], rows[slot] = gap_m, len(y_m)
                 y_m.append(road.center_m(lane + sign))
                 speed.append(0.0)
@@ -186,8 +190,8 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
         right_rear,
         left_front,
         left_rear,
-        right_lane=road.is_beside(lane, lane - 1, ego_s_m) if partial else road.is_open(lane - 1),
-        left_lane=road.is_beside(lane, lane + 1, ego_s_m) if partial else road.is_open(lane + 1),
+        right_lane=beside[-1],
+        left_lane=beside[1],
         lane=lane,
         lane_center_m=road.center_m(lane),
         lane_width_m=road.lane_width_m,

@@ -35,9 +35,20 @@ def test_ego_beside_a_lane_that_ends_sees_its_end_there() -> None:
     assert found.right_front[1:] == (97.5, -20.0, -LANE_M, 0.0)
 
 
-@pytest.mark.parametrize(("s_m", "there"), [(549.0, False), (551.0, True), (800.0, False)])
-def test_lane_beside_counts_only_where_it_is_joined(s_m: float, there: bool) -> None:
+@pytest.mark.parametrize(
+    ("s_m", "there"), [(549.0, False), (551.0, True), (797.4, True), (797.6, False)]
+)
+def test_lane_beside_counts_only_where_it_is_joined_to_the_ego_from_centre_to_front(
+    s_m: float, there: bool
+) -> None:
+    # the front is 2.5 m ahead of the centre, the lane joined from 550 m to 800 m
     assert scene(s_m=s_m, y_m=CENTER, road=MERGE).affordances.right_lane is there
+
+
+def test_a_slow_ego_whose_front_has_passed_the_gore_stays_on_the_off_ramp() -> None:
+    before, after = (scene(s_m=s_m, y_m=RIGHT, road=EXIT) for s_m in (1147.4, 1147.6))
+    assert before.affordances.left_lane
+    assert not after.affordances.left_lane
 
 
 def test_what_lies_behind_is_no_barrier_and_the_gore_is_no_vehicle() -> None:

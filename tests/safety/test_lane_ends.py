@@ -16,12 +16,16 @@ from drl_av.driving.scene import LaneChange, Scene
 from drl_av.safety import named_check
 from drl_av.safety.check import Rule
 from drl_av.safety.strict import Strict
+from drl_av.traffic.ramp_to_ramp import RampToRampDescription
 from drl_av.traffic.road import Road
 
 CONFIG = Config()
 STRICT = Strict(CONFIG.strict, CONFIG.ego, CONFIG.simulation)
 PAPER = named_check(CONFIG)
 ACCELERATE, MAINTAIN = Longitudinal.ACCELERATE, Longitudinal.MAINTAIN
+
+WAY = RampToRampDescription().plan().road
+"""An acceleration lane that ends at 750 m, and an off-ramp that parts at 1,750 m."""
 
 
 def before_the_end(gap_m: float, speed_m_s: float = 20.0) -> Scene:
@@ -80,7 +84,12 @@ def test_under_strict_no_actions_take_the_ego_off_a_road_whose_lanes_end(
     data: st.DataObject,
 ) -> None:
     road, start_m, lane = data.draw(
-        st.sampled_from([(MERGE, 420.0, 0), (MERGE, 600.0, 1), (EXIT, 880.0, 1), (EXIT, 920.0, 0)])
+        st.sampled_from(
+            [
+                *((MERGE, 420.0, 0), (MERGE, 600.0, 1), (EXIT, 880.0, 1), (EXIT, 920.0, 0)),
+                *((EXIT, 1040.0, 1), (EXIT, 1100.0, 0), (WAY, 620.0, 0), (WAY, 1430.0, 1)),
+            ]
+        )
     )
     speed = data.draw(st.floats(0, 30))
     s_m, y_m, v_y, change = start_m, lane * LANE_M, 0.0, None
