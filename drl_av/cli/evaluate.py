@@ -4,18 +4,19 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drl_av.cli.arguments import whole
 from drl_av.cli.settings import driver_words, driving, overridden
 from drl_av.cli.status import INTERRUPTED
 from drl_av.config import Config
 from drl_av.drivers.registry import baselines, default_config, find_drivers
-from drl_av.evaluation import DENSITIES
+from drl_av.errors import ConfigError
+from drl_av.evaluation import DENSITIES, RULE
 
 if TYPE_CHECKING:
     from drl_av.env.metrics import EpisodeResult
@@ -27,6 +28,7 @@ SAVE_EVERY_S = 5.0
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av evaluate`` to its parser."""
+    parser.epilog = RULE
     parser.add_argument(
         "runs", nargs="*", metavar="RUN", help="folders of runs (default: the shipped driver)"
     )
@@ -66,6 +68,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="also measure comfort and how near each episode is to a crash; adds columns to --out",
     )
+    parser.add_argument(
+        "--require-pass",
+        action="store_true",
+        help="end with status 1 if a driver fails beside the rule-based ones; see below",
+    )
     parser.add_argument("--json", type=Path, metavar="FILE.json", help="write the summary")
     driving(parser, "the first RUN's")
 
@@ -80,6 +87,7 @@ def evaluate(options: argparse.Namespace) -> int:
     from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
     from drl_av.evaluation.comparison import Evaluation
     from drl_av.evaluation.criticality import CriticalityMetrics, CriticalityResult, styles
+    from drl_av.evaluation.judgement import judge
     from drl_av.evaluation.statistics import overall, summarize, write_summaries
     from drl_av.files import require_suffix, require_writable, write_table
 
@@ -89,6 +97,8 @@ def evaluate(options: argparse.Namespace) -> int:
     require_suffix(options.out, ".csv")
     require_suffix(options.json, ".json")
     specs = find_drivers(words or ["pretrained"])
+    if options.require_pass:
+        _require_rivals([spec.name for spec in specs])
     config = overridden(default_config(specs), options)
     seeds = range(options.seed, options.seed + options.episodes)
     metrics = CriticalityMetrics if options.criticality else EpisodeMetrics
@@ -119,9 +129,15 @@ def evaluate(options: argparse.Namespace) -> int:
     elif rows and kept != options.out:
         print(f"drl-av: {options.out} is unchanged; the new rows are in {kept}.", file=sys.stderr)
     rules = baselines(row.driver for row in rows)
-    overalls = overall(rows, rules) if status == 0 else []
+    overalls, judgements = (overall(rows, rules), judge(rows)) if status == 0 else ([], [])
     if rows and options.json:
-        write_summaries(options.json, summarize(rows), overalls, styles(rows))
+        parts: dict[str, Iterable[Any]] = {
+            "by_vehicles": summarize(rows),
+            "overall": overalls,
+            "criticality": styles(rows),
+            "judgements": judgements,
+        }
+        write_summaries(options.json, parts)
     if options.out and status == 0:
         _write_provenance(options, config)
     if rows:
@@ -132,7 +148,22 @@ def evaluate(options: argparse.Namespace) -> int:
         print_overall(overalls)
     if found_styles := styles(rows):
         print_styles(found_styles)
-    return status
+    for judgement in judgements:
+        print(judgement)
+    if status == 0 and not rules:
+        print("For pass or fail drive a rule-based driver beside it, such as --driver gap-mobil.")
+    failed = not all(judgement.passed for judgement in judgements)
+    return 1 if failed and options.require_pass else status
+
+
+def _require_rivals(names: Sequence[str]) -> None:
+    """Raise ConfigError unless there is a rule-based driver and another one to judge."""
+    rules = baselines(names)
+    if not rules or len(rules) == len(names):
+        raise ConfigError(
+            "--require-pass compares a driver with a rule-based one, but the drivers are "
+            f"{', '.join(names)}: name one of each kind, such as pretrained --driver gap-mobil."
+        )
 
 
 def _write_provenance(options: argparse.Namespace, config: Config) -> None:

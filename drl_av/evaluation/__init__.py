@@ -2,3 +2,12 @@
 
 DENSITIES = (1, 5, 10, 15, 20, 25, 30)
 """The numbers of vehicles around the ego in the published tables (docs/results)."""
+
+RULE = (
+    "A driver passes if, over all episodes, it is faster than the fastest rule-based driver beside "
+    "it (the 95 percent interval of the gain, paired by traffic, lies above 0), if its ego hits "
+    "something in no more episodes than with any rule-based driver, and if it brakes hard no more "
+    "often in a kilometre than the fastest one; with --criticality also only if no smaller a share "
+    "of its decisions is within nuPlan's bounds of comfort."
+)
+"""The criterion in words, for the help and the documentation."""

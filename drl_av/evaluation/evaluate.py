@@ -16,9 +16,19 @@ from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.errors import ConfigError
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.criticality import CriticalityMetrics
+from drl_av.evaluation.judgement import Judgement, judge
 
 Word = str | Path
 """A driver as the user names it on the command line, for example ``"idm"`` or a run's folder."""
+
+
+class Results(list[EpisodeResult]):
+    """The results of an evaluation: a list of episodes."""
+
+    @property
+    def judgements(self) -> list[Judgement]:
+        """Whether each driver passes beside the rule-based ones; empty without one of these."""
+        return judge(self)
 
 
 def evaluate(
@@ -34,7 +44,7 @@ def evaluate(
     safety_check: str | None = None,
     traffic: str | None = None,
     criticality: bool = False,
-) -> list[EpisodeResult]:
+) -> Results:
     """Drive each driver through the same traffic, as ``drl-av evaluate`` does, and return results.
 
     Args:
@@ -57,7 +67,8 @@ def evaluate(
             ``--criticality``.
 
     Returns:
-        One EpisodeResult for each episode, ordered by number of vehicles, then seed, then driver.
+        One EpisodeResult for each episode, ordered by number of vehicles, then seed, then driver;
+            a list whose ``judgements`` say which drivers pass beside the rule-based ones.
 
     Raises:
         ConfigError, ScenarioError: an argument is wrong, or the vehicles do not fit on the road.
@@ -89,7 +100,7 @@ def evaluate(
     seeds = range(seed, seed + episodes)
     evaluation = Evaluation(located(settings), specs, numbers, seeds, metrics)
     with closing(evaluation.rows(jobs)) as rows:
-        return list(rows)
+        return Results(rows)
 
 
 def _is_several(drivers: object) -> TypeGuard[Iterable[Word]]:

@@ -2,9 +2,9 @@
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from drl_av.evaluation.aggregates import (
     performance_profile,
     probability_of_improvement,
 )
-from drl_av.evaluation.criticality import Style
 from drl_av.files import write_whole
 from drl_av.traffic.road import FloatArray
 
@@ -142,18 +141,8 @@ def _profile(strata: Sequence[FloatArray]) -> dict[int, float]:
     return dict(zip(thresholds, performance_profile(strata, thresholds).tolist(), strict=True))
 
 
-def write_summaries(
-    path: Path,
-    summaries: Iterable[Summary],
-    overalls: Iterable[Overall] = (),
-    styles: Iterable[Style] = (),
-) -> None:
-    """Write the summaries as a JSON object of lists; raises DrlAvError if the write fails."""
-    parts: dict[str, Iterable[Summary | Overall | Style]] = {
-        "by_vehicles": summaries,
-        "overall": overalls,
-        "criticality": styles,
-    }
+def write_summaries(path: Path, parts: Mapping[str, Iterable[Any]]) -> None:
+    """Write named lists of NamedTuples as a JSON object; raises DrlAvError if the write fails."""
     objects = {
         part: [{name: _plain(value) for name, value in each._asdict().items()} for each in found]
         for part, found in parts.items()

@@ -208,7 +208,7 @@ def test_interval_of_a_known_sample() -> None:
 
 def test_one_episode_has_no_interval(tmp_path: Path) -> None:
     assert mean_with_interval([3.0]) == Mean(3.0, math.inf)
-    write_summaries(tmp_path / "one.json", summarize([ROW]))
+    write_summaries(tmp_path / "one.json", {"by_vehicles": summarize([ROW])})
     [summary] = json.loads((tmp_path / "one.json").read_text())["by_vehicles"]
     assert summary["speed_m_s"] == {"mean": 20.0, "ci95_half_width": None}
 
@@ -353,7 +353,8 @@ def test_the_overall_statistics_compare_each_driver_with_the_fastest_baseline() 
 
 def test_the_json_has_the_statistics_by_vehicles_and_overall(tmp_path: Path) -> None:
     rows = [ROW, replace(ROW, driver="mine", mean_speed_m_s=21.0)]
-    write_summaries(tmp_path / "both.json", summarize(rows), overall(rows, ["idm"]))
+    parts = {"by_vehicles": summarize(rows), "overall": overall(rows, ["idm"])}
+    write_summaries(tmp_path / "both.json", parts)
     found = json.loads((tmp_path / "both.json").read_text())
     assert [each["vehicles"] for each in found["by_vehicles"]] == [5, 5]
     idm, mine = found["overall"]

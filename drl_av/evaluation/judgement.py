@@ -1,0 +1,134 @@
+"""The criterion for "trained": whether a driver passes beside the rule-based drivers (ours)."""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from drl_av.drivers.registry import baselines
+from drl_av.env.metrics import EpisodeResult
+from drl_av.errors import DrlAvError
+from drl_av.evaluation.criticality import CriticalityResult
+from drl_av.evaluation.statistics import Mean, fastest, mean_with_interval
+
+
+class Judgement(NamedTuple):
+    """Whether a driver passes beside the rule-based drivers, and the numbers that decide it."""
+
+    driver: str
+    over: str
+    """The fastest rule-based driver."""
+    gain_m_s: Mean
+    """Gain in mean speed over it, paired by traffic."""
+    ego_hits: int
+    fewest_ego_hits: int
+    """Episodes in which the ego hit something, of the rule-based driver with the fewest."""
+    hard_brakes_per_km: float
+    their_hard_brakes_per_km: float
+    comfortable_percent: float | None
+    """Share of decisions within nuPlan's bounds; None without ``--criticality``."""
+    their_comfortable_percent: float | None
+    failures: tuple[str, ...]
+    """The conditions that it does not meet: ``speed``, ``collisions``, ``comfort``."""
+    passed: bool
+    """Whether it meets all three."""
+
+    def __str__(self) -> str:
+        result = "PASS" if self.passed else f"FAIL ({', '.join(self.failures)})"
+        comfort = ""
+        if self.comfortable_percent is not None:
+            comfort = (
+                f"\n  comfortable decisions {self.comfortable_percent:.1f} % "
+                f"({self.their_comfortable_percent:.1f} %)"
+            )
+        return (
+            f"{self.driver}: {result} against {self.over}\n"
+            f"  gain in speed {self.gain_m_s} m/s\n"
+            f"  episodes in which the ego hit something {self.ego_hits} (rule-based: "
+            f"{self.fewest_ego_hits})\n  hard brakes in a kilometre {self.hard_brakes_per_km:.2f} "
+            f"({self.their_hard_brakes_per_km:.2f})"
+            f"{comfort}"
+        )
+
+
+def judge(rows: Iterable[EpisodeResult]) -> list[Judgement]:
+    """Judge each driver that is no rule-based one by ``drl_av.evaluation.RULE``.
+
+    The list is empty without a rule-based driver.
+
+    Raises:
+        DrlAvError: a driver and the fastest rule-based one did not drive the same traffic.
+    """
+    drives: dict[str, list[EpisodeResult]] = {}
+    for row in rows:
+        drives.setdefault(row.driver, []).append(row)
+    rules = baselines(drives)
+    best = fastest((row for own in drives.values() for row in own), rules)
+    if best is None:
+        return []
+    fewest = min(_hits(drives[name]) for name in rules)
+    return [
+        _judgement(name, own, best, drives[best], fewest)
+        for name, own in drives.items()
+        if name not in rules
+    ]
+
+
+def _judgement(
+    name: str,
+    ours: Sequence[EpisodeResult],
+    best: str,
+    theirs: Sequence[EpisodeResult],
+    fewest: int,
+) -> Judgement:
+    gain = _gain(name, ours, best, theirs)
+    brakes, their_brakes = _hard_brakes_per_km(ours), _hard_brakes_per_km(theirs)
+    comfort, their_comfort = _comfortable_percent(ours), _comfortable_percent(theirs)
+    conditions = {
+        "speed": gain.value - gain.half_width > 0,
+        "collisions": _hits(ours) <= fewest,
+        "comfort": brakes <= their_brakes and (comfort or 0.0) >= (their_comfort or 0.0),
+    }
+    failures = tuple(condition for condition, holds in conditions.items() if not holds)
+    return Judgement(
+        driver=name,
+        over=best,
+        gain_m_s=gain,
+        ego_hits=_hits(ours),
+        fewest_ego_hits=fewest,
+        hard_brakes_per_km=brakes,
+        their_hard_brakes_per_km=their_brakes,
+        comfortable_percent=comfort,
+        their_comfortable_percent=their_comfort,
+        failures=failures,
+        passed=not failures,
+    )
+
+
+def _gain(
+    name: str, ours: Sequence[EpisodeResult], best: str, theirs: Sequence[EpisodeResult]
+) -> Mean:
+    """Return the mean difference of speeds in the same traffic, over all numbers of vehicles."""
+    speeds = [
+        {(row.vehicles, row.seed): row.mean_speed_m_s for row in rows} for rows in (ours, theirs)
+    ]
+    if speeds[0].keys() != speeds[1].keys():
+        raise DrlAvError(
+            f"{name} and {best} did not drive the same traffic: evaluate them together."
+        )
+    return mean_with_interval(speeds[0][traffic] - speeds[1][traffic] for traffic in speeds[0])
+
+
+def _hits(rows: Iterable[EpisodeResult]) -> int:
+    return sum(row.ego_hit for row in rows)
+
+
+def _hard_brakes_per_km(rows: Sequence[EpisodeResult]) -> float:
+    driven_m = sum(row.mean_speed_m_s * row.decisions for row in rows)  # a decision takes 1 s
+    return 1000 * sum(row.hard_brakes for row in rows) / max(driven_m, 1.0)
+
+
+def _comfortable_percent(rows: Sequence[EpisodeResult]) -> float | None:
+    measured = [row for row in rows if isinstance(row, CriticalityResult)]
+    if not measured:
+        return None
+    decisions = sum(row.decisions for row in measured)
+    return 100 * sum(row.comfortable_decisions for row in measured) / decisions
