@@ -66,7 +66,7 @@ class PlannerDriver:
     def _open_lanes(self, scene: Scene) -> BoolArray:
         """Return which lanes are open; a lane not seen yet is open if it contains vehicles."""
         seen = scene.affordances
-        self._open |= {seen.lane - 1: seen.right_lane, seen.lane + 1: seen.left_lane}
+        self._open |= {seen.lane - 1: _has_right(seen), seen.lane + 1: seen.left_lane}
         self._open[seen.lane] = True
         used = np.round(scene.snapshot.y_m / seen.lane_width_m).astype(int)
         last = max(int(used.max()), *(lane for lane, is_open in self._open.items() if is_open))
@@ -90,7 +90,7 @@ class PlannerDriver:
         if self._decisions % DECISIONS_PER_PLAN == 0:
             seen = scene.affordances
             is_changing = scene.lane_change is not None
-            plans = np.vstack([usable_plans(is_changing, seen.right_lane, seen.left_lane), rest])
+            plans = np.vstack([usable_plans(is_changing, _has_right(seen), seen.left_lane), rest])
             ego = self._egos(scene, len(plans))
             scores = forecaster.scores(ego, self._sign, plans, self._prices)
             scores[-1] += self._prices.change_of_plan
@@ -112,12 +112,21 @@ class PlannerDriver:
     def _action(self, scene: Scene, choice: Choice) -> Action:
         rate, change = float(choice.acceleration_m_s2[0]), scene.lane_change
         side = int(choice.begins[0])
+        side *= scene.affordances.has_lane(side)
         if change is not None and choice.aborts[0]:
             side = -change.sign
         by_model = self._ego.longitudinal_reference != "acceleration"
         if by_model and rate > -self._ego.brake_m_s2:
             return Action(toward(side), Longitudinal.ACCELERATE)
         return Action(toward(side), nearest_action(rate, self._ego))
+
+
+def _has_right(seen: Affordances) -> bool:
+    """Return whether plans may use a lane to the right, the lane of an exit before it begins too.
+
+    Otherwise the ego would brake until the lane begins, because no plan leaves by the exit.
+    """
+    return seen.right_lane or seen.mandatory.lanes < 0
 
 
 def _ahead(others: Others, seen: Affordances) -> Ahead:

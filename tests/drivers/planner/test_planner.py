@@ -1,10 +1,12 @@
 """The driver ``planner`` in scenes by hand, and in SUMO."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 from worlds import (
     ALONE,
+    EXIT,
     LANE_M,
     LEFT,
     MERGE,
@@ -89,6 +91,14 @@ def test_under_strict_it_completes_a_change_ahead_of_a_vehicle_that_must_stay_be
     strict = PlannerDriver(CONFIG.updated("safety", check="strict"))
     assert act(close, strict).lateral is Lateral.KEEP
     assert act(close).lateral is Lateral.RIGHT
+
+
+def test_it_drives_on_to_the_exit_and_changes_where_its_lane_has_begun() -> None:
+    # the lane of the exit begins at 900 m, and can be entered up to 1,150 m
+    road = replace(EXIT, exit_m=1150.0)
+    early, before, beside = (scene(s_m=s, y_m=LANE_M, road=road) for s in (600.0, 880.0, 910.0))
+    assert act(early) == act(before) == Action(Lateral.KEEP, Longitudinal.ACCELERATE)
+    assert act(beside).lateral is Lateral.RIGHT
 
 
 def test_on_its_way_it_takes_the_gap_that_braking_opens() -> None:
