@@ -74,6 +74,8 @@ def test_a_vehicle_that_brakes_arrives_later_than_its_time_gap_says() -> None:
 def test_the_loop_s_origin_lies_between_them() -> None:
     first, second = track([15.0, 35.0, 55.0]), track([490.0, 10.0, 30.0])
     assert post_encroachment_time(first, second, LOOP_M) == pytest.approx(1.0)
+    crossing = track([0.0, 10.0]), track([485.0, 499.0])  # 10 m apart at first, 14 m/s behind
+    assert post_encroachment_time(*crossing, LOOP_M) == pytest.approx(10 / 14)
     lengths = track([15.0, 35.0, 55.0], length_m=15.0)  # 5 m less between them
     assert post_encroachment_time(lengths, second, LOOP_M) == pytest.approx(0.75)
 
