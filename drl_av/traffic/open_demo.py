@@ -3,6 +3,7 @@
 import xml.etree.ElementTree as ET
 from typing import Any
 
+from drl_av.config import TrafficConfig
 from drl_av.traffic.kind import OpenPlan, route_on
 from drl_av.traffic.network import DEMO_END_S, vehicle_element
 from drl_av.traffic.population import EGO_ID
@@ -49,7 +50,12 @@ def _place(root: ET.Element, description: Any, plan: OpenPlan) -> None:
 
 
 def _let_enter(root: ET.Element, description: Any, plan: OpenPlan) -> None:
-    """Add an inflow in each lane, and the ego, which enters later."""
+    """Add an inflow in each lane, and the ego, which enters later.
+
+    The vehicles have the mean desired speed of the environment's default traffic.
+    """
+    traffic, limit_m_s = TrafficConfig(), description.speed_limit_m_s
+    desired_m_s = (traffic.desired_speed_min_m_s + traffic.desired_speed_max_m_s) / 2
     first, *_, last = [*plan.routes, *plan.routes]
     lanes = {edge.id: edge.lanes for edge in plan.edges}
     entry, ego_entry = (lanes[plan.routes[name][0]] for name in (first, last))
@@ -65,6 +71,7 @@ def _let_enter(root: ET.Element, description: Any, plan: OpenPlan) -> None:
             vehsPerHour=repr(description.flow_per_h),
             departLane=str(lane - entry[0]),
             departSpeed="max",
+            speedFactor=f"{min(desired_m_s / limit_m_s, 1.0):.4f}",
         )
     ET.SubElement(
         root,

@@ -167,6 +167,23 @@ def test_vehicles_placed_on_an_open_road_are_its_demo_traffic_in_plain_sumo(tmp_
     assert {v.attrib["id"] for moment in rest for v in moment} == set(shown)
 
 
+def test_the_inflow_of_plain_sumo_drives_as_fast_as_the_environment_s_traffic(
+    tmp_path: Path,
+) -> None:
+    # the mean of 20 to 32 m/s, not the speed limit, at which they hit each other at the ramp
+    dense = MergeDescription(lanes=2, flow_per_h=1200.0, ramp_m=50.0)
+    write_scenario(tmp_path / "dense", dense)
+    sumo, states = program("netconvert").with_name("sumo"), tmp_path / "states.xml"
+    words = ["-c", tmp_path / "dense" / "highway.sumocfg", "--end", "400", "--no-step-log"]
+    done = subprocess.run(
+        [sumo, *words, "--fcd-output", states], capture_output=True, text=True, check=True
+    )
+    assert done.stderr == ""
+    vehicles = [vehicle.attrib for moment in ET.parse(states).getroot() for vehicle in moment]
+    fastest = max(float(each["speed"]) for each in vehicles if each["id"] != "ego")
+    assert fastest == pytest.approx(26.0, abs=0.01)
+
+
 @pytest.mark.parametrize("kind", OPEN_KINDS)
 def test_what_is_written_reads_back_equal_and_to_the_same_bytes(
     kind: str, folder: Callable[[str], Path], tmp_path: Path
