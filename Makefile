@@ -78,6 +78,8 @@ results: setup
 	$(call text,sumo_approaches.txt,-m verification.approaches)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[benchmark]'
 	$(call text,crash_rate.txt,-m verification.crash_rate --tests 20000)
+	$(call text,own_hits.txt,-m verification.own_hits --tests 120000 --jobs 2)
+	$(call text,sharper.txt,-m verification.sharper)
 	$(BIN)/python -m verification.shielding --out docs/results/shielding.csv
 	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
 	$(BIN)/python tools/draw_drive.py docs/drive.gif

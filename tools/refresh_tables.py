@@ -17,9 +17,10 @@ from docs_pages import actions, observation
 from drl_av.experiments.experiment import Results
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.registry import EXPERIMENTS
-from verification import shielding_report
+from verification import crash_rate, shielding_report
 
 ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "docs" / "results"
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 
 
@@ -33,10 +34,25 @@ def experiment_table(results: Results) -> str:
     return markdown_table(["command", "what it holds", "a row", "files"], lines)
 
 
+def read(name: str) -> str:
+    """Return the text of a file of docs/results."""
+    return (RESULTS / name).read_text(encoding="utf-8")
+
+
+def printed(name: str) -> str:
+    """Return what a command printed into a file of docs/results, as Markdown, if it is there."""
+    if not (RESULTS / name).exists():
+        return "*This has not been made yet.*"
+    return f"```text\n{read(name).rstrip()}\n```"
+
+
 TABLES: dict[str, Callable[[Results], str]] = {
     "observation": lambda results: observation(),
     "actions": lambda results: actions(),
     "experiments": experiment_table,
+    "crash_rate": lambda results: crash_rate.table(read("crash_rate.txt")),
+    "own_hits": lambda results: printed("own_hits.txt"),
+    "sharper": lambda results: printed("sharper.txt"),
     "shielding": shielding_report.section,
 } | {name: table for each in EXPERIMENTS.values() for name, table in each.summaries.items()}
 
@@ -49,7 +65,7 @@ def refreshed(page: str, shown: set[str]) -> str:
         shown.add(name)
         if name not in TABLES:
             raise SystemExit(f"There is no table {name!r}; the tables are: {', '.join(TABLES)}.")
-        return f"{match[1]}{TABLES[name](Results(ROOT / 'docs' / 'results'))}\n{match[3]}"
+        return f"{match[1]}{TABLES[name](Results(RESULTS))}\n{match[3]}"
 
     marks = r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)"
     return re.sub(marks, fresh, page, flags=re.DOTALL)

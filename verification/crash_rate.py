@@ -12,6 +12,7 @@ change lanes within one second, and have other steering and gaps than in ``natur
 """
 
 import argparse
+import re
 import sys
 import time
 from typing import NamedTuple
@@ -23,11 +24,12 @@ from drl_av.drivers.driver import Driver
 from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import load_driver
 from drl_av.driving.affordances import ObservationScale
+from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.provenance import made_by
 from drl_av.experiments.strictness import under
 from drl_av.traffic.road import FloatArray
 from verification.falsify import check_of
-from verification.kinematic_simulator import ROAD, IntArray, World
+from verification.kinematic_simulator import ROAD, BatchCheck, IntArray, World
 from verification.naturalistic import (
     ADVERSARY,
     CARELESS_SHARE,
@@ -121,25 +123,23 @@ def run(
     that the check requires.
     """
     batches = [range(first, min(first + BATCH, tests)) for first in range(0, tests, BATCH)]
-    parts = [
-        _batch(config, len(each), frequencies, (seed, each.start), careless, people)
-        for each in batches
-    ]
+    check = check_of(config)
+    parts = []
+    for each in batches:
+        rng = np.random.default_rng((seed, each.start))
+        world = starts(len(each), config, rng)
+        parts.append(drive(config, world, people(world, frequencies, rng, careless), check))
     return Outcome(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def _batch(
-    config: Config,
-    size: int,
-    frequencies: Frequencies,
-    seed: tuple[int, int],
-    careless: float,
-    people: type[Traffic],
-) -> list[FloatArray]:
-    rng, driver, check = np.random.default_rng(seed), load_driver(PRETRAINED), check_of(config)
+def drive(config: Config, world: World, traffic: Traffic, check: BatchCheck) -> Outcome:
+    """Let the shipped driver drive the scenes of a world under a check; return the results.
+
+    The world changes in place.
+    """
+    size, driver, mover = len(world.x_m), load_driver(PRETRAINED), UnboundedMover(config)
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, ROAD)
-    world, mover = starts(size, config, rng), UnboundedMover(config)
-    traffic, begin_m = people(world, frequencies, rng, careless), world.x_m[:, 0].copy()
+    begin_m = world.x_m[:, 0].copy()
     weights, unanswered = np.ones(size), np.zeros(size)
     for _ in range(SECONDS):
         executed = check(world, proposals(world, driver, scale))
@@ -151,7 +151,8 @@ def _batch(
     hits = np.zeros((2, size))
     for row, collision in world.collisions.items():
         hits[0 if collision.kind.ego_hit else 1, row] = 1.0
-    return [weights, *hits, (world.x_m[:, 0] - begin_m) / 1000, unanswered]
+    km = (world.x_m[:, 0] - begin_m) / 1000
+    return Outcome(weights, hits[0], hits[1], km, unanswered)
 
 
 def report(check: str, outcome: Outcome) -> str:
@@ -167,6 +168,34 @@ def report(check: str, outcome: Outcome) -> str:
         f"  decisions without a permitted action: {int(outcome.unanswered.sum())}; mean weight "
         f"{outcome.weights.mean():.3f}"
     )
+
+
+ENTRY = re.compile(
+    r"^(\w+): \d+ tests of ([\d.]+) km.*\n  crashes per test (.*)\n"
+    r"  the ego hits a vehicle (.*), so more than ([\d,]+|inf) km",
+    re.MULTILINE,
+)
+"""What ``report`` prints of a check: name, km of a test, crashes, own hits, km between those."""
+
+
+def table(printed: str) -> str:
+    """Return the Markdown table of what this program printed; each interval is one of 95 %."""
+    names = [
+        "careless",
+        "check",
+        "crashes per test",
+        "crashes per km",
+        "the ego's own hits per test",
+    ]
+    lines = []
+    for part in re.split(r"^(?=[\d.]+ % of the lane changes)", printed, flags=re.MULTILINE)[1:]:
+        for check, km, crashes, own, between in ENTRY.findall(part):
+            numbers = [
+                float(number) / float(km) for number in re.findall(r"[\d.]+e[-+]\d+", crashes)
+            ]
+            share = f"{part.split(' ', 1)[0]} %"
+            lines.append([share, check, crashes, str(Rate(*numbers)), own, between])
+    return markdown_table([*names, "km between those, more than"], lines)
 
 
 def main() -> int:

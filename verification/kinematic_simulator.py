@@ -160,7 +160,7 @@ class Mover:
         x_m, y_m = world.x_m, world.y_m
         world.x_m = np.where(going[:, None], world.x_m + moved * self.step_s, world.x_m)
         world.speed_m_s = np.where(going[:, None], speed, world.speed_m_s)
-        self._sideways(world, self._permitted_side(world, orders.side, rate), going)
+        self._sideways(world, self._permitted_side(world, orders.side, rate, x_m), going)
         self._collide(world, x_m, y_m, going)
 
     def _collide(
@@ -182,8 +182,14 @@ class Mover:
             starts, ends = (from_x_m[row], from_y_m[row]), (world.x_m[row], world.y_m[row])
             world.collisions[row] = first_collision(starts, ends, *sizes_m)
 
-    def _permitted_side(self, world: World, side: FloatArray, rate: FloatArray) -> FloatArray:
-        """Return the sides that the others command, 0 where bound 3 of ``strict`` forbids them."""
+    def _permitted_side(
+        self, world: World, side: FloatArray, rate: FloatArray, from_x_m: FloatArray
+    ) -> FloatArray:
+        """Return the sides that the others command, 0 where bound 3 of ``strict`` forbids them.
+
+        Nobody may be beside a vehicle that begins, at any time of the step from ``from_x_m`` on: a
+        fast movement would otherwise touch a vehicle that is passed in this step.
+        """
         strict, ego = self._config.strict, self._config.ego
         y_m, width_m = world.y_m[:, 1:], ROAD.lane_width_m
         lane = _bound_for(y_m, side)
@@ -199,7 +205,9 @@ class Mover:
         n = y_m.shape[1]
         there[:, np.arange(1, n + 1), np.arange(n)] = False
         lead_m = world.x_m[:, None, 1:] - world.x_m[:, :, None]
-        beside = (there & (np.abs(lead_m) <= LENGTH_M)).any(axis=1)
+        from_m = from_x_m[:, None, 1:] - from_x_m[:, :, None]
+        nearest_m = np.minimum(np.abs(lead_m), np.abs(from_m)) * (lead_m * from_m > 0)
+        beside = (there & (nearest_m <= LENGTH_M)).any(axis=1)
         behind_m = np.where(there & (lead_m > 0), lead_m, np.inf)
         follower = behind_m.argmin(axis=1)
         gap_m = behind_m.min(axis=1) - LENGTH_M

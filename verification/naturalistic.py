@@ -73,7 +73,9 @@ class UnboundedMover(Mover):
         fastest = {"lateral_speed_m_s": LATERAL_LIMITS_M_S[1]}
         super().__init__(config.updated("strict", **bounds, **fastest))
 
-    def _permitted_side(self, world: World, side: FloatArray, rate: FloatArray) -> FloatArray:
+    def _permitted_side(
+        self, world: World, side: FloatArray, rate: FloatArray, from_x_m: FloatArray
+    ) -> FloatArray:
         return side
 
     def _staying_behind(self, world: World, wanted: FloatArray) -> FloatArray:

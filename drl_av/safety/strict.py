@@ -12,8 +12,9 @@ vehicle types of our scenarios keep to them.
 1. *Braking.* A vehicle brakes at most with ``braking_m_s2``. The ego brakes no harder than that.
 2. *Lateral speed.* A vehicle moves sideways at most at ``lateral_speed_m_s``.
 3. *Cutting in.* A vehicle begins to move sideways into a lane only if no vehicle is beside it in
-   that lane, and only if the next vehicle behind it in that lane can stop behind it. The ego can
-   stop behind it if the gap is larger than ``cut_in_gap``; the ego then executes its present action
+   that lane at any time of this SUMO step, and only if the next vehicle behind it in that lane can
+   stop behind it. The ego can do so
+   if the gap is larger than ``cut_in_gap``; the ego then executes its present action
    for one decision more, and brakes hard. A vehicle within ``ARRIVED_M`` of the centre of a lane
    has not begun to leave that lane. When it passes the centre of a lane, a new movement begins. A
    vehicle that is not faster sideways than ``STILL_M_S`` stands still: a movement begins when it

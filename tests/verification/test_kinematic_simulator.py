@@ -95,3 +95,21 @@ def test_one_that_creeps_beside_the_ego_stands_still_for_bound_3(
     told = NOTHING._replace(side=np.array([[side]]))
     _, places_m = next(Mover(STRICT).steps(world, NOTHING.proposal, told))
     assert bool(places_m[0, 1] != y_m) is goes
+
+
+def test_nobody_begins_to_move_in_while_the_ego_passes() -> None:
+    # at 3.5 m/s its side would touch the ego's in the step in which the ego passes it
+    config = STRICT.updated("strict", lateral_speed_m_s=3.5)
+    right = Orders(np.zeros(1, np.int64), np.zeros((1, 1)), np.full((1, 1), -1.0))
+    # the ego comes 12.5 m nearer in a step: it ends 0.1 m ahead, or 1.5 m, or is past already
+    for ahead_m, moves in ((7.4, False), (6.0, False), (-5.1, True)):
+        world = placed(
+            LANE, np.array([30.0]), np.array([[ahead_m]]), np.array([[2]]), np.array([[5.0]])
+        )
+        world.y_m[:, 1] = 7.2
+        sides = [
+            places_m[0, 1] for _, places_m in Mover(config).steps(world, right.proposal, right)
+        ]
+        assert bool(sides[0] < 7.2) is moves
+        assert sides[1] < 7.2
+        assert not world.collisions

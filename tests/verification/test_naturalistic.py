@@ -158,3 +158,19 @@ def test_tests_are_reproducible_and_their_starts_are_the_same_for_every_check(
     assert (first.km > 0.04).all()
     assert (first.km <= 0.0901).all()
     assert "6 tests" in report("strict", first)
+
+
+def test_the_table_of_the_documentation_is_what_the_program_prints() -> None:
+    hit, none, one = np.array([1.0, 0.0]), np.zeros(2), np.ones(2)
+    found = crash_rate.Outcome(one, hit, none, 0.5 * one, none)
+    printed = f"1 % of the lane changes are careless\n{report('paper', found)}\n"
+    printed += (
+        f"50 % of the lane changes are careless\n{report('real', found._replace(ego_hit=none))}"
+    )
+    # one of two: 0.5 and 1.96 * 0.7071 / 1.4142 to both sides; twice that a km
+    assert crash_rate.table(printed).splitlines()[2:] == [
+        "| 1 % | paper | 5.00e-01 (0.00e+00 to 1.48e+00) | 1.00e+00 (0.00e+00 to 2.96e+00) "
+        "| 5.00e-01 (0.00e+00 to 1.48e+00) | 0 |",
+        "| 50 % | real | 0.00e+00 (0.00e+00 to 1.50e+00) | 0.00e+00 (0.00e+00 to 3.00e+00) "
+        "| 0.00e+00 (0.00e+00 to 1.50e+00) | 0 |",
+    ]
