@@ -4,7 +4,7 @@ BIN := .venv/bin
 DEMO := demo
 DENSITIES := 1 5 10 15 20 25 30
 
-.PHONY: setup demo test lint prove docs rllib pretrained level_1 results clean
+.PHONY: setup demo test lint prove docs rllib crime pretrained level_1 results clean
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
@@ -40,6 +40,13 @@ rllib:
 	grep -v '^gymnasium==' constraints.txt > $(RLLIB)/constraints.txt
 	$(RLLIB)/bin/python -m pip install --quiet -c $(RLLIB)/constraints.txt 'ray[rllib]' -e .
 	$(RLLIB)/bin/python examples/rllib_ppo.py 2
+
+# TTC and DRAC beside commonroad-crime, in a virtual environment of its own (1 GB, minutes).
+CRIME ?= $(HOME)/.cache/drl-av/crime
+crime: setup
+	$(PYTHON) -m venv $(CRIME)
+	$(CRIME)/bin/python -m pip install --quiet commonroad-crime==0.4.5
+	CRIME_PYTHON=$(CRIME)/bin/python $(BIN)/python -m pytest tests/test_crime.py
 
 # The argument of the check strict, lemma by lemma (seconds).
 prove: setup
