@@ -34,7 +34,7 @@ SUMMED_OVER = 10_000
 """Number of episodes of which a row of the table in the documentation holds the means."""
 FILTERED_OVER = 10_000
 """Number of episodes in the moving average of Sec. IV-D of the paper."""
-LABELS = {"adaptation": "goes on learning", "no_adaptation": "does not"}
+LABELS = {"adaptation": "continual adaptation", "no_adaptation": "no adaptation"}
 COLORS = {"adaptation": "#d55e00", "no_adaptation": "#000000"}
 
 

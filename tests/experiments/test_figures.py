@@ -217,8 +217,8 @@ def test_adaptation_figure_draws_both() -> None:
     ]
     [axes] = adaptation_figure(rows_of(names + "".join(lines))).axes
     drawn = {line.get_label(): list(line.get_ydata()) for line in axes.lines}
-    assert drawn["goes on learning"] == [3, 3]
-    assert drawn["does not"] == [5, 5]
+    assert drawn["continual adaptation"] == [3, 3]
+    assert drawn["no adaptation"] == [5, 5]
 
 
 def test_a_folder_yields_the_figures_whose_tables_it_has(tmp_path: Path) -> None:
