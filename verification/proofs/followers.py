@@ -60,7 +60,7 @@ def pair(p: Problem, a: Argument) -> tuple[Term, Term, Term]:
     return ego, p.unknown("follower_speed", 0, a.others_most_m_s), gap_m
 
 
-def rolls(p: Problem, follower: Term, left: int, a: Argument) -> Term:
+def until_standstill(p: Problem, follower: Term, left: int, a: Argument) -> Term:
     """Return the longest distance that a vehicle behind can cover until it stands, m.
 
     It accelerates for ``left`` more SUMO steps and then brakes as the check expects.
@@ -81,7 +81,7 @@ def permitted(a: Argument, rate: Fraction, responds: int, delay_s: Fraction) -> 
     p.unknown("rate", rate, rate)
     reach_m = reach(p.largest, speed, rate, a.steps, a)
     p.assume(reach_m > must_reach(p.largest, gap_m, follower, delay_s, a))
-    return p.follows(gap_m + reach_m > rolls(p, follower, responds, a))
+    return p.follows(gap_m + reach_m > until_standstill(p, follower, responds, a))
 
 
 def crossing(a: Argument, rate: Fraction, over: int, crosses_s: Fraction) -> Claim:
@@ -112,9 +112,11 @@ def rolling(a: Argument, left: int) -> Claim:
     """
     p = Problem()
     follower, distance_m = p.unknown("follower_speed", 0, a.others_most_m_s), p.unknown("distance")
-    p.assume(distance_m > rolls(p, follower, left, a))
+    p.assume(distance_m > until_standstill(p, follower, left, a))
     after = any_faster(p, follower, 1, a) if left else braked(p, follower, a)
-    return p.follows(distance_m - a.step_s * after > rolls(p, after, max(left - 1, 0), a))
+    return p.follows(
+        distance_m - a.step_s * after > until_standstill(p, after, max(left - 1, 0), a)
+    )
 
 
 def farther(a: Argument, left: int) -> Claim:
@@ -125,7 +127,7 @@ def farther(a: Argument, left: int) -> Claim:
     p = Problem()
     ego, follower, _ = pair(p, a)
     p.assume(follower >= ego)
-    return p.follows(rolls(p, follower, left, a) >= ego_stops(p.largest, ego, a))
+    return p.follows(until_standstill(p, follower, left, a) >= ego_stops(p.largest, ego, a))
 
 
 def slowing(a: Argument) -> Claim:
@@ -147,7 +149,7 @@ def waiting(a: Argument) -> Claim:
     ``farther`` and ``slowing`` state. It therefore holds at each step.
     """
     p = Problem()
-    names = ("ego_rolls", "ego_rolls_then", "follower_rolls", "follower_rolls_then")
+    names = ("ego_stopping", "ego_stopping_then", "follower_stopping", "follower_stopping_then")
     ego_m, ego_then_m, follower_m, then_m = (p.unknown(name, 0) for name in names)
     ego, follower, gap_m = (p.unknown(name, 0) for name in ("ego_speed", "follower_speed", "gap"))
     p.assume(gap_m > 0, gap_m + ego_m > follower_m)
@@ -190,13 +192,14 @@ def follower_claims(a: Argument) -> Iterator[Claim]:
 LEMMAS = (
     Lemma(
         "response",
-        "A vehicle behind in the lane that a permitted lane change enters does not touch the ego "
-        "before it brakes for it, and may stop behind it then.",
+        "A vehicle behind the ego, in the lane that a permitted lane change enters, does not touch "
+        "the ego before it brakes for it, and can then stop behind it.",
         response_claims,
     ),
     Lemma(
         "hand-over",
-        "From then on, braking as it is counted on to keeps it behind the ego, whatever that does.",
+        "From then on, this vehicle stays behind the ego if it brakes by bound 4, whatever the "
+        "ego does.",
         follower_claims,
     ),
 )

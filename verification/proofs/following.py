@@ -131,7 +131,7 @@ def cut_in_claims(a: Argument) -> Iterator[Claim]:
         for steps in range(a.steps + 1 if a.by_number else a.steps):
             p = Problem()
             ego, gap_m = p.unknown("ego_speed", 0, a.most_m_s), p.unknown("gap")
-            other_m = p.unknown("other_rolls", 0)
+            other_m = p.unknown("other_stopping", 0)
             rate = p.unknown("rate", planned if a.by_number else -a.hard_m_s2, planned)
             p.assume(gap_m > cut_in_gap(p.largest, ego, rate, other_m, a))
             rolled_m = reach(p.largest, ego, planned, steps, a)
@@ -145,7 +145,7 @@ def between_two_claims(a: Argument) -> Iterator[Claim]:
     """
     p = Problem()
     gap_m, beyond_m, length_m = p.unknown("gap", 0), p.unknown("beyond"), p.unknown("length", 0)
-    other_m, entering_m = p.unknown("other_rolls", 0), p.unknown("entering_rolls", 0)
+    other_m, entering_m = p.unknown("other_stopping", 0), p.unknown("entering_stopping", 0)
     distance_m = p.unknown("distance")
     p.assume(gap_m > 0, distance_m < gap_m + other_m - a.clearance_m)
     p.assume(beyond_m > p.largest([other_m - entering_m, 0 * other_m]) + a.clearance_m)
@@ -169,41 +169,42 @@ def lane_end_claims(a: Argument) -> Iterator[Claim]:
 LEMMAS = (
     Lemma(
         "stopping",
-        "stopping_distance is the largest of its linear pieces, and what braking rolls step by "
-        "step.",
+        "stopping_distance is the largest of its linear pieces, and equals the distance that a "
+        "vehicle covers if it brakes step by step until standstill.",
         stopping_claims,
     ),
     Lemma(
         "following",
-        "An ego that could stop behind the vehicle ahead before a step does not touch it in that "
-        "step and could stop behind it afterwards, whatever that vehicle does.",
+        "If the ego can stop behind the vehicle ahead before a step, it does not touch that "
+        "vehicle in the step and can stop behind it afterwards, however the vehicle drives.",
         step_claims,
     ),
     Lemma(
         "decision",
-        "At each step of a decision the rest of its reach covers that step and braking hard.",
+        "At each step of a decision, the ego can complete the step and then brake hard within the "
+        "rest of its reach.",
         decision_claims,
     ),
     Lemma(
         "fallback",
-        "Where the fallback maneuver is free, braking hard is permitted.",
+        "If the fallback maneuver is free, hard braking is permitted.",
         fallback_claims,
     ),
     Lemma(
         "cut-in",
-        "Behind a vehicle that leaves cut_in_gap, at whichever step it begins to move in, the rest "
-        "of the decision is within what the ego may reach.",
+        "If a vehicle leaves more than cut_in_gap when it begins to cut in, at any step of a "
+        "decision, the ego can stop behind it within the rest of its reach.",
         cut_in_claims,
     ),
     Lemma(
         "cut-in-beyond",
-        "A vehicle that moves in ahead of one ahead, so that this one may stop behind it, comes to "
-        "rest beyond it.",
+        "If the vehicle that the ego follows can stop behind a vehicle that cuts in, the ego can "
+        "too.",
         between_two_claims,
     ),
     Lemma(
         "lane-end",
-        "Before the end of a lane, a vehicle that stands for ever, the ego comes to rest.",
+        "The ego stops before the end of its lane, which counts as a vehicle that stands there.",
         lane_end_claims,
     ),
 )

@@ -167,7 +167,7 @@ LEMMAS = (
     Lemma(
         "corridor",
         "The ego's body stays in its corridor, in the decision and on the fallback after it, and "
-        "does not touch a vehicle that stays outside.",
+        "touches no vehicle that stays outside the corridor.",
         corridor_claims,
     ),
     Lemma(
@@ -177,13 +177,13 @@ LEMMAS = (
     ),
     Lemma(
         "own-lane",
-        "The ego's body is over the lane in which the fallback ends.",
+        "The ego's body overlaps the lane in which the fallback ends.",
         own_lane_claims,
     ),
     Lemma(
         "abort",
-        "Where another vehicle enters the ego's target lane from beyond, at whichever second, the "
-        "fallback from the next decision does not touch it.",
+        "The ego does not touch a vehicle that enters its target lane from the other side, at any "
+        "second of the lane change, if it begins the fallback at the next decision.",
         entering_claims,
     ),
 )

@@ -213,7 +213,7 @@ def test_a_cut_in_gap_without_the_decision(monkeypatch: pytest.MonkeyPatch) -> N
         following.cut_in_claims,
         wrong,
         lambda n: z3.And(n["rate"] == 2, n["ego_speed"] >= 16, n["ego_speed"] <= 29),
-        lambda n: n["other_rolls"] == 10,  # from 10 m/s
+        lambda n: n["other_stopping"] == 10,  # from 10 m/s
         lambda n: z3.Or(
             [
                 n["gap"] + 10.5 <= (n["ego_speed"] + 1) / 2 + rolled_m
