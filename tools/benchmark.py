@@ -56,8 +56,8 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("rows", nargs="*", metavar="ROW", help=f"of: {', '.join(ROWS)} (all)")
-    parser.add_argument("--rounds", type=int, default=5, help="(default: 5)")
-    parser.add_argument("--episodes", type=int, default=5, help="a round (default: 5)")
+    parser.add_argument("--rounds", type=int, default=5, help="number of rounds (default: 5)")
+    parser.add_argument("--episodes", type=int, default=5, help="in each round (default: 5)")
     parser.add_argument("--json", action="store_true", help="print a JSON list")
     options = parser.parse_args()
     if unknown := set(options.rows) - set(ROWS):

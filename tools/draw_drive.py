@@ -26,8 +26,8 @@ def main() -> None:
     """Drive one episode, and write some of its decisions as a GIF."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path, metavar="FILE.gif")
-    parser.add_argument("--seed", type=int, default=3, help="of the traffic (default: 3)")
-    parser.add_argument("--vehicles", type=int, default=15, help="(default: 15)")
+    parser.add_argument("--seed", type=int, default=3, help="seed of the traffic (default: 3)")
+    parser.add_argument("--vehicles", type=int, default=15, help="beside the ego (default: 15)")
     parser.add_argument("--first", type=int, default=58, help="first decision (default: 58)")
     parser.add_argument("--last", type=int, default=73, help="last decision (default: 73)")
     options = parser.parse_args()

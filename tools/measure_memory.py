@@ -43,11 +43,17 @@ def resets(env: HighwayEnv, number: int, vehicles: int, decisions: int) -> Itera
 def main() -> int:
     """Reset the environments, print the memory's growth; return 1 if it is 5 % or more, else 0."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--resets", type=int, default=5_000, help="after the first (default: 5000)")
-    parser.add_argument("--environments", type=int, default=1, help="in turns (default: 1)")
-    parser.add_argument("--warm-up", type=int, default=200, help="first resets (default: 200)")
-    parser.add_argument("--vehicles", type=int, default=30, help="(default: 30)")
-    parser.add_argument("--decisions", type=int, default=3, help="a reset (default: 3)")
+    parser.add_argument(
+        "--resets", type=int, default=5_000, help="resets that are measured (default: 5000)"
+    )
+    parser.add_argument(
+        "--environments", type=int, default=1, help="number of them, reset in turn (default: 1)"
+    )
+    parser.add_argument(
+        "--warm-up", type=int, default=200, help="resets before these (default: 200)"
+    )
+    parser.add_argument("--vehicles", type=int, default=30, help="beside the ego (default: 30)")
+    parser.add_argument("--decisions", type=int, default=3, help="after each reset (default: 3)")
     options = parser.parse_args()
     reported = {options.warm_up + round(options.resets * part / 10) for part in range(11)}
     held = {}

@@ -106,11 +106,16 @@ def compare(case: Case, scenes: int, seed: int) -> dict[str, Any]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", type=whole(1), default=10_000, help="default: 10000")
+    parser.add_argument(
+        "--scenes",
+        type=whole(1),
+        default=10_000,
+        help="for each step length, plant and road (default: 10000)",
+    )
     parser.add_argument("--step-length", type=float, nargs="+", default=STEPS_S, metavar="S")
     parser.add_argument("--plant", nargs="+", choices=PLANTS, default=list(PLANTS))
     parser.add_argument("--road", nargs="+", choices=ROADS, default=list(ROADS))
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0, help="default: 0")
     arguments = parser.parse_args()
     begun_s = time.monotonic()
     settings = product(arguments.plant, arguments.road, arguments.step_length)

@@ -118,7 +118,9 @@ def with_mix(mix: str) -> Config:
 def main() -> None:
     """Drive each mix and print what was found."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--episodes", type=int, default=500, help="a mix (default: 500)")
+    parser.add_argument(
+        "--episodes", type=int, default=500, help="for each mix and driver (default: 500)"
+    )
     parser.add_argument(
         "--vehicles",
         type=int,

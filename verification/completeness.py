@@ -209,9 +209,13 @@ def measured(name: str, config: Config, scenes: int, adversaries: int, seed: int
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--family", nargs="+", choices=FAMILIES, help="default: all")
-    parser.add_argument("--scenes", type=whole(1), default=100, help="a family (default: 100)")
-    parser.add_argument("--adversaries", type=whole(1), default=60, help="default: 60")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--scenes", type=whole(1), default=100, help="for each family (default: 100)"
+    )
+    parser.add_argument(
+        "--adversaries", type=whole(1), default=60, help="for each state (default: 60)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="default: 0")
     arguments = parser.parse_args()
     config, begun_s = Config().updated("safety", check="strict"), time.monotonic()
     sizes = arguments.scenes, arguments.adversaries, arguments.seed

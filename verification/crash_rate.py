@@ -198,28 +198,40 @@ def table(printed: str) -> str:
     return markdown_table([*names, "km between those, more than"], lines)
 
 
+def add_careless(parser: argparse.ArgumentParser) -> None:
+    """Add the option ``--careless``: shares between 0 and 1 of the lane changes."""
+    parser.add_argument(
+        "--careless",
+        nargs="+",
+        type=_share,
+        default=(CARELESS_SHARE, 0.5),
+        metavar="SHARE",
+        help="shares of the lane changes that are careless (default: 0.01 0.5)",
+    )
+
+
+def _share(text: str) -> float:
+    share = float(text)
+    if not 0 < share < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1")
+    return share
+
+
 def main() -> int:
     """Simulate the tests of each check and print its report; return 0."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--tests", type=int, default=20_000, help="a check (default: 20000)")
-    parser.add_argument("--checks", nargs="+", choices=CHECKS, default=CHECKS)
     parser.add_argument(
-        "--careless",
-        nargs="+",
-        type=float,
-        default=(CARELESS_SHARE, 0.5),
-        metavar="SHARE",
-        help="shares of the lane changes that are careless (default: 0.01 0.5)",
+        "--tests", type=int, default=20_000, help="for each check and share (default: 20000)"
     )
-    parser.add_argument("--seed", type=int, default=0, help="(default: 0)")
+    parser.add_argument("--checks", nargs="+", choices=CHECKS, default=CHECKS, help="default: all")
+    add_careless(parser)
+    parser.add_argument("--seed", type=int, default=0, help="default: 0")
     parser.add_argument(
         "--people", action="store_true", help="no adversary: every weight is 1 (plain sampling)"
     )
     options = parser.parse_args()
-    if not all(0 < share < 1 for share in options.careless):
-        parser.error("--careless takes shares between 0 and 1.")
     begun_s = time.monotonic()
     frequencies = PEOPLE if options.people else ADVERSARY
     for careless in options.careless:

@@ -159,13 +159,17 @@ def show(rows: list[dict[str, Any]]) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", default="paper", choices=CHECKS)
+    parser.add_argument("--check", default="paper", choices=CHECKS, help="default: paper")
     parser.add_argument("--family", nargs="+", choices=ENVELOPE, help="default: all")
-    parser.add_argument("--scenes", type=whole(1), help="a family (default: 1000; strict: 100000)")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--search", action="store_true", help="search under any check, no envelope")
+    parser.add_argument(
+        "--scenes", type=whole(1), help="for each family (default: 1000; strict: 100000)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="default: 0")
+    parser.add_argument(
+        "--search", action="store_true", help="search under any check, without the envelope"
+    )
     parser.add_argument("--sumo", action="store_true", help="drive random scenes in SUMO")
-    parser.add_argument("--json", action="store_true", help="print JSON, no table")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     arguments = parser.parse_args()
     config = Config()
     config = replace(config, safety=replace(config.safety, check=arguments.check))

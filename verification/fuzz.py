@@ -152,9 +152,16 @@ def fuzz(kind: str, inputs: int, seed: int) -> tuple[int, list[str]]:
 def run() -> int:
     """Try as many inputs as the command line asks for, and print what became of them."""
     parser = argparse.ArgumentParser(description="Try mutated inputs of every kind.")
-    parser.add_argument("--inputs", type=whole(1), default=20_000, help="in all (default: 20000)")
-    parser.add_argument("--kind", nargs="+", choices=KINDS, default=list(KINDS))
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--inputs",
+        type=whole(1),
+        default=20_000,
+        help="number of inputs, divided among the kinds (default: 20000)",
+    )
+    parser.add_argument(
+        "--kind", nargs="+", choices=KINDS, default=list(KINDS), help="default: all"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="default: 0")
     options = parser.parse_args()
     failed = False
     with tempfile.TemporaryDirectory() as home, contextlib.chdir(home):

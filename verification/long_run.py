@@ -130,12 +130,20 @@ def environments(base: Config) -> dict[str, Watched]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--episodes", type=int, default=5000, help="how many (default: 5000)")
-    parser.add_argument("--first", type=int, default=0, help="number of the first (default: 0)")
-    parser.add_argument("--check", default="strict", choices=CHECKS)
-    parser.add_argument("--traffic", choices=TRAFFIC_KINDS, help="a kind (default: five mixes)")
+    parser.add_argument(
+        "--episodes", type=int, default=5000, help="number of episodes (default: 5000)"
+    )
+    parser.add_argument(
+        "--first", type=int, default=0, help="number of the first episode (default: 0)"
+    )
+    parser.add_argument("--check", default="strict", choices=CHECKS, help="default: strict")
+    parser.add_argument(
+        "--traffic", choices=TRAFFIC_KINDS, help="kind of traffic (default: five mixes)"
+    )
     parser.add_argument("--config", help="a TOML file of settings")
-    parser.add_argument("--out", type=Path, default=Path("long_run.csv"), help="the CSV file")
+    parser.add_argument(
+        "--out", type=Path, default=Path("long_run.csv"), help="default: long_run.csv"
+    )
     arguments = parser.parse_args()
     base = load_config(arguments.config).updated("safety", check=arguments.check)
     if arguments.traffic is not None:

@@ -2,17 +2,17 @@
 
     python -m verification.own_hits --tests 120000 --jobs 2
 
-The tests are those of ``crash_rate.py`` with the bounds of real traffic. By the proof
-(``make prove``) the ego hits nothing unless a vehicle breaks bound 1, 2 or 3. Bound 1 is never
-broken, because these people brake at most as hard as it says; bounds 2 and 3 are broken only by a
-vehicle that begins a lane change towards the ego. Nobody so much as tries in most tests: each of
-the nine vehicles tries with a known probability each second. The program therefore draws tests
-among those in which somebody tries. Everything else is as likely as among people, so that no
-weights are needed. The hits per test are the share of these tests among all, times the share of
-them that ends in a hit, with the 95 % interval of Clopper and Pearson.
+The tests are those of ``crash_rate.py`` with the bounds of real traffic. By the proof (``make
+prove``) the ego hits nothing unless a vehicle breaks bound 1, 2 or 3. Bound 1 is never broken,
+because these people brake at most as hard as it says; bounds 2 and 3 are broken only by a vehicle
+that begins a lane change towards the ego. In most tests no vehicle tries to: each of the nine
+vehicles tries with a known probability each second. The program therefore draws tests among those
+in which at least one tries. Everything else is as likely as among people, so that no weights are
+needed. The hits per test are the share of these tests among all, times the share of them in which
+the ego hits a vehicle, with the 95 % interval of Clopper and Pearson.
 
-A control drives tests in which nobody tries, with frequent hard braking ahead of the ego: the exit
-status is 1 if the ego hits a vehicle there, which the proof excludes.
+A control drives tests in which no vehicle tries, with frequent hard braking ahead of the ego: the
+exit status is 1 if the ego hits a vehicle there, which the proof excludes.
 """
 
 import argparse
@@ -26,7 +26,7 @@ from drl_av.config import Config
 from drl_av.evaluation.processes import workers
 from drl_av.experiments.provenance import made_by
 from drl_av.traffic.road import FloatArray
-from verification.crash_rate import SECONDS, Outcome, Rate, run, settings
+from verification.crash_rate import SECONDS, Outcome, Rate, add_careless, run, settings
 from verification.kinematic_simulator import ROAD, BoolArray, World
 from verification.naturalistic import (
     ADVERSARY,
@@ -41,13 +41,13 @@ from verification.naturalistic import (
 CHANCES = SECONDS * PER_LANE * len(ROAD.open_lanes)
 """Number of draws in a test that decide who tries to change lanes towards the ego, and when."""
 SHARE = 1.0 - (1.0 - LANE_CHANGES_PER_S) ** CHANCES
-"""Share of the tests in which somebody tries."""
+"""Share of the tests in which at least one vehicle tries."""
 PART, PARTS = 1_000, 1_000_000
 """Tests of a part, and the largest number of parts, which keeps the seeds of two runs apart."""
 
 
 def tries(tests: int, rng: np.random.Generator) -> BoolArray:
-    """Draw who tries, shape (tests, ``CHANCES``), given that somebody does in each test.
+    """Draw who tries, shape (tests, ``CHANCES``), given that at least one does in each test.
 
     The first one is drawn by its distribution function, those after it as among people.
     """
@@ -89,7 +89,7 @@ class Approaching(Traffic):
 
 
 class Keeping(Approaching):
-    """People of whom nobody tries to change lanes towards the ego."""
+    """People of whom none tries to change lanes towards the ego."""
 
     def _drawn(self, tests: int) -> BoolArray:
         return np.zeros((tests, CHANCES), np.bool_)
@@ -111,7 +111,7 @@ def drive(
 
 
 def hits(hit: FloatArray) -> Rate:
-    """Return the hits per test of all tests, given 1 or 0 for each test in which somebody tries.
+    """Return the hits per test of all tests, given 1 or 0 for each test in which a vehicle tries.
 
     ``hit`` has shape (tests,).
     """
@@ -127,8 +127,8 @@ def report(outcome: Outcome) -> str:
     """Return the text that reports the results."""
     found, km = hits(outcome.ego_hit), float(outcome.km.mean())
     return (
-        f"real: {len(outcome.km)} tests of {km:.2f} km among the {SHARE:.1%} in which somebody "
-        f"tries to change lanes towards the ego\n  the ego hits a vehicle "
+        f"real: {len(outcome.km)} tests of {km:.2f} km among the {SHARE:.1%} in which a "
+        f"vehicle tries to change lanes towards the ego\n  the ego hits a vehicle "
         f"{int(outcome.ego_hit.sum())} times: per test {found}, so more than "
         f"{km / found.upper:,.0f} km between hits"
     )
@@ -137,21 +137,16 @@ def report(outcome: Outcome) -> str:
 def main() -> int:
     """Drive the tests, then the control; print both; return 1 if the control has a hit."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--tests", type=whole(1), default=120_000, help="default: 120000")
-    parser.add_argument("--control", type=whole(1), default=20_000, help="tests (default: 20000)")
     parser.add_argument(
-        "--careless",
-        nargs="+",
-        type=float,
-        default=(CARELESS_SHARE, 0.5),
-        metavar="SHARE",
-        help="shares of the lane changes that are careless (default: 0.01 0.5)",
+        "--tests", type=whole(1), default=120_000, help="for each share (default: 120000)"
     )
+    parser.add_argument(
+        "--control", type=whole(1), default=20_000, help="tests of the control (default: 20000)"
+    )
+    add_careless(parser)
     parser.add_argument("--seed", type=int, default=1, help="default: 1")
-    parser.add_argument("--jobs", type=whole(1), default=1, help="processes (default: 1)")
+    parser.add_argument("--jobs", type=whole(1), default=1, help="number of processes (default: 1)")
     options = parser.parse_args()
-    if not all(0 < share < 1 for share in options.careless):
-        parser.error("--careless takes shares between 0 and 1.")
     begun_s, config = time.monotonic(), settings("real")
     for careless in options.careless:
         print(f"{100 * careless:g} % of the lane changes are careless of the vehicle behind")
@@ -161,7 +156,7 @@ def main() -> int:
     control = drive(config, options.control, options.seed, *common)
     contradicted = int(control.ego_hit.sum())
     print(
-        f"control: {options.control} tests in which nobody tries, the ego hits a vehicle "
+        f"control: {options.control} tests in which no vehicle tries, the ego hits a vehicle "
         f"{contradicted} times"
     )
     print(made_by(time.monotonic() - begun_s))

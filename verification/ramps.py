@@ -168,12 +168,27 @@ def line(kind: str, name: str, flow: float, trips: Sequence[Trip], empty_s: floa
 def main() -> int:
     """Drive each driver on each kind of road at each flow and print its line."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--kind", nargs="+", default=["merge"], choices=SUCCESS)
-    parser.add_argument("--episodes", type=int, default=100, help="a line (default: 100)")
-    parser.add_argument("--driver", nargs="+", default=["gap-mobil"], metavar="NAME")
-    parser.add_argument("--flow", nargs="+", type=float, default=FLOWS, metavar="VEHICLES_PER_H")
-    parser.add_argument("--safety-check", default="strict", choices=CHECKS)
-    parser.add_argument("--seed", type=int, default=SEEDS, help=f"first (default: {SEEDS})")
+    parser.add_argument(
+        "--kind", nargs="+", default=["merge"], choices=SUCCESS, help="default: merge"
+    )
+    parser.add_argument(
+        "--episodes", type=int, default=100, help="for each printed line (default: 100)"
+    )
+    parser.add_argument(
+        "--driver", nargs="+", default=["gap-mobil"], metavar="NAME", help="default: gap-mobil"
+    )
+    parser.add_argument(
+        "--flow",
+        nargs="+",
+        type=float,
+        default=FLOWS,
+        metavar="VEHICLES_PER_H",
+        help="inflow of each lane of the highway (default: 0 500 1000 1500 2000)",
+    )
+    parser.add_argument("--safety-check", default="strict", choices=CHECKS, help="default: strict")
+    parser.add_argument(
+        "--seed", type=int, default=SEEDS, help=f"of the first episode (default: {SEEDS})"
+    )
     options = parser.parse_args()
     hits, begun_s = 0, time.monotonic()
     config = Config().updated("safety", check=options.safety_check)

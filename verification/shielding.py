@@ -136,11 +136,17 @@ def means(decided: list[Decided]) -> dict[str, float]:
 def main() -> int:
     """Do the missing trainings, then write the figure and print the table; return 0."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
-    parser.add_argument("--seeds", type=int, default=10, help="trainings a method (default: 10)")
-    parser.add_argument("--steps", type=int, default=50_000, help="decisions (default: 50000)")
     parser.add_argument(
-        "--episodes", type=int, default=5, help="of the evaluation, a density (default: 5)"
+        "--methods", nargs="+", choices=METHODS, default=METHODS, help="default: all"
+    )
+    parser.add_argument(
+        "--seeds", type=int, default=10, help="trainings of each method (default: 10)"
+    )
+    parser.add_argument(
+        "--steps", type=int, default=50_000, help="decisions of a training (default: 50000)"
+    )
+    parser.add_argument(
+        "--episodes", type=int, default=5, help="evaluated at each density (default: 5)"
     )
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
     options = parser.parse_args()

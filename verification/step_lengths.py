@@ -48,8 +48,10 @@ def measure(step_length_s: float, episodes: int, vehicles: int) -> dict[str, flo
 def main() -> None:
     """Measure each step length and write the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--episodes", type=int, default=30, help="(default: 30)")
-    parser.add_argument("--vehicles", type=int, default=30, help="(default: 30)")
+    parser.add_argument(
+        "--episodes", type=int, default=30, help="for each step length (default: 30)"
+    )
+    parser.add_argument("--vehicles", type=int, default=30, help="beside the ego (default: 30)")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
     options = parser.parse_args()
     begun_s = now()

@@ -155,7 +155,9 @@ def mark(name: str, value: float) -> str:
 def main() -> None:
     """Drive each kind of traffic and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--episodes", type=int, default=60, help="a kind (default: 60)")
+    parser.add_argument(
+        "--episodes", type=int, default=60, help="for each kind of traffic (default: 60)"
+    )
     parser.add_argument("--vehicles", type=int, nargs="+", default=VEHICLES, metavar="N")
     parser.add_argument("--traffic", nargs="+", default=tuple(TRAFFIC_KINDS), metavar="KIND")
     options = parser.parse_args()

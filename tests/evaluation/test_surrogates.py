@@ -59,7 +59,7 @@ def test_behind_a_vehicle_of_the_same_speed_the_pet_is_the_time_gap() -> None:
     first, second = track([125.0, 145.0, 165.0, 185.0]), track([100.0, 120.0, 140.0, 160.0])
     # 20 m between the bumpers at 20 m/s
     assert post_encroachment_time(first, second, 0.0) == pytest.approx(1.0)
-    assert post_encroachment_time(second, first, 0.0) == math.inf  # nobody comes back
+    assert post_encroachment_time(second, first, 0.0) == math.inf  # no vehicle comes back
     # on the loop the other is 475 - 5 m ahead of it, further than it drives
     assert post_encroachment_time(second, first, LOOP_M) == math.inf
 

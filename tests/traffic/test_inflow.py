@@ -100,5 +100,5 @@ def test_a_vehicle_waits_while_the_last_one_is_too_near_and_enters_behind_it_saf
     assert population.speed_m_s.min() >= 10.0
 
 
-def test_nobody_enters_a_road_without_traffic() -> None:
+def test_no_vehicle_enters_a_road_without_traffic() -> None:
     assert all(inflow(0).entering(float(second), {}) is None for second in range(1000))

@@ -1,4 +1,4 @@
-"""The bound on the ego's own hits: tests in which somebody tries to change lanes towards it."""
+"""The bound on the ego's own hits: tests in which a vehicle tries to change lanes towards it."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -50,7 +50,7 @@ def begun(people: type[Traffic], tests: int) -> tuple[int, int]:
     return int(toward.sum()), int(away.sum())
 
 
-def test_somebody_tries_in_each_test_or_in_none() -> None:
+def test_a_vehicle_tries_in_each_test_or_in_none() -> None:
     among_people, away = begun(Traffic, 1500)
     approaching, away_too = begun(Approaching, 1500)
     keeping, still_away = begun(Keeping, 1500)
@@ -99,5 +99,16 @@ def test_the_control_can_fail(
     out = capsys.readouterr().out
     assert "real: 2 tests of 0." in out
     assert (
-        f"control: 3 tests in which nobody tries, the ego hits a vehicle {3 * status} times" in out
+        f"control: 3 tests in which no vehicle tries, the ego hits a vehicle {3 * status} times"
+        in out
     )
+
+
+@pytest.mark.parametrize("share", ["0", "1", "1.5"])
+def test_a_share_of_careless_lane_changes_is_between_0_and_1(
+    share: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["own_hits", "--careless", share])
+    with pytest.raises(SystemExit, match="2"):
+        own_hits.main()
+    assert f"argument --careless: {share} is not between 0 and 1" in capsys.readouterr().err
