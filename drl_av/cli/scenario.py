@@ -19,9 +19,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--from",
         dest="source",
-        type=Path,
         metavar="FILE.toml",
-        help="description in the form of scenario.toml, which the other options change",
+        help="description in the form of scenario.toml, which the other options change; or the "
+        "name of a scenario that ships with drl-av",
     )
     meanings = "; ".join(f"{name}: {kind.meaning}" for name, kind in KINDS.items())
     parser.add_argument("--kind", metavar="KIND", help=f"default: loop; {meanings}")
@@ -80,20 +80,20 @@ def scenario(options: argparse.Namespace) -> int:
     return 0
 
 
-def _base(source: Path | None, kind: str | None) -> Any:
-    """Return the description in a file, or the default description of a kind without a file.
+def _base(source: str | None, kind: str | None) -> Any:
+    """Return the description that ``source`` names, or without it the default one of a kind.
 
     Raises:
         ScenarioError: there is no such kind, or the file has another kind or cannot be used.
     """
     from drl_av.traffic.description_file import unknown_kind
-    from drl_av.traffic.scenario import read_description
+    from drl_av.traffic.scenario import find_description, read_description
 
     if kind is not None and kind not in KINDS:
         raise unknown_kind(kind, KINDS)
     if source is None:
         return KINDS[kind or "loop"].description()
-    described = read_description(source, "correct the path or the file")
+    described = read_description(find_description(source), "correct the path or the file")
     if kind not in (None, kind_name(described)):
         raise ScenarioError(
             f"{source} describes a scenario of the kind {kind_name(described)}, and --kind is "

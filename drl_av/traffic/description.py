@@ -11,6 +11,7 @@ import tomli_w
 from drl_av.config.schema import setting
 from drl_av.errors import ScenarioError
 from drl_av.traffic.own_types import OwnVehicleType, check_own_types
+from drl_av.traffic.timed_changes import TimedChange, check_changes, read_changes
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "lane": (0, 9),
@@ -49,6 +50,9 @@ class PlacedVehicle:
     ``ego.max_speed_m_s``. In plain SUMO a vehicle starts at most at its desired speed."""
     desired_speed_m_s: float
     """Speed on a free road, from 0.1 to 100 m/s; the ego's matters in plain SUMO only."""
+    lane_changes: tuple[TimedChange, ...] = ()
+    """Pairs of a time, seconds since the start, and the lane to which the vehicle then changes, as
+    soon as SUMO considers it safe within 5 s. Plain SUMO does not know them."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.id, str) or not VEHICLE_NAME.fullmatch(self.id):
@@ -56,6 +60,8 @@ class PlacedVehicle:
                 f"A vehicle's id is {self.id!r}, but must be made of letters, digits, - and _."
             )
         _check_numbers(self, f"Vehicle {self.id!r}: ")
+        changes = read_changes(self.lane_changes, self.id, self.lane)
+        object.__setattr__(self, "lane_changes", changes)
 
 
 @dataclass(frozen=True)
@@ -139,6 +145,7 @@ class ScenarioDescription:
                     f"on the loop of {self.circumference_m:g} m."
                 )
             check_speed(vehicle, self.speed_limit_m_s)
+            check_changes(vehicle, sorted({*range(self.lanes)} - {*self.barricaded_lanes}))
             for other in checked:
                 ahead_m = abs(vehicle.position_m - other.position_m)
                 apart_m = min(ahead_m, self.circumference_m - ahead_m)
@@ -149,9 +156,13 @@ class ScenarioDescription:
 def toml_text(description: Any) -> str:
     """Return a description as TOML text, without its kind.
 
-    The key of the user's own vehicle types is left out if there are none.
+    The keys of the user's own vehicle types and of a vehicle's lane changes are left out if there
+    are none.
     """
     values = asdict(description)
+    for vehicle in values["vehicles"]:
+        if not vehicle["lane_changes"]:
+            del vehicle["lane_changes"]
     return tomli_w.dumps({key: values[key] for key in values if key != TYPES or values[key]})
 
 

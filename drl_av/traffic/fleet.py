@@ -30,6 +30,7 @@ from drl_av.traffic.population import (
 from drl_av.traffic.road import FloatArray
 from drl_av.traffic.scenario import Scenario
 from drl_av.traffic.snapshot import EGO
+from drl_av.traffic.timed_changes import TimedChanges
 
 
 class Fleet:
@@ -99,6 +100,7 @@ class Fleet:
         config, length_m, start = self._config, description.vehicle_length_m, self._start
         self._inflow = None
         self._types = draw_types(seed, description.vehicle_types)
+        self._timed_changes = TimedChanges(description.vehicles)
         if description.vehicles:
             self._describe(placed_population(description.vehicles, config.traffic))
         elif start is None:
@@ -110,6 +112,7 @@ class Fleet:
             own = (start, length_m, config.traffic, config.ego)
             self._describe(draw_open_population(rng, vehicles, *own))
             self._inflow = Inflow(rng.spawn(1)[0], vehicles, *own)
+        self._first_ids = self.population.ids
         rate = config.traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
         self._lane_changes = (
             random_lane_changes(rng, len(self.population.ids), rate)
@@ -130,6 +133,17 @@ class Fleet:
             rows = np.flatnonzero(draws[0] < chance).tolist()
             yield [(row, 1 if draws[1, row] < 0.5 else -1) for row in rows if row != EGO]
 
+    def lane_changes(self, time_s: float, y_m: Sequence[float]) -> list[tuple[int, int]]:
+        """Return the lane changes of the next decision, as pairs (row, lanes to the left).
+
+        They are those that the scenario sets for this time, and random ones. ``time_s`` is the time
+        since the reset, and ``y_m`` holds the lateral position of each row.
+        """
+        ids, lane_of = self.population.ids, self.scenario.road.lane_of
+        due = [(ids.index(name), to) for name, to in self._timed_changes.due(time_s) if name in ids]
+        set_changes = [(row, to - lane_of(y_m[row])) for row, to in due]
+        return [*self.random_lane_changes(y_m), *(each for each in set_changes if each[1])]
+
     def random_lane_changes(self, y_m: Sequence[float]) -> list[tuple[int, int]]:
         """Return the random lane changes of the next decision, as pairs (row, side).
 
@@ -137,6 +151,10 @@ class Fleet:
         an open road no vehicle changes to a lane that begins or ends within the road.
         """
         drawn = next(self._lane_changes)
+        if self._inflow is None:  # drawn for the vehicles at the start, some of which have left
+            ids = self.population.ids
+            named = [(self._first_ids[row], side) for row, side in drawn]
+            drawn = [(ids.index(name), side) for name, side in named if name in ids]
         if self._start is None or not drawn:
             return drawn
         lane_of, lanes = self.scenario.road.lane_of, self._start.lanes
@@ -153,11 +171,13 @@ class Fleet:
             The number of vehicles that enter, which are the last rows; None if nothing changes.
         """
         start, inflow = self._start, self._inflow
-        if start is None or inflow is None:
+        if start is None:
             return None
         rows = range(len(s_m))
         kept = [row for row in rows if row == EGO or s_m[row] < start.span_m]
-        entering = inflow.entering(time_s, self._last(kept, s_m, y_m, speed_m_s))
+        entering = None
+        if inflow is not None:
+            entering = inflow.entering(time_s, self._last(kept, s_m, y_m, speed_m_s))
         if entering is None and len(kept) == len(rows):
             return None
         population = self.population if len(kept) == len(rows) else self.population.rows(kept)

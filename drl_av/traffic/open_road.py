@@ -22,6 +22,7 @@ from drl_av.traffic.kind import Edge, Layout, OpenPlan, ScenarioKind
 from drl_av.traffic.network import PRECISION, netconvert, xml_text
 from drl_av.traffic.open_demo import traffic
 from drl_av.traffic.own_types import OwnVehicleType
+from drl_av.traffic.timed_changes import check_changes
 
 START_M = 300.0
 """Position at which the ego starts on the highway: all followers in its range are on the road."""
@@ -56,7 +57,8 @@ class OpenDescription(ABC):
 
     def __post_init__(self) -> None:
         check_sizes(self)
-        road = self.plan().road
+        plan = self.plan()
+        road = plan.road
         for number, vehicle in enumerate(self.vehicles):
             if vehicle.position_m >= road.end_m or not road.is_open_at(
                 vehicle.lane, vehicle.position_m
@@ -66,6 +68,7 @@ class OpenDescription(ABC):
                     f"{vehicle.position_m:g} m, but must be on a lane that exists there."
                 )
             check_speed(vehicle, self.speed_limit_m_s)
+            check_changes(vehicle, plan.start.lanes)
             for other in self.vehicles[:number]:
                 apart_m = abs(vehicle.position_m - other.position_m)
                 check_pair(vehicle, other, apart_m, self.vehicle_length_m)

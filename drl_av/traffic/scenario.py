@@ -213,6 +213,18 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
     )
 
 
+def find_description(name_or_path: str) -> Path:
+    """Return the file that describes a scenario, from its path, a folder or a shipped name.
+
+    Raises:
+        ScenarioError: it is no TOML file, no folder and no shipped scenario.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".toml" or (path.exists() and not path.is_dir()):
+        return path
+    return find_scenario(name_or_path) / scenario_files.DESCRIPTION_FILE
+
+
 def _text(path: Path, remedy: str = WRITE_AGAIN) -> str:
     """Return the text of a UTF-8 file; raise ScenarioError, which advises ``remedy``."""
     try:

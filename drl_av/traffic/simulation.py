@@ -28,8 +28,8 @@ from drl_av.traffic.scenario import Scenario
 from drl_av.traffic.snapshot import EGO, Collision, CollisionKind, Command, Snapshot, TrafficCommand
 from drl_av.traffic.window import Color, Window
 
-RANDOM_LANE_CHANGE_S = 5.0
-"""Time for which SUMO tries to execute a random lane change."""
+LANE_CHANGE_S = 5.0
+"""Time for which SUMO tries to execute a lane change, a random one or one of the scenario."""
 
 
 class Simulation:
@@ -119,10 +119,10 @@ class Simulation:
             raise SimulationError("SUMO does not run for this simulation: reset it first.")
         collision, timing = None, self._config.simulation
         try:
-            for row, side in self.fleet.random_lane_changes(self._y_m):
+            for row, side in self.fleet.lane_changes(self._time_s, self._y_m):
                 vehicle = self._ids[row]
                 if self.fleet.kinds[row] == Kind.SUMO or is_centered(self._sumo.vehicle, vehicle):
-                    self._sumo.vehicle.changeLaneRelative(vehicle, side, RANDOM_LANE_CHANGE_S)
+                    self._sumo.vehicle.changeLaneRelative(vehicle, side, LANE_CHANGE_S)
             ask_for_lane_changes(self._sumo.vehicle, self._ids, traffic_commands, timing)
             near: Sequence[int] = range(EGO + 1, len(self._ids))
             if self._ego_lateral_speed_m_s is not None:
@@ -267,6 +267,11 @@ class Simulation:
         further_m = command.speed_m_s * self._config.simulation.step_length_s
         return self._readings.place(EGO)[0] + float(self.fleet.length_m[EGO]) / 2 + further_m
 
+    @property
+    def _time_s(self) -> float:
+        """The time since the reset, seconds."""
+        return self._steps * self._step_ms / 1000
+
     def _snapshot(self) -> Snapshot:
         """Read the state of all vehicles from SUMO, and return it as a snapshot."""
         state = self._readings.state()
@@ -275,7 +280,7 @@ class Simulation:
         if self._ego_lateral_speed_m_s is not None:
             lateral[EGO] = self._ego_lateral_speed_m_s
         return Snapshot(
-            time_s=self._steps * self._step_ms / 1000,
+            time_s=self._time_s,
             ids=self._ids,
             s_m=s_m,
             y_m=y_m,
