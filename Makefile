@@ -83,6 +83,10 @@ results: setup
 	$(call text,long_run_naturalistic.txt,-m verification.long_run --episodes 200 --traffic naturalistic --out runs/long_run_naturalistic.csv)
 	$(call text,long_run_hazards.txt,-m verification.long_run --episodes 100 --traffic hazards --out runs/long_run_hazards.csv)
 	$(call text,sumo_approaches.txt,-m verification.approaches)
+	$(call text,merge.txt,-m verification.ramps --kind merge --driver planner gap-mobil sumo)
+	$(call text,merge_planner.txt,-m verification.ramps --kind merge --driver planner --episodes 600 --seed 761000)
+	$(call text,exit.txt,-m verification.ramps --kind exit --driver planner gap-mobil sumo --episodes 60)
+	$(call text,ramp_to_ramp.txt,-m verification.ramps --kind ramp_to_ramp --driver planner gap-mobil sumo --episodes 30)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[benchmark]'
 	$(call text,crash_rate.txt,-m verification.crash_rate --tests 20000)
 	$(call text,own_hits.txt,-m verification.own_hits --tests 120000 --jobs 2)

@@ -10,6 +10,7 @@ import argparse
 import re
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from docs_pages import actions, observation
@@ -17,7 +18,7 @@ from docs_pages import actions, observation
 from drl_av.experiments.experiment import Results
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.registry import EXPERIMENTS
-from verification import crash_rate, shielding_report
+from verification import crash_rate, ramps, shielding_report
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "docs" / "results"
@@ -55,6 +56,10 @@ TABLES: dict[str, Callable[[Results], str]] = {
     "sharper": lambda results: printed("sharper.txt"),
     "shielding": shielding_report.section,
 } | {name: table for each in EXPERIMENTS.values() for name, table in each.summaries.items()}
+
+
+for name in ("merge", "exit", "ramp_to_ramp"):
+    TABLES[name] = partial(lambda file, results: ramps.table(read(file)), f"{name}.txt")
 
 
 def refreshed(page: str, shown: set[str]) -> str:

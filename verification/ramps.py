@@ -14,6 +14,7 @@ on the empty road. Intervals are Wilson's at 95 %. Exits with 1 if the ego hit a
 
 import argparse
 import math
+import re
 import sys
 import tempfile
 import time
@@ -28,6 +29,7 @@ from drl_av.drivers.registry import rule_driver
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
+from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.provenance import made_by
 from drl_av.safety import CHECKS
 from drl_av.traffic.kinds import KINDS
@@ -46,6 +48,13 @@ SUCCESS = {
     "ramp_to_ramp": ("took the exit", "in the exit lane"),
 }
 """By kind of road: what is a success, and where the ego is after its last mandatory lane change."""
+PRINTED = re.compile(
+    r"^\w+, (?P<driver>\S+), .* asked, (?P<flow>\d+) found: (?P<episodes>\d+) episodes, "
+    r"[a-z ]+ (?P<success>\S+ \(.*?\)), ego hits (?P<hits>\d+), .*? waited (?P<waited>\S+) "
+    r".*? time lost (?P<lost>.*?), forced braking (?P<forced>\S+) ",
+    re.MULTILINE,
+)
+"""A line of this program."""
 
 
 @dataclass
@@ -163,6 +172,17 @@ def line(kind: str, name: str, flow: float, trips: Sequence[Trip], empty_s: floa
         f"{time_lost(trips, empty_s)}, "
         f"forced braking {interval(sum(trip.forced for trip in trips), n)}"
     )
+
+
+def table(text: str) -> str:
+    """Return the Markdown table of what this program printed: one row for each flow and driver."""
+    columns = ("episodes", "success", "hits", "waited", "lost", "forced")
+    rows = [
+        [found["flow"], f"`{found['driver']}`", *(found[name] for name in columns)]
+        for found in PRINTED.finditer(text)
+    ]
+    names = ["vehicles/h/lane", "driver", "episodes", "success", "ego hits", "waited"]
+    return markdown_table([*names, "time lost", "forced braking"], rows)
 
 
 def main() -> int:

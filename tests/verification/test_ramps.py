@@ -10,7 +10,7 @@ from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.traffic.kinds import KINDS
 from drl_av.traffic.scenario import write_scenario
-from verification.ramps import Trip, drive, interval, line, time_lost
+from verification.ramps import Trip, drive, interval, line, table, time_lost
 
 
 def test_wilsons_interval_of_two_in_ten_and_of_all() -> None:
@@ -29,6 +29,18 @@ def test_the_line_counts_what_the_episodes_showed() -> None:
     assert "merged 50.0%" in shown
     assert "longest wait 30 s, on the highway after 8.0 s, time lost 4.5 s" in shown
     assert "took the exit 50.0%" in line("exit", "sumo", 1000.0, trips, 31.5)
+
+
+def test_the_table_of_a_page_has_a_row_for_each_line() -> None:
+    trips = [Trip(success=True, waits=2, decisions=8, end_s=36.0, flow_per_h=900.0)]
+    lines = [line("merge", "gap-mobil", 1000.0, trips, 31.5), line("exit", "sumo", 0, trips, None)]
+    head, rule, *rows = table("\n".join([*lines, "made by python in 3 s"])).splitlines()
+    assert head.startswith("| vehicles/h/lane | driver | episodes | success | ego hits | waited |")
+    assert set(rule) <= set("| -")
+    assert rows == [
+        "| 900 | `gap-mobil` | 1 | 100.0% (20.7% to 100.0%) | 0 | 100.0% | 4.5 s | 0.0% |",
+        "| 900 | `sumo` | 1 | 100.0% (20.7% to 100.0%) | 0 | 100.0% | unknown | 0.0% |",
+    ]
 
 
 def test_no_time_is_lost_that_nothing_compares_with() -> None:
