@@ -99,7 +99,7 @@ def test_with_criticality_comfort_is_nuplan_s_share_too() -> None:
     assert str(worse).endswith("\n  comfortable decisions 89.0 % (90.0 %)")
 
 
-def test_without_a_rule_based_driver_nobody_is_judged_and_other_traffic_is_refused() -> None:
+def test_without_a_rule_based_driver_no_driver_is_judged_and_other_traffic_is_refused() -> None:
     assert judge(drives("mine", *FASTER)) == judge(drives("planner", *FASTER)) == []
     assert [each.driver for each in judge(RULES)] == ["planner"]
     with pytest.raises(DrlAvError, match="mine and sumo did not drive the same traffic"):
@@ -126,7 +126,7 @@ def test_the_command_ends_with_the_judgement_and_its_status_is_1_only_if_asked(
     assert last.startswith("FAIL (speed) against idm\n  gain in speed ")
 
 
-def test_a_pass_is_not_required_of_nobody(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_pass_is_not_required_if_none_is_judged(capsys: pytest.CaptureFixture[str]) -> None:
     for names in (["pretrained"], ["idm", "sumo"]):
         assert main(["evaluate", *names, "--require-pass"]) == 1
         assert f"the drivers are {', '.join(names)}: name one of each" in capsys.readouterr().err

@@ -97,7 +97,7 @@ def test_one_that_creeps_beside_the_ego_stands_still_for_bound_3(
     assert bool(places_m[0, 1] != y_m) is goes
 
 
-def test_nobody_begins_to_move_in_while_the_ego_passes() -> None:
+def test_no_vehicle_begins_to_move_in_while_the_ego_passes() -> None:
     # at 3.5 m/s its side would touch the ego's in the step in which the ego passes it
     config = STRICT.updated("strict", lateral_speed_m_s=3.5)
     right = Orders(np.zeros(1, np.int64), np.zeros((1, 1)), np.full((1, 1), -1.0))
