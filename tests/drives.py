@@ -1,18 +1,49 @@
 """Driving an environment by the numbers of actions."""
 
 import hashlib
+import math
+import os
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from drl_av.env.highway import HighwayEnv
+from drl_av.env.metrics import EpisodeResult
 
 KEEP, BRAKE, HARD_BRAKE, RIGHT, LEFT = 0, 2, 3, 4, 8
 """Numbers of actions; right and left at an unchanged speed."""
 ID = "drl_av/Highway-v0"
+TESTS = str(Path(__file__).parent)
 Place = Callable[..., HighwayEnv]
 """Makes an environment from the vehicles that a scenario places."""
+
+RESULT = EpisodeResult(
+    driver="idm",
+    safety_check="paper",
+    vehicles=5,
+    seed=0,
+    decisions=200,
+    mean_speed_m_s=20.0,
+    mean_reward=-0.25,
+    mean_r_v=-0.5,
+    mean_r_y=-0.25,
+    mean_r_x=0.0,
+    collided=False,
+    ego_hit=False,
+    collision="",
+    safety_triggers=4,
+    lane_changes=2,
+    aborted_lane_changes=1,
+    min_ttc_s=math.inf,
+    min_headway_s=1.5,
+    hard_brakes=0,
+    d_safe_violations=0,
+)
+"""The row of an episode."""
 
 
 def start(env: HighwayEnv, vehicles: int, seed: int = 0) -> dict[str, Any]:
@@ -45,6 +76,18 @@ def trajectory(env: HighwayEnv, seed: int, decisions: int = 200) -> str:
         if decision == decisions or env.step(decision * 5 % 12)[2]:
             break
     return f"{env.decisions} {digest.hexdigest()}"
+
+
+def printed_by_a_fresh_process(program: str) -> list[str]:
+    """The words that a Python program prints in a process with another hash seed."""
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path.insert(0, {TESTS!r}); {program}"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"PYTHONHASHSEED": "12345"},
+    )
+    return done.stdout.split()
 
 
 def trajectory_of_a_fresh_process(seed: int) -> str:

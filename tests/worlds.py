@@ -11,7 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from hypothesis import strategies as st
 
+from drl_av.config import EgoConfig, SimulationConfig
+from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.affordances import compute_affordances
+from drl_av.driving.maneuver import Plan, plan
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
 from drl_av.traffic.snapshot import Snapshot
@@ -105,6 +108,34 @@ def changing(*others: Car, origin: int, target: int, seconds: int, road: Road = 
         lane_change=LaneChange(origin, target),
         road=road,
     )
+
+
+def after(done: Plan) -> Scene:
+    """The scene that the last command of a plan leads to, on an empty road."""
+    end = done.commands[-1]
+    return scene(
+        y_m=end.y_m,
+        v_y=end.lateral_speed_m_s,
+        speed_m_s=end.speed_m_s,
+        lane_change=done.lane_change,
+    )
+
+
+def drive(
+    world: Scene, *laterals: Lateral, ego: EgoConfig | None = None, step_s: float = 0.5
+) -> list[Scene]:
+    """The scenes after each of these decisions at an unchanged speed, on an empty road."""
+    simulation = SimulationConfig(step_length_s=step_s)
+    scenes = []
+    for lateral in laterals:
+        action = Action(lateral, Longitudinal.MAINTAIN)
+        world = after(plan(world, action, ego or EgoConfig(), simulation))
+        scenes.append(world)
+    return scenes
+
+
+def lateral_positions(worlds: list[Scene]) -> list[float]:
+    return [float(world.snapshot.y_m[0]) for world in worlds]
 
 
 ALONE = scene()

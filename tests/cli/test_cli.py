@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from runs import error_message
 
 from drl_av import cli
 from drl_av.cli import console, main, tables
@@ -36,16 +37,6 @@ VERBS = {
 }
 PACKAGE = Path(cli.__file__).parent
 TINY = "[simulation]\ndecisions_per_episode = 5\n[learning]\nepisodes = 2\n"
-
-
-def error_message(capsys: pytest.CaptureFixture[str]) -> str:
-    """The one sentence on stderr."""
-    text = capsys.readouterr().err
-    assert text.startswith("drl-av: ")
-    assert text.endswith(".\n")
-    assert text.count("\n") == 1
-    assert "Traceback" not in text
-    return text
 
 
 def program(prelude: str, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:

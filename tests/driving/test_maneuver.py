@@ -6,44 +6,28 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
-from worlds import CENTER, LANE_M, LEFT, RIGHT, ROAD, changing, scene
+from worlds import (
+    CENTER,
+    LANE_M,
+    LEFT,
+    RIGHT,
+    ROAD,
+    after,
+    changing,
+    drive,
+    lateral_positions,
+    scene,
+)
 
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
-from drl_av.driving.maneuver import Plan, next_lane_change, plan
-from drl_av.driving.scene import LaneChange, Scene
+from drl_av.driving.maneuver import next_lane_change, plan
+from drl_av.driving.scene import LaneChange
 
 EGO, SIMULATION = EgoConfig(), SimulationConfig()
 KEEP, TO_RIGHT, TO_LEFT = Lateral.KEEP, Lateral.RIGHT, Lateral.LEFT
 MAINTAIN = Longitudinal.MAINTAIN
 STEP_LENGTHS = [1.0, 0.5, 0.2, 0.1]
-
-
-def after(world: Scene, done: Plan) -> Scene:
-    """The scene that the last command of a plan leads to, on an empty road."""
-    end = done.commands[-1]
-    return scene(
-        y_m=end.y_m,
-        v_y=end.lateral_speed_m_s,
-        speed_m_s=end.speed_m_s,
-        lane_change=done.lane_change,
-    )
-
-
-def drive(
-    world: Scene, *laterals: Lateral, ego: EgoConfig = EGO, step_s: float = 0.5
-) -> list[Scene]:
-    """The scenes after each of these decisions."""
-    simulation = SimulationConfig(step_length_s=step_s)
-    scenes = []
-    for lateral in laterals:
-        world = after(world, plan(world, Action(lateral, MAINTAIN), ego, simulation))
-        scenes.append(world)
-    return scenes
-
-
-def lateral_positions(worlds: list[Scene]) -> list[float]:
-    return [float(world.snapshot.y_m[0]) for world in worlds]
 
 
 @pytest.mark.parametrize("step_s", STEP_LENGTHS)
@@ -194,7 +178,7 @@ class AnyLateralActions(RuleBasedStateMachine):
             assert 0 <= command.speed_m_s <= 30
             assert ROAD.holds(command.y_m, 1.8)
             y_m, speed = command.y_m, command.speed_m_s
-        self.world = after(self.world, done)
+        self.world = after(done)
 
     @invariant()
     def what_is_in_progress_is_readable_from_position_and_velocity(self) -> None:

@@ -2,46 +2,23 @@
 
 import itertools
 import math
+from functools import partial
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from worlds import CENTER, LANE_M, LEFT, RIGHT, ROAD, scene
+from worlds import CENTER, LANE_M, LEFT, RIGHT, ROAD, after, drive, lateral_positions, scene
 
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
-from drl_av.driving.maneuver import Plan, next_lane_change, plan
-from drl_av.driving.scene import LaneChange, Scene
+from drl_av.driving.maneuver import next_lane_change, plan
+from drl_av.driving.scene import LaneChange
 
 STEERED, KINEMATIC = EgoConfig(lateral_plant="steering"), EgoConfig()
 KEEP, TO_RIGHT, TO_LEFT = Lateral.KEEP, Lateral.RIGHT, Lateral.LEFT
 MAINTAIN = Longitudinal.MAINTAIN
 STEP_LENGTHS = [1.0, 0.5, 0.2, 0.1]
-
-
-def after(done: Plan) -> Scene:
-    """The scene that the last command of a plan leads to, on an empty road."""
-    end = done.commands[-1]
-    return scene(
-        y_m=end.y_m,
-        v_y=end.lateral_speed_m_s,
-        speed_m_s=end.speed_m_s,
-        lane_change=done.lane_change,
-    )
-
-
-def drive(world: Scene, *laterals: Lateral, step_s: float = 0.5) -> list[Scene]:
-    """The scenes after each of these decisions."""
-    scenes = []
-    for lateral in laterals:
-        action = Action(lateral, MAINTAIN)
-        world = after(plan(world, action, STEERED, SimulationConfig(step_length_s=step_s)))
-        scenes.append(world)
-    return scenes
-
-
-def places(worlds: list[Scene]) -> list[float]:
-    return [float(world.snapshot.y_m[0]) for world in worlds]
+steer = partial(drive, ego=STEERED)
 
 
 @pytest.mark.parametrize("step_s", STEP_LENGTHS)
@@ -49,10 +26,10 @@ def places(worlds: list[Scene]) -> list[float]:
 def test_a_lane_change_takes_5_s_along_a_cubic_and_ends_on_the_centre(
     speed: float, step_s: float
 ) -> None:
-    worlds = drive(scene(speed_m_s=speed), TO_LEFT, *[KEEP] * 5, step_s=step_s)
+    worlds = steer(scene(speed_m_s=speed), TO_LEFT, *[KEEP] * 5, step_s=step_s)
     cubic = [CENTER + LANE_M * (3 * s**2 - 2 * s**3) for s in (0.2, 0.4, 0.6, 0.8, 1.0)]
-    assert places(worlds) == pytest.approx([*cubic, LEFT], abs=0.02)
-    assert places(worlds)[4] == LEFT  # exactly, to the last bit
+    assert lateral_positions(worlds) == pytest.approx([*cubic, LEFT], abs=0.02)
+    assert lateral_positions(worlds)[4] == LEFT  # exactly, to the last bit
     assert [world.lane_change is None for world in worlds] == [False] * 4 + [True] * 2
     drifts = [float(world.snapshot.lateral_speed_m_s[0]) for world in worlds]
     # 6 W s (1 - s) / T: not the constant 0.76 m/s of the point mass
@@ -65,20 +42,20 @@ def test_an_abort_turns_within_a_second_and_ends_on_the_centre_it_came_from(
     side: Lateral, away: int
 ) -> None:
     opposite = TO_RIGHT if side is TO_LEFT else TO_LEFT
-    there = drive(scene(speed_m_s=20.0), side, *[KEEP] * (away - 1))
-    back = drive(there[-1], opposite, *[KEEP] * 6)
+    there = steer(scene(speed_m_s=20.0), side, *[KEEP] * (away - 1))
+    back = steer(there[-1], opposite, *[KEEP] * 6)
     assert back[0].snapshot.lateral_speed_m_s[0] * side.sign < 0
     running = [world.lane_change for world in back]
     # it has to stop drifting away first: one or two seconds more than it had been away
     assert away + 1 <= running.index(None) + 1 <= away + 2
-    assert places(back)[-1] == CENTER
-    farthest = max(abs(y_m - CENTER) for y_m in places([*there, *back]))
+    assert lateral_positions(back)[-1] == CENTER
+    farthest = max(abs(y_m - CENTER) for y_m in lateral_positions([*there, *back]))
     assert farthest < LANE_M
     assert all(change[:2] == (1 + side.sign, 1) for change in running if change)
 
 
 def test_the_heading_is_that_of_the_two_speeds() -> None:
-    [world] = drive(scene(speed_m_s=20.0), TO_LEFT)
+    [world] = steer(scene(speed_m_s=20.0), TO_LEFT)
     assert world.lane_change is not None
     drift = float(world.snapshot.lateral_speed_m_s[0])
     assert math.tan(world.lane_change.heading_rad) == pytest.approx(drift / 20.0)
@@ -87,8 +64,8 @@ def test_the_heading_is_that_of_the_two_speeds() -> None:
 
 def test_an_ego_that_stops_halfway_stays_there_and_continues_where_it_headed() -> None:
     standing = scene(y_m=5.7, v_y=0.0, speed_m_s=0.0, lane_change=LaneChange(1, 2, heading_rad=0.3))
-    [still] = drive(standing, KEEP)
-    assert (places([still]), still.lane_change) == ([5.7], LaneChange(1, 2, 0.3))
+    [still] = steer(standing, KEEP)
+    assert (lateral_positions([still]), still.lane_change) == ([5.7], LaneChange(1, 2, 0.3))
     going = plan(still, Action(KEEP, Longitudinal.ACCELERATE), STEERED, SimulationConfig())
     # first SUMO step: 1 m/s for half a second at about 0.3 rad
     assert going.commands[0].y_m == pytest.approx(5.7 + 0.5 * math.tan(0.3), abs=0.02)

@@ -1,20 +1,21 @@
 """A seed is a trajectory, whatever runs before it or beside it."""
 
 import multiprocessing
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
-from drives import ID, KEEP, start, trajectory, trajectory_of_a_fresh_process
+from drives import (
+    ID,
+    KEEP,
+    printed_by_a_fresh_process,
+    start,
+    trajectory,
+    trajectory_of_a_fresh_process,
+)
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
-
-TESTS = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="module")
@@ -53,18 +54,8 @@ def test_a_seed_is_the_same_trajectory_after_sumo_was_ended_or_taken_over(
 
 def test_a_seed_is_the_same_trajectory_in_a_fresh_process(hashes: dict[int, str]) -> None:
     seed, hashed = max(hashes.items())
-    program = (
-        f"import sys; sys.path.insert(0, {str(TESTS)!r}); import drives; "
-        f"print(drives.trajectory_of_a_fresh_process({seed}))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=os.environ | {"PYTHONHASHSEED": "12345"},
-    )
-    assert done.stdout.split() == hashed.split()
+    program = f"import drives; print(drives.trajectory_of_a_fresh_process({seed}))"
+    assert printed_by_a_fresh_process(program) == hashed.split()
 
 
 def test_a_seed_is_the_same_trajectory_in_spawned_workers(hashes: dict[int, str]) -> None:

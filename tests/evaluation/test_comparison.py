@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drives import RESULT
 
 from drl_av import cli
 from drl_av.config import Config
@@ -39,28 +40,6 @@ from drl_av.learning.checkpoint import save_policy
 
 KEEP, LEFT = 0, 8
 SHORT = Config().updated("simulation", decisions_per_episode=10)
-ROW = EpisodeResult(
-    driver="idm",
-    safety_check="paper",
-    vehicles=5,
-    seed=0,
-    decisions=200,
-    mean_speed_m_s=20.0,
-    mean_reward=-0.25,
-    mean_r_v=-0.5,
-    mean_r_y=-0.25,
-    mean_r_x=0.0,
-    collided=False,
-    ego_hit=False,
-    collision="",
-    safety_triggers=4,
-    lane_changes=2,
-    aborted_lane_changes=1,
-    min_ttc_s=math.inf,
-    min_headway_s=1.5,
-    hard_brakes=0,
-    d_safe_violations=0,
-)
 
 
 def run_folder(folder: Path, config: Config = SHORT) -> Path:
@@ -208,18 +187,18 @@ def test_interval_of_a_known_sample() -> None:
 
 def test_one_episode_has_no_interval(tmp_path: Path) -> None:
     assert mean_with_interval([3.0]) == Mean(3.0, math.inf)
-    write_summaries(tmp_path / "one.json", {"by_vehicles": summarize([ROW])})
+    write_summaries(tmp_path / "one.json", {"by_vehicles": summarize([RESULT])})
     [summary] = json.loads((tmp_path / "one.json").read_text())["by_vehicles"]
     assert summary["speed_m_s"] == {"mean": 20.0, "ci95_half_width": None}
 
 
 def test_summary_counts_hits_and_groups_by_vehicles_driver_and_check() -> None:
     rows = [
-        ROW,
-        replace(ROW, mean_speed_m_s=22.0, collided=True, ego_hit=True),
-        replace(ROW, mean_speed_m_s=24.0, collided=True),
-        replace(ROW, safety_check="permit_all"),
-        replace(ROW, vehicles=1),
+        RESULT,
+        replace(RESULT, mean_speed_m_s=22.0, collided=True, ego_hit=True),
+        replace(RESULT, mean_speed_m_s=24.0, collided=True),
+        replace(RESULT, safety_check="permit_all"),
+        replace(RESULT, vehicles=1),
     ]
     first, *others = summarize(rows)
     assert (first.episodes, first.collisions, first.ego_hits) == (3, 2, 1)
@@ -231,10 +210,10 @@ def test_summary_counts_hits_and_groups_by_vehicles_driver_and_check() -> None:
 
 
 def test_table_on_disk_has_the_columns_and_keeps_every_digit(tmp_path: Path) -> None:
-    write_table(tmp_path / "rows.csv", EpisodeResult, [replace(ROW, mean_speed_m_s=0.1 + 0.2)])
+    write_table(tmp_path / "rows.csv", EpisodeResult, [replace(RESULT, mean_speed_m_s=0.1 + 0.2)])
     with (tmp_path / "rows.csv").open(newline="") as file:
         [row] = csv.DictReader(file)
-    assert list(row) == list(asdict(ROW))
+    assert list(row) == list(asdict(RESULT))
     assert float(row["mean_speed_m_s"]) == 0.1 + 0.2
     assert (row["min_ttc_s"], row["collided"]) == ("inf", "False")
 
@@ -243,7 +222,7 @@ def test_table_that_cannot_be_written_leaves_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "rows.csv"
-    write_table(path, EpisodeResult, [ROW])
+    write_table(path, EpisodeResult, [RESULT])
     before = path.read_bytes()
 
     def full(descriptor: int) -> None:
@@ -251,7 +230,7 @@ def test_table_that_cannot_be_written_leaves_the_one_before(
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(DrlAvError, match=r"rows.csv cannot be written \(No space left"):
-        write_table(path, EpisodeResult, [ROW, ROW])
+        write_table(path, EpisodeResult, [RESULT, RESULT])
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
 
@@ -277,7 +256,7 @@ def test_ctrl_c_and_sigterm_keep_the_rows_so_far(
     def drive(*arguments: object) -> EpisodeResult:
         if next(driven) == 3:
             signal.raise_signal(number)
-        return ROW
+        return RESULT
 
     former = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in background jobs
 
@@ -302,7 +281,7 @@ def test_a_table_that_exists_keeps_its_rows_until_the_new_ones_are_whole(
     def drive(*arguments: object) -> EpisodeResult:
         if next(driven) in stop_at:
             signal.raise_signal(signal.SIGTERM)
-        return ROW
+        return RESULT
 
     monkeypatch.setattr(module, "drive", drive)
     out, partial = tmp_path / "rows.csv", tmp_path / "rows.partial.csv"
@@ -334,7 +313,7 @@ def test_the_overall_statistics_compare_each_driver_with_the_fastest_baseline() 
         ("mine", 5): (22.0, 21.0),
     }
     rows = [
-        replace(ROW, driver=driver, vehicles=vehicles, seed=seed, mean_speed_m_s=speed)
+        replace(RESULT, driver=driver, vehicles=vehicles, seed=seed, mean_speed_m_s=speed)
         for (driver, vehicles), both in speeds.items()
         for seed, speed in enumerate(both)
     ]
@@ -352,7 +331,7 @@ def test_the_overall_statistics_compare_each_driver_with_the_fastest_baseline() 
 
 
 def test_the_json_has_the_statistics_by_vehicles_and_overall(tmp_path: Path) -> None:
-    rows = [ROW, replace(ROW, driver="mine", mean_speed_m_s=21.0)]
+    rows = [RESULT, replace(RESULT, driver="mine", mean_speed_m_s=21.0)]
     parts = {"by_vehicles": summarize(rows), "overall": overall(rows, ["idm"])}
     write_summaries(tmp_path / "both.json", parts)
     found = json.loads((tmp_path / "both.json").read_text())

@@ -1,6 +1,9 @@
 """Gains over baselines on the same traffic, paired by seed: worked by hand."""
 
+from dataclasses import replace
+
 import pytest
+from drives import RESULT
 
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
@@ -8,28 +11,8 @@ from drl_av.evaluation.paired import paired
 
 
 def result(driver: str, vehicles: int, seed: int, speed_m_s: float) -> EpisodeResult:
-    return EpisodeResult(
-        driver=driver,
-        safety_check="paper",
-        vehicles=vehicles,
-        seed=seed,
-        decisions=200,
-        mean_speed_m_s=speed_m_s,
-        mean_reward=0.0,
-        mean_r_v=0.0,
-        mean_r_y=0.0,
-        mean_r_x=0.0,
-        collided=False,
-        ego_hit=False,
-        collision="",
-        safety_triggers=0,
-        lane_changes=0,
-        aborted_lane_changes=0,
-        min_ttc_s=1.0,
-        min_headway_s=1.0,
-        hard_brakes=0,
-        d_safe_violations=0,
-    )
+    seeded = replace(RESULT, driver=driver, vehicles=vehicles, seed=seed)
+    return replace(seeded, mean_speed_m_s=speed_m_s)
 
 
 def drives(driver: str, vehicles: int, **speeds_m_s: float) -> list[EpisodeResult]:

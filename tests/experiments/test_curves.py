@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from runs import files_of
 
 from drl_av.config import Config
 from drl_av.errors import DrlAvError, RunError
@@ -59,10 +60,6 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         train_job(cell.training)
     make(wanted)
     return folder
-
-
-def files_of(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
 def doomed(last: int) -> Callable[[TrainingJob], None]:

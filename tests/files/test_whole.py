@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from runs import disk_tape
 
 from drl_av.errors import DrlAvError, RecordingError
 from drl_av.experiments.canvas import one_panel, save_figure
@@ -85,19 +86,7 @@ def test_nothing_is_written_over_what_belongs_to_a_run(tmp_path: Path, name: str
 def test_the_file_is_on_the_disk_before_it_has_its_name_and_its_name_afterwards(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tape: list[str] = []
-    fsync, replace = os.fsync, os.replace
-
-    def synced(descriptor: int) -> None:
-        tape.append(f"fsync {Path(os.readlink(f'/proc/self/fd/{descriptor}')).name}")
-        fsync(descriptor)
-
-    def renamed(old: Path, new: Path) -> None:
-        tape.append(f"rename {old.name} to {new.name}")
-        replace(old, new)
-
-    monkeypatch.setattr(os, "fsync", synced)
-    monkeypatch.setattr(os, "replace", renamed)
+    tape = disk_tape(monkeypatch)
     write_whole(tmp_path / "rows.csv", b"x")
     unfinished = f".rows.{os.getpid()}.unfinished.csv"
     assert tape == [

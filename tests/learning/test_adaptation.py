@@ -4,12 +4,11 @@ import csv
 import os
 import shutil
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from runs import KILL, error_message, files_of, interrupted, one_sentence
 
 from drl_av.cli import main
 from drl_av.config import Config, load_config
@@ -38,25 +37,6 @@ checkpoint_every = 2
 evaluation_episodes = 1
 """
 R_COL = Config().reward.collision_reward
-KILLED = """
-import os, signal, sys
-from drl_av.cli import main
-from drl_av.env import HighwayEnv
-from drl_av.learning.run import Run
-
-def dies_at(owner, name, call):
-    method, calls = getattr(owner, name), 0
-    def armed(*arguments):
-        nonlocal calls
-        calls += 1
-        if calls == call:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return method(*arguments)
-    setattr(owner, name, armed)
-
-dies_at({moment})
-main(sys.argv[1:])
-"""
 
 
 @pytest.fixture(scope="module")
@@ -105,17 +85,6 @@ def tensors(folder: Path) -> dict[str, np.ndarray]:
 def rows(folder: Path) -> list[dict[str, str]]:
     with (folder / "episodes.csv").open() as file:
         return list(csv.DictReader(file))
-
-
-def files_of(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
-
-
-def one_sentence(capsys: pytest.CaptureFixture[str]) -> str:
-    text = capsys.readouterr().err
-    assert text.startswith("drl-av: ")
-    assert text.count("\n") == 1
-    return text
 
 
 def test_it_is_a_run_like_any_other(adapted: Path, trained: Path) -> None:
@@ -234,9 +203,8 @@ def test_killed_before_and_after_its_first_episodes_it_ends_with_the_same_bytes(
 ) -> None:
     folder = trained.with_name("killed")
     words = command(trained, quick, "killed", "--learning-rate", "1e-3")
-    for moment in ("HighwayEnv, 'step', 7", "Run, 'append', 4"):
-        program = KILLED.replace("{moment}", moment)
-        ended = subprocess.run([sys.executable, "-B", "-c", program, *words], timeout=120)
+    for moment in ("HighwayEnv, 'step', 7", "run.Run, 'append', 4"):
+        ended = interrupted(f"at_call({moment}, {KILL})", words)
         assert ended.returncode == -signal.SIGKILL
         words = ["adapt", "--out", str(folder), "--resume"]
     assert len(rows(folder)) == 3
@@ -253,13 +221,13 @@ def test_ctrl_c_saves_and_says_how_to_go_on(
 ) -> None:
     folder, step, calls = trained.with_name("stopped"), HighwayEnv.step, []
 
-    def interrupted(env: HighwayEnv, action: int) -> object:
+    def stopped(env: HighwayEnv, action: int) -> object:
         calls.append(action)
         if len(calls) == 20:
             os.kill(os.getpid(), signal.SIGINT)
         return step(env, action)
 
-    monkeypatch.setattr(HighwayEnv, "step", interrupted)
+    monkeypatch.setattr(HighwayEnv, "step", stopped)
     assert main(command(trained, quick, "stopped", "--learning-rate", "1e-3")) == 130
     assert f"continue with: drl-av adapt --out {folder} --resume\n" in capfd.readouterr().err
     assert len(rows(folder)) == 2
@@ -295,7 +263,7 @@ def test_a_policy_that_cannot_be_adapted_is_reported_and_leaves_nothing_behind(
     (tmp_path / "blind.toml").write_text("[observation]\nrange_m = 100\n")
     given = set(tmp_path.iterdir())
     assert main(["adapt", *words, "--out", "out"]) == 1
-    assert message in one_sentence(capsys)
+    assert message in error_message(capsys)
     assert set(tmp_path.iterdir()) == given
 
 
@@ -305,7 +273,9 @@ def test_a_run_continues_with_as_many_networks_as_it_has(
     more = tmp_path / "more.toml"
     more.write_text("[learning]\nnetworks = 2\n")
     assert main(command(trained, str(more), "more")) == 1
-    assert "learning.networks = 1: continue with as many, not 2" in one_sentence(capsys)
+    assert "learning.networks = 1: continue with as many, not 2" in one_sentence(
+        capsys.readouterr().err
+    )
     assert not trained.with_name("more").exists()
 
 
@@ -319,7 +289,7 @@ def test_a_run_that_is_there_is_not_begun_again_nor_resumed_otherwise(
         (["--resume", "--seed", "9"], "was begun with other settings"),
     ):
         assert main(command(trained, quick, "adapted", *options)) == 1
-        assert message in one_sentence(capsys)
+        assert message in error_message(capsys)
     assert files_of(adapted) == before
     assert main(command(trained, quick, "adapted", "--resume")) == 0
 
@@ -331,7 +301,7 @@ def test_experience_of_another_replay_is_not_dropped_in_silence(
     settings.write_text('[learning]\nreplay = "uniform"\n')
     out = tmp_path / "out"
     assert main(["adapt", str(trained), "--out", str(out), "--config", str(settings)]) == 1
-    assert "does not fit a buffer of 150000 rows" in one_sentence(capsys)
+    assert "does not fit a buffer of 150000 rows" in error_message(capsys)
     assert not out.exists()
 
 

@@ -3,14 +3,12 @@
 import errno
 import os
 import random
-import resource
 import shutil
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from runs import INTERRUPT, KILL, disk_tape, error_message, files_of, interrupted, one_sentence
 
 from drl_av.cli import main
 from drl_av.config import load_config
@@ -34,35 +32,6 @@ counterfactuals = 6
 networks = 2
 """
 RESULTS = ("episodes.csv", "evaluations.csv", "checkpoint.safetensors", "policy.safetensors")
-HARNESS = """
-import os, signal, sys, threading
-from drl_av.cli import main
-from drl_av.env import HighwayEnv
-from drl_av.learning import run
-
-def die(number):
-    os.kill(os.getpid(), number)
-
-def at_call(owner, name, call, then, after=False):
-    method, calls = getattr(owner, name), 0
-    def armed(*arguments, **options):
-        nonlocal calls
-        calls += 1
-        if calls == call and not after:
-            then()
-        result = method(*arguments, **options)
-        if calls == call and after:
-            then()
-        return result
-    setattr(owner, name, armed)
-
-def without_root_rights():
-    import ctypes
-    header, data = (ctypes.c_uint32 * 2)(0x20080522, 0), (ctypes.c_uint32 * 6)()
-    assert ctypes.CDLL(None).capset(header, data) == 0
-"""
-KILL = "lambda: die(signal.SIGKILL)"
-INTERRUPT = "lambda: die(signal.SIGINT)"
 MOMENTS = {
     "before the run is there": f"at_call(os, 'replace', 1, {KILL})",
     "in the first episode": f"at_call(HighwayEnv, 'step', 7, {KILL})",
@@ -76,37 +45,6 @@ MOMENTS = {
 
 def command(folder: Path, *options: str) -> list[str]:
     return ["train", "--out", str(folder), *options]
-
-
-def trained(
-    prelude: str, arguments: list[str], limit: int | None = None
-) -> subprocess.CompletedProcess[str]:
-    """Run ``drl-av`` in a process of its own, after the prelude."""
-
-    def starve() -> None:
-        if limit is not None:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-    program = f"{HARNESS}\n{prelude}\nsys.exit(main({arguments!r}))"
-    return subprocess.run(
-        [sys.executable, "-B", "-c", program],
-        preexec_fn=starve,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
-
-
-def files_of(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
-
-
-def one_sentence(text: str) -> str:
-    assert text.startswith("drl-av: ")
-    assert text.count("\n") == 1
-    assert "Traceback" not in text
-    return text
 
 
 @pytest.fixture(scope="module")
@@ -136,9 +74,9 @@ def test_run_killed_at_many_moments_ends_with_the_same_bytes(
     folder = tmp_path / "killed"
     for moment, prelude in MOMENTS.items():
         options = ["--resume"] if folder.exists() else ["--config", settings]
-        ended = trained(prelude, command(folder, *options))
+        ended = interrupted(prelude, command(folder, *options))
         assert ended.returncode == -signal.SIGKILL, (moment, ended.stderr)
-    assert trained("", command(folder, "--resume")).returncode == 0
+    assert interrupted("", command(folder, "--resume")).returncode == 0
     assert files_of(folder) == files_of(left_alone)
 
 
@@ -151,10 +89,10 @@ def test_run_killed_at_random_moments_ends_with_the_same_bytes(
         seconds = rng.uniform(0.02, 0.5)
         timer = f"threading.Timer({seconds}, {KILL}).start()"
         timed = f"at_call(run.Run, 'restore', 1, lambda: {timer})"
-        ended = trained(timed, command(folder, *options))
+        ended = interrupted(timed, command(folder, *options))
         options = ["--resume"]
         assert ended.returncode in (-signal.SIGKILL, 0)
-    assert trained("", command(folder, "--resume")).returncode == 0
+    assert interrupted("", command(folder, "--resume")).returncode == 0
     assert files_of(folder) == files_of(left_alone)
 
 
@@ -163,10 +101,10 @@ def test_training_that_sumo_aborts_fails_and_ends_with_the_same_bytes_after_a_re
 ) -> None:
     folder = tmp_path / "aborted"
     prelude = "import libsumo; at_call(libsumo, 'simulationStep', 190, os.abort)"
-    ended = trained(prelude, command(folder, "--config", settings))
+    ended = interrupted(prelude, command(folder, "--config", settings))
     assert ended.returncode == -signal.SIGABRT
     assert 0 < load(folder / "checkpoint.safetensors")[1]["episodes_done"] < EPISODES
-    assert trained("", command(folder, "--resume")).returncode == 0
+    assert interrupted("", command(folder, "--resume")).returncode == 0
     assert files_of(folder) == files_of(left_alone)
 
 
@@ -175,14 +113,14 @@ def test_sumo_that_ends_on_its_own_is_reported_with_the_command_to_continue(
 ) -> None:
     folder = tmp_path / "ended"
     prelude = "import libsumo; at_call(libsumo, 'simulationStep', 190, libsumo.close)"
-    ended = trained(prelude, command(folder, "--config", settings))
+    ended = interrupted(prelude, command(folder, "--config", settings))
     assert ended.returncode == 1
     message = one_sentence(ended.stderr)
     assert "SUMO ended on its own" in message
     assert (
         f"continues from its last checkpoint with: drl-av train --out {folder} --resume." in message
     )
-    assert trained("", command(folder, "--resume")).returncode == 0
+    assert interrupted("", command(folder, "--resume")).returncode == 0
     assert files_of(folder) == files_of(left_alone)
 
 
@@ -191,25 +129,25 @@ def test_first_ctrl_c_saves_after_the_episode_and_says_how_to_go_on(
 ) -> None:
     folder = tmp_path / "stopped"
     prelude = f"at_call(HighwayEnv, 'step', 50, {INTERRUPT})"
-    ended = trained(prelude, command(folder, "--config", settings))
+    ended = interrupted(prelude, command(folder, "--config", settings))
     assert ended.returncode == 130
     assert f"drl-av train --out {folder} --resume" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert len((folder / "episodes.csv").read_bytes().splitlines()) == 1 + 3
     assert load(folder / "checkpoint.safetensors")[1]["episodes_done"] == 3
-    assert trained("", command(folder, "--resume")).returncode == 0
+    assert interrupted("", command(folder, "--resume")).returncode == 0
     assert files_of(folder) == files_of(left_alone)
 
 
 def test_second_ctrl_c_stops_at_once(settings: str, left_alone: Path, tmp_path: Path) -> None:
     folder = tmp_path / "stopped"
     prelude = "\n".join(f"at_call(HighwayEnv, 'step', {n}, {INTERRUPT})" for n in (45, 47))
-    ended = trained(prelude, command(folder, "--config", settings))
+    ended = interrupted(prelude, command(folder, "--config", settings))
     assert ended.returncode == 130
     assert f"drl-av train --out {folder} --resume" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert len((folder / "episodes.csv").read_bytes().splitlines()) == 1 + 2
-    assert trained("", command(folder, "--resume")).returncode == 0
+    assert interrupted("", command(folder, "--resume")).returncode == 0
     assert files_of(folder) == files_of(left_alone)
 
 
@@ -224,18 +162,18 @@ def test_full_disk_keeps_what_was_saved(
     limit: int, settings: str, left_alone: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "starved"
-    stopped = trained(
+    stopped = interrupted(
         f"at_call(HighwayEnv, 'step', 70, {INTERRUPT})", command(folder, "--config", settings)
     )
     assert stopped.returncode == 130
     saved = {name: (folder / name).read_bytes() for name in RESULTS}
-    ended = trained("", command(folder, "--resume"), limit)
+    ended = interrupted("", command(folder, "--resume"), limit)
     assert ended.returncode == 1
     assert "cannot be written (File too large)" in one_sentence(ended.stderr)
     assert (folder / "checkpoint.safetensors").read_bytes() == saved["checkpoint.safetensors"]
     assert load_policy(folder / "policy.safetensors")
     assert not list(folder.glob(".*unfinished*"))
-    assert trained("", command(folder, "--resume")).returncode == 0
+    assert interrupted("", command(folder, "--resume")).returncode == 0
     assert files_of(folder) == files_of(left_alone)
 
 
@@ -257,15 +195,15 @@ def test_folder_that_may_not_be_written_to_keeps_what_was_saved(
 ) -> None:
     folder = tmp_path / "locked"
     prelude = f"at_call(HighwayEnv, 'step', 70, {INTERRUPT})"
-    assert trained(prelude, command(folder, "--config", settings)).returncode == 130
+    assert interrupted(prelude, command(folder, "--config", settings)).returncode == 130
     saved = files_of(folder)
     folder.chmod(0o555)
-    ended = trained("without_root_rights()", command(folder, "--resume"))
+    ended = interrupted("without_root_rights()", command(folder, "--resume"))
     folder.chmod(0o755)
     assert ended.returncode == 1
     assert "cannot be written (Permission denied)" in one_sentence(ended.stderr)
     assert (folder / "checkpoint.safetensors").read_bytes() == saved["checkpoint.safetensors"]
-    assert trained("", command(folder, "--resume")).returncode == 0
+    assert interrupted("", command(folder, "--resume")).returncode == 0
     assert files_of(folder) == files_of(left_alone)
 
 
@@ -284,7 +222,7 @@ def test_damaged_checkpoint_is_refused_and_left_as_it_is(
     file.write_bytes(data)
     before = files_of(copy)
     assert main(command(copy, "--resume")) == 1
-    assert str(file) in one_sentence(capsys.readouterr().err)
+    assert str(file) in error_message(capsys)
     assert files_of(copy) == before
 
 
@@ -294,7 +232,7 @@ def test_checkpoint_of_another_config_is_refused(
     config = load_config(copy / "config.toml").updated("learning", seed=3)
     (copy / "config.toml").write_text(config.to_toml())
     assert main(command(copy, "--resume")) == 1
-    assert "belongs to other settings" in one_sentence(capsys.readouterr().err)
+    assert "belongs to other settings" in error_message(capsys)
 
 
 def test_run_older_than_a_setting_continues_with_its_default(copy: Path) -> None:
@@ -307,7 +245,7 @@ def test_run_older_than_a_setting_continues_with_its_default(copy: Path) -> None
     assert main(command(copy, "--resume")) == 0
 
 
-def test_a_config_that_a_power_cut_left_is_refused_before_anything_is_trained(
+def test_a_config_that_a_power_cut_left_is_refused_before_anything_is_interrupted(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (copy / "checkpoint.safetensors").unlink()
@@ -317,36 +255,26 @@ def test_a_config_that_a_power_cut_left_is_refused_before_anything_is_trained(
         (copy / "config.toml").write_bytes(left)
         before = files_of(copy)
         assert main(command(copy, "--resume")) == 1
-        assert str(copy / "config.toml") in one_sentence(capsys.readouterr().err)
+        assert str(copy / "config.toml") in error_message(capsys)
         assert files_of(copy) == before
 
 
 def test_a_new_run_is_on_the_disk_before_it_has_its_name(
     settings: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tape: list[str] = []
-    sync, rename = os.fsync, os.replace
-
-    def synced(descriptor: int) -> None:
-        tape.append(Path(os.readlink(f"/proc/self/fd/{descriptor}")).name)
-        sync(descriptor)
-
-    def renamed(old: Path, new: Path) -> None:
-        tape.append(f"rename to {Path(new).name}")
-        rename(old, new)
-
-    monkeypatch.setattr(os, "fsync", synced)
-    monkeypatch.setattr(os, "replace", renamed)
+    tape = disk_tape(monkeypatch)
     Run(tmp_path / "run").create(load_config(settings))
     *contents, folder, name, home = tape
-    assert sorted(contents) == ["config.toml", "episodes.csv", "evaluations.csv"]
+    files = ("config.toml", "episodes.csv", "evaluations.csv")
+    assert sorted(contents) == [f"fsync {file}" for file in files]
     assert folder.endswith(".unfinished")
-    assert (name, home) == ("rename to run", tmp_path.name)
+    made = folder.removeprefix("fsync ")
+    assert (name, home) == (f"rename {made} to run", f"fsync {tmp_path.name}")
 
 
 def test_what_a_killed_beginning_left_is_removed_by_the_next(settings: str, tmp_path: Path) -> None:
     prelude = MOMENTS["before the run is there"]
-    ended = trained(prelude, command(tmp_path / "run", "--config", settings))
+    ended = interrupted(prelude, command(tmp_path / "run", "--config", settings))
     assert ended.returncode == -signal.SIGKILL
     [left] = tmp_path.iterdir()
     assert left.name.startswith(".run.")
@@ -361,7 +289,7 @@ def test_checkpoint_with_an_unknown_setting_is_refused(
     tensors, numbers = load(file)
     save(file, tensors, numbers | {"config": numbers["config"] + "forgotten = 1\n"})
     assert main(command(copy, "--resume")) == 1
-    assert "belongs to other settings" in one_sentence(capsys.readouterr().err)
+    assert "belongs to other settings" in error_message(capsys)
 
 
 @pytest.mark.parametrize(
@@ -383,14 +311,14 @@ def test_numbers_that_no_training_writes_are_refused_and_change_no_file(
     save(file, tensors, numbers | {name: value})
     before = files_of(copy)
     assert main(command(copy, "--resume")) == 1
-    assert str(file) in one_sentence(capsys.readouterr().err)
+    assert str(file) in error_message(capsys)
     assert files_of(copy) == before
 
 
 def test_lost_rows_are_missed(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     os.truncate(copy / "episodes.csv", 100)
     assert main(command(copy, "--resume")) == 1
-    assert "has lost rows" in one_sentence(capsys.readouterr().err)
+    assert "has lost rows" in error_message(capsys)
 
 
 @pytest.mark.parametrize(
@@ -407,7 +335,7 @@ def test_run_that_exists_is_not_trained_otherwise(
 ) -> None:
     before = files_of(copy)
     assert main(command(copy, *options)) == 1
-    assert message in one_sentence(capsys.readouterr().err)
+    assert message in error_message(capsys)
     assert files_of(copy) == before
 
 
@@ -421,7 +349,7 @@ def test_resume_without_a_run_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(command(tmp_path / "nowhere", "--resume")) == 1
-    assert "is not a run" in one_sentence(capsys.readouterr().err)
+    assert "is not a run" in error_message(capsys)
 
 
 def test_tensorboard_events_are_written_when_asked_for(settings: str, tmp_path: Path) -> None:
@@ -454,8 +382,8 @@ def test_tensorboard_events_that_find_the_disk_full_are_one_sentence(
     settings: str, left_alone: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "run"
-    ended = trained(FULL_DISK, command(folder, "--config", settings, "--tensorboard"))
+    ended = interrupted(FULL_DISK, command(folder, "--config", settings, "--tensorboard"))
     assert ended.returncode == 1
     assert "without --tensorboard" in one_sentence(ended.stderr)
-    assert trained("", command(folder, "--resume")).returncode == 0
+    assert interrupted("", command(folder, "--resume")).returncode == 0
     assert files_of(folder) == files_of(left_alone)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from runs import files_of
 from worlds import ALONE, ROAD
 
 from drl_av.config import REPLAYS, Config
@@ -352,10 +353,6 @@ def small(seed: int) -> Config:
     config = Config().updated("simulation", decisions_per_episode=15)
     schedule = {"evaluate_every": 2, "checkpoint_every": 3, "evaluation_episodes": 1}
     return config.updated("learning", seed=seed, episodes=4, **schedule)
-
-
-def files_of(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
 def trained(folder: Path, env: HighwayEnv, seed: int) -> dict[str, bytes]:

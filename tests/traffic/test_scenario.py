@@ -3,7 +3,6 @@
 import itertools
 import os
 import re
-import shutil
 import subprocess
 import tomllib
 import xml.etree.ElementTree as ET
@@ -49,12 +48,6 @@ def run_sumo(folder: Path, end_s: int, *options: str) -> subprocess.CompletedPro
     program = network.program("netconvert").with_name("sumo")
     arguments = ["-c", folder / "highway.sumocfg", "--end", str(end_s), "--no-step-log", *options]
     return subprocess.run([program, *arguments], capture_output=True, text=True, check=False)
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A sound scenario folder to spoil."""
-    return Path(shutil.copytree(find_scenario(), tmp_path / "scenario"))
 
 
 OPEN = {

@@ -1,7 +1,6 @@
 """A scenario folder from another person cannot write files, open sockets, or stop the reader."""
 
 import os
-import shutil
 import time
 from pathlib import Path
 
@@ -9,15 +8,10 @@ import pytest
 
 from drl_av.errors import ScenarioError
 from drl_av.traffic import scenario_files
-from drl_av.traffic.scenario import find_scenario, load_scenario
+from drl_av.traffic.scenario import load_scenario
 from drl_av.traffic.scenario_xml import MAX_DEPTH, NETWORK, read_xml
 
 TYPES, NETWORK_FILE, VIEW = "vehicle_types.add.xml", "highway.net.xml", "view.xml"
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    return Path(shutil.copytree(find_scenario(), tmp_path / "scenario"))
 
 
 def spoil(folder: Path, name: str, old: str, new: str) -> None:

@@ -1,6 +1,5 @@
 """Traffic that drives by our own drivers through SUMO."""
 
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drives import printed_by_a_fresh_process
 from worlds import CENTER, LEFT, RIGHT
 
 from drl_av.cli import main
@@ -218,19 +218,11 @@ def hashed() -> str:
 
 
 def test_a_mix_is_the_same_trajectory_in_a_fresh_process_and_not_that_of_idm(hashed: str) -> None:
-    folders = [str(TESTS), str(Path(__file__).parent)]
     program = (
-        f"import sys; sys.path[:0] = {folders}; import test_traffic as t; "
+        f"sys.path.insert(0, {str(Path(__file__).parent)!r}); import test_traffic as t; "
         "print(t.trajectory(seed=4) and t.trajectory())"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=os.environ | {"PYTHONHASHSEED": "12345"},
-    )
-    assert done.stdout.split() == [hashed]
+    assert printed_by_a_fresh_process(program) == [hashed]
     assert trajectory(mixed(0, 0, 0)) != hashed
 
 
