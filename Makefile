@@ -71,6 +71,7 @@ results: setup
 	$(BIN)/drl-av reproduce curves final_policies --seeds 10 --jobs 2
 	$(BIN)/drl-av reproduce --jobs 2
 	$(BIN)/python -m verification.step_lengths --out docs/results/step_length.csv
+	$(BIN)/python -m verification.stories --out docs/results/stories.csv
 	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
 	$(call text,falsified_strict.txt,-m verification.falsify --check strict)
 	$(call text,falsified_paper.txt,-m verification.falsify --check paper)
@@ -94,6 +95,7 @@ results: setup
 	$(BIN)/python -m verification.shielding --out docs/results/shielding.csv
 	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
 	$(BIN)/python tools/draw_drive.py docs/drive.gif
+	$(BIN)/python tools/draw_stories.py docs/assets/stories
 	$(BIN)/python tools/refresh_tables.py
 
 clean:

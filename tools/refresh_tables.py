@@ -18,7 +18,7 @@ from docs_pages import actions, observation
 from drl_av.experiments.experiment import Results
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.registry import EXPERIMENTS
-from verification import crash_rate, ramps, shielding_report
+from verification import crash_rate, ramps, shielding_report, stories
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "docs" / "results"
@@ -55,6 +55,7 @@ TABLES: dict[str, Callable[[Results], str]] = {
     "own_hits": lambda results: printed("own_hits.txt"),
     "sharper": lambda results: printed("sharper.txt"),
     "shielding": shielding_report.section,
+    "stories": stories.section,
 } | {name: table for each in EXPERIMENTS.values() for name, table in each.summaries.items()}
 
 

@@ -1,0 +1,121 @@
+"""Drives several drivers through each story that ships with drl-av, under each check.
+
+    python -m verification.stories --out docs/results/stories.csv
+
+A story places every vehicle, and no vehicle changes lanes at random here, so an episode does not
+depend on its seed, and one episode of each tells all. It ends at the end of the road, with a
+collision of the ego, or after a minute. SUMO's drivers have no check and are driven once.
+"""
+
+import argparse
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from drl_av.config import Config
+from drl_av.env.metrics import EpisodeResult
+from drl_av.evaluation.evaluate import evaluate
+from drl_av.experiments.experiment import Results
+from drl_av.experiments.markdown import markdown_table
+from drl_av.experiments.provenance import provenance
+from drl_av.experiments.store import write_sidecar
+from drl_av.files import Row, write_table
+
+STORIES = (
+    "stalled_vehicle",
+    "barricade",
+    "lane_drop",
+    "cut_in",
+    "fast_overtaker",
+    "two_into_one_lane",
+)
+DRIVERS = ("idm", "idm-mobil", "gap-mobil", "planner", "pretrained")
+SUMO_DRIVERS = ("sumo", "sumo-tuned")
+CHECKS = ("permit_all", "paper", "strict")
+SETTINGS: dict[str, dict[str, Any]] = {
+    "simulation": {"decisions_per_episode": 60},
+    "traffic": {"random_lane_changes_per_s": 0.0},
+}
+COLUMNS = (
+    *("story", "driver", "safety_check", "decisions", "mean_speed_m_s", "collision"),
+    *("safety_triggers", "min_ttc_s"),
+)
+
+
+def drive(story: str, drivers: Sequence[str], check: str) -> list[dict[str, Any]]:
+    """Drive one episode of a story with each driver, and return their rows of the table."""
+    results = evaluate(
+        drivers,
+        episodes=1,
+        config=SETTINGS,
+        scenario=story,
+        safety_check=check,
+    )
+    return [row(story, result) for result in results]
+
+
+def row(story: str, result: EpisodeResult) -> dict[str, Any]:
+    """Return the row of an episode."""
+    return {
+        "story": story,
+        **{name: getattr(result, name) for name in COLUMNS[1:]},
+        "mean_speed_m_s": round(result.mean_speed_m_s, 2),
+        "min_ttc_s": round(result.min_ttc_s, 2),
+    }
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Return the Markdown table: a row for each driver and check, a column for each story.
+
+    A cell holds the ego's mean speed, or what it collided with and after how many seconds.
+    """
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    for each in rows:
+        line = cells.setdefault((each["driver"], each["safety_check"]), {})
+        line[each["story"]] = cell(each)
+    names = ["driver", "check", *(f"`{story}`" for story in STORIES)]
+    return markdown_table(names, lines(cells))
+
+
+def lines(cells: dict[tuple[str, str], dict[str, str]]) -> Iterable[list[str]]:
+    """Yield the lines of the table from the cells of each driver and check, by story."""
+    for (driver, check), line in sorted(cells.items(), key=lambda item: order(*item[0])):
+        yield [f"`{driver}`", f"`{check}`", *(line.get(story, "") for story in STORIES)]
+
+
+def order(driver: str, check: str) -> tuple[int, int]:
+    """Return the place of a driver and a check in the table."""
+    checks = (*CHECKS, "none")
+    return (*DRIVERS, *SUMO_DRIVERS).index(driver), checks.index(check)
+
+
+def cell(each: Row) -> str:
+    """Return what a cell says of an episode."""
+    if each["collision"]:
+        return f"{each['collision']}, {each['decisions']} s"
+    return f"{float(each['mean_speed_m_s']):.1f} m/s"
+
+
+def section(results: Results) -> str:
+    """Return the table of ``stories.csv`` as Markdown."""
+    return table(results.rows("stories.csv"))
+
+
+def main() -> None:
+    """Drive all stories, and write the table."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="FILE.csv", help="table to write"
+    )
+    options = parser.parse_args()
+    rows = []
+    for story in STORIES:
+        for check in CHECKS:
+            rows += drive(story, DRIVERS, check)
+        rows += drive(story, SUMO_DRIVERS, CHECKS[0])
+    write_sidecar(options.out, provenance(Config(), settings=SETTINGS))
+    write_table(options.out, COLUMNS, rows)
+
+
+if __name__ == "__main__":
+    main()
