@@ -62,11 +62,6 @@ class Scenario:
         return self.folder / scenario_files.NETWORK_FILE
 
     @property
-    def vehicle_types_file(self) -> Path:
-        """Path of the file with the vehicle types "traffic" and "ego"."""
-        return self.folder / scenario_files.VEHICLE_TYPES_FILE
-
-    @property
     def view_file(self) -> Path:
         """Path of the file with the view settings of sumo-gui."""
         return self.folder / scenario_files.VIEW_FILE
