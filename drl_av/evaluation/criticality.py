@@ -83,6 +83,8 @@ class CriticalityMetrics(EpisodeMetrics):
         self._snapshots += [after] if self._snapshots else [before, after]
         self._lap_m = decision.scene.affordances.circumference_m
         duration_s = after.time_s - before.time_s
+        if duration_s == 0.0:  # the ego left the lanes in the first SUMO step
+            return
         self.driven_m += self.speeds_m_s[-1] * duration_s
         self._add_motion(before, after, duration_s)
         self._add_front(decision, duration_s)
@@ -153,13 +155,14 @@ class CriticalityMetrics(EpisodeMetrics):
 
     def result(self, driver: str, safety_check: str, vehicles: int, seed: int) -> CriticalityResult:
         """Return the row of the episode: its metrics, and the four given values."""
-        jerks = [abs(motion.j_x_m_s3) for motion in self.motions]
+        motions = self.motions or [Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)]
+        jerks = [abs(motion.j_x_m_s3) for motion in motions]
         return CriticalityResult(
             **vars(super().result(driver, safety_check, vehicles, seed)),
             driven_m=self.driven_m,
             mean_abs_jerk_m_s3=sum(jerks) / len(jerks),
             max_abs_jerk_m_s3=max(jerks),
-            max_abs_lateral_acceleration_m_s2=max(abs(each.a_y_m_s2) for each in self.motions),
+            max_abs_lateral_acceleration_m_s2=max(abs(each.a_y_m_s2) for each in motions),
             comfortable_decisions=sum(motion.comfortable for motion in self.motions),
             reversals=self.reversals,
             tet_s=self.tet_s,

@@ -66,6 +66,14 @@ def test_lateral_acceleration_and_yaw_are_those_of_the_lateral_speed() -> None:
     assert slow.comfortable_decisions == 0
 
 
+def test_a_decision_in_which_the_ego_leaves_the_lanes_at_once_has_no_motion() -> None:
+    metrics, here = CriticalityMetrics(), scene(speed_m_s=20.0)
+    metrics.add(Decision(here, None, ACTIONS[0], -3.0, here, None, True, False, INFO))
+    found = metrics.result("mine", "paper", 1, 0)
+    assert (found.driven_m, found.mean_abs_jerk_m_s3, found.comfortable_decisions) == (0, 0, 0)
+    assert found.decisions == 1
+
+
 def test_maintaining_between_does_not_hide_a_reversal() -> None:
     row = measured(*speeds(20.0, 22.0, 22.1, 20.1, 18.1, 18.1, 20.1, 22.1))
     assert row.reversals == 2  # up, a trifle, down, down, none, up, up
