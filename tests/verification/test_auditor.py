@@ -39,7 +39,11 @@ from verification.auditor import (
 CONFIG = Config()
 STRICT = CONFIG.strict
 OPEN = ("straight", "merge", "exit", "ramp_to_ramp")
-SHIPPED = ("circular_three_lane", "barricaded_right_lane", *OPEN)
+STORIES = (
+    *("stalled_vehicle", "barricade", "lane_drop", "cut_in", "fast_overtaker"),
+    "two_into_one_lane",
+)
+SHIPPED = ("circular_three_lane", "barricaded_right_lane", *OPEN, *STORIES)
 STEP_S = 0.5
 
 
