@@ -144,10 +144,11 @@ class Bodies:
         right_m, left_m = lowest_m - aside_m, highest_m + aside_m
         beside = [row for row, at_m in enumerate(y_m) if right_m < at_m < left_m]
         gained_m = ACCELERATION_M_S2 * time_s * (time_s + step_s) / 2 - rolled_m
-        rows = []
+        rows, ego_s_m, lap_m = [], s_m[EGO], self.road.lap_m
         for row in beside[1:]:
-            behind_m = length_m + max(speed_m_s[row] * time_s + gained_m, 0.0)
-            ahead_m = (s_m[row] - s_m[EGO] + behind_m) % self.road.lap_m
+            closer_m = speed_m_s[row] * time_s + gained_m
+            behind_m = length_m + closer_m if closer_m > 0.0 else length_m
+            ahead_m = (s_m[row] - ego_s_m + behind_m) % lap_m
             if ahead_m < behind_m + length_m + rolled_m:
                 rows.append(row)
         return rows

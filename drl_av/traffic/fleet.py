@@ -139,10 +139,13 @@ class Fleet:
         They are those that the scenario sets for this time, and random ones. ``time_s`` is the time
         since the reset, and ``y_m`` holds the lateral position of each row.
         """
+        changes, due = self.random_lane_changes(y_m), self._timed_changes.due(time_s)
+        if not due:
+            return changes
         ids, lane_of = self.population.ids, self.scenario.road.lane_of
-        due = [(ids.index(name), to) for name, to in self._timed_changes.due(time_s) if name in ids]
-        set_changes = [(row, to - lane_of(y_m[row])) for row, to in due]
-        return [*self.random_lane_changes(y_m), *(each for each in set_changes if each[1])]
+        rows = [(ids.index(name), to) for name, to in due if name in ids]
+        set_changes = [(row, to - lane_of(y_m[row])) for row, to in rows]
+        return [*changes, *(each for each in set_changes if each[1])]
 
     def random_lane_changes(self, y_m: Sequence[float]) -> list[tuple[int, int]]:
         """Return the random lane changes of the next decision, as pairs (row, side).
