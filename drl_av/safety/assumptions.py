@@ -38,6 +38,8 @@ LATERAL_GAP_M = 0.6
 """SUMO's minGapLat, the lateral gap at which two vehicles drive beside each other in one lane."""
 RANDOM_LANE_CHANGES_PER_S = 0.01
 """The largest rate in our kinds of traffic."""
+FOLLOWER_BRAKING_M_S2 = 0.5
+"""The weakest braking of vehicles behind the ego for which the lemma response is proved."""
 
 
 def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
@@ -58,6 +60,14 @@ def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road)
             f"at most {most:g}, and not {found:g}",
             "bound 3 fails: a vehicle that gets a second request in the middle of a lane change "
             "continues it even into a vehicle beside it",
+        )
+
+    least, found = FOLLOWER_BRAKING_M_S2, config.strict.follower_braking_m_s2
+    if found < least:
+        raise _refusal(
+            "strict.follower_braking_m_s2",
+            f"at least {least:g}, and not {found:g}",
+            "the lemma response is not proved for weaker braking",
         )
 
 

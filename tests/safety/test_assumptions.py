@@ -52,6 +52,12 @@ ROAD = ROAD_AS_WRITTEN
         ),
         ("traffic", {"random_lane_changes_per_s": 0.3}, ROAD, "must be at most 0.01, and not 0.3"),
         (
+            "strict",
+            {"follower_braking_m_s2": 0.4},
+            ROAD,
+            "follower_braking_m_s2 must be at least 0.5, and not 0.4, because the lemma response",
+        ),
+        (
             "simulation",
             {"lateral_resolution_m": 0.95},
             ROAD,
