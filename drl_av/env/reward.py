@@ -159,10 +159,9 @@ def way_side(affordances: Affordances) -> int:
     It demands n lane changes now if they must be complete within n times ``UNHURRIED_M``; else the
     result is 0 (ours).
     """
-    changes, within_m = affordances.mandatory
-    if within_m > abs(changes) * UNHURRIED_M:
-        return 0
-    return 1 if changes > 0 else -1
+    mandatory = affordances.mandatory
+    is_due = mandatory.within_m <= abs(mandatory.lanes) * UNHURRIED_M
+    return mandatory.side if is_due else 0
 
 
 def faster_side(

@@ -59,6 +59,11 @@ class MandatoryChange(NamedTuple):
     within_m: float
     """Distance along the road within which they must be complete, metres; inf if none is needed."""
 
+    @property
+    def side(self) -> int:
+        """Direction of the changes: +1 left, -1 right, 0 if none is needed."""
+        return (self.lanes > 0) - (self.lanes < 0)
+
 
 NO_CHANGE = MandatoryChange(0, math.inf)
 

@@ -51,13 +51,13 @@ class PlannerDriver:
         watcher = self._watch(scene, others)
         lap_m = scene.affordances.circumference_m or FAR_M
         mandatory = scene.affordances.mandatory
-        chooser = Chooser(lanes, self._ego, self._limits, int(np.sign(mandatory.lanes)))
+        chooser = Chooser(lanes, self._ego, self._limits, mandatory.side)
         forecaster = Forecaster(others, watcher, lap_m, chooser, self._ego, mandatory)
         if is_new:
             self._next_plan(forecaster, scene)
         choice = forecaster.choice(self._egos(scene, 1), self._plan[:1])
         if mandatory.within_m < HURRIED_M * abs(mandatory.lanes) and scene.lane_change is None:
-            intent = Intent.LEFT if mandatory.lanes > 0 else Intent.RIGHT
+            intent = Intent.LEFT if mandatory.side > 0 else Intent.RIGHT
             to_change = forecaster.choice(self._egos(scene, 1), np.array([intent]))
             choice = to_change if to_change.begins[0] else choice
         self._sign = int(np.sign(choice.acceleration_m_s2[0])) or self._sign
@@ -126,7 +126,7 @@ def _has_right(seen: Affordances) -> bool:
 
     Otherwise the ego would brake until the lane begins, because no plan leaves by the exit.
     """
-    return seen.right_lane or seen.mandatory.lanes < 0
+    return seen.right_lane or seen.mandatory.side < 0
 
 
 def _ahead(others: Others, seen: Affordances) -> Ahead:

@@ -13,7 +13,7 @@ from drl_av.config import EgoConfig
 from drl_av.drivers.planner.choice import LONG_HEADWAY_S, Choice, Chooser, Ego, Surroundings
 from drl_av.drivers.planner.others import FAR_M, BoolArray, IntArray, Lanes, Others, idm
 from drl_av.drivers.planner.watcher import Watcher
-from drl_av.traffic.road import NO_CHANGE, UNHURRIED_M, FloatArray, MandatoryChange
+from drl_av.traffic.road import UNHURRIED_M, FloatArray, MandatoryChange
 
 SETTLED_S = 2
 """Seconds after which the vehicles that change lanes have left their old ones."""
@@ -64,7 +64,7 @@ class Forecaster:
         lap_m: float,
         chooser: Chooser,
         ego: EgoConfig,
-        mandatory: MandatoryChange = NO_CHANGE,
+        mandatory: MandatoryChange,
     ) -> None:
         self._others, self._lap_m, self._chooser, self._ego = others, lap_m, chooser, ego
         self._desired_m_s, self._headway_s = watcher.desired_m_s, watcher.headway_s
@@ -112,8 +112,7 @@ class Forecaster:
 
     def _missing_changes(self, ego: Ego, goal: IntArray) -> FloatArray:
         """Return how many mandatory lane changes are left, less those that are not urgent, (P,)."""
-        sign = 1 if self._mandatory.lanes > 0 else -1
-        changes = np.maximum(sign * (goal - self._chooser.lane(ego)), 0)
+        changes = np.maximum(self._mandatory.side * (goal - self._chooser.lane(ego)), 0)
         left_m = np.maximum(self._mandatory.within_m - ego.x_m, 0.0)
         missing: FloatArray = np.maximum(changes - left_m / UNHURRIED_M, 0.0)
         return missing
