@@ -5,9 +5,8 @@ from typing import NamedTuple
 
 from drl_av.drivers.registry import baselines
 from drl_av.env.metrics import EpisodeResult
-from drl_av.errors import DrlAvError
 from drl_av.evaluation.criticality import CriticalityResult
-from drl_av.evaluation.statistics import Mean, fastest, mean_with_interval
+from drl_av.evaluation.statistics import Mean, fastest, mean_difference
 
 
 class Judgement(NamedTuple):
@@ -107,14 +106,10 @@ def _gain(
     name: str, ours: Sequence[EpisodeResult], best: str, theirs: Sequence[EpisodeResult]
 ) -> Mean:
     """Return the mean difference of speeds in the same traffic, over all numbers of vehicles."""
-    speeds = [
+    mine, other = (
         {(row.vehicles, row.seed): row.mean_speed_m_s for row in rows} for rows in (ours, theirs)
-    ]
-    if speeds[0].keys() != speeds[1].keys():
-        raise DrlAvError(
-            f"{name} and {best} did not drive the same traffic: evaluate them together."
-        )
-    return mean_with_interval(speeds[0][traffic] - speeds[1][traffic] for traffic in speeds[0])
+    )
+    return mean_difference(mine, other, f"{name} and {best}")
 
 
 def _hits(rows: Iterable[EpisodeResult]) -> int:

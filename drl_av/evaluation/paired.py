@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from drl_av.errors import DrlAvError
-from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.evaluation.statistics import Mean, mean_difference
 from drl_av.files import Row
 
 
@@ -82,11 +82,8 @@ def _gain(
     baselines: Sequence[str],
 ) -> Paired:
     ours, theirs = found.get(driver, {}), found.get(baseline, {})
-    if not ours or ours.keys() != theirs.keys():
-        raise DrlAvError(
-            f"{driver} and {baseline} did not drive the same traffic among {vehicles} vehicles: "
-            "evaluate them together."
-        )
+    names, among = f"{driver} and {baseline}", f" among {vehicles} vehicles"
+    difference = mean_difference(ours, theirs, names, among)
     means = {name: sum(found[name].values()) / len(found[name]) for name in baselines}
     return Paired(
         vehicles,
@@ -94,5 +91,5 @@ def _gain(
         baseline,
         baseline == max(means, key=means.__getitem__),
         len(ours),
-        mean_with_interval(ours[seed] - theirs[seed] for seed in ours),
+        difference,
     )

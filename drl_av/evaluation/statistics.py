@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.env.metrics import EpisodeResult
+from drl_av.errors import DrlAvError
 from drl_av.evaluation.aggregates import (
     Estimate,
     interquartile_mean,
@@ -42,6 +43,27 @@ def mean_with_interval(values: Iterable[float]) -> Mean:
     error = float(sample.std(ddof=1)) / math.sqrt(len(sample))
     quantile = float(stats.t.ppf(0.975, len(sample) - 1))
     return Mean(float(sample.mean()), quantile * error)
+
+
+def mean_difference(
+    ours: Mapping[Any, float], theirs: Mapping[Any, float], drivers: str, among: str = ""
+) -> Mean:
+    """Compute the mean of ours minus theirs with its 95 % interval, paired by traffic.
+
+    Args:
+        ours: A value for each episode; the key names its traffic.
+        theirs: The values of the other driver.
+        drivers: The names of both drivers, for the message.
+        among: The traffic that is compared, for the message, such as " among 10 vehicles".
+
+    Raises:
+        DrlAvError: there is no episode, or the two did not drive the same traffic.
+    """
+    if not ours or ours.keys() != theirs.keys():
+        raise DrlAvError(
+            f"{drivers} did not drive the same traffic{among}: evaluate them together."
+        )
+    return mean_with_interval(ours[traffic] - theirs[traffic] for traffic in ours)
 
 
 class Summary(NamedTuple):

@@ -8,7 +8,7 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation.aggregates import interquartile_mean, probability_of_improvement
-from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.evaluation.statistics import Mean, mean_difference, mean_with_interval
 from drl_av.experiments.canvas import label_axes, legend_of_names, panels
 from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.experiment import Experiment, Results
@@ -101,7 +101,7 @@ def speeds(rows: Iterable[Row]) -> dict[str, dict[str, float]]:
 
 def gain(ours: dict[str, float], theirs: dict[str, float]) -> Mean:
     """Return the mean difference of speeds in the same traffic with its 95 % interval, m/s."""
-    return mean_with_interval(ours[seed] - theirs[seed] for seed in sorted(ours))
+    return mean_difference(ours, theirs, "The drivers")
 
 
 def best_opponent(found: dict[str, dict[str, float]]) -> str:
