@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from drl_av.config.schema import setting
-from drl_av.traffic.on_ramp import GORE_M, OnRamp
+from drl_av.traffic.on_ramp import OnRamp
 from drl_av.traffic.open_road import Edge, OpenPlan, open_kind
 from drl_av.traffic.road import OPEN_LAP_M, Road
 
@@ -22,15 +22,13 @@ class MergeDescription(OnRamp):
 
     def plan(self) -> OpenPlan:
         """Return the road: a highway before, beside and after its acceleration lane, and a ramp."""
-        ramp, through = self.on_ramp, range(1, self.lanes + 1)
+        ramp = self.on_ramp
         end_m = ramp.end_m + self.after_m
         every = (True,) * (self.lanes + 1)
         return OpenPlan(
             edges=(
-                Edge("before", 0.0, GORE_M, through),
-                self.on_ramp_edge,
-                Edge("beside", GORE_M, ramp.end_m, range(self.lanes + 1)),
-                Edge("after", ramp.end_m, end_m, through),
+                *self.entrance_edges,
+                Edge("after", ramp.end_m, end_m, range(1, self.lanes + 1)),
             ),
             routes={"through": ("before", "beside", "after"), "ramp": ("ramp", "beside", "after")},
             road=Road(OPEN_LAP_M, self.lane_width_m, every, end_m, (ramp,)),

@@ -39,9 +39,14 @@ class OnRamp(OpenDescription):
         return PartialLane(0, begin_m, end_m, GORE_M, end_m)
 
     @property
-    def on_ramp_edge(self) -> Edge:
-        """The ramp up to the point where it joins the highway."""
-        return Edge("ramp", self.on_ramp.begin_m, GORE_M, range(1), drawn_aside_m=(ASIDE_M, 0.0))
+    def entrance_edges(self) -> tuple[Edge, ...]:
+        """The highway before the ramp joins it, the ramp, and both up to the end of its lane."""
+        ramp, through = self.on_ramp, range(1, self.lanes + 1)
+        return (
+            Edge("before", 0.0, GORE_M, through),
+            Edge("ramp", ramp.begin_m, GORE_M, range(1), drawn_aside_m=(ASIDE_M, 0.0)),
+            Edge("beside", GORE_M, ramp.end_m, range(self.lanes + 1)),
+        )
 
     def start_on_ramp(self, end_m: float) -> OpenStart:
         """Return the start positions on a road on which the ego's way ends at ``end_m``."""

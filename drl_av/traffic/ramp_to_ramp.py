@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from drl_av.traffic.kind import Edge, OpenPlan
 from drl_av.traffic.off_ramp import OffRamp
-from drl_av.traffic.on_ramp import GORE_M, OnRamp
+from drl_av.traffic.on_ramp import OnRamp
 from drl_av.traffic.open_road import open_kind
 
 
@@ -14,15 +14,13 @@ class RampToRampDescription(OnRamp, OffRamp):
 
     def plan(self) -> OpenPlan:
         """Return the road, on which the acceleration lane ends before the deceleration lane."""
-        ramp, through = self.on_ramp, range(1, self.lanes + 1)
+        ramp = self.on_ramp
         off_ramp = self.off_ramp(ramp.end_m)
         road = self.road_to_exit(ramp, off_ramp)
         return OpenPlan(
             edges=(
-                Edge("before", 0.0, GORE_M, through),
-                self.on_ramp_edge,
-                Edge("beside", GORE_M, ramp.end_m, range(self.lanes + 1)),
-                Edge("between", ramp.end_m, off_ramp.begin_m, through),
+                *self.entrance_edges,
+                Edge("between", ramp.end_m, off_ramp.begin_m, range(1, self.lanes + 1)),
                 *self.exit_edges(off_ramp),
             ),
             routes={
