@@ -44,7 +44,7 @@ def picture(story: str, moment: int) -> Image.Image:
             env.step(KEEP)
         drawn = Image.fromarray(env.render()).crop(ROAD_PART)
     size = WIDTH_PX, WIDTH_PX * drawn.height // drawn.width
-    return drawn.resize(size).quantize(COLOURS, dither=Image.Dither.NONE)
+    return drawn.resize(size).quantize(COLOURS, Image.Quantize.MAXCOVERAGE)
 
 
 if __name__ == "__main__":
