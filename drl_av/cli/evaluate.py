@@ -66,7 +66,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--criticality",
         action="store_true",
-        help="also measure comfort and how near each episode is to a crash; adds columns to --out",
+        help="also measure comfort and criticality; adds columns to --out",
     )
     parser.add_argument(
         "--require-pass",
@@ -129,24 +129,25 @@ def evaluate(options: argparse.Namespace) -> int:
     elif rows and kept != options.out:
         print(f"drl-av: {options.out} is unchanged; the new rows are in {kept}.", file=sys.stderr)
     rules = baselines(row.driver for row in rows)
+    summaries, found_styles = summarize(rows), styles(rows)
     overalls, judgements = (overall(rows, rules), judge(rows)) if status == 0 else ([], [])
     if rows and options.json:
         parts: dict[str, Iterable[Any]] = {
-            "by_vehicles": summarize(rows),
+            "by_vehicles": summaries,
             "overall": overalls,
-            "criticality": styles(rows),
+            "criticality": found_styles,
             "judgements": judgements,
         }
         write_summaries(options.json, parts)
     if options.out and status == 0:
         _write_provenance(options, config)
     if rows:
-        print_summaries(summarize(rows))
+        print_summaries(summaries)
     if status == 0:
         if gains := _gains(rows, rules):
             print_gains(gains)
         print_overall(overalls)
-    if found_styles := styles(rows):
+    if found_styles:
         print_styles(found_styles)
     for judgement in judgements:
         print(judgement)

@@ -22,9 +22,7 @@ def _table(caption: str) -> Table:
 def print_summaries(summaries: Sequence["Summary"]) -> None:
     """Print a table with one row for each driver and number of vehicles."""
     several_checks = len({summary.safety_check for summary in summaries}) > 1
-    table = _table(
-        _caption(summaries, several_checks),
-    )
+    table = _table(_caption(summaries, several_checks))
     table.add_column("vehicles", justify="right", no_wrap=True)
     table.add_column("driver", overflow="fold")
     if several_checks:
@@ -61,9 +59,7 @@ def _caption(summaries: Sequence["Summary"], several_checks: bool) -> str:
 
 def print_gains(gains: Sequence["Paired"]) -> None:
     """Print a table with the gain in speed over the fastest baseline at each number of vehicles."""
-    table = _table(
-        "paired by seed, ± half of the 95 % interval",
-    )
+    table = _table("paired by seed, ± half of the 95 % interval")
     table.add_column("vehicles", justify="right", no_wrap=True)
     table.add_column("driver", overflow="fold")
     table.add_column("fastest baseline", overflow="fold")
@@ -93,7 +89,7 @@ def print_overall(overalls: Sequence["Overall"]) -> None:
 
 
 def print_styles(styles: Sequence["Style"]) -> None:
-    """Print a table of how each driver drives: comfort, and how near it comes to a crash."""
+    """Print a table of the comfort and the criticality of each driver."""
     table = _table(
         "over all episodes; comfort: decisions within nuPlan's bounds;\n"
         "TET: TTC of at most 3 s to the vehicle ahead",
