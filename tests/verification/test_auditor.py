@@ -35,14 +35,11 @@ from verification.auditor import (
     Auditor,
     Breach,
 )
+from verification.stories import STORIES
 
 CONFIG = Config()
 STRICT = CONFIG.strict
 OPEN = ("straight", "merge", "exit", "ramp_to_ramp")
-STORIES = (
-    *("stalled_vehicle", "barricade", "lane_drop", "cut_in", "fast_overtaker"),
-    "two_into_one_lane",
-)
 SHIPPED = ("circular_three_lane", "barricaded_right_lane", *OPEN, *STORIES)
 STEP_S = 0.5
 
