@@ -187,8 +187,9 @@ class Mover:
     ) -> FloatArray:
         """Return the sides that the others command, 0 where bound 3 of ``strict`` forbids them.
 
-        Nobody may be beside a vehicle that begins, at any time of the step from ``from_x_m`` on: a
-        fast movement would otherwise touch a vehicle that is passed in this step.
+        A vehicle may begin a lane change only if no vehicle is beside it at any time of the step,
+        which begins at the positions ``from_x_m``. Otherwise a fast lane change would touch a
+        vehicle that passes within the step.
         """
         strict, ego = self._config.strict, self._config.ego
         y_m, width_m = world.y_m[:, 1:], ROAD.lane_width_m

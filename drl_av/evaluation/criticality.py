@@ -1,4 +1,4 @@
-"""The columns of ``drl-av evaluate --criticality``: comfort, and how near an episode is to a crash.
+"""The columns of ``drl-av evaluate --criticality``: comfort, and surrogate safety measures.
 
 All of them are measured once a decision, as the other columns: accelerations and jerks are means
 over a decision, so peaks within it are not seen.

@@ -1,4 +1,4 @@
-"""Surrogate measures of safety and comfort, as pure functions: how near a drive is to a crash."""
+"""Surrogate safety measures and bounds of comfort, as pure functions."""
 
 import math
 from typing import NamedTuple

@@ -13,13 +13,12 @@ vehicle types of our scenarios keep to them.
 2. *Lateral speed.* A vehicle moves sideways at most at ``lateral_speed_m_s``.
 3. *Cutting in.* A vehicle begins to move sideways into a lane only if no vehicle is beside it in
    that lane at any time of this SUMO step, and only if the next vehicle behind it in that lane can
-   stop behind it. The ego can do so
-   if the gap is larger than ``cut_in_gap``; the ego then executes its present action
-   for one decision more, and brakes hard. A vehicle within ``ARRIVED_M`` of the centre of a lane
-   has not begun to leave that lane. When it passes the centre of a lane, a new movement begins. A
-   vehicle that is not faster sideways than ``STILL_M_S`` stands still: a movement begins when it
-   becomes faster, and when its body comes over a line. A vehicle that is ahead of the ego in one of
-   the lanes of the ego may move into another one at any time.
+   stop behind it. The ego can do so if the gap is larger than ``cut_in_gap``; the ego then executes
+   its present action for one decision more, and brakes hard. A vehicle within ``ARRIVED_M`` of the
+   centre of a lane has not begun to leave that lane. When it passes the centre of a lane, a new
+   movement begins. A vehicle that is not faster sideways than ``STILL_M_S`` stands still: a
+   movement begins when it becomes faster, and when its body comes over a line. A vehicle that is
+   ahead of the ego in one of the lanes of the ego may move into another one at any time.
 4. *Following.* A vehicle stays behind the ego while the body of the ego overlaps its lane. Within
    ``follower_response_s`` it begins to brake with ``follower_braking_m_s2`` if this is necessary.
    Until then it accelerates at most with ``acceleration_m_s2``.

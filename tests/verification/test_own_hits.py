@@ -54,7 +54,7 @@ def test_a_vehicle_tries_in_each_test_or_in_none() -> None:
     among_people, away = begun(Traffic, 1500)
     approaching, away_too = begun(Approaching, 1500)
     keeping, still_away = begun(Keeping, 1500)
-    # not everybody who tries has room, and on one side of three lanes there is no ego
+    # some vehicles that try have no room, and on one side of three lanes there is no ego
     assert 0 < among_people < 0.4 * approaching < 0.4 * 1500
     assert keeping == 0
     assert min(away, away_too, still_away) > 0.7 * max(away, away_too, still_away) > 50
@@ -70,7 +70,7 @@ def test_hits_count_for_the_share_of_the_tests_that_are_driven() -> None:
 
 
 class Wall(Keeping):
-    """Nobody tries, and yet a vehicle stands in front of the ego: what the proof excludes."""
+    """No vehicle tries, and yet one stands in front of the ego, which the proof excludes."""
 
     def decide(self, world: World, proposal: np.ndarray):  # type: ignore[no-untyped-def, type-arg]
         world.x_m[:, 1], world.y_m[:, 1] = world.x_m[:, 0] + 5.01, world.y_m[:, 0]
