@@ -1,4 +1,8 @@
-"""The auditor: which vehicles broke which of the bounds that ``strict`` assumes, and when."""
+"""The auditor: which vehicles broke which of the bounds that ``strict`` assumes, and when.
+
+It compares the positions at the ends of the SUMO steps. Of bound 3 it therefore does not see a
+vehicle that is beside another one only in the middle of a step, as when one passes the other.
+"""
 
 import math
 from typing import NamedTuple

@@ -39,7 +39,7 @@ BOUNDS: dict[str, tuple[float, ...]] = {
     "lateral_speed_m_s": (1.52,),
     "follower_response_s": (1.0,),
     "follower_braking_m_s2": (3.0,),
-    "clearance_m": (0.0, 2.0),
+    "clearance_m": (0.1, 2.0),
 }
 """The other values of each bound of [strict]; our traffic keeps to the defaults."""
 LABELS = {

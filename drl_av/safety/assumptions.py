@@ -38,8 +38,11 @@ LATERAL_GAP_M = 0.6
 """SUMO's minGapLat, the lateral gap at which two vehicles drive beside each other in one lane."""
 RANDOM_LANE_CHANGES_PER_S = 0.01
 """The largest rate in our kinds of traffic."""
-FOLLOWER_BRAKING_M_S2 = 0.5
-"""The weakest braking of vehicles behind the ego for which the lemma response is proved."""
+AT_LEAST = (
+    ("follower_braking_m_s2", 0.5, "the lemma response is not proved for weaker braking"),
+    ("clearance_m", 0.001, "the lemma rounding is not proved for less: bodies may touch"),
+)
+"""(a, b, reason): a, a setting of the section strict, must be at least b."""
 
 
 def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
@@ -61,14 +64,9 @@ def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road)
             "bound 3 fails: a vehicle that gets a second request in the middle of a lane change "
             "continues it even into a vehicle beside it",
         )
-
-    least, found = FOLLOWER_BRAKING_M_S2, config.strict.follower_braking_m_s2
-    if found < least:
-        raise _refusal(
-            "strict.follower_braking_m_s2",
-            f"at least {least:g}, and not {found:g}",
-            "the lemma response is not proved for weaker braking",
-        )
+    for name, least, reason in AT_LEAST:
+        if (found := getattr(config.strict, name)) < least:
+            raise _refusal(f"strict.{name}", f"at least {least:g}, and not {found:g}", reason)
 
 
 def _refusal(name: str, bound: str, reason: str) -> ConfigError:

@@ -74,11 +74,12 @@ ego may hit the ego. SUMO's own drivers break two bounds in rare cases, which
 ``docs/results/long_run.txt`` counts by cause: they brake too late behind an ego that brakes hard
 (bound 4), and they move in on the positions of a SUMO step ago (bound 3). SUMO also resumes a lane
 change that was cut short when a vehicle is asked for it again, even into a vehicle beside it.
-Without clearance, bodies may touch by rounding, by less than 1e-8 m (lemma *rounding*).
 ``safety/assumptions.py`` refuses, with the bound or the lemma (``verification``) that fails:
 
 - *following*, *hand-over*: braking of the ego above ``braking_m_s2``, or below that of followers.
 - *corridor*: the steering plant, with which an aborted lane change drifts on before it turns back.
+- *response*: followers that brake with less than 0.5 m/s^2.
+- *rounding*: ``clearance_m`` below 1 mm, with which bodies may touch by a rounding error.
 - *abort*: lane changes in which no decision falls between the body and the centre of the ego on
   their way over a line.
 - *bound 3*: more than 0.01 random lane changes a second; lanes in which two vehicles fit beside

@@ -58,6 +58,12 @@ ROAD = ROAD_AS_WRITTEN
             "follower_braking_m_s2 must be at least 0.5, and not 0.4, because the lemma response",
         ),
         (
+            "strict",
+            {"clearance_m": 0.0},
+            ROAD,
+            "strict.clearance_m must be at least 0.001, and not 0, because the lemma rounding",
+        ),
+        (
             "simulation",
             {"lateral_resolution_m": 0.95},
             ROAD,

@@ -9,12 +9,14 @@ import pytest
 import z3
 
 from drl_av.config import Config
+from drl_av.safety.assumptions import AT_LEAST
 from verification import prove as program
 from verification.proofs import lemma as machine
 from verification.proofs.argument import argument
 from verification.proofs.following import decision_claims
 from verification.proofs.lane_changes import is_over, places
 from verification.proofs.lemma import Lemma, Problem, UndecidedError, counterexample
+from verification.proofs.rounding import rounding_m
 from verification.prove import LEMMAS, refuted
 
 DEFAULTS = argument(Config())
@@ -107,6 +109,15 @@ def test_the_steering_plant_is_refused_before_any_proof(
     status, out = lines_of(steering, tmp_path, capsys, monkeypatch)
     assert (status, out.out) == (1, "")
     assert "the lemma corridor describes 'kinematic' alone" in out.err
+
+
+def test_the_smallest_accepted_clearance_covers_rounding_where_it_is_largest() -> None:
+    hard = Config().updated("simulation", step_length_s=1.0)
+    hard = hard.updated("ego", hard_brake_m_s2=10.0, max_speed_m_s=60.0)
+    hard = hard.updated("strict", braking_m_s2=20.0, follower_braking_m_s2=10.0)
+    least_m = dict(row[:2] for row in AT_LEAST)["clearance_m"]
+    # two nanometres of the floor times 20 m/s^2 times a second squared
+    assert 4e-8 < rounding_m(hard, argument(hard)) < 5e-8 < least_m / 1000
 
 
 def test_bounds_of_real_traffic_are_proved() -> None:
