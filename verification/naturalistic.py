@@ -3,8 +3,10 @@
 Each vehicle decides once a second. It follows the intelligent driver model with the calibration of
 highD (Zhang and Sun) and noise; at random it brakes hard or changes lanes. The frequencies are
 those of the naturalistic driving data in Comparison-DenseLearning-ProvablySafeRL at 30 m/s; the
-starts have the speeds and ranges of the SPMD and IVBSS studies. The adversary makes dangerous acts
-near the ego more frequent, and each scene has an importance weight that removes this bias.
+starts have the speeds and ranges of the SPMD and IVBSS studies. A range within which the model
+would brake hard at once is widened, because the people of these studies do not. The adversary makes
+dangerous acts near the ego more frequent, and each scene has an importance weight that removes this
+bias.
 """
 
 from typing import NamedTuple
@@ -86,7 +88,7 @@ def starts(scenes: int, config: Config, rng: np.random.Generator) -> World:
     """Draw scenes with three vehicles in each of three lanes around the ego.
 
     The two vehicles ahead of the ego are at least as far away as the ego's check requires, because
-    the start is not the ego's decision.
+    the start is not the ego's decision. Each other vehicle has a gap of ``unhurried_gap`` or more.
     """
     flow = np.clip(rng.normal(SPEED_M_S, SPEED_SD_M_S, (scenes, 1)), 20.0, 40.0)
     lanes = np.repeat(np.arange(3), PER_LANE)
@@ -97,6 +99,10 @@ def starts(scenes: int, config: Config, rng: np.random.Generator) -> World:
     x_m = np.empty(shape)
     for lane in range(3):
         first, own = PER_LANE * lane, ego_lane == lane
+        ahead_of_last = np.where(own, ego, speed[:, first])
+        speeds = (speed[:, first], speed[:, first + 1]), (speed[:, first + 2], ahead_of_last)
+        for row, (behind, ahead) in enumerate(speeds, first + 1):
+            pitch_m[:, row] = np.maximum(pitch_m[:, row], LENGTH_M + unhurried_gap(behind, ahead))
         beside_m = rng.uniform(-0.5, 0.5, scenes) * pitch_m[:, first]
         required_m = [
             LENGTH_M + needed_gap(ego, speed[:, each], config) for each in (first, first + 1)
@@ -210,12 +216,29 @@ def _idm(
     This is ``car_following.idm_acceleration`` for arrays. ``closing`` is the speed at which the gap
     shrinks, m/s.
     """
+    interaction = (_wanted_gap(speed, closing) / np.maximum(gap_m, 0.01)) ** 2
+    result: FloatArray = HIGHD.acceleration_m_s2 * (1 - (speed / desired) ** 4 - interaction)
+    return result
+
+
+def _wanted_gap(speed: FloatArray, closing: FloatArray) -> FloatArray:
+    """Return the gap that the IDM aims for, metres."""
     spread = 2 * np.sqrt(HIGHD.acceleration_m_s2 * HIGHD.comfortable_braking_m_s2)
-    wanted_m = HIGHD.standstill_gap_m + np.maximum(
+    result: FloatArray = HIGHD.standstill_gap_m + np.maximum(
         0.0, speed * HIGHD.headway_s + speed * closing / spread
     )
-    interaction = (wanted_m / np.maximum(gap_m, 0.01)) ** 2
-    result: FloatArray = HIGHD.acceleration_m_s2 * (1 - (speed / desired) ** 4 - interaction)
+    return result
+
+
+def unhurried_gap(speed: FloatArray, ahead: FloatArray) -> FloatArray:
+    """Return the smallest gap at which the IDM does not brake hard, metres.
+
+    ``speed`` is the driver's, ``ahead`` that of the vehicle ahead, m/s. The driver wants to be at
+    least 1 m/s faster, as each one does in ``Traffic``.
+    """
+    free = 1 - (speed / (speed + 1.0)) ** 4
+    braking = HARD_BRAKE_M_S2[0] / HIGHD.acceleration_m_s2
+    result: FloatArray = _wanted_gap(speed, speed - ahead) / np.sqrt(free + braking)
     return result
 
 

@@ -2,7 +2,7 @@
 
     python -m verification.own_hits --tests 120000 --jobs 2
 
-The tests are those of ``crash_rate.py`` with the bounds of real traffic. By the proof (``make
+The tests are those of ``crash_tests.py`` with the bounds of real traffic. By the proof (``make
 prove``) the ego hits nothing unless a vehicle breaks bound 1, 2 or 3. Bound 1 is never broken,
 because these people brake at most as hard as it says; bounds 2 and 3 are broken only by a vehicle
 that begins a lane change towards the ego. In most tests no vehicle tries to: each of the nine
@@ -22,11 +22,10 @@ import time
 import numpy as np
 
 from drl_av.cli.arguments import whole
-from drl_av.config import Config
-from drl_av.evaluation.processes import workers
 from drl_av.experiments.provenance import made_by
 from drl_av.traffic.road import FloatArray
-from verification.crash_rate import SECONDS, Outcome, Rate, add_careless, run, settings
+from verification.crash_rate import Rate, add_careless, exact_share
+from verification.crash_tests import CHECKS, SECONDS, Outcome, run, settings
 from verification.kinematic_simulator import ROAD, BoolArray, World
 from verification.naturalistic import (
     ADVERSARY,
@@ -42,8 +41,6 @@ CHANCES = SECONDS * PER_LANE * len(ROAD.open_lanes)
 """Number of draws in a test that decide who tries to change lanes towards the ego, and when."""
 SHARE = 1.0 - (1.0 - LANE_CHANGES_PER_S) ** CHANCES
 """Share of the tests in which at least one vehicle tries."""
-PART, PARTS = 1_000, 1_000_000
-"""Tests of a part, and the largest number of parts, which keeps the seeds of two runs apart."""
 
 
 def tries(tests: int, rng: np.random.Generator) -> BoolArray:
@@ -95,40 +92,21 @@ class Keeping(Approaching):
         return np.zeros((tests, CHANCES), np.bool_)
 
 
-def drive(
-    config: Config, tests: int, seed: int, careless: float, people: type[Traffic], jobs: int
-) -> Outcome:
-    """Simulate tests in ``jobs`` processes, in parts that have seeds of their own."""
-    frequencies = ADVERSARY if people is Keeping else PEOPLE
-    sizes = [min(PART, tests - first) for first in range(0, tests, PART)]
-    with workers(jobs) as submit:
-        futures = [
-            submit(run, config, size, frequencies, seed * PARTS + part, careless, people)
-            for part, size in enumerate(sizes)
-        ]
-        parts = [future.result() for future in futures]
-    return Outcome(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-
-
 def hits(hit: FloatArray) -> Rate:
     """Return the hits per test of all tests, given 1 or 0 for each test in which a vehicle tries.
 
     ``hit`` has shape (tests,).
     """
-    from scipy import stats
-
-    n, k = len(hit), int(hit.sum())
-    lower = float(stats.beta.ppf(0.025, k, n - k + 1)) if k else 0.0
-    upper = float(stats.beta.ppf(0.975, k + 1, n - k)) if k < n else 1.0
-    return Rate(SHARE * k / n, SHARE * lower, SHARE * upper)
+    found = exact_share(int(hit.sum()), len(hit))
+    return Rate(*(SHARE * end for end in found))
 
 
 def report(outcome: Outcome) -> str:
     """Return the text that reports the results."""
     found, km = hits(outcome.ego_hit), float(outcome.km.mean())
     return (
-        f"real: {len(outcome.km)} tests of {km:.2f} km among the {SHARE:.1%} in which a "
-        f"vehicle tries to change lanes towards the ego\n  the ego hits a vehicle "
+        f"{CHECKS['real']}: {len(outcome.km)} tests of {km:.2f} km among the {SHARE:.1%} in which "
+        f"a vehicle tries to change lanes towards the ego\n  the ego hits a vehicle "
         f"{int(outcome.ego_hit.sum())} times: per test {found}, so more than "
         f"{km / found.upper:,.0f} km between hits"
     )
@@ -150,10 +128,11 @@ def main() -> int:
     begun_s, config = time.monotonic(), settings("real")
     for careless in options.careless:
         print(f"{100 * careless:g} % of the lane changes are careless of the vehicle behind")
-        outcome = drive(config, options.tests, options.seed, careless, Approaching, options.jobs)
+        how = (PEOPLE, options.seed, careless, Approaching, options.jobs)
+        outcome = run(config, options.tests, *how)
         print(report(outcome), flush=True)
-    common = CARELESS_SHARE, Keeping, options.jobs
-    control = drive(config, options.control, options.seed, *common)
+    how = (ADVERSARY, options.seed, CARELESS_SHARE, Keeping, options.jobs)
+    control = run(config, options.control, *how)
     contradicted = int(control.ego_hit.sum())
     print(
         f"control: {options.control} tests in which no vehicle tries, the ego hits a vehicle "

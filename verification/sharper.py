@@ -24,7 +24,7 @@ from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.experiments.provenance import made_by
 from verification.batch_check import BatchStrict
 from verification.completeness import Refusals, on_road, rows_of, safe
-from verification.crash_rate import SECONDS, Outcome, drive, settings
+from verification.crash_tests import SECONDS, Outcome, drive, settings
 from verification.falsify import show
 from verification.kinematic_simulator import BatchCheck, IntArray, World
 from verification.naturalistic import PEOPLE, Traffic, starts

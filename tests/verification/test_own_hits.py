@@ -1,16 +1,12 @@
 """The bound on the ego's own hits: tests in which a vehicle tries to change lanes towards it."""
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from verification import own_hits
-from verification.crash_rate import SECONDS, settings
+from verification.crash_tests import SECONDS, settings
 from verification.kinematic_simulator import World
 from verification.naturalistic import PEOPLE, Traffic, starts
 from verification.own_hits import SHARE, Approaching, Keeping, hits, tries
@@ -78,12 +74,6 @@ class Wall(Keeping):
         return super().decide(world, proposal)
 
 
-@contextmanager
-def here(jobs: int) -> Iterator[Callable[..., Any]]:
-    """Workers that are this process."""
-    yield lambda work, *arguments: SimpleNamespace(result=lambda: work(*arguments))
-
-
 @pytest.mark.parametrize(("people", "status"), [(Keeping, 0), (Wall, 1)])
 def test_the_control_can_fail(
     people: type[Traffic],
@@ -92,12 +82,11 @@ def test_the_control_can_fail(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(own_hits, "Keeping", people)
-    monkeypatch.setattr(own_hits, "workers", here)
     words = ["--tests", "2", "--control", "3", "--careless", "0.01", "--seed", "99"]
     monkeypatch.setattr(sys, "argv", ["own_hits", *words])
     assert own_hits.main() == status
     out = capsys.readouterr().out
-    assert "real: 2 tests of 0." in out
+    assert "strict, bounds of real traffic: 2 tests of 0." in out
     assert (
         f"control: 3 tests in which no vehicle tries, the ego hits a vehicle {3 * status} times"
         in out
