@@ -13,12 +13,13 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.safety.reachability import STILL_M_S
 from drl_av.safety.stopping import reach, stopping_distance
-from drl_av.traffic.road import FloatArray
+from drl_av.traffic.road import FloatArray, Road
 from verification.kinematic_simulator import (
     LENGTH_M,
     NONE,
     ROAD,
     BatchCheck,
+    BoolArray,
     IntArray,
     Mover,
     Orders,
@@ -48,6 +49,9 @@ class Family(NamedTuple):
     """Creates the starts from numbers in (0, 1), shape (scenes, PLACED * others)."""
     script: tuple[float, float, int]
     """The scripted adversary: the others' acceleration, m/s^2, and side; the proposed action."""
+    road: Road = ROAD
+    road_kind: str = "loop"
+    """The kind of the road in SUMO, a key of ``in_sumo.ROADS``."""
 
 
 def needed_gap(speed: FloatArray, other: FloatArray, config: Config) -> FloatArray:
@@ -67,33 +71,41 @@ def needed_gap(speed: FloatArray, other: FloatArray, config: Config) -> FloatArr
 
 
 def placed(
-    ego_lane: IntArray, ego_speed: FloatArray, x_m: FloatArray, lane: Any, speed: FloatArray
+    ego_lane: IntArray,
+    ego_speed: FloatArray,
+    x_m: FloatArray,
+    lane: Any,
+    speed: FloatArray,
+    at_m: FloatArray | float = 5000.0,
+    road: Road = ROAD,
 ) -> World:
     """Return a World of vehicles in the centres of their lanes.
 
     ``x_m``, ``lane`` and ``speed`` of the other vehicles have shape (scenes, others); ``x_m`` is
-    how far their centres are ahead of the ego's.
+    how far their centres are ahead of the ego's, which is at ``at_m`` along the road.
     """
     scenes = len(ego_speed)
     return World(
-        5000.0 + np.column_stack([np.zeros(scenes), x_m]),
+        np.reshape(at_m, (-1, 1)) + np.column_stack([np.zeros(scenes), x_m]),
         np.column_stack([ego_lane, lane]) * ROAD.lane_width_m,
         np.column_stack([ego_speed, speed]),
         np.zeros((scenes, 1 + x_m.shape[1])),
         np.full(scenes, NONE),
         np.full(scenes, NONE),
         np.full((scenes, len(ROAD.open_lanes)), np.inf),
+        road=road,
     )
 
 
-def _ahead(u: FloatArray, ego: FloatArray, speed: FloatArray, config: Config) -> FloatArray:
+def ahead(u: FloatArray, ego: FloatArray, speed: FloatArray, config: Config) -> FloatArray:
+    """Return how far ahead of the ego a vehicle starts, m: its gap is safe, up to 60 m larger."""
     return LENGTH_M + needed_gap(ego, speed, config) + 60.0 * u**3
 
 
 def lead_brakes(u: FloatArray, config: Config) -> World:
     """Create scenes with one vehicle ahead in the ego's lane."""
     ego, speed = 30.0 * u[:, 0], 40.0 * u[:, 1]
-    x_m = _ahead(u[:, 2], ego, speed, config)
+    x_m = ahead(u[:, 2], ego, speed, config)
     one = np.ones(len(u), dtype=np.int64)
     return placed(one, ego, x_m[:, None], one[:, None], speed[:, None])
 
@@ -112,7 +124,7 @@ def both_sides(u: FloatArray, config: Config) -> World:
     """
     ego, speed = 30.0 * u[:, 0], np.column_stack([40.0 * u[:, 1], 40.0 * u[:, 2]])
     zero = np.zeros(len(u), dtype=np.int64)
-    x_m = np.column_stack([100.0 * u[:, 3] - 50.0, _ahead(u[:, 4], ego, speed[:, 1], config)])
+    x_m = np.column_stack([100.0 * u[:, 3] - 50.0, ahead(u[:, 4], ego, speed[:, 1], config)])
     return placed(zero, ego, x_m, np.column_stack([zero + 2.0, zero]), speed)
 
 
@@ -120,7 +132,7 @@ def standing(u: FloatArray, config: Config) -> World:
     """Create scenes with a standing vehicle ahead in the ego's lane, and one in the next lane."""
     ego, zero = 30.0 * u[:, 0], np.zeros(len(u), dtype=np.int64)
     speed = np.zeros((len(u), 2))
-    x_m = np.column_stack([_ahead(u[:, 1], ego, speed[:, 0], config), 200.0 * u[:, 2] - 20.0])
+    x_m = np.column_stack([ahead(u[:, 1], ego, speed[:, 0], config), 200.0 * u[:, 2] - 20.0])
     return placed(zero, ego, x_m, np.column_stack([zero, zero + 1.0]), speed)
 
 
@@ -128,7 +140,7 @@ def overtaker(u: FloatArray, config: Config) -> World:
     """Create scenes with a fast vehicle behind in the next lane, and one ahead in the own lane."""
     ego, zero = 30.0 * u[:, 0], np.zeros(len(u), dtype=np.int64)
     speed = np.column_stack([20.0 + 20.0 * u[:, 1], 40.0 * u[:, 2]])
-    x_m = np.column_stack([-150.0 * u[:, 3], _ahead(u[:, 4], ego, speed[:, 1], config)])
+    x_m = np.column_stack([-150.0 * u[:, 3], ahead(u[:, 4], ego, speed[:, 1], config)])
     return placed(zero, ego, x_m, np.column_stack([zero + 1.0, zero]), speed)
 
 
@@ -137,16 +149,30 @@ def anything(u: FloatArray, config: Config) -> World:
     ego_lane = np.floor(3 * u[:, 20]).astype(np.int64)
     lane, speed = np.floor(3 * u[:, 4:8]), 40.0 * u[:, 8:12]
     ego = 30.0 * u[:, 21]
-    x_m = 240.0 * u[:, :4] - 120.0
-    own = lane == ego_lane[:, None]
-    far_m = _ahead(u[:, 12:16], ego[:, None], speed, config)
+    x_m, far_m = 240.0 * u[:, :4] - 120.0, ahead(u[:, 12:16], ego[:, None], speed, config)
+    x_m = with_safe_gaps(x_m, far_m, lane == ego_lane[:, None], ego, speed, config)
+    return placed(ego_lane, ego, x_m, lane, speed)
+
+
+def with_safe_gaps(
+    x_m: FloatArray,
+    far_m: FloatArray,
+    own: BoolArray,
+    ego: FloatArray,
+    speed: FloatArray,
+    config: Config,
+) -> FloatArray:
+    """Return ``x_m``, shape (scenes, others), changed to safe gaps in the ego's lane, metres.
+
+    There, which ``own`` marks, a vehicle ahead moves to ``far_m``, and one behind so far back that
+    it can stop behind the ego. ``ego``, shape (scenes,), and ``speed`` are speeds, m/s.
+    """
     step_s = config.simulation.step_length_s
     stops_m = [
         stopping_distance(v, config.strict.follower_braking_m_s2, step_s) for v in (speed, ego)
     ]
     near_m = LENGTH_M + 2.0 + speed * step_s + np.maximum(stops_m[0] - stops_m[1][:, None], 0.0)
-    x_m = np.where(own, np.where(x_m > 0, far_m, np.minimum(x_m, -near_m)), x_m)
-    return placed(ego_lane, ego, x_m, lane, speed)
+    return np.where(own, np.where(x_m > 0, far_m, np.minimum(x_m, -near_m)), x_m)
 
 
 FAMILIES: dict[str, Family] = {

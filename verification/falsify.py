@@ -7,7 +7,8 @@
 The envelope uses a scripted adversary for each family of scenes, in the kinematic simulator, by
 closing speed, integration and step length. Its first plant is that of the paper, explicit Euler at
 1 s. The search uses CMA-ES, which chooses the start, the motion of all other vehicles and the
-proposed actions of the ego. The exit status is 1 if the ego hit a vehicle under ``strict``.
+proposed actions of the ego; it has three more families, on roads whose lanes begin and end. The
+exit status is 1 if the ego had a collision of its own under ``strict``.
 """
 
 import argparse
@@ -26,6 +27,7 @@ from drl_av.config import Config
 from drl_av.errors import ScenarioError
 from drl_av.experiments.provenance import made_by
 from drl_av.safety import CHECKS, named_check
+from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import Collision
 from verification.batch_check import BatchStrict, one_by_one
 from verification.falsification import (
@@ -40,7 +42,8 @@ from verification.falsification import (
 )
 from verification.falsification import search as learn
 from verification.integration import Integration
-from verification.kinematic_simulator import BatchCheck, Mover
+from verification.kinematic_simulator import ROAD, BatchCheck, Mover
+from verification.open_families import OPEN_FAMILIES
 
 CLOSING_M_S = (0.0, 5.0, 10.0, 15.0, 20.0, 30.0)
 PLANTS = (
@@ -49,12 +52,17 @@ PLANTS = (
 )
 """Step length and integration; the first is the plant of the paper."""
 ENVELOPE = FAMILIES | {"constant-speed": CONSTANT_SPEED}
+SEARCHED = FAMILIES | OPEN_FAMILIES
 
 
-def check_of(config: Config) -> BatchCheck:
-    """Return the safety check that a config names, as a function of many scenes."""
-    strict = config.safety.check == "strict"
-    return BatchStrict(config) if strict else one_by_one(named_check(config))
+def check_of(config: Config, road: Road = ROAD) -> BatchCheck:
+    """Return the safety check that a config names, as a function of many scenes on a road.
+
+    ``BatchStrict`` knows no lanes that begin or end; there the check itself judges each scene.
+    """
+    if config.safety.check == "strict" and not road.partial_lanes:
+        return BatchStrict(config)
+    return one_by_one(named_check(config, road=road))
 
 
 def envelope(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
@@ -93,7 +101,9 @@ def search(config: Config, names: list[str], scenes: int, seed: int) -> list[dic
     """Search each family with CMA-ES; return one row of results for each."""
     rows = []
     for name in names:
-        tallies = list(learn(FAMILIES[name], config, check_of(config), Mover(config), scenes, seed))
+        family = SEARCHED[name]
+        check = check_of(config, family.road)
+        tallies = list(learn(family, config, check, Mover(config), scenes, seed))
         rows.append(summed(name, tallies))
         print(rows[-1], file=sys.stderr)
     return rows
@@ -116,9 +126,10 @@ def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[di
     """
     from verification.in_sumo import SumoWorld
 
-    rows, sumo = [], SumoWorld(config)
+    rows = []
     for name in names:
-        family, check, mover = FAMILIES[name], check_of(config), Mover(config)
+        family, mover = SEARCHED[name], Mover(config)
+        sumo, check = SumoWorld(config, family.road_kind), check_of(config, family.road)
         rng = np.random.default_rng(seed)
         ends: list[tuple[Collision | None, Collision | None, float]] = []
         while len(ends) < scenes:
@@ -160,7 +171,7 @@ def show(rows: list[dict[str, Any]]) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", default="paper", choices=CHECKS, help="default: paper")
-    parser.add_argument("--family", nargs="+", choices=ENVELOPE, help="default: all")
+    parser.add_argument("--family", nargs="+", choices=ENVELOPE | SEARCHED, help="default: all")
     parser.add_argument(
         "--scenes", type=whole(1), help="for each family (default: 1000; strict: 100000)"
     )
@@ -178,9 +189,9 @@ def main() -> int:
     work = in_sumo if arguments.sumo else search if strict or arguments.search else envelope
     warnings.filterwarnings("ignore", module="cma")
     begun_s = time.monotonic()
-    known = ENVELOPE if work is envelope else FAMILIES
+    known = {envelope: ENVELOPE, in_sumo: SEARCHED, search: SEARCHED}[work]
     if unknown := set(arguments.family or ()) - set(known):
-        parser.error(f"the family {unknown.pop()!r} is in the envelope only: leave it out")
+        parser.error(f"the family {unknown.pop()!r} is not among these: {', '.join(known)}")
     rows = work(config, arguments.family or list(known), scenes, arguments.seed)
     if arguments.json:
         print(json.dumps(rows, indent=2))

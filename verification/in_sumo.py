@@ -18,7 +18,8 @@ from drl_av.traffic.scenario import (
 from drl_av.traffic.simulation import Simulation
 from drl_av.traffic.snapshot import Collision, CollisionKind, Command
 from drl_av.traffic.straight import StraightDescription
-from verification.kinematic_simulator import BatchCheck, Mover, Orders, World
+from verification.kinematic_simulator import LENGTH_M, WIDTH_M, BatchCheck, Mover, Orders, World
+from verification.open_families import EXIT, MERGE
 
 LAP_M = 2000.0
 START_M = 500.0
@@ -26,8 +27,11 @@ START_M = 500.0
 ROADS = {
     "loop": ScenarioDescription(circumference_m=LAP_M),
     "straight": StraightDescription(length_m=LAP_M, flow_per_h=0.0),
+    "merge": MERGE,
+    "exit": EXIT,
 }
 """The roads by the name of their kind; on each of them a scene ends long before the road does."""
+HALF_M = LENGTH_M / 2
 
 
 class SumoWorld:
@@ -48,26 +52,44 @@ class SumoWorld:
     ) -> tuple[Collision | None, Collision | None, float]:
         """Drive a world of one scene to its first collision or its end.
 
+        It also ends when a vehicle reaches the end of the road, and when another one than the ego
+        drives on beyond the end of its lane, as it cannot in SUMO.
         Returns the ego's collision in SUMO, its collision in the simulator (None without one), and
         the largest deviation between the vehicles' positions in both, metres.
         """
         simulation = self._start(world)
-        apart_m, ego_x_m = 0.0, float(world.x_m[0, 0])
+        apart_m, to_s_m = 0.0, self._to_s_m(world)
         for order in commands:
             executed = check(world, order.proposal)
             for speeds, places_m in mover.steps(world, executed, order):
+                if not self._on_road(world.x_m[0] + to_s_m, places_m[0]):
+                    return None, None, apart_m
                 self._command_others(speeds[0], places_m[0])
                 command = Command(float(speeds[0, 0]), float(places_m[0, 0]), 0.0)
                 shot, hit = simulation.advance([command])
                 if hit is not None and hit.kind is CollisionKind.HIT_EDGE:
                     return hit, world.collisions.get(0), apart_m
-                s_m = START_M - 2.5 + world.x_m[0] - ego_x_m
-                off_m = np.abs(self._scenario.road.ahead_m(s_m, shot.s_m))
+                off_m = np.abs(self._scenario.road.ahead_m(world.x_m[0] + to_s_m, shot.s_m))
                 apart_m = max(apart_m, float(off_m.max()))
                 apart_m = max(apart_m, float(np.abs(shot.y_m - world.y_m[0]).max()))
                 if hit is not None or world.collisions:
                     return hit, world.collisions.get(0), apart_m
         return None, None, apart_m
+
+    def _to_s_m(self, world: World) -> float:
+        """Return what must be added to a position in a world for that along the road in SUMO."""
+        shift_m = START_M - HALF_M - float(world.x_m[0, 0])
+        return 0.0 if self._scenario.road.partial_lanes else shift_m
+
+    def _on_road(self, s_m: np.ndarray, y_m: np.ndarray) -> bool:
+        """Return whether all vehicles are before the road's end, and the others on their lanes.
+
+        The positions along and across the road, of shape (1 + others,), are of their centres.
+        """
+        road, fronts_m = self._scenario.road, s_m + HALF_M
+        others = zip(y_m[1:].tolist(), fronts_m[1:].tolist(), strict=True)
+        stays = all(road.holds(y, WIDTH_M, front_m) for y, front_m in others)
+        return stays and bool(fronts_m.max() < road.end_m)
 
     def _start(self, world: World) -> Simulation:
         """Start SUMO with the vehicles of a world; return the simulation.
@@ -79,11 +101,12 @@ class SumoWorld:
         beside = bool(np.abs(world.y_m[0] - 3.8 * lane).max() > 0)
         before_m = beside * self._config.simulation.step_length_s * world.speed_m_s[0]
         names = ("ego", *(f"vehicle{row}" for row in range(1, world.x_m.shape[1])))
+        front_m = world.x_m[0] + self._to_s_m(world) + HALF_M - before_m
         placed = tuple(
             PlacedVehicle(
                 name,
                 int(lane[row]),
-                float((START_M + world.x_m[0, row] - world.x_m[0, 0] - before_m[row]) % LAP_M),
+                float(front_m[row] % self._scenario.road.lap_m),
                 float(world.speed_m_s[0, row]),
                 40.0,
             )
@@ -107,7 +130,7 @@ class SumoWorld:
         for row, name in enumerate(self._names[1:], 1):
             self._vehicle.setSpeed(name, float(speeds[row]))
             if places_m[row] != self._y_m[row]:
-                lane = int(self._vehicle.getLaneIndex(name))
+                lane, _ = self._scenario.layout.lane_positions[self._vehicle.getLaneID(name)]
                 y_m = 3.8 * lane + self._vehicle.getLateralLanePosition(name)
                 self._vehicle.changeSublane(name, float(places_m[row] - y_m))
         self._y_m = places_m.copy()

@@ -1,7 +1,8 @@
 """Simulates many scenes at once without SUMO: an ego under a check, and other vehicles.
 
-An adversary commands the other vehicles, which obey within the bounds of ``safety/strict.py``.
-Arrays have shape (scenes,) for the ego and (scenes, others) for the other vehicles.
+An adversary commands the other vehicles, which obey within the bounds of ``safety/strict.py``. They
+may drive on beyond the end of a lane; the ego may not. Arrays have shape (scenes,) for the ego and
+(scenes, others) for the other vehicles.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,7 +21,7 @@ from drl_av.traffic.road import ARRIVED_M, FloatArray, Road
 from drl_av.traffic.snapshot import Collision, CollisionKind, Snapshot
 from verification.integration import Integration
 from verification.lateral_plants import PLANTS, Aside, Lanes
-from verification.separation import first_collision, swept_separation
+from verification.separation import barrier_separation, first_collision, swept_separation
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
@@ -53,14 +54,18 @@ class World:
     """Time for which the ego's body has overlapped each lane, seconds; shape (scenes, lanes)."""
     collisions: dict[int, Collision] = field(default_factory=dict)
     """The ego's collision; the key is the index of the scene, which has then ended."""
+    road: Road = ROAD
+    """A road of three lanes that are as wide as those of ``ROAD``."""
 
     def __post_init__(self) -> None:
         self.heading_rad = np.zeros(len(self.x_m))
         """Angle between the ego and its lane, left positive; steering plant only; (scenes,)."""
-        self.least_m = np.full(self.x_m[:, 1:].shape, np.inf)
-        """The smallest separation of each other vehicle from the ego, shape (scenes, others).
+        obstacles = self.x_m.shape[1] - 1 + len(self.road.barriers)
+        self.least_m = np.full((len(self.x_m), obstacles), np.inf)
+        """The smallest separation of each other vehicle, and then of each barrier, from the ego.
 
         Separation is the larger of the gaps along and across the road, negative if bodies overlap.
+        The shape is (scenes, others + barriers).
         """
 
     def scene(self, row: int) -> Scene:
@@ -70,7 +75,7 @@ class World:
         shot = Snapshot(
             0.0,
             ("ego", *names),
-            self.x_m[row] % ROAD.lap_m,
+            self.x_m[row] % self.road.lap_m,
             self.y_m[row],
             self.speed_m_s[row],
             self.lateral_m_s[row],
@@ -80,7 +85,7 @@ class World:
         origin, target = int(self.origin[row]), int(self.target[row])
         heading_rad = float(self.heading_rad[row])
         change = None if target == NONE else LaneChange(origin, target, heading_rad)
-        return Scene(shot, compute_affordances(shot, ROAD, 250.0), change)
+        return Scene(shot, compute_affordances(shot, self.road, 250.0), change)
 
 
 class Orders(NamedTuple):
@@ -168,13 +173,15 @@ class Mover:
     ) -> None:
         """Record the ego's collisions of a step, given the positions before it.
 
-        If the ego leaves the road in the same step, the scene's collision is that with the edge.
+        If the ego leaves its lanes in the same step, the scene's collision is that with the edge.
         """
-        sizes_m = (LENGTH_M, WIDTH_M)
-        least_m = swept_separation((from_x_m, from_y_m), (world.x_m, world.y_m), *sizes_m)
-        world.least_m = np.minimum(world.least_m, least_m)
-        middle_m = ROAD.lane_width_m * (len(ROAD.open_lanes) - 1) / 2
-        leaves = np.abs(world.y_m[:, 0] - middle_m) + WIDTH_M / 2 > middle_m + ROAD.lane_width_m / 2
+        sizes_m, places = (LENGTH_M, WIDTH_M), (world.x_m, world.y_m)
+        least_m = swept_separation((from_x_m, from_y_m), places, *sizes_m)
+        to_barriers_m = barrier_separation(world.road.barriers, places, *sizes_m)
+        world.least_m = np.minimum(world.least_m, np.column_stack([least_m, to_barriers_m]))
+        fronts = zip(world.y_m[:, 0].tolist(), world.x_m[:, 0].tolist(), strict=True)
+        holds = [world.road.holds(y, WIDTH_M, x + LENGTH_M / 2) for y, x in fronts]
+        leaves = ~np.array(holds, np.bool_)
         for row in np.flatnonzero(going & leaves).tolist():
             world.collisions[row] = Collision(CollisionKind.HIT_EDGE, None)
         touches = (least_m < -TOUCHING_M).any(axis=1)

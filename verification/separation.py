@@ -3,10 +3,12 @@
 The method differs from that of ``traffic/collisions.py``, so that each can check the other.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from drl_av.traffic.collisions import first_contact
-from drl_av.traffic.road import FloatArray, Road
+from drl_av.traffic.road import Barrier, FloatArray, Road
 from drl_av.traffic.snapshot import Collision
 
 Places = tuple[FloatArray, FloatArray]
@@ -45,6 +47,17 @@ def swept_separation(starts: Places, ends: Places, length_m: float, width_m: flo
         time = np.where(moves, end_m - start_m, 0.0) / np.where(moves, moved_m, 1.0)
         least_m = np.minimum(least_m, at(np.clip(time, 0.0, 1.0)))
     return least_m
+
+
+def barrier_separation(
+    barriers: Sequence[Barrier], places: Places, length_m: float, width_m: float
+) -> FloatArray:
+    """Return the separation of each barrier from the ego at these places, (scenes, barriers), m."""
+    (s_m, right_m, left_m), (x_m, y_m) = np.array(barriers).reshape(-1, 3).T, places
+    lengthwise_m = np.abs(s_m - x_m[:, :1]) - length_m / 2
+    sideways_m = np.maximum(right_m - y_m[:, :1], y_m[:, :1] - left_m) - width_m / 2
+    result: FloatArray = np.maximum(lengthwise_m, sideways_m)
+    return result
 
 
 def first_collision(starts: Places, ends: Places, length_m: float, width_m: float) -> Collision:
