@@ -20,12 +20,13 @@ import tempfile
 import time
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean
 
 from drl_av.config import Config
-from drl_av.drivers.registry import rule_driver
+from drl_av.drivers.driver import Driver
+from drl_av.drivers.registry import DriverSpec, default_config, find_drivers, make_drivers
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
@@ -75,8 +76,8 @@ class Trip:
     """Flow on a lane of the highway where the last ramp meets it, as it was in the episode."""
 
 
-def drive(env: HighwayEnv, name: str, seed: int, vehicles: int | None = None) -> Trip:
-    """Drive one episode with the driver ``name``, and return its outcome.
+def drive(env: HighwayEnv, driver: Driver, seed: int, vehicles: int | None = None) -> Trip:
+    """Drive one episode with the driver, and return its outcome.
 
     ``vehicles`` is the number of other vehicles at the start; None is the number of the flow.
     """
@@ -84,7 +85,7 @@ def drive(env: HighwayEnv, name: str, seed: int, vehicles: int | None = None) ->
     road, passed = env.road, 0
     ramp_m = road.partial_lanes[-1].joined_to_m
     usual = env.simulation.fleet.usual if vehicles is None else vehicles
-    for decision in rollout(env, rule_driver(name, env.config), seed, usual):
+    for decision in rollout(env, driver, seed, usual):
         made += 1
         before, after = decision.scene, decision.next_scene
         demanded, left = before.affordances.mandatory.lanes, after.affordances.mandatory.lanes
@@ -211,21 +212,32 @@ def main() -> int:
     )
     options = parser.parse_args()
     hits, begun_s = 0, time.monotonic()
-    config = Config().updated("safety", check=options.safety_check)
+    specs = find_drivers(options.driver)
     seeds = range(options.seed, options.seed + options.episodes)
     with tempfile.TemporaryDirectory() as home:
         for kind, flow in ((kind, flow) for kind in options.kind for flow in options.flow):
             folder = Path(home, f"{kind}_{flow:g}")
             write_scenario(folder, KINDS[kind].description(flow_per_h=flow))
-            own = config.updated("simulation", scenario=str(folder))
-            with closing(HighwayEnv(config=own)) as env:
-                for name in options.driver:
-                    empty_s = drive(env, name, options.seed, vehicles=0).end_s
-                    trips = [drive(env, name, seed) for seed in seeds]
-                    hits += sum(trip.ego_hit for trip in trips)
-                    print(line(kind, name, flow, trips, empty_s), flush=True)
+            for spec in specs:
+                config = driven_with(spec, folder, options.safety_check)
+                [driver] = make_drivers([spec], config).values()
+                with closing(HighwayEnv(config=config)) as env:
+                    empty_s = drive(env, driver, options.seed, vehicles=0).end_s
+                    trips = [drive(env, driver, seed) for seed in seeds]
+                hits += sum(trip.ego_hit for trip in trips)
+                print(line(kind, spec.name, flow, trips, empty_s), flush=True)
     print(made_by(time.monotonic() - begun_s))
     return 1 if hits else 0
+
+
+def driven_with(spec: DriverSpec, scenario: Path, check: str) -> Config:
+    """Return the config of an environment for a driver, with ``calm`` traffic.
+
+    A learned driver has the observation and the limits of the ego with which it was trained.
+    """
+    own, usual = default_config([spec]), Config()
+    config = replace(usual, observation=own.observation, ego=own.ego)
+    return config.updated("safety", check=check).updated("simulation", scenario=str(scenario))
 
 
 if __name__ == "__main__":

@@ -111,3 +111,9 @@ class ObservationConfig(Section):
     lateral_speed_scale_m_s: float = setting(
         0.76, "ours", "lateral velocity that becomes 1 in the observation", low=0.01, high=10
     )
+    way: bool = setting(
+        False,
+        "ours",
+        "whether the observation also has the groups lane_end and way, which a driver needs where "
+        "its way demands lane changes",
+    )

@@ -30,6 +30,23 @@ PRESETS: dict[str, Config] = {
         lane_change_margin=0.02,
     ),
 }
+_FAST_ON_RAMPS = {
+    "episodes": 800,
+    "evaluate_every": 80,
+    "target_update_episodes": 8,
+    "unsafe_penalty": 0.1,
+}
+"""An episode with a ramp has about a quarter of the decisions of one on the loop. The check often
+refuses a lane change that the way demands, and the driver must try again."""
+for _scenario in ("merge", "exit", "ramp_to_ramp"):
+    for _name, _learning in (("paper", {}), ("fast", _FAST_ON_RAMPS)):
+        PRESETS[f"{_name}-{_scenario}"] = (
+            PRESETS[_name]
+            .updated("simulation", scenario=_scenario)
+            .updated("observation", way=True)
+            .updated("safety", check="strict")
+            .updated("learning", **_learning)
+        )
 
 
 def preset(name: str) -> Config:

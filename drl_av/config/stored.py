@@ -23,6 +23,7 @@ ADDED_LATER = {
     ("traffic", "hard_brakes_per_s"),
     ("traffic", "hard_brake_s"),
     ("ego", "overtake_right"),
+    ("observation", "way"),
 }
 """Settings that were added later, as (section, key); a file without them has the defaults."""
 

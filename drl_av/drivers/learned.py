@@ -5,10 +5,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import LearningConfig
+from drl_av.config import Config
 from drl_av.drivers.network import Float32Array, QNetwork, forward
 from drl_av.driving.actions import ACTIONS, Action, Lateral
-from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
+from drl_av.driving.affordances import observed_indicators
+from drl_av.driving.mirror import MIRROR, Mirror, mirror_of, mirrored_observations
 from drl_av.driving.scene import Scene
 
 Values = Callable[[Float32Array], Float32Array]
@@ -97,12 +98,13 @@ class LearnedDriver:
         return ACTIONS[values.argmax()]
 
 
-def learned_driver(networks: Sequence[QNetwork], config: LearningConfig) -> LearnedDriver:
+def learned_driver(networks: Sequence[QNetwork], config: Config) -> LearnedDriver:
     """Build the driver of networks with the mirror, ensemble and margin of these settings.
 
     The driver always uses the current weights of the networks, also during a training.
     """
     members = [network_values(network) for network in networks]
-    if config.mirrored:
-        members = [mirrored_values(values) for values in members]
-    return LearnedDriver(mean_values(members), config.lane_change_margin)
+    if config.learning.mirrored:
+        mirror = mirror_of(observed_indicators(config.observation))
+        members = [mirrored_values(values, mirror) for values in members]
+    return LearnedDriver(mean_values(members), config.learning.lane_change_margin)

@@ -51,8 +51,14 @@ def export(
     ``onnx_interface`` describes the inputs, the outputs and the metadata, which the file holds too.
 
     Raises:
-        DrlAvError: onnx is not installed, or the file cannot be written.
+        DrlAvError: onnx is not installed, the driver also observes its way (``observation.way``),
+            or the file cannot be written.
     """
+    if config.observation.way:
+        raise DrlAvError(
+            "A driver that was trained with observation.way cannot be exported, because the file "
+            "has no inputs for its way: train one without, or drive it with drl-av."
+        )
     try:
         import onnx
     except ImportError as error:

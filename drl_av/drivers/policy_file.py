@@ -11,8 +11,7 @@ from safetensors import SafetensorError
 
 from drl_av.config import OLD_DEFAULTS, Config, from_toml, load_config
 from drl_av.drivers.network import QNetwork
-from drl_av.driving.actions import ACTIONS
-from drl_av.driving.affordances import INDICATORS
+from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import CheckpointError, ConfigError, RunError
 
 State = dict[str, np.ndarray]
@@ -79,14 +78,12 @@ def load(path: Path) -> tuple[State, dict[str, Any]]:
     return tensors, metadata
 
 
-def load_policy(
-    path: Path, observation_size: int = len(INDICATORS), action_size: int = len(ACTIONS)
-) -> tuple[list[QNetwork], Config]:
+def load_policy(path: Path) -> tuple[list[QNetwork], Config]:
     """Read a policy file; return its networks (more than one for an ensemble) and its config.
 
     Raises:
         CheckpointError: the file is missing or damaged or holds no policy, the shapes of its
-            networks differ from its config or the given sizes, or a weight is not finite.
+            networks differ from its config, or a weight is not finite.
     """
     tensors, metadata = load(path)
     if metadata.get("kind") != "policy":
@@ -101,7 +98,8 @@ def load_policy(
         ) from error
     hidden, count = (config.learning.hidden_units,) * 2, config.learning.networks
     rng = np.random.default_rng(0)
-    networks = [QNetwork(rng, observation_size, action_size, hidden) for _ in range(count)]
+    observation_size = len(observed_indicators(config.observation))
+    networks = [QNetwork(rng, observation_size, hidden=hidden) for _ in range(count)]
     axis = (count,) if count > 1 else ()
     expected = {
         name: ("float32", *axis, *tensor.shape) for name, tensor in networks[0].tensors().items()

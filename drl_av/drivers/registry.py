@@ -22,6 +22,7 @@ from drl_av.drivers.passing import NoPassingOnTheRight
 from drl_av.drivers.planner import PlannerDriver
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.drivers.sumo import TUNED, SumoDriver
+from drl_av.driving.affordances import INDICATORS
 from drl_av.errors import ConfigError, RunError
 from drl_av.traffic.ego_model import EgoModel
 
@@ -137,7 +138,8 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
 
     Raises:
         RunError: a run has no policy file; or a learned driver was trained with other settings of
-            [observation] or another ``ego.max_speed_m_s``.
+            [observation] or another ``ego.max_speed_m_s``; or a zip or ONNX file is to drive with
+            ``observation.way``.
         CheckpointError: a file is damaged or holds no driver.
         ConfigError: a factory does not work, or a rule-based driver has no such name.
     """
@@ -153,6 +155,11 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
             drivers[name] = rule_driver(name, config) if made is None else made
             continue
         if spec.is_external:
+            if config.observation.way:
+                raise RunError(
+                    f"{run} observes {len(INDICATORS)} indicators, but observation.way adds others "
+                    "here: drive it with observation.way = false."
+                )
             drivers[name] = LOADERS[run.suffix](run)
             continue
         driver, own = learned[name]
@@ -224,4 +231,4 @@ def load_learned(path: Path) -> tuple[LearnedDriver, Config]:
         CheckpointError: the policy file is damaged, or belongs to another config than the folder.
     """
     networks, config = policy_file.load_run(path)
-    return learned_driver(networks, config.learning), config
+    return learned_driver(networks, config), config

@@ -21,6 +21,16 @@ INDICATORS: tuple[str, ...] = (
 
 d_x is a net gap, v_x and v_y are velocities, d_y is a lateral distance.
 """
+WAY_INDICATORS = ("lane_end", "way_changes", "way_distance")
+"""Names of the indicators that ``observation.way`` adds (ours).
+
+Lane end: the distance to the end of the ego's lane as a share of the range, 1 without an end in
+range. Way changes: the lane changes that the ego's way demands, as a share of all lane changes
+across the road, left positive. Way distance: the distance within which they must be complete as a
+share of ``WAY_M``, at most 1; 1 if none is needed.
+"""
+WAY_M = 1000.0
+"""Distance that ``way_distance`` shows as 1, metres (ours)."""
 _MEANINGS = {
     "d_x": "net gap, bumper to bumper, m",
     "v_x": "relative velocity, m/s; negative for a vehicle ahead that comes nearer",
@@ -35,6 +45,11 @@ _MEANINGS = {
 def indicator_meaning(name: str) -> str:
     """Return what an indicator means, with its unit."""
     return _MEANINGS[name if name in _MEANINGS else name[-3:]]
+
+
+def observed_indicators(config: ObservationConfig) -> tuple[str, ...]:
+    """Return the names of the indicators in an observation with these settings, in its order."""
+    return INDICATORS + WAY_INDICATORS if config.way else INDICATORS
 
 
 SIDES = (0, -1, 1)

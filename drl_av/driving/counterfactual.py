@@ -73,6 +73,7 @@ def affordances_after(
             neighbor.relative_lateral_speed_m_s - leftwards_m_s,
         )
         neighbors.append(moved if gap_m <= affordances.range_m else None)
+    mandatory = affordances.mandatory
     own_front, own_rear, right_front, right_rear, left_front, left_rear = neighbors
     return affordances._replace(
         own_front=own_front,
@@ -85,4 +86,5 @@ def affordances_after(
         ego_y_m=y_m,
         ego_lateral_speed_m_s=affordances.ego_lateral_speed_m_s + leftwards_m_s,
         barriers=tuple(gap._replace(s_m=gap.s_m - further_m) for gap in affordances.barriers),
+        mandatory=mandatory._replace(within_m=mandatory.within_m - further_m),
     )

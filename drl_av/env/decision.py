@@ -49,6 +49,11 @@ class Decision(NamedTuple):
         return Collision(CollisionKind(self.info["collision"]), other)
 
     @property
+    def failed(self) -> bool:
+        """Whether the ego collided or has missed its exit."""
+        return self.terminated or self.info["exit"] == "missed"
+
+    @property
     def aborts_lane_change(self) -> bool:
         """Whether the executed action aborted a lane change in progress."""
         return aborts(self.scene.lane_change, self.executed.lateral)

@@ -23,8 +23,8 @@ from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode import number_of_vehicles, traffic_seed
 from drl_av.env.observation import (
-    GROUPS,
     ObservationFunction,
+    default_groups,
     observation_function,
     require_inside,
 )
@@ -96,10 +96,10 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             raise ConfigError(f"reward is {reward!r}, but must be a function of a Transition.")
         self._own_reward = reward
         self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
-        groups = tuple(GROUPS)[:7] if observation is None else observation
+        groups = default_groups(config.observation) if observation is None else observation
         self.observe = observation_function(groups, self.scale)
         self.observation_space = self.observe.space
-        self._own_observation = observation is not None
+        self._scaled_only = observation is None and not config.observation.way
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
         self._masked = action_mask
         self._renderer = self._renderer_of(render_mode)
@@ -240,12 +240,16 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             raise ConfigError(f"The action is {action}, but must be from 0 to {len(ACTIONS) - 1}.")
         return ACTIONS[action]
 
+    def observation_of(self, scene: Scene) -> Observation:
+        """Return the observation of any scene on this environment's road."""
+        return self.scale(scene.affordances.vector()) if self._scaled_only else self.observe(scene)
+
     def _observe(self, snapshot: Snapshot, lane_change: LaneChange | None) -> Observation:
         """Store the scene and the indicators after a decision, and return the observation."""
         affordances = compute_affordances(snapshot, self.road, self.config.observation.range_m)
         self.scene = Scene(snapshot, affordances, lane_change)
         self.indicators = affordances.vector()
-        return self.observe(self.scene) if self._own_observation else self.scale(self.indicators)
+        return self.scale(self.indicators) if self._scaled_only else self.observe(self.scene)
 
     def _reward(
         self, scene: Scene, proposed: Action, verdict: Verdict, collision: Collision | None

@@ -10,26 +10,34 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.config import ObservationConfig
 from drl_av.config.schema import did_you_mean
-from drl_av.driving.affordances import INDICATORS, SLOTS, ObservationScale
+from drl_av.driving.affordances import (
+    INDICATORS,
+    SLOTS,
+    WAY_INDICATORS,
+    WAY_M,
+    ObservationScale,
+)
 from drl_av.driving.mirror import Mirror, mirror_of
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 
-FURTHER = ("right_lane", "left_lane", "lane_change", "lane_end", "way_changes", "way_distance")
+FURTHER = ("right_lane", "left_lane", "lane_change", *WAY_INDICATORS)
 """Indicators that the paper does not have. Lanes: 1 if the lane exists and is open, else 0. Lane
-change in progress: +1 left, -1 right, 0 none. Lane end: the distance to the end of the ego's lane
-as a share of the range, 1 without an end in range. Way changes: the lane changes that the ego's way
-demands, as a share of all lane changes across the road, left positive. Way distance: the distance
-within which they must be complete as a share of ``WAY_M``, at most 1; 1 if none is needed."""
-WAY_M = 1000.0
-"""Distance that ``way_distance`` shows as 1, metres (ours)."""
+change in progress: +1 left, -1 right, 0 none. The others: see ``WAY_INDICATORS``."""
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {slot: tuple(name for name in INDICATORS if name.startswith(slot)) for slot in SLOTS}
     | {"ego": INDICATORS[-3:], "lanes": FURTHER[:2], "lane_change": FURTHER[2:3]}
     | {"lane_end": FURTHER[3:4], "way": FURTHER[4:]}
 )
 """The names of the indicators in each group; the first seven groups are those of the paper."""
+
+
+def default_groups(config: ObservationConfig) -> tuple[str, ...]:
+    """Return the groups of the observation with these settings, if the user names none."""
+    paper = tuple(GROUPS)[:7]
+    return (*paper, "lane_end", "way") if config.way else paper
 
 
 class ObservationFunction(Protocol):

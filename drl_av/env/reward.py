@@ -13,7 +13,7 @@ from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 from drl_av.safety.check import Rule
 from drl_av.safety.paper import lane_is_clear
-from drl_av.traffic.road import UNHURRIED_M
+from drl_av.traffic.road import UNHURRIED_M, MandatoryChange
 from drl_av.traffic.snapshot import Collision
 
 
@@ -135,33 +135,33 @@ def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig
     """Return v_des and y_des, which depend on the affordance indicators only (ours).
 
     If ``config.desired`` is "fixed", they are the two values of the config. If it is "traffic",
-    they are the ``tolerated_speed`` in the ego's lane and the centre of a lane: the next one on the
-    ego's way if the way demands lane changes now (``way_side``) and rule 3 permits this one, else
-    the ego's own; and if the way demands nothing, the best one (``faster_side``).
+    they are the ``tolerated_speed`` in a lane and the centre of a lane. If the ego's way demands
+    lane changes now (``due_changes``), the speed is that in the next lane on the way, or in the
+    ego's own lane while the next one is not there yet, and the centre that of the lane after these
+    changes. Otherwise the speed is that in the ego's own lane, and the centre that of the best lane
+    (``faster_side``).
     """
     if config.desired == "fixed":
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)
-    own = attainable_speed(affordances, 0, config, safety.minimum_gap_m)
-    side = way_side(affordances)
-    if not side:
-        side = faster_side(affordances, own, config, safety)
-    elif not _may_enter(affordances, side, safety):
-        side = 0
+    lanes, side = due_changes(affordances.mandatory), affordances.mandatory.side
+    next_lane = side if lanes and affordances.has_lane(side) else 0
+    speed_m_s = attainable_speed(affordances, next_lane, config, safety.minimum_gap_m)
+    lanes = lanes or faster_side(affordances, speed_m_s, config, safety)
     return Desired(
-        tolerated_speed(affordances.ego_speed_m_s, own, config),
-        affordances.lane_center_m + side * affordances.lane_width_m,
+        tolerated_speed(affordances.ego_speed_m_s, speed_m_s, config),
+        affordances.lane_center_m + lanes * affordances.lane_width_m,
     )
 
 
-def way_side(affordances: Affordances) -> int:
-    """Return the side, +1 left or -1 right, of the lane change that the ego's way demands now.
+def due_changes(mandatory: MandatoryChange) -> int:
+    """Return how many of the mandatory lane changes are due now; left positive (ours).
 
-    It demands n lane changes now if they must be complete within n times ``UNHURRIED_M``; else the
-    result is 0 (ours).
+    Those are due that cannot be postponed if each takes ``UNHURRIED_M``.
     """
-    mandatory = affordances.mandatory
-    is_due = mandatory.within_m <= abs(mandatory.lanes) * UNHURRIED_M
-    return mandatory.side if is_due else 0
+    if not mandatory.lanes:
+        return 0
+    later = int(mandatory.within_m // UNHURRIED_M)
+    return mandatory.side * max(abs(mandatory.lanes) - later, 0)
 
 
 def faster_side(

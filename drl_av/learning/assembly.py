@@ -9,7 +9,8 @@ from drl_av.config import OLD_DEFAULTS, Config, LearningConfig, from_toml
 from drl_av.drivers.learned import learned_driver
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.policy_file import load, load_policy
-from drl_av.driving.affordances import INDICATORS
+from drl_av.driving.affordances import observed_indicators
+from drl_av.driving.mirror import mirror_of
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError
 from drl_av.learning.augmentation import (
@@ -39,18 +40,19 @@ def make_training(env: HighwayEnv) -> Training:
     config = env.config.learning
     rng = np.random.default_rng(config.seed)
     hidden = (config.hidden_units,) * 2
-    networks = [QNetwork(rng, hidden=hidden) for _ in range(config.networks)]
+    names = observed_indicators(env.config.observation)
+    networks = [QNetwork(rng, len(names), hidden=hidden) for _ in range(config.networks)]
     learners = [Learner(network, config.learning_rate) for network in networks]
-    buffer = make_buffer(config, len(INDICATORS))
+    buffer = make_buffer(config, len(names))
     variant = Variant(
         store=make_store(buffer, env, rng),
-        augment=mirror_half if config.mirrored else unchanged,
+        augment=partial(mirror_half, mirror=mirror_of(names)) if config.mirrored else unchanged,
         turns=[[learner] for learner in learners] if config.round_robin else [learners],
         traffic_seed=partial(seed_of_episode, config.seed)
         if config.traffic_by_episode
         else partial(draw_seed, rng),
     )
-    return Training(env, learned_driver(networks, config), learners, buffer, rng, variant)
+    return Training(env, learned_driver(networks, env.config), learners, buffer, rng, variant)
 
 
 def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:

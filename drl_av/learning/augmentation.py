@@ -52,7 +52,8 @@ class StoreCounterfactuals:
     """Stores each decision, and computed transitions of some actions that were not taken.
 
     It draws ``learning.counterfactuals`` of the 12 actions for each decision, and omits the
-    proposed and the executed one. After a collision it stores none: their outcome is unknown.
+    proposed and the executed one. After a collision or a missed exit it stores none: their outcome
+    is unknown.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class StoreCounterfactuals:
     def __call__(self, decision: Decision) -> None:
         """Store the decision, then compute and store the outcomes of some other actions."""
         self._store(decision)
-        if decision.terminated:
+        if decision.failed:
             return
         count = self._env.config.learning.counterfactuals
         drawn = [ACTIONS[n] for n in self._rng.choice(len(ACTIONS), count, replace=False)]
@@ -103,7 +104,8 @@ def store_counterfactuals(
         target = desired(affordances, config.reward, config.safety)
         r_tp1 = rewards(affordances, target, config.reward, config.safety.minimum_gap_m).total
         r_tp1 += speed_bonus(affordances.ego_speed_m_s, config.ego, config.learning.speed_weight)
+        s_tp1 = env.observation_of(decision.next_scene._replace(affordances=affordances))
         if unsafe:
-            buffer.add_unsafe(s_t, other.number, r_tp1 - penalty, env.scale(affordances.vector()))
+            buffer.add_unsafe(s_t, other.number, r_tp1 - penalty, s_tp1)
         else:
-            buffer.add_safe(s_t, other.number, r_tp1, env.scale(affordances.vector()))
+            buffer.add_safe(s_t, other.number, r_tp1, s_tp1)

@@ -15,8 +15,8 @@ class StoreDecision:
     """Stores a decision as Algorithm 1 of the paper does.
 
     A proposal that the check replaced and a collision go into Buf_C, terminal with reward r_col; an
-    executed action without a collision goes into Buf_S. Ours: with ``learning.speed_weight`` the
-    stored reward includes a bonus for speed.
+    executed action without a collision goes into Buf_S. Ours: a missed exit counts as a collision,
+    and with ``learning.speed_weight`` the stored reward includes a bonus for speed.
     """
 
     def __init__(self, buffer: Buffer, config: Config) -> None:
@@ -31,7 +31,7 @@ class StoreDecision:
         s_t, executed = decision.observation, decision.executed.number
         if decision.triggered:
             self.store_unsafe(decision, r_tp1)
-        if decision.terminated:
+        if decision.failed:
             self._buffer.add_collision(s_t, executed, self._r_col)
         else:
             self._buffer.add_safe(s_t, executed, r_tp1, decision.next_observation)

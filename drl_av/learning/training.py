@@ -149,7 +149,7 @@ class Training:
         seed = self._variant.traffic_seed(self.episodes_done + 1)
         turns, gradient_steps = cycle(self._variant.turns), self._gradient_steps
         losses: list[float] = []
-        for decision in rollout(self._env, self._explorer, seed):
+        for decision in rollout(self._env, self._explorer, seed, self._draw_vehicles()):
             self._variant.store(decision)
             for learners in islice(turns, gradient_steps):
                 losses += [self._learn(learner) for learner in learners]
@@ -172,6 +172,20 @@ class Training:
             mean_loss=float(np.mean(losses)) if losses else 0.0,
         )
 
+    def _draw_vehicles(self) -> int | None:
+        """Return how many vehicles an episode begins with; None lets its seed determine it."""
+        most = self._most_on_open_road
+        return None if most is None else int(self._rng.integers(most + 1))
+
+    @property
+    def _most_on_open_road(self) -> int | None:
+        """Most vehicles at the start of an episode on an open road; None on a loop.
+
+        It is twice the number of the flow, so that the driver learns in every density (ours).
+        """
+        fleet = self._env.simulation.fleet
+        return None if fleet.usual is None else min(2 * fleet.usual, fleet.capacity)
+
     @property
     def _gradient_steps(self) -> int:
         """Number of gradient steps after each decision; 0 until enough collisions are stored."""
@@ -193,11 +207,9 @@ class Training:
 
         Each evaluation has the same traffic, from the fewest to the most vehicles.
         """
-        traffic, count = self.config.traffic, self._config.evaluation_episodes
-        implied = self._env.simulation.fleet.usual
-        numbers = np.linspace(traffic.vehicles_min, traffic.vehicles_max, count).round()
-        if implied is not None:
-            numbers[:] = implied
+        traffic, most = self.config.traffic, self._most_on_open_road
+        ends = (traffic.vehicles_min, traffic.vehicles_max) if most is None else (0, most)
+        numbers = np.linspace(*ends, self._config.evaluation_episodes).round()
         results = [
             drive(self._env, self.driver, "ddqn", EVALUATION_SEEDS + i, int(vehicles))
             for i, vehicles in enumerate(numbers)

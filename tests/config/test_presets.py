@@ -57,6 +57,16 @@ def test_a_preset_has_its_name_and_nothing_stands_for_the_paper_s(
     assert as_config("./fast") == as_config(Path("fast")) == FIVE
 
 
+@pytest.mark.parametrize("name", ["paper", "fast"])
+@pytest.mark.parametrize("scenario", ["merge", "exit", "ramp_to_ramp"])
+def test_a_preset_for_ramps_observes_the_way_under_strict(name: str, scenario: str) -> None:
+    found, plain = preset(f"{name}-{scenario}"), preset(name)
+    assert found.simulation.scenario == scenario
+    assert (found.observation.way, plain.observation.way) == (True, False)
+    assert (found.safety.check, plain.safety.check) == ("strict", "paper")
+    assert found.learning.discount == plain.learning.discount
+
+
 def test_numbers_of_numpy_and_paths_become_what_a_file_would_hold() -> None:
     given = as_config(
         {
@@ -106,7 +116,9 @@ def test_sections_are_refused_as_a_file_of_them_is(
 
 @pytest.mark.parametrize("given", ["fasst", "/nowhere/fast.toml", "", 5, ["traffic"]])
 def test_what_is_no_config_is_refused_with_all_that_would_be(given: Any) -> None:
-    with pytest.raises(ConfigError, match=r"must be a preset \(paper, fast\), a TOML") as caught:
+    with pytest.raises(
+        ConfigError, match=r"must be a preset \(paper, fast, .*\), a TOML"
+    ) as caught:
         as_config(given)
     assert repr(given) in str(caught.value)
     assert ("did you mean 'fast'" in str(caught.value)) == (given == "fasst")

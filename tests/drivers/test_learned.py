@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from worlds import ALONE, changing
 
-from drl_av.config import LearningConfig
+from drl_av.config import Config
 from drl_av.drivers.learned import (
     LearnedDriver,
     Values,
@@ -145,7 +145,7 @@ def test_the_settings_of_the_training_say_whether_it_decides_in_a_mirror() -> No
     networks = [QNetwork(np.random.default_rng(seed)) for seed in (1, 2)]
     s = np.random.default_rng(0).standard_normal(27).astype(np.float32)
     plain, mirrored = (
-        learned_driver(networks, LearningConfig(networks=2, mirrored=on)).values(s)
+        learned_driver(networks, Config().updated("learning", networks=2, mirrored=on)).values(s)
         for on in (False, True)
     )
     members = [network_values(network) for network in networks]

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from worlds import CENTER, LEFT, LONG_ROAD, RIGHT, ROAD, ahead, behind, changing, scene
+from worlds import CENTER, LEAVE, LEFT, LONG_ROAD, RIGHT, ROAD, ahead, behind, changing, scene
 
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
@@ -81,6 +81,15 @@ def test_beside_a_vehicle_or_into_one_it_is_not_known_what_it_would_see() -> Non
     assert had_it(HARD_BRAKE, scene(ahead(0, LEFT))) is None
     assert had_it(HARD_BRAKE, scene(behind(3.0))) is None  # 3 m less of road
     assert had_it(HARD_BRAKE, scene(behind(3.1))) is not None
+
+
+def test_had_it_driven_1_m_50_further_its_exit_is_as_much_nearer() -> None:
+    seen = scene(s_m=645.0, y_m=CENTER, road=LEAVE).affordances
+    assert seen.mandatory == (-1, 502.5)  # the ego's front is at 647.5 m, the exit at 1,150 m
+    made, other = Motion(20.0, 20.0, CENTER, 0.0), Motion(21.5, 22.0, CENTER, 0.0)
+    found = affordances_after(other, made, seen, LEAVE)
+    assert found is not None
+    assert found.mandatory == (-1, 501.0)
 
 
 def test_a_vehicle_that_would_be_out_of_sight_is_not_seen() -> None:

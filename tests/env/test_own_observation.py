@@ -1,6 +1,7 @@
 """An observation made of named groups of indicators, or by an object of the user's own."""
 
 import pickle
+from contextlib import closing
 from typing import Any
 
 import gymnasium
@@ -41,6 +42,24 @@ def test_the_first_seven_groups_are_the_indicators_of_the_paper() -> None:
     assert np.array_equal(observe(world), SCALE(world.affordances.vector()))
     for made, found in zip(MIRROR, observe.mirror, strict=True):
         assert np.array_equal(made, found)
+
+
+def test_a_setting_adds_the_end_of_the_lane_and_the_way_to_the_27_indicators() -> None:
+    way = {"observation": {"way": True}}
+    with closing(HighwayEnv("exit", config=way)) as env, closing(HighwayEnv("exit")) as plain:
+        observation, info = env.reset(seed=3)
+        assert env.observation_space.shape == observation.shape == (30,)
+        assert np.array_equal(observation[:27], plain.reset(seed=3)[0])
+        assert np.array_equal(observation[:27], env.scale(info["indicators"]))
+        # three of three lane changes to the right, within 1,000 m; the lane does not end
+        assert observation[27:] == pytest.approx([1, -1, 1])
+        assert np.array_equal(env.observation_of(env.scene), observation)
+        for _ in range(5):
+            observation = env.step(KEEP)[0]
+        assert observation[29] == pytest.approx(env.scene.affordances.mandatory.within_m / 1000)
+        assert observation[29] < 0.95
+    with closing(HighwayEnv("exit", config=way, observation="ego")) as env:
+        assert env.observation_space.shape == (3,)
 
 
 def test_groups_are_taken_in_the_order_of_their_names() -> None:

@@ -55,15 +55,15 @@ def wanted_by(world: Scene) -> tuple[float, float]:
     ("s_m", "lane", "desired_lane"),
     [
         (338.0, 2, 2),  # two lane changes within 809.5 m: not within 400 m for each
-        (348.0, 2, 1),
+        (348.0, 2, 1),  # one of the two is due from 800 m on, within 799.5 m
+        (748.0, 2, 0),  # both within 399.5 m
         (348.0, 1, 1),  # one within 799.5 m
-        (748.0, 1, 1),  # one within 399.5 m, but the lane to the right begins at 900 m
-        (900.0, 1, 0),
+        (748.0, 1, 0),  # one within 399.5 m, though the lane to the right begins at 900 m
         (1148.0, 1, 1),  # missed
         (1000.0, 0, 0),
     ],
 )
-def test_y_des_is_the_next_lane_to_the_exit_within_400_m_for_each_lane_change(
+def test_y_des_is_the_lane_of_the_exit_within_400_m_for_each_lane_change(
     s_m: float, lane: int, desired_lane: int
 ) -> None:
     world = scene(s_m=s_m, y_m=lane * LANE_M, road=LEAVE)
@@ -74,19 +74,28 @@ def test_no_lane_is_desired_for_its_speed_where_the_way_demands_a_lane_change() 
     # one at 10 m/s ahead, the lane to the left free, a vehicle beside it to the right
     slow, beside = ahead(50.0, CENTER, 10.0), Car(0.0, RIGHT)
     assert wanted_by(scene(slow, beside, s_m=700.0, road=LEAVE))[1] == LEFT  # within 447.5 m
-    assert wanted_by(scene(slow, beside, s_m=1000.0, road=LEAVE))[1] == CENTER
-    assert wanted_by(scene(slow, s_m=1000.0, road=LEAVE))[1] == RIGHT
-    # a vehicle that rule 3 would not let it in before, and one behind which it has room
-    for gap_m, wanted in ((14.0, CENTER), (16.0, RIGHT)):
-        assert wanted_by(scene(behind(gap_m, RIGHT), s_m=1000.0, road=LEAVE))[1] == wanted
+    assert wanted_by(scene(slow, beside, s_m=1000.0, road=LEAVE))[1] == RIGHT
 
 
-def test_y_des_on_the_acceleration_lane_is_the_lane_that_it_joins() -> None:
-    on_ramp, beside = (scene(s_m=s_m, y_m=RIGHT, road=MERGE) for s_m in (500.0, 600.0))
-    assert wanted_by(on_ramp)[1] == RIGHT  # divided from the highway up to 550 m
-    assert wanted_by(beside)[1] == LANE_M
-    blocked = scene(behind(5.0, LANE_M), s_m=600.0, y_m=RIGHT, road=MERGE)
-    assert wanted_by(blocked)[1] == RIGHT
+def test_v_des_is_the_speed_that_the_next_lane_of_the_way_allows() -> None:
+    # 10 m/s ahead, with 15 m of spare room: 10 + (30 - 15) / 8; 12 m/s ahead to the right, where
+    # d_safe is 1.3 * 12 m: 12 + (19.6 - 15.6) / 8; to the left all is free
+    own, right = ahead(30.0, CENTER, 10.0), ahead(19.6, RIGHT, 12.0)
+    assert wanted_by(scene(own, right, s_m=1000.0, road=LEAVE))[0] == pytest.approx(12.5)
+    assert wanted_by(scene(own, right, s_m=700.0, road=LEAVE))[0] == pytest.approx(11.875)
+    # at 800 m the lane to the right is not there yet
+    assert wanted_by(scene(own, right, s_m=800.0, road=LEAVE))[0] == pytest.approx(11.875)
+
+
+def test_on_the_acceleration_lane_the_lane_that_it_joins_is_desired_and_its_speed() -> None:
+    # 185.5 m before its end, the acceleration lane alone would allow (185.5 - 15) / 8 m/s
+    car = ahead(31.0, LANE_M, 20.0)  # d_safe is 26 m: 20 + 5 / 8
+    beside = scene(car, s_m=612.0, y_m=RIGHT, road=MERGE)
+    assert wanted_by(beside) == pytest.approx((20.625, LANE_M))
+    on_ramp = scene(car, s_m=500.0, y_m=RIGHT, road=MERGE)  # divided up to 550 m
+    assert wanted_by(on_ramp) == pytest.approx((30.0, LANE_M))
+    blocked = scene(behind(5.0, LANE_M), s_m=612.0, y_m=RIGHT, road=MERGE)
+    assert wanted_by(blocked) == pytest.approx((30.0, LANE_M))
 
 
 @pytest.mark.parametrize(

@@ -20,10 +20,14 @@ BEFORE, AFTER = np.full(N, 0.125, np.float32), np.full(N, 0.25, np.float32)
 
 
 def decision(
-    executed: int = LEFT, rule: str = "none", reward: float = -0.25, collided: bool = False
+    executed: int = LEFT,
+    rule: str = "none",
+    reward: float = -0.25,
+    collided: bool = False,
+    outcome: str = "",
 ) -> Decision:
-    """A proposal to change to the left, at 20 m/s."""
-    info = {"executed_action": executed, "rule": rule}
+    """A proposal to change to the left, at 20 m/s; ``outcome`` is that of an exit."""
+    info = {"executed_action": executed, "rule": rule, "exit": outcome}
     return Decision(ALONE, BEFORE, ACTIONS[LEFT], reward, ALONE, AFTER, collided, False, info)
 
 
@@ -67,6 +71,14 @@ def test_collision_of_an_overruled_proposal_blames_the_executed_action_too() -> 
     safe, collision = stored(UNSAFE_COLLISION)
     assert len(safe) == 0
     assert collision[:, -3].tolist() == [LEFT, HARD_BRAKE]
+
+
+def test_a_missed_exit_is_worth_as_little_as_a_collision_and_a_taken_one_is_no_end() -> None:
+    safe, collision = stored(decision(outcome="missed"))
+    assert (len(safe), len(collision)) == (0, 1)
+    assert collision[0, -3:].tolist() == [LEFT, R_COL, 0.0]
+    safe, collision = stored(decision(outcome="taken"))
+    assert (len(safe), len(collision)) == (1, 0)
 
 
 def test_under_a_penalty_an_unsafe_proposal_leads_where_the_executed_action_led() -> None:

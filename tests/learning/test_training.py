@@ -73,6 +73,7 @@ class ScriptedEnv:
             "collision": HIT.kind.value if terminated else "",
             "collided_with": HIT.other if terminated else "",
             "vehicles": 3,
+            "exit": "",
         }
         return observed(self.t), reward, terminated, self.t == len(self.script), info
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from drl_av.config import Config
+from drl_av.drivers.registry import rule_driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.traffic.kinds import KINDS
 from drl_av.traffic.scenario import write_scenario
@@ -71,7 +72,7 @@ def empty(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], 
 def test_on_an_empty_highway_the_gap_rule_merges_and_a_driver_that_keeps_its_lane_waits(
     driver: str, merged: bool, empty: Callable[[str], HighwayEnv]
 ) -> None:
-    found = drive(empty("merge"), driver, 0)
+    found = drive(env := empty("merge"), rule_driver(driver, env.config), 0)
     assert found.success is merged
     assert not found.ego_hit
     assert (found.waits > 0) is not merged
@@ -83,7 +84,7 @@ def test_on_an_empty_highway_the_gap_rule_merges_and_a_driver_that_keeps_its_lan
 def test_sumo_takes_the_exit_of_an_empty_highway(
     kind: str, empty: Callable[[str], HighwayEnv]
 ) -> None:
-    found = drive(empty(kind), "sumo", 0)
+    found = drive(env := empty(kind), rule_driver("sumo", env.config), 0)
     assert found.success
     assert (found.ego_hit, found.was_hit, found.waits, found.forced) == (False, False, 0, False)
     assert found.decisions is not None
@@ -95,7 +96,7 @@ def test_sumo_takes_the_exit_of_an_empty_highway(
 def test_a_driver_that_keeps_its_lane_misses_the_exit_in_time(
     empty: Callable[[str], HighwayEnv],
 ) -> None:
-    found = drive(empty("exit"), "idm", 0)
+    found = drive(env := empty("exit"), rule_driver("idm", env.config), 0)
     assert not found.success
     assert found.decisions is None
     assert found.end_s == pytest.approx(1102.5 / 30.0)  # its centre is 2.5 m behind its front
@@ -105,5 +106,6 @@ def test_a_driver_that_keeps_its_lane_misses_the_exit_in_time(
 def test_vehicles_that_pass_the_off_ramp_are_the_flow() -> None:
     config = Config().updated("simulation", scenario="exit", decisions_per_episode=40)
     with closing(HighwayEnv(config=config)) as env:
-        crowded, calm = (drive(env, "idm", 3, vehicles).flow_per_h for vehicles in (60, 6))
+        idm = rule_driver("idm", config)
+        crowded, calm = (drive(env, idm, 3, vehicles).flow_per_h for vehicles in (60, 6))
     assert crowded > 2 * calm > 0

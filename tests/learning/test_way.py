@@ -1,0 +1,93 @@
+"""Training on roads with ramps, by a driver that also observes its way."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drl_av.cli import main
+from drl_av.config import Config
+from drl_av.drivers.network import QNetwork
+from drl_av.drivers.policy_file import load_run
+from drl_av.drivers.registry import load_driver, load_learned
+from drl_av.driving.affordances import observed_indicators
+from drl_av.driving.mirror import mirror_of, mirrored_observations
+from drl_av.errors import DrlAvError
+
+SHORT = """
+[simulation]
+decisions_per_episode = 12
+[learning]
+episodes = 3
+evaluate_every = 2
+evaluation_episodes = 1
+checkpoint_every = 2
+batch_size = 8
+hidden_units = 10
+collisions_to_start = 0
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short training on the road to an exit."""
+    home = tmp_path_factory.mktemp("way")
+    (home / "short.toml").write_text(SHORT)
+    words = ["--preset", "fast-exit", "--config", str(home / "short.toml")]
+    assert main(["train", "--out", str(home / "run"), *words]) == 0
+    return home / "run"
+
+
+def test_its_networks_have_30_inputs_and_learn_of_the_way(run: Path) -> None:
+    networks, config = load_run(run)
+    assert config.observation.way
+    assert [network.sizes for network in networks] == [(30, 10, 10, 12)] * 3
+    untrained = QNetwork(np.random.default_rng(0), 30, hidden=(10, 10))
+    (weight, _), *_ = networks[0].layers
+    (initial, _), *_ = untrained.layers
+    assert weight.shape == initial.shape == (10, 30)
+    assert (weight[:, 28] != initial[:, 28]).any()  # way_changes
+
+
+def test_it_decides_alike_on_both_sides(run: Path) -> None:
+    driver, config = load_learned(run)
+    mirror = mirror_of(observed_indicators(config.observation))
+    assert mirror.observation_sign[-3:].tolist() == [1, -1, 1]
+    for s in np.random.default_rng(1).standard_normal((50, 30)).astype(np.float32):
+        reflected = driver.greedy(mirrored_observations(s, mirror))
+        assert reflected == mirror.action_permutation[driver.greedy(s)]
+
+
+def test_continued_it_becomes_what_it_would_have_become(run: Path, tmp_path: Path) -> None:
+    (tmp_path / "short.toml").write_text(SHORT)
+    words = ["--preset", "fast-exit", "--config", str(tmp_path / "short.toml")]
+    again = tmp_path / "again"
+    assert main(["train", "--out", str(again), *words]) == 0
+    for name in ("episodes.csv", "evaluations.csv", "policy.safetensors"):
+        assert (again / name).read_bytes() == (run / name).read_bytes()
+
+
+def test_it_drives_on_its_own_road_and_nobody_elses_observation_fits(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "table.csv"
+    words = ["--vehicles", "5", "--episodes", "1", "--out", str(table)]
+    assert main(["evaluate", str(run), "gap-mobil", *words]) == 0
+    assert len(table.read_text().splitlines()) == 3
+    assert load_driver(run)
+    for words in ([str(run), "pretrained"], ["pretrained", str(run)]):
+        capsys.readouterr()
+        assert main(["evaluate", *words, "--vehicles", "5", "--episodes", "1"]) == 1
+        assert "was trained with other [observation] settings" in capsys.readouterr().err
+    network = tmp_path / "network.onnx"
+    network.touch()
+    with pytest.raises(DrlAvError, match=r"network.onnx observes 27 indicators, but observation"):
+        load_driver(network, Config().updated("observation", way=True))
+
+
+def test_it_cannot_be_exported_and_nothing_is_written(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", str(run), str(tmp_path / "way.onnx")]) == 1
+    assert "was trained with observation.way cannot be exported" in capsys.readouterr().err
+    assert not (tmp_path / "way.onnx").exists()
