@@ -51,6 +51,7 @@ class ScriptedEnv:
     def __init__(self, script: list[Step], config: Config, tape: list[str]) -> None:
         self.script, self.config, self.tape = script, config, tape
         self.seeds: list[int] = []
+        self.options: list[Any] = []
 
     def require_room(self) -> None:
         """There is room for any number of vehicles on the script."""
@@ -58,6 +59,7 @@ class ScriptedEnv:
     def reset(self, *, seed: int, options: object) -> tuple[np.ndarray, dict[str, Any]]:
         self.tape.append("reset")
         self.seeds.append(seed)
+        self.options.append(options)
         self.t = 0
         return observed(0), {}
 
@@ -325,6 +327,7 @@ def test_training_never_meets_the_traffic_of_an_evaluation(monkeypatch: pytest.M
         training.run_episode()
     assert min(env.seeds) >= TRAINING_SEEDS[0] == 1_000_000
     assert len(set(env.seeds)) == 50
+    assert env.options == [None] * 50  # on a loop the seed determines the number of vehicles
     driven: list[tuple[int, int]] = []
 
     def drive(env: Any, driver: Any, name: str, seed: int, vehicles: int) -> SimpleNamespace:
@@ -341,6 +344,17 @@ def test_training_never_meets_the_traffic_of_an_evaluation(monkeypatch: pytest.M
     assert [seed for seed, _ in again] == list(range(EVALUATION_SEEDS, EVALUATION_SEEDS + 10))
     assert max(seed for seed, _ in again) < TRAINING_SEEDS[0]
     assert (again[0][1], again[-1][1]) == (1, 30)
+
+
+@pytest.mark.parametrize(("capacity", "most"), [(30, 10), (8, 8)])
+def test_on_an_open_road_episodes_begin_with_none_to_twice_as_many_vehicles_as_the_flow_has(
+    capacity: int, most: int
+) -> None:
+    training, env, *_ = story([QUIET], episodes=200)
+    env.simulation = SimpleNamespace(fleet=SimpleNamespace(usual=5, capacity=capacity))
+    for _ in range(200):
+        training.run_episode()
+    assert {options["vehicles"] for options in env.options} == set(range(most + 1))
 
 
 @pytest.fixture(scope="module")
