@@ -16,7 +16,7 @@ from typing import Any
 from drl_av.config import Config
 from drl_av.errors import DisplayError, SimulationError
 
-GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "1280,720")
+GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "1280,800")
 
 
 def require_display() -> None:

@@ -81,7 +81,7 @@ class Simulation:
                 "changed in it."
             ) from error
         if self._gui:
-            self._window = Window(self._sumo)
+            self._window = Window(self._sumo, self.scenario.layout)
         self._steps = 0
         self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
