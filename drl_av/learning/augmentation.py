@@ -15,6 +15,7 @@ from drl_av.errors import ConfigError
 from drl_av.learning.buffers import Batch, Buffer
 from drl_av.learning.experience import Store
 from drl_av.traffic.road import Road
+from drl_av.traffic.snapshot import EGO
 
 
 def require_symmetry(config: Config, road: Road) -> None:
@@ -87,13 +88,14 @@ def store_counterfactuals(
     config, before, s_t = env.config, decision.scene, decision.observation
     after, penalty = decision.next_scene.affordances, config.learning.unsafe_penalty
     made = motion(before, decision.executed, config)
-    width_m = float(before.snapshot.width_m[0])
+    ego = before.snapshot
+    front_m, width_m = float(ego.s_m[EGO] + ego.length_m[EGO] / 2), float(ego.width_m[EGO])
     for other in others:
         permitted = env.safety_check(before, other).action
         unsafe = permitted != other
         imagined = motion(before, permitted if penalty else other, config)
         on_road = imagined.y_m == before.affordances.ego_y_m or env.road.holds(
-            imagined.y_m, width_m
+            imagined.y_m, width_m, front_m + imagined.distance_m
         )
         if not on_road or (unsafe and not penalty):
             buffer.add_collision(s_t, other.number, config.reward.collision_reward)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from worlds import LEFT, RIGHT, ROAD, ahead, scene
+from worlds import LEAVE, LEFT, RIGHT, ROAD, ahead, scene
 
 from drl_av.config import Config
 from drl_av.drivers.rules import RandomDriver
@@ -79,13 +79,18 @@ MAINTAIN, ACCELERATE, BRAKE = (
 
 
 def stored_after(
-    before: Any, after: Any, executed: Action, *others: Action, config: Config = CONFIG
+    before: Any,
+    after: Any,
+    executed: Action,
+    *others: Action,
+    config: Config = CONFIG,
+    road: Road = ROAD,
 ) -> TwoBuffers:
     """The buffers after one decision on a road without SUMO."""
     scale = ObservationScale(CONFIG.observation, CONFIG.ego.max_speed_m_s, ROAD)
     env: Any = SimpleNamespace(
         config=config,
-        road=ROAD,
+        road=road,
         safety_check=named_check(config),
         observation_of=lambda scene: scale(scene.affordances.vector()),
     )
@@ -168,6 +173,19 @@ def test_leaving_the_road_is_a_collision_where_no_check_forbids_it(penalty: floa
     assert (len(buffers.safe), len(buffers.collision)) == (0, 1)
     buffers = stored_after(before, scene(y_m=0.0), back, back, config=unchecked)
     assert (len(buffers.safe), len(buffers.collision)) == (1, 0)
+
+
+@pytest.mark.parametrize(("s_m", "safe"), [(1000.0, 1), (800.0, 0), (1140.0, 0)])
+def test_a_lane_that_begins_and_parts_is_road_only_where_it_is_beside_the_ego(
+    s_m: float, safe: int
+) -> None:
+    # the exit lane begins at 900 m and parts at 1,150 m; one decision later the ego is 20 m further
+    before = scene(s_m=s_m, y_m=3.04, v_y=-0.76, lane_change=LaneChange(1, 0), road=LEAVE)
+    after = scene(s_m=s_m + 20.0, y_m=3.8, road=LEAVE)
+    further, back = (Action(side, Longitudinal.MAINTAIN) for side in (Lateral.RIGHT, Lateral.LEFT))
+    unchecked = CONFIG.updated("safety", check="permit_all")
+    buffers = stored_after(before, after, back, further, config=unchecked, road=LEAVE)
+    assert (len(buffers.safe), len(buffers.collision)) == (safe, 1 - safe)
 
 
 @pytest.mark.parametrize("check", ["paper", "permit_all"])
