@@ -32,6 +32,19 @@ EXIT = Road(
     OPEN_LAP_M, LANE_M, (True,) * 4, 1500.0, (PartialLane(0, 900.0, math.inf, 900.0, 1150.0),)
 )
 """A lane begins at 900 m beside three others, and parts from them at 1,150 m as an off-ramp."""
+NARROWING = Road(
+    OPEN_LAP_M,
+    LANE_M,
+    (True,) * 5,
+    1500.0,
+    (
+        PartialLane(0, 0.0, 800.0, 0.0, 800.0),
+        PartialLane(1, 0.0, 800.0, 0.0, 800.0),
+        PartialLane(4, 0.0, 900.0, 0.0, 900.0),
+        PartialLane(4, 1000.0, math.inf, 1000.0, math.inf),
+    ),
+)
+"""Of five lanes the two on the right end at 800 m, and the left one at 900 m; it begins again."""
 LEAVE = replace(EXIT, exit_m=1150.0)
 """The same road where the off-ramp is the ego's way."""
 

@@ -40,7 +40,7 @@ def lay_open_road(sheet: Sheet, road: Road) -> None:
     x, top = _x(road, road.end_m), _y(road, road.center_m(len(road.open_lanes) - 1)) - 12
     bottom = _y(road, 0.0) + 12
     sheet.line([(x, top), (x, bottom)], AMBER, 1.5)
-    sheet.text((x, bottom + 16), f"{road.end_m:g} m", 14, DIM, "ms")
+    sheet.text((x, bottom + 16), f"{road.end_m:.0f} m", 14, DIM, "ms")
     sheet.text((_LEFT, bottom + 16), "0", 14, DIM, "ms")
 
 

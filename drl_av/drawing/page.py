@@ -86,7 +86,7 @@ def _part(part: PartialLane, road: Road) -> dict[str, float]:
         "begin_m": part.begin_m,
         "end_m": min(part.end_m, beyond_m),
         "joined_from_m": part.joined_from_m,
-        "joined_to_m": part.joined_to_m,
+        "joined_to_m": min(part.joined_to_m, beyond_m),
     }
 
 

@@ -1,31 +1,46 @@
 """The lanes of an open road that begin or end on the way, in the views near the ego."""
 
 import math
+from collections.abc import Iterator
+from itertools import pairwise
 
 from drl_av.drawing.band import Band
 from drl_av.drawing.sheet import ALARM, AMBER, BRIGHT, GROUND, Sheet
 from drl_av.traffic.road import PartialLane, Road
 
 LINE_PX = 2.0
+FAR_M = 1e6
+"""A distance beyond the ends of every open road."""
 
 
 def draw_partial_lanes(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> None:
     """Draw the edges of the road, and the lanes that begin or end only where they are."""
-    partial = {part.lane for part in road.partial_lanes}
-    full = [lane for lane in range(len(road.open_lanes)) if lane not in partial]
-    for lane in sorted(partial):
+    for lane in sorted({part.lane for part in road.partial_lanes}):
         _clear(sheet, band, road, lane, ego_s_m)
-    left_m = road.center_m(max(full)) + road.lane_width_m / 2
-    right_m = road.center_m(min(full)) - road.lane_width_m / 2
-    _line(sheet, band, road, left_m, (-math.inf, math.inf), AMBER)
-    joined = [part for part in road.partial_lanes if part.lane == min(full) - 1]
-    begin_m = -math.inf
-    for part in joined:
-        _line(sheet, band, road, right_m, (begin_m, part.joined_from_m - ego_s_m), BRIGHT)
-        begin_m = part.joined_to_m - ego_s_m
-    _line(sheet, band, road, right_m, (begin_m, math.inf), BRIGHT)
+    for line in range(len(road.open_lanes) + 1):
+        y_m = road.center_m(line) - road.lane_width_m / 2
+        for begin_m, end_m, color in solid_lines(road, line):
+            _line(sheet, band, road, y_m, (begin_m - ego_s_m, end_m - ego_s_m), color)
     for part in road.partial_lanes:
-        _outer_edge(sheet, band, road, part, ego_s_m)
+        _end(sheet, band, road, part, ego_s_m)
+
+
+def solid_lines(road: Road, line: int) -> Iterator[tuple[float, float, tuple[int, int, int]]]:
+    """Yield where the line to the right of the lane ``line`` is solid: begin, end and colour.
+
+    It is solid at the edges of the road, and between two lanes that are divided.
+    """
+    parts = [part for part in road.partial_lanes if part.lane in (line - 1, line)]
+    ends_m = {-FAR_M, FAR_M}
+    for part in parts:
+        ends_m |= {part.begin_m, part.end_m, part.joined_from_m, part.joined_to_m}
+    for begin_m, end_m in pairwise(sorted(ends_m)):
+        middle_m = (begin_m + min(end_m, FAR_M)) / 2
+        right, left = (road.is_open_at(lane, middle_m) for lane in (line - 1, line))
+        if left != right:
+            yield begin_m, end_m, AMBER if right else BRIGHT
+        elif left and not road.is_beside(line - 1, line, middle_m):
+            yield begin_m, end_m, BRIGHT
 
 
 def _clear(sheet: Sheet, band: Band, road: Road, lane: int, ego_s_m: float) -> None:
@@ -41,20 +56,20 @@ def _clear(sheet: Sheet, band: Band, road: Road, lane: int, ego_s_m: float) -> N
 def _box(sheet: Sheet, band: Band, road: Road, lane: int, ahead_m: tuple[float, float]) -> None:
     left, right = (_column(band, at_m) for at_m in ahead_m)
     center_m, half_m = road.center_m(lane), road.lane_width_m / 2
-    upper = band.y(road, center_m + half_m) + band.lane_px / 8
-    lower = band.y(road, center_m - half_m) + band.lane_px / 8
+    outward = -1 if not all(map(road.is_partial, range(lane))) else 1
+    verge = outward * band.lane_px / 8
+    upper = band.y(road, center_m + half_m) + verge
+    lower = band.y(road, center_m - half_m) + verge
     if left < right:
         sheet.box((left, upper, right, lower + 1), GROUND)
 
 
-def _outer_edge(sheet: Sheet, band: Band, road: Road, part: PartialLane, ego_s_m: float) -> None:
-    """Draw the right edge of a lane, and a bar where it ends."""
-    center_m, half_m = road.center_m(part.lane), road.lane_width_m / 2
-    ends_m = (part.begin_m - ego_s_m, part.end_m - ego_s_m)
-    _line(sheet, band, road, center_m - half_m, ends_m, BRIGHT)
-    if -band.behind_m < ends_m[1] < band.ahead_m:
-        x = band.x(ends_m[1])
-        upper, lower = band.y(road, center_m + half_m), band.y(road, center_m - half_m)
+def _end(sheet: Sheet, band: Band, road: Road, part: PartialLane, ego_s_m: float) -> None:
+    """Draw a bar where a lane ends."""
+    end_m = part.end_m - ego_s_m
+    if -band.behind_m < end_m < band.ahead_m:
+        x, half_m = band.x(end_m), road.lane_width_m / 2
+        upper, lower = (band.y(road, road.center_m(part.lane) + side) for side in (half_m, -half_m))
         sheet.line([(x, upper), (x, lower)], ALARM, 2 * LINE_PX)
 
 

@@ -22,6 +22,8 @@ from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import EGO, Snapshot
 
 _MOVING_SIDEWAYS_M_S = 0.05
+DASH_M = 5.0
+"""Length of a dash between two lanes."""
 
 
 CLOSE_UP = Band(top=66, lane_px=60, behind_m=32.0, ahead_m=60.0)
@@ -99,10 +101,19 @@ def _draw_markings(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> None
     for boundary in range(1, len(road.open_lanes)):
         y = band.y(road, road.center_m(boundary) - road.lane_width_m / 2)
         for mark_m in _every(12.0, ego_s_m, road, band):
-            sheet.line([(band.x(mark_m), y), (band.x(mark_m + 5.0), y)], BRIGHT, thick)
+            if _is_dashed(road, boundary, ego_s_m + mark_m):
+                sheet.line([(band.x(mark_m), y), (band.x(mark_m + DASH_M), y)], BRIGHT, thick)
     for lane in range(len(road.open_lanes)):
         if not road.is_open(lane):
             _draw_barricade(sheet, band, ego_s_m, road, lane)
+
+
+def _is_dashed(road: Road, boundary: int, from_m: float) -> bool:
+    """Return whether a dash from ``from_m`` on divides lanes between which vehicles may change."""
+    return not road.partial_lanes or any(
+        road.is_open_at(boundary - 1, s_m) and road.is_beside(boundary - 1, boundary, s_m)
+        for s_m in (from_m, from_m + DASH_M)
+    )
 
 
 def _draw_barricade(sheet: Sheet, band: Band, ego_s_m: float, road: Road, lane: int) -> None:

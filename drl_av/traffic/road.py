@@ -27,13 +27,17 @@ OPEN_LAP_M = 2.0**20
 
 @dataclass(frozen=True)
 class PartialLane:
-    """A lane that begins or ends within an open road, such as an acceleration lane."""
+    """A lane that begins or ends within an open road, such as an acceleration lane.
+
+    It lies to the right or to the left of the lanes that extend along the whole road.
+    """
 
     lane: int
     begin_m: float
     end_m: float
     joined_from_m: float
-    """Start of the part in which vehicles may change between it and the lane to its left."""
+    """Start of the part in which vehicles may change between it and the lane to its left, if any.
+    """
     joined_to_m: float
     """End of that part. All positions are metres along the road."""
 
@@ -131,14 +135,29 @@ class Road:
     def mandatory_change(self, lane: int, s_m: float) -> MandatoryChange:
         """Return the lane changes that the ego must make from ``lane`` at the position ``s_m``.
 
-        It leaves a lane that ends before the ego's way does, and reaches lane 0 before its exit.
+        It leaves a lane that ends before the ego's way does, to the nearest lane that goes on
+        there, and reaches lane 0 before its exit.
         """
         end_m = self.lane_end_m(lane, s_m)
         if end_m < min(self.end_m, self.exit_m):
-            return MandatoryChange(1, end_m - s_m)
+            return MandatoryChange(self._lanes_aside(lane, end_m), end_m - s_m)
         if lane > 0 and s_m < self.exit_m < math.inf:
             return MandatoryChange(-lane, self.exit_m - s_m)
         return NO_CHANGE
+
+    def _lanes_aside(self, lane: int, end_m: float) -> int:
+        """Return the number of lanes, left positive, from a lane that ends to one that goes on.
+
+        ``end_m`` is the position at which the lane ends.
+        """
+        before_m = math.nextafter(end_m, -math.inf)
+        aside = sorted(range(-lane, len(self.open_lanes) - lane), key=abs)
+        return next(
+            lanes
+            for lanes in aside
+            if self.is_open_at(lane + lanes, before_m)
+            and self.lane_end_m(lane + lanes, before_m) > end_m
+        )
 
     def exit_outcome(self, lane: int, s_m: float) -> str:
         """Return "taken" or "missed" for a vehicle in ``lane`` after the exit; "" before it.

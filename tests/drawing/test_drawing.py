@@ -14,9 +14,9 @@ from PIL import Image
 from drl_av.drawing import Caption, Picture, draw
 from drl_av.drawing.film import interpolated, write_video
 from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, Band
-from drl_av.drawing.sheet import EGO_COLOR, speed_color
+from drl_av.drawing.sheet import ALARM, AMBER, ASPHALT, EGO_COLOR, GROUND, speed_color
 from drl_av.errors import RecordingError
-from drl_av.traffic.road import Road
+from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
 from drl_av.traffic.snapshot import Snapshot
 
 ROAD = Road(500.0, 3.8, (True, True, True))
@@ -94,6 +94,26 @@ def test_barricaded_lane_looks_different_and_the_open_ones_do_not() -> None:
     right_lane = CLOSE_UP.top + 2 * CLOSE_UP.lane_px
     assert differs[right_lane + 3 : right_lane + CLOSE_UP.lane_px - 3].mean() > 0.9
     assert not differs[CLOSE_UP.top : right_lane - 3].any()
+
+
+def test_lanes_on_either_side_are_drawn_where_they_are_and_end_at_a_bar() -> None:
+    # the two lanes on the right end 20 m ahead of the ego, the left one 10 m behind it
+    right = [PartialLane(lane, 0.0, 120.0, 0.0, 120.0) for lane in (0, 1)]
+    left = PartialLane(4, 0.0, 90.0, 0.0, 90.0)
+    road = Road(OPEN_LAP_M, 3.8, (True,) * 5, 900.0, (*right, left))
+    picture = draw(scene((100.0, 7.6)), road, Caption())
+
+    def at(s_m: float, y_m: float) -> tuple[int, ...]:
+        row = round(CLOSE_UP.y(road, y_m))
+        return tuple(picture[row, round(CLOSE_UP.x(s_m - 100.0))].tolist())
+
+    assert [at(80.0, lane * 3.8) for lane in range(5)] == [ASPHALT] * 5
+    assert [at(110.0, lane * 3.8) for lane in range(5)] == [ASPHALT] * 4 + [GROUND]
+    assert [at(130.0, lane * 3.8) for lane in range(5)] == [GROUND] * 2 + [ASPHALT] * 2 + [GROUND]
+    assert [at(120.0, 0.0), at(120.0, 3.8), at(90.0, 15.2)] == [ALARM] * 3
+    edge_m = 4 * 3.8 - 1.9
+    assert {at(95.0 + step, edge_m) for step in range(30)} == {AMBER}
+    assert {at(122.0 + step, 1.9) for step in range(30)} == {GROUND}  # no dashes in the meadow
 
 
 def test_ego_moving_left_signals_on_its_left_side_only() -> None:

@@ -7,7 +7,7 @@ speed (``test_strict.py``), and must stay 0.5 m short of the end.
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from worlds import CENTER, EXIT, LANE_M, MERGE, RIGHT, Car, scene
+from worlds import CENTER, EXIT, LANE_M, MERGE, NARROWING, RIGHT, Car, scene
 
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
@@ -50,6 +50,13 @@ def test_strict_lets_the_ego_leave_the_lane_while_it_could_still_stop_in_it() ->
     assert STRICT(before_the_end(65.0), left).action != left
 
 
+def test_strict_stops_before_the_end_of_a_lane_on_the_left_too() -> None:
+    for gap_m, how in ((77.1, ACCELERATE), (76.9, MAINTAIN)):
+        near = scene(s_m=900.0 - gap_m - 2.5, y_m=4 * LANE_M, road=NARROWING)
+        assert STRICT(near, Action(Lateral.KEEP, ACCELERATE)).action.longitudinal is how
+        assert STRICT(near, Action(Lateral.RIGHT, how)).rule is Rule.NONE
+
+
 def test_strict_forbids_a_lane_change_that_the_gore_would_cut_off() -> None:
     right = Action(Lateral.RIGHT, MAINTAIN)
     far, near = (scene(s_m=1150.0 - gap, y_m=LANE_M, road=EXIT) for gap in (69.0, 67.0))
@@ -88,6 +95,8 @@ def test_under_strict_no_actions_take_the_ego_off_a_road_whose_lanes_end(
             [
                 *((MERGE, 420.0, 0), (MERGE, 600.0, 1), (EXIT, 880.0, 1), (EXIT, 920.0, 0)),
                 *((EXIT, 1040.0, 1), (EXIT, 1100.0, 0), (WAY, 620.0, 0), (WAY, 1430.0, 1)),
+                *((NARROWING, 650.0, 0), (NARROWING, 700.0, 1), (NARROWING, 750.0, 4)),
+                *((NARROWING, 950.0, 3), (NARROWING, 780.0, 2)),
             ]
         )
     )

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from worlds import EXIT, LEAVE, MERGE, ROAD
+from worlds import EXIT, LEAVE, MERGE, NARROWING, ROAD
 
 from drl_av.traffic.road import Barrier, Road
 
@@ -26,6 +26,10 @@ def test_distances_on_an_open_road_go_along_it_and_never_round() -> None:
         (EXIT, 899.0, [1, 2, 3]),
         (EXIT, 5000.0, [0, 1, 2, 3]),  # the off-ramp does not end
         (ROAD, 5000.0, [0, 1, 2]),
+        (NARROWING, 799.0, [0, 1, 2, 3, 4]),
+        (NARROWING, 899.0, [2, 3, 4]),
+        (NARROWING, 900.0, [2, 3]),
+        (NARROWING, 1000.0, [2, 3, 4]),
     ],
 )
 def test_lanes_exist_where_they_begin_and_not_where_they_have_ended(
@@ -57,6 +61,14 @@ def test_a_lane_that_has_ended_is_beside_no_lane() -> None:
     assert MERGE.is_beside(0, 1, 600.0)
 
 
+def test_a_lane_on_the_left_is_entered_from_its_right_while_it_is_there() -> None:
+    assert NARROWING.is_beside(3, 4, 899.0)
+    assert NARROWING.is_beside(4, 3, 899.0)
+    assert not NARROWING.is_beside(3, 4, 950.0)
+    assert NARROWING.is_beside(0, 1, 700.0)  # both end at 800 m
+    assert not NARROWING.is_beside(2, 1, 850.0)
+
+
 def test_lane_ends_where_it_says_and_a_lane_of_the_whole_road_never() -> None:
     assert MERGE.lane_end_m(0, 450.0) == 800.0
     assert MERGE.lane_end_m(1, 450.0) == math.inf
@@ -67,6 +79,13 @@ def test_the_end_of_a_lane_is_as_wide_as_the_lane_and_the_gore_is_a_line() -> No
     assert MERGE.barriers == (Barrier(800.0, pytest.approx(-1.9), pytest.approx(1.9)),)
     assert EXIT.barriers == (Barrier(1150.0, pytest.approx(1.9), pytest.approx(1.9)),)
     assert ROAD.barriers == ()
+
+
+def test_lanes_of_both_sides_end_at_barriers() -> None:
+    right, next_to_it, left = NARROWING.barriers
+    assert right == (800.0, pytest.approx(-1.9), pytest.approx(1.9))
+    assert next_to_it == (800.0, pytest.approx(1.9), pytest.approx(5.7))
+    assert left == (900.0, pytest.approx(13.3), pytest.approx(17.1))
 
 
 @pytest.mark.parametrize(
@@ -82,6 +101,9 @@ def test_the_end_of_a_lane_is_as_wide_as_the_lane_and_the_gore_is_a_line() -> No
         (EXIT, 1149.0, 1.9, True),
         (EXIT, 1150.0, 1.9, False),  # on the gore
         (EXIT, 1200.0, 0.0, True),
+        (NARROWING, 899.0, 13.3, True),  # half in the left lane
+        (NARROWING, 900.0, 13.3, False),
+        (NARROWING, 900.0, 12.3, True),
     ],
 )
 def test_a_body_is_held_by_lanes_that_exist_and_are_joined_there(
@@ -101,6 +123,10 @@ def test_a_body_is_held_by_lanes_that_exist_and_are_joined_there(
         (LEAVE, 1, 1150.0, 0, math.inf),  # it has missed the exit
         (EXIT, 3, 100.0, 0, math.inf),  # an exit that is not on its way
         (ROAD, 2, 100.0, 0, math.inf),
+        (NARROWING, 4, 700.0, -1, 200.0),  # the left lane ends: to the right
+        (NARROWING, 1, 700.0, 1, 100.0),
+        (NARROWING, 0, 700.0, 2, 100.0),  # the lane beside it ends with it
+        (NARROWING, 4, 1100.0, 0, math.inf),
     ],
 )
 def test_the_way_demands_lane_changes_before_a_lane_ends_and_before_the_exit(
