@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.config.functions import require_function
 from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import Action, action_of
 from drl_av.driving.scene import Scene
@@ -50,6 +51,9 @@ class PolicyDriver:
         policy: The function from an observation to an action number.
         observe: The function from a scene to the observation, for a policy that was trained with an
             observation of its own; without it the policy takes the 27 scaled indicators.
+
+    Raises:
+        ConfigError: one of them is no function, or does not take this one argument.
     """
 
     def __init__(
@@ -57,6 +61,9 @@ class PolicyDriver:
         policy: Callable[[Any], int | np.integer],
         observe: Callable[[Scene], Any] | None = None,
     ) -> None:
+        require_function(policy, "policy", "observation")
+        if observe is not None:
+            require_function(observe, "observe", "scene")
         self._policy, self._observe = policy, observe
 
     def start(self, seed: int) -> None:

@@ -10,7 +10,6 @@ import sys
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
+from drl_av.config.functions import require_function
 from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.onnx_interface import INPUTS
@@ -49,8 +49,8 @@ def driver_of_factory(word: str, config: Config) -> Driver:
     calls the function once.
 
     Raises:
-        ConfigError: the module or the function does not exist, or the function returns an object
-            without the methods of a driver.
+        ConfigError: the module or the function does not exist, the function does not take a config,
+            or it returns an object without the methods of a driver.
     """
     module, _, name = word.partition(":")
     try:
@@ -61,19 +61,14 @@ def driver_of_factory(word: str, config: Config) -> Driver:
             f"The driver {word!r} cannot be imported ({error}): write it as module:factory, with "
             "a module in the working directory or an installed one that can be imported."
         ) from error
-    try:
-        signature(factory).bind(config)
-    except TypeError as error:
-        raise ConfigError(
-            f"{word!r} is no factory of drivers ({error}): name a function of one argument, the "
-            "config."
-        ) from error
+    require_function(factory, f"The factory {word!r}", "config")
     driver: Driver = factory(config)
     if not is_driver(driver):
         raise ConfigError(
-            f"The factory {word!r} made a {type(driver).__name__}, which is no driver: return an "
+            f"The factory {word!r} returned {driver!r}, which is no driver: return an "
             "object with start(seed) and act(scene, observation)."
         )
+    require_methods(driver, word)
     return driver
 
 
@@ -82,6 +77,12 @@ def is_driver(made: object) -> bool:
     if isinstance(made, type):
         return False
     return callable(getattr(made, "start", None)) and callable(getattr(made, "act", None))
+
+
+def require_methods(driver: Driver, name: str) -> None:
+    """Raise ConfigError if a driver's methods do not take the arguments that they are given."""
+    require_function(driver.start, f"The method start of the driver {name!r}", "seed")
+    require_function(driver.act, f"The method act of the driver {name!r}", "scene", "observation")
 
 
 @contextmanager

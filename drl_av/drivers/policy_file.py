@@ -21,8 +21,14 @@ PRETRAINED = Path(__file__).parent.parent / "pretrained"
 """Folder of the driver that ships with the package, in the layout of a run."""
 FORMAT = "drl_av/1"
 """The only key in the metadata of a file: safetensors writes several keys in random order."""
-OTHER_PROGRAMS = {".zip": "an agent of stable-baselines3", ".onnx": "an ONNX network"}
-"""What a file of another program holds, by suffix."""
+_AS_IT_IS = "drl-av evaluate and replay drive with this file as it is"
+OTHER_FILES = {
+    ".zip": ("an agent of stable-baselines3", _AS_IT_IS),
+    ".onnx": ("an ONNX network", _AS_IT_IS),
+    ".npz": ("a recorded episode", "drl-av replay repeats it"),
+    ".toml": ("a file of settings", "pass it as config, or after --config"),
+}
+"""What a file that holds no policy holds, and its use, by suffix."""
 _DAMAGE = (SafetensorError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
 """The errors that a damaged file, or a file of another program, can cause."""
 
@@ -126,7 +132,7 @@ def find_policy(path: Path) -> Path:
 
     Raises:
         RunError: that file does not exist (no such run, or the run has not saved a policy yet), or
-            it belongs to another program.
+            it holds something else.
     """
     remedy = "give a run's folder that has a policy.safetensors, or pretrained, the shipped driver"
     file = path / "policy.safetensors" if path.is_dir() else path
@@ -137,11 +143,9 @@ def find_policy(path: Path) -> Path:
         )
     if not path.exists():
         raise RunError(f"There is no file or folder {path}: {remedy}.")
-    if path.suffix in OTHER_PROGRAMS and path.is_file():
-        raise RunError(
-            f"{path} is {OTHER_PROGRAMS[path.suffix]}, not a driver that drl-av trained: {remedy}; "
-            "drl-av evaluate and replay drive with this file as it is."
-        )
+    if path.suffix in OTHER_FILES and path.is_file():
+        content, use = OTHER_FILES[path.suffix]
+        raise RunError(f"{path} is {content}, not a driver that drl-av trained: {remedy}; {use}.")
     if not file.is_file():
         raise RunError(f"{path} holds no trained driver: {remedy}.")
     return file
@@ -151,7 +155,7 @@ def load_run(path: Path) -> tuple[list[QNetwork], Config]:
     """Read the networks and the config of a run's folder or of a policy file.
 
     Raises:
-        RunError: there is no policy file, or the file belongs to another program.
+        RunError: there is no policy file, or the file holds something else.
         CheckpointError: the policy file is damaged, or its config is not that of ``config.toml`` in
             the folder.
     """

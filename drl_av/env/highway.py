@@ -11,6 +11,7 @@ import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
 from drl_av.config import Config
+from drl_av.config.functions import require_function
 from drl_av.config.presets import as_config
 from drl_av.drawing.renderer import GuiRenderer, PictureRenderer, Renderer
 from drl_av.drivers.background.level_k import load_level_1
@@ -76,7 +77,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             folder = Path(scenario)
             name = str(folder.absolute() if folder.is_dir() else scenario)
             config = config.updated("simulation", scenario=name)
-        if safety_check is not None and not callable(safety_check):
+        if callable(safety_check):
+            require_function(safety_check, "safety_check", "scene", "proposed")
+        elif safety_check is not None:
             config = config.updated("safety", check=safety_check)
         self.config = config
         self._check_name = (
@@ -92,8 +95,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.simulation = Simulation(loaded, config, gui=render_mode == "human")
         level_1 = load_level_1(self.road) if config.traffic.level_1_share else None
         self.traffic_drivers = TrafficDrivers(config, self.road, types, level_1)
-        if reward is not None and not callable(reward):
-            raise ConfigError(f"reward is {reward!r}, but must be a function of a Transition.")
+        if reward is not None:
+            require_function(reward, "reward", "transition")
         self._own_reward = reward
         self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
         groups = default_groups(config.observation) if observation is None else observation

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import ObservationConfig
+from drl_av.config.functions import require_function
 from drl_av.config.schema import did_you_mean
 from drl_av.driving.affordances import (
     INDICATORS,
@@ -104,14 +105,16 @@ def observation_function(
     """Convert the argument ``observation`` of the environment to a callable object.
 
     Raises:
-        ConfigError: ``given`` is neither known groups of indicators nor a callable object with a
-            ``space``.
+        ConfigError: ``given`` is neither known groups of indicators nor an object with a ``space``
+            that can be called with a scene.
     """
     if isinstance(given, str):
         return GroupObservation([given], scale)
     if isinstance(given, Iterable):
         return GroupObservation(list(given), scale)
-    if callable(given) and isinstance(getattr(given, "space", None), gymnasium.Space):
+    is_class = isinstance(given, type)
+    if not is_class and isinstance(getattr(given, "space", None), gymnasium.Space):
+        require_function(given, "observation", "scene")
         return given
     raise ConfigError(
         f"observation is {given!r}, but must be names of groups ({', '.join(GROUPS)}), or an "

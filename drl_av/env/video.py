@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 from gymnasium.utils.save_video import capped_cubic_video_schedule
 
+from drl_av.config.functions import require_function
 from drl_av.drawing.film import Film, require_film
 from drl_av.env.highway import HighwayEnv, Observation
 from drl_av.errors import ConfigError, RecordingError
@@ -65,11 +66,7 @@ class RecordVideo(
         for name, value in (("fps", fps), ("rate", rate)):
             if not isinstance(value, Real) or not 0 < value < math.inf:
                 raise ConfigError(f"{name} is {value!r}, but must be a number above 0.")
-        if not callable(episode_trigger):
-            raise ConfigError(
-                f"episode_trigger is {episode_trigger!r}, but must be a function of the number of "
-                "an episode, such as lambda episode: True."
-            )
+        require_function(episode_trigger, "episode_trigger", "episode")
         self._highway = env.unwrapped
         self._prefix = Path(video_folder) / name_prefix
         try:

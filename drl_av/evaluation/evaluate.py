@@ -10,7 +10,7 @@ from typing import Any, TypeGuard
 from drl_av.config import Config, located
 from drl_av.config.presets import as_config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.external import is_driver
+from drl_av.drivers.external import is_driver, require_methods
 from drl_av.drivers.registry import DriverSpec, default_config, find_drivers
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.errors import ConfigError
@@ -126,6 +126,7 @@ def _specs(drivers: Iterable[Any], own: Mapping[str, Driver]) -> list[DriverSpec
                 "with start(seed) and act(scene, observation): a class or a function has to be "
                 "called."
             )
+        require_methods(driver, name)
         if name in [spec.name for spec in specs]:
             raise ConfigError(f"Two drivers are called {name!r}: rename the one in own.")
         specs.append(DriverSpec(name, None, driver))

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import is_zipfile
 
 import numpy as np
 import numpy.typing as npt
@@ -78,6 +79,11 @@ def load_recording(path: Path) -> Recording:
     """Read a recording; raises RecordingError if it is missing, damaged or another kind of file."""
     if not path.is_file():
         raise RecordingError(f"There is no recording {path}: check the path.")
+    if not is_zipfile(path):
+        raise RecordingError(
+            f"{path} is no recording, or is cut short: give a file that drl-av replay --record "
+            "wrote."
+        )
     try:
         with np.load(path, allow_pickle=False) as data:
             parts = dict(data)

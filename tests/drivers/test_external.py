@@ -99,10 +99,10 @@ def test_a_file_that_is_not_there_is_said_to_be_missing(
     [
         ("no_such_module:f", "No module named 'no_such_module'"),
         ("my_own_drivers:missing", "has no attribute 'missing'"),
-        ("my_own_drivers:eager", "is no factory of drivers"),
-        ("my_own_drivers:number", "is no factory of drivers"),
+        ("my_own_drivers:eager", r"is called with \(config\), which eager\(\) does not take"),
+        ("my_own_drivers:number", r"my_own_drivers:number' is 3, but must be a function of \(conf"),
         ("broken_module:f", "cannot be imported"),
-        ("my_own_drivers:nothing", "made a int, which is no driver: return an object with start"),
+        ("my_own_drivers:nothing", "returned 3, which is no driver: return an object with start"),
     ],
 )
 def test_a_factory_that_makes_no_driver_is_refused(word: str, message: str, module: str) -> None:

@@ -94,6 +94,8 @@ def test_the_help_of_export_describes_them_too(capsys: pytest.CaptureFixture[str
     [
         ("dqn.zip", "dqn.zip is an agent of stable-baselines3, not a driver that drl-av trained: "),
         ("net.onnx", "net.onnx is an ONNX network, not a driver that drl-av trained: give a run's"),
+        ("drive.npz", "drive.npz is a recorded episode, not a driver that drl-av trained: give a"),
+        ("fast.toml", "fast.toml is a file of settings, not a driver that drl-av trained: give a"),
         ("nope", "There is no file or folder nope: give a run's folder that has a policy.safetens"),
         ("empty", "empty holds no trained driver: give a run's folder that has a policy.safetens"),
         ("idm", "idm is not a driver that drl-av trained, and has no network to export: give a"),
@@ -108,7 +110,7 @@ def test_what_cannot_be_exported_is_named_with_what_can(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for file in ("dqn.zip", "net.onnx"):
+    for file in ("dqn.zip", "net.onnx", "drive.npz", "fast.toml"):
         Path(file).write_bytes(b"PK")
     Path("empty").mkdir()
     assert main(["export", word, "out.onnx"]) == 1

@@ -1,0 +1,28 @@
+"""Checks the functions that users pass: a driver's methods, a reward, an observation, a check."""
+
+from inspect import signature
+from typing import Any
+
+from drl_av.errors import ConfigError
+
+
+def require_function(function: Any, what: str, *arguments: str) -> None:
+    """Raise ConfigError unless ``function`` can be called with these positional arguments.
+
+    ``what`` names the function in the message, ``arguments`` are the names of its arguments.
+    """
+    given = ", ".join(arguments)
+    if not callable(function):
+        raise ConfigError(f"{what} is {function!r}, but must be a function of ({given}).")
+    try:
+        parameters = signature(function)
+    except ValueError:  # some functions of C libraries do not tell their arguments
+        return
+    try:
+        parameters.bind(*arguments)
+    except TypeError as error:
+        name = getattr(function, "__name__", type(function).__name__)
+        raise ConfigError(
+            f"{what} is called with ({given}), which {name}{parameters} does not take ({error}): "
+            "change its arguments."
+        ) from error
