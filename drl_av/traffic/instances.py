@@ -146,6 +146,8 @@ def _copied_library(name: str, library: Path, number: int) -> ModuleType:
                 assert spec is not None
                 module = importlib.util.module_from_spec(spec)
                 loader.exec_module(module)
+            # the copy has no name, and its descriptor will be that of another file
+            module.__file__ = spec.origin = str(library)
         except (OSError, ImportError) as error:
             reason = " ".join(str(error).split()).rstrip(".")
         else:

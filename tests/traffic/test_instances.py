@@ -91,6 +91,19 @@ def test_interleaved_episodes_are_those_driven_alone_also_after_one_is_closed(ma
     assert [*first, *begun] == wanted[2]
 
 
+def test_a_program_that_reads_the_files_of_all_modules_finds_the_installed_library(
+    make: Make, no_copies_yet: None
+) -> None:
+    envs = [make(), make()]
+    for env in envs:
+        env.reset(seed=1, options={"vehicles": 2})
+    copy = envs[1].simulation._sumo
+    assert copy.__name__ != "libsumo"
+    assert copy._libsumo.__file__ == copy._libsumo.__spec__.origin == libsumo._libsumo.__file__
+    files = [getattr(module, "__file__", None) or "" for module in [*sys.modules.values()]]
+    assert not [file for file in files if file.startswith(("/proc", "/dev"))]
+
+
 def test_the_installed_package_comes_first_and_closed_environments_leave_their_copy(
     make: Make, no_copies_yet: None
 ) -> None:
