@@ -103,7 +103,7 @@ def test_file_cut_anywhere_is_refused(file: Path) -> None:
     data = file.read_bytes()
     for size in (0, 1, 100, len(data) // 2, len(data) - 1):
         file.write_bytes(data[:size])
-        with pytest.raises(RecordingError, match="or is (damaged|cut short)"):
+        with pytest.raises(RecordingError, match=r"or is (damaged|cut short)"):
             load_recording(file)
 
 
