@@ -71,7 +71,7 @@ class BatchStrict:
         target = np.where(still, target, np.where(turns, world.origin, world.target))
         origin = np.where(still, lane, world.origin + world.target - target)
         fits = self._permits(world, origin, target, neighbors, safe)
-        fits &= (target == NONE) | ((target >= 0) & (target < len(ROAD.open_lanes)))
+        fits &= (target == NONE) | _has_lane(world, lane, target)
         back = np.where(still, int(Lateral.KEEP), _toward(out, world))
         lateral = np.where(fits | (target == out), proposal // 4, back)
         result: IntArray = 4 * lateral + safe
@@ -95,7 +95,21 @@ class BatchStrict:
         may_m = may_reach(gap_m, is_ahead, speed, self._config.strict, step_s)
         y_m, lane_m = world.y_m, ROAD.lane_width_m
         held = is_held(y_m[:, 1:], width_m, y_m[:, :1], WIDTH_M, lane_m)
-        return Others(*ends_m, gap_m, is_ahead, speed, may_m, held)
+        others = Others(*ends_m, gap_m, is_ahead, speed, may_m, held)
+        return self._with_barriers(others, world) if world.road.barriers else others
+
+    def _with_barriers(self, others: Others, world: World) -> Others:
+        """Return the vehicles and the barriers as ``reachability.with_barriers`` does.
+
+        A barrier that the ego's front has passed gets lateral positions between which nothing is.
+        """
+        s_m, right_m, left_m = np.array(world.road.barriers).T
+        gap_m = s_m - (world.x_m[:, :1] + LENGTH_M / 2)
+        ahead, standing = gap_m >= 0, np.zeros(gap_m.shape)
+        most_m = np.where(gap_m > 0, gap_m - self._config.strict.clearance_m, -np.inf)
+        ends_m = np.where(ahead, right_m, np.inf), np.where(ahead, left_m, -np.inf)
+        rows = (*ends_m, gap_m, standing == 0, standing, most_m, standing == 0)
+        return Others(*(np.column_stack(pair) for pair in zip(others, rows, strict=True)))
 
     def _may_reach(self, world: World, neighbors: Others) -> FloatArray:
         lane = _lane(world.y_m[:, 0])
@@ -142,6 +156,19 @@ class BatchStrict:
 
 def _lane(y_m: FloatArray) -> IntArray:
     return np.floor(y_m / ROAD.lane_width_m + 0.5).astype(np.int64)
+
+
+def _has_lane(world: World, lane: IntArray, target: IntArray) -> BoolArray:
+    """Return whether the ego may change from ``lane`` to ``target`` in each scene, (scenes,).
+
+    Both its centre and its front must be where a vehicle may do so.
+    """
+    road, result = world.road, (target >= 0) & (target < len(world.road.open_lanes))
+    for row in np.flatnonzero(result & (lane != target)) if road.partial_lanes else ():
+        at_m = float(world.x_m[row, 0])
+        ways = (int(lane[row]), int(target[row]))
+        result[row] = all(road.is_beside(*ways, s_m) for s_m in (at_m, at_m + LENGTH_M / 2))
+    return result
 
 
 def _toward(lane: IntArray, world: World) -> IntArray:

@@ -1,7 +1,7 @@
 """Estimates the crash rate of the shipped driver among human drivers.
 
-    python -m verification.crash_rate --tests 50000 --jobs 2        # by importance sampling
-    python -m verification.crash_rate --people --tests 500000       # by plain sampling
+    python -m verification.crash_rate --tests 40000 --jobs 2        # by importance sampling
+    python -m verification.crash_rate --people --tests 400000       # by plain sampling
 
 The tests are those of ``crash_tests.py``, the model of the drivers is in ``naturalistic.py``. The
 adversary makes dangerous acts near the ego more frequent; the weights of the tests remove the bias.
@@ -133,7 +133,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "--tests", type=whole(1), default=50_000, help="for each check and share (default: 50000)"
+        "--tests", type=whole(1), default=40_000, help="for each check and share (default: 40000)"
     )
     parser.add_argument(
         "--checks", nargs="+", choices=CHECKS, default=[*CHECKS], help="default: all"

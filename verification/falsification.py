@@ -49,7 +49,6 @@ class Family(NamedTuple):
     """Creates the starts from numbers in (0, 1), shape (scenes, PLACED * others)."""
     script: tuple[float, float, int]
     """The scripted adversary: the others' acceleration, m/s^2, and side; the proposed action."""
-    road: Road = ROAD
     road_kind: str = "loop"
     """The kind of the road in SUMO, a key of ``in_sumo.ROADS``."""
 

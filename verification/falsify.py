@@ -27,7 +27,6 @@ from drl_av.config import Config
 from drl_av.errors import ScenarioError
 from drl_av.experiments.provenance import made_by
 from drl_av.safety import CHECKS, named_check
-from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import Collision
 from verification.batch_check import BatchStrict, one_by_one
 from verification.falsification import (
@@ -42,7 +41,7 @@ from verification.falsification import (
 )
 from verification.falsification import search as learn
 from verification.integration import Integration
-from verification.kinematic_simulator import ROAD, BatchCheck, Mover
+from verification.kinematic_simulator import BatchCheck, Mover
 from verification.open_families import OPEN_FAMILIES
 
 CLOSING_M_S = (0.0, 5.0, 10.0, 15.0, 20.0, 30.0)
@@ -55,14 +54,10 @@ ENVELOPE = FAMILIES | {"constant-speed": CONSTANT_SPEED}
 SEARCHED = FAMILIES | OPEN_FAMILIES
 
 
-def check_of(config: Config, road: Road = ROAD) -> BatchCheck:
-    """Return the safety check that a config names, as a function of many scenes on a road.
-
-    ``BatchStrict`` knows no lanes that begin or end; there the check itself judges each scene.
-    """
-    if config.safety.check == "strict" and not road.partial_lanes:
-        return BatchStrict(config)
-    return one_by_one(named_check(config, road=road))
+def check_of(config: Config) -> BatchCheck:
+    """Return the safety check that a config names, as a function of many scenes."""
+    strict = config.safety.check == "strict"
+    return BatchStrict(config) if strict else one_by_one(named_check(config))
 
 
 def envelope(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
@@ -101,9 +96,7 @@ def search(config: Config, names: list[str], scenes: int, seed: int) -> list[dic
     """Search each family with CMA-ES; return one row of results for each."""
     rows = []
     for name in names:
-        family = SEARCHED[name]
-        check = check_of(config, family.road)
-        tallies = list(learn(family, config, check, Mover(config), scenes, seed))
+        tallies = list(learn(SEARCHED[name], config, check_of(config), Mover(config), scenes, seed))
         rows.append(summed(name, tallies))
         print(rows[-1], file=sys.stderr)
     return rows
@@ -128,8 +121,8 @@ def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[di
 
     rows = []
     for name in names:
-        family, mover = SEARCHED[name], Mover(config)
-        sumo, check = SumoWorld(config, family.road_kind), check_of(config, family.road)
+        family, check, mover = SEARCHED[name], check_of(config), Mover(config)
+        sumo = SumoWorld(config, family.road_kind)
         rng = np.random.default_rng(seed)
         ends: list[tuple[Collision | None, Collision | None, float]] = []
         while len(ends) < scenes:

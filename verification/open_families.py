@@ -61,7 +61,7 @@ def leaving(u: FloatArray, config: Config) -> World:
 
 
 OPEN_FAMILIES: dict[str, Family] = {
-    "lane-end": Family(3, lane_end, (0.0, -1, 9), MERGE_ROAD, "merge"),
-    "merging": Family(3, merging, (-BRAKES, 1, 1), MERGE_ROAD, "merge"),
-    "exit": Family(3, leaving, (-BRAKES, -1, 5), EXIT_ROAD, "exit"),
+    "lane-end": Family(3, lane_end, (0.0, -1, 9), "merge"),
+    "merging": Family(3, merging, (-BRAKES, 1, 1), "merge"),
+    "exit": Family(3, leaving, (-BRAKES, -1, 5), "exit"),
 }

@@ -14,8 +14,9 @@ from drl_av.safety import strict as check_of_strict
 from drl_av.safety.strict import Strict
 from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import Collision, CollisionKind
+from verification.batch_check import one_by_one
 from verification.falsification import PLACED, genes, orders, placed, play
-from verification.falsify import check_of, in_sumo
+from verification.falsify import in_sumo
 from verification.kinematic_simulator import Mover, Orders, World
 from verification.open_families import EXIT_ROAD, MERGE_ROAD, OFF_RAMP, OPEN_FAMILIES, RAMP
 
@@ -33,21 +34,22 @@ def drawn(name: str, scenes: int, config: Config = STRICT) -> World:
 def driven(name: str, scenes: int, config: Config) -> World:
     """Scenes of a random adversary, at their end."""
     family, world = OPEN_FAMILIES[name], drawn(name, scenes, config)
+    check = one_by_one(named_check(config, road=world.road))
     genome = np.random.default_rng(4).normal(size=(scenes, genes(family)))
     commands = orders(genome, family, config)
-    play(world, commands, check_of(config, family.road), Mover(config))
+    play(world, commands, check, Mover(config))
     return world
 
 
 @pytest.mark.parametrize("name", OPEN_FAMILIES)
 def test_each_start_is_on_its_lanes_and_keeps_the_invariant(name: str) -> None:
-    road, world = OPEN_FAMILIES[name].road, drawn(name, 300)
-    strict = named_check(STRICT, road=road)
+    world = drawn(name, 300)
+    strict = named_check(STRICT, road=world.road)
     assert isinstance(strict, Strict)
     for row in range(300):
         scene = world.scene(row)
         assert strict.fallback_is_free(scene)
-        assert road.holds(world.y_m[row, 0], 1.8, world.x_m[row, 0] + 2.5)
+        assert world.road.holds(world.y_m[row, 0], 1.8, world.x_m[row, 0] + 2.5)
 
 
 def test_the_ego_has_to_do_with_the_end_of_a_lane_in_each_family() -> None:
