@@ -52,7 +52,7 @@ SUCCESS = {
 PRINTED = re.compile(
     r"^\w+, (?P<driver>\S+), .* asked, (?P<flow>\d+) found: (?P<episodes>\d+) episodes, "
     r"[a-z ]+ (?P<success>\S+ \(.*?\)), ego hits (?P<hits>\d+), .*? waited (?P<waited>\S+) "
-    r".*? time lost (?P<lost>.*?), forced braking (?P<forced>\S+) ",
+    r".*? time lost (?P<lost>.*?), forced braking (?P<forced>\S+ \(.*?\))",
     re.MULTILINE,
 )
 """A line of this program."""
@@ -182,6 +182,8 @@ def table(text: str) -> str:
         [found["flow"], f"`{found['driver']}`", *(found[name] for name in columns)]
         for found in PRINTED.finditer(text)
     ]
+    for row in rows:
+        row[-1] = row[-1].split()[0]
     names = ["vehicles/h/lane", "driver", "episodes", "success", "ego hits", "waited"]
     return markdown_table([*names, "time lost", "forced braking"], rows)
 

@@ -1,0 +1,91 @@
+"""Draws what ``verification.ramps`` printed, against the flow.
+
+    python -m verification.ramps_figure docs/results
+
+It reads ``merge.txt``, ``exit.txt`` and ``ramp_to_ramp.txt`` in that folder, and the same names
+with ``_learned`` if they are there, and writes ``ramps.png`` beside them. Bars are intervals of
+95 %.
+"""
+
+import argparse
+import re
+from collections import defaultdict
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from drl_av.experiments.canvas import label_axes, legend_of_names, panels, save_figure
+from verification.ramps import PRINTED, SUCCESS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.container import ErrorbarContainer
+
+COLOURS = {"planner": "#0072b2", "gap-mobil": "#999999", "sumo": "#009e73"}
+LEARNED = "#d55e00"
+TITLES = {"merge": "On-ramp", "exit": "Off-ramp", "ramp_to_ramp": "Ramp to ramp"}
+MEASURES = {
+    "success": "success, %",
+    "forced": "episodes with forced braking, %",
+    "lost": "time lost, s",
+}
+_NUMBER = re.compile(r"-?\d+\.\d+")
+
+
+class Point(NamedTuple):
+    """One measure of one driver at one flow, with its interval."""
+
+    flow_per_h: float
+    value: float
+    low: float
+    high: float
+
+
+def points(text: str, measure: str) -> dict[str, list[Point]]:
+    """Return the points of each driver in the text that ``verification.ramps`` printed.
+
+    A time lost has no interval. One that is unknown has no point.
+    """
+    found: dict[str, list[Point]] = defaultdict(list)
+    for each in PRINTED.finditer(text):
+        numbers = [float(number) for number in _NUMBER.findall(each[measure])]
+        if numbers:
+            value, low, high = numbers * 3 if len(numbers) == 1 else numbers
+            found[each["driver"]].append(Point(float(each["flow"]), value, low, high))
+    return dict(found)
+
+
+def draw(axes: "Axes", text: str, measure: str) -> "dict[str, ErrorbarContainer]":
+    """Draw one measure of each driver against the flow, and return each driver's curve."""
+    curves = {}
+    for driver, line in points(text, measure).items():
+        flows, values = [point.flow_per_h for point in line], [point.value for point in line]
+        below = [point.value - point.low for point in line]
+        above = [point.high - point.value for point in line]
+        colour = COLOURS.get(driver, LEARNED)
+        curves[driver] = axes.errorbar(
+            flows, values, (below, above), color=colour, marker="o", ms=4, capsize=2, lw=1.2
+        )
+    return curves
+
+
+def main() -> None:
+    """Read the printed lines and write the figure."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("folder", type=Path, help="folder of the printed files and the figure")
+    folder = parser.parse_args().folder
+    figure, grid = panels((11, 8.5), len(MEASURES), len(SUCCESS), sharex=True, sharey="row")
+    for column, kind in enumerate(SUCCESS):
+        files = (folder / f"{kind}.txt", folder / f"{kind}_learned.txt")
+        text = "".join(file.read_text(encoding="utf-8") for file in files if file.is_file())
+        grid[0, column].set_title(TITLES[kind])
+        for row, (measure, name) in enumerate(MEASURES.items()):
+            axes = grid[row, column]
+            label_axes(axes, "vehicles/h/lane" if row == 2 else "", "" if column else name)
+            curves = draw(axes, text, measure)
+            if row == 0:
+                legend_of_names(axes, curves)
+    save_figure(figure, folder / "ramps.png")
+
+
+if __name__ == "__main__":
+    main()
