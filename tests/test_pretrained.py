@@ -1,5 +1,6 @@
 """The shipped driver: what it was trained with, and that it drives."""
 
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +9,15 @@ import pytest
 from drl_av.config import load_config
 from drl_av.config.presets import preset
 from drl_av.drivers.background.level_k import LEVEL_1
-from drl_av.drivers.policy_file import PRETRAINED, load, load_policy
+from drl_av.drivers.policy_file import PRETRAINED, SHIPPED, load, load_policy
 from drl_av.drivers.registry import load_learned
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.learning.checkpoint import save_policy
+from verification.ramps import drive as drive_ramp
+
+RAMPS = ("merge", "exit", "ramp_to_ramp")
 
 
 def test_it_was_trained_like_the_preset_fast_for_longer_and_with_more_weight_on_speed() -> None:
@@ -23,7 +27,21 @@ def test_it_was_trained_like_the_preset_fast_for_longer_and_with_more_weight_on_
     assert config == preset("fast").updated("learning", episodes=1000, seed=1, **own)
 
 
-@pytest.mark.parametrize("folder", [PRETRAINED, LEVEL_1], ids=["driver", "level_1"])
+@pytest.mark.parametrize("kind", RAMPS)
+def test_on_ramps_they_were_trained_by_the_preset_of_their_road(kind: str) -> None:
+    assert load_config(SHIPPED[f"pretrained-{kind}"] / "config.toml") == preset(f"fast-{kind}")
+
+
+@pytest.mark.parametrize("kind", RAMPS)
+def test_on_ramps_they_reach_the_end_of_their_way_without_hitting_anything(kind: str) -> None:
+    driver, config = load_learned(SHIPPED[f"pretrained-{kind}"])
+    with closing(HighwayEnv(config=config)) as env:
+        trips = [drive_ramp(env, driver, seed) for seed in range(700_000, 700_006)]
+    assert not any(trip.ego_hit for trip in trips)
+    assert sum(trip.success for trip in trips) >= 5
+
+
+@pytest.mark.parametrize("folder", [*SHIPPED.values(), LEVEL_1], ids=[*SHIPPED, "level_1"])
 def test_a_shipped_policy_has_the_settings_beside_it_and_comes_through_being_written_again(
     folder: Path, tmp_path: Path
 ) -> None:

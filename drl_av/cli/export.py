@@ -22,7 +22,7 @@ def export(options: argparse.Namespace) -> int:
     from drl_av.drivers.external import is_factory
     from drl_av.drivers.onnx_export import export as write
     from drl_av.drivers.onnx_interface import INPUTS, OUTPUTS
-    from drl_av.drivers.policy_file import PRETRAINED, load_run
+    from drl_av.drivers.policy_file import SHIPPED, load_run
     from drl_av.drivers.registry import RULE_DRIVERS
     from drl_av.driving.affordances import ObservationScale
     from drl_av.errors import ConfigError
@@ -36,7 +36,7 @@ def export(options: argparse.Namespace) -> int:
             f"{options.run} is not a driver that drl-av trained, and has no network to export: "
             "give a run's folder, or pretrained, the shipped driver."
         )
-    networks, config = load_run(PRETRAINED if options.run == "pretrained" else Path(options.run))
+    networks, config = load_run(SHIPPED.get(options.run, Path(options.run)))
     road = load_scenario(find_scenario(config.simulation.scenario)).road
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
     write(options.out, networks, config, scale)

@@ -10,9 +10,9 @@ from drl_av.safety import CHECKS
 def driver_words() -> str:
     """Return the forms in which an option takes a driver, for its help."""
     return (
-        f"{', '.join(driver_names())} (the shipped driver), the folder of a run, a policy's "
-        ".safetensors file, a stable-baselines3 .zip file, an .onnx file, or your own factory as "
-        "module:factory"
+        f"{', '.join(driver_names())} (each pretrained one ships with drl-av), the folder of a "
+        "run, a policy's .safetensors file, a stable-baselines3 .zip file, an .onnx file, or your "
+        "own factory as module:factory"
     )
 
 

@@ -19,6 +19,11 @@ State = dict[str, np.ndarray]
 
 PRETRAINED = Path(__file__).parent.parent / "pretrained"
 """Folder of the driver that ships with the package, in the layout of a run."""
+SHIPPED = {"pretrained": PRETRAINED} | {
+    f"pretrained-{kind}": PRETRAINED / kind for kind in ("merge", "exit", "ramp_to_ramp")
+}
+"""The folder of each driver that ships with the package, by the driver's name: one for the loop,
+and one for each kind of road with a ramp."""
 FORMAT = "drl_av/1"
 """The only key in the metadata of a file: safetensors writes several keys in random order."""
 _AS_IT_IS = "drl-av evaluate and replay drive with this file as it is"
@@ -136,7 +141,7 @@ def find_policy(path: Path) -> Path:
     """
     remedy = "give a run's folder that has a policy.safetensors, or pretrained, the shipped driver"
     file = path / "policy.safetensors" if path.is_dir() else path
-    if path == PRETRAINED and not file.is_file():
+    if path in SHIPPED.values() and not file.is_file():
         raise RunError(
             f"This installation lacks the driver that ships with drl-av ({file}): train one with "
             "drl-av train --out RUN and name its folder, or name another driver."

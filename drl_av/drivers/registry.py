@@ -66,8 +66,8 @@ class DriverSpec(NamedTuple):
 
 
 def driver_names() -> tuple[str, ...]:
-    """Return the names of the rule-based drivers, and ``pretrained``, the shipped driver."""
-    return *RULE_DRIVERS, "pretrained"
+    """Return the names of the rule-based and of the shipped drivers."""
+    return *RULE_DRIVERS, *policy_file.SHIPPED
 
 
 def baselines(names: Iterable[str]) -> list[str]:
@@ -92,8 +92,8 @@ def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
     for word in dict.fromkeys(words):
         if word in RULE_DRIVERS:
             runs[word] = None
-        elif word == "pretrained":
-            runs[word] = policy_file.PRETRAINED
+        elif word in policy_file.SHIPPED:
+            runs[word] = policy_file.SHIPPED[word]
         elif Path(word).exists():
             runs[word] = Path(word)
         elif is_factory(word):
@@ -203,7 +203,7 @@ def load_driver(
     observation).number`` is the action for ``env.step``.
 
     Args:
-        driver: ``"pretrained"``, the name of a rule-based driver, a run's folder, a policy file, a
+        driver: The name of a shipped or rule-based driver, a run's folder, a policy file, a
             stable-baselines3 zip file, an ONNX file, or a factory as ``module:factory``.
         config: The config of the environment, as in ``gymnasium.make``. A dictionary or a TOML file
             changes only the settings that it names; the others are the driver's own.
