@@ -1,6 +1,11 @@
 """The errors that the package raises; each message is one sentence: what, where, what to do."""
 
 
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun, which gets an "s" unless the number is 1."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 class DrlAvError(Exception):
     """Base of all errors that a user can correct; the command line prints it, exit status 1."""
 

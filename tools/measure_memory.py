@@ -15,6 +15,7 @@ from pathlib import Path
 
 from drl_av.drivers.rules import RandomDriver
 from drl_av.env.highway import HighwayEnv
+from drl_av.errors import counted
 
 SEEDS = 3_000
 """First traffic seed of the episodes."""
@@ -67,8 +68,8 @@ def main() -> int:
                 print(f"{done:>7} resets {held[done] / 2**20:8.1f} MiB", flush=True)
     growth = held[total] / held[options.warm_up] - 1
     print(
-        f"growth over {options.resets} resets of {options.environments} "
-        f"environment{'' if options.environments == 1 else 's'}: {growth:+.2%}"
+        f"growth over {counted(options.resets, 'reset')} of "
+        f"{counted(options.environments, 'environment')}: {growth:+.2%}"
     )
     return int(growth >= MOST_GROWTH)
 

@@ -18,6 +18,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from drl_av.errors import counted
+
 if TYPE_CHECKING:
     from drl_av.experiments.options import Progress as Reached
     from drl_av.learning.training import EpisodeRow, EvaluationRow
@@ -126,8 +128,3 @@ def stop_request() -> Iterator[StopRequest]:
     finally:
         for number, handler in former.items():
             signal.signal(number, handler)
-
-
-def counted(number: int, noun: str) -> str:
-    """Return a number with its noun, which gets an "s" unless the number is 1."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"

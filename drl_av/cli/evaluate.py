@@ -15,7 +15,7 @@ from drl_av.cli.settings import driver_words, driving, overridden
 from drl_av.cli.status import INTERRUPTED
 from drl_av.config import Config
 from drl_av.drivers.registry import baselines, default_config, find_drivers
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, counted
 from drl_av.evaluation import DENSITIES, RULE
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def evaluate(options: argparse.Namespace) -> int:
 
     If ``--out`` exists already, it is replaced only after the last episode.
     """
-    from drl_av.cli.console import counted, progress_bar
+    from drl_av.cli.console import progress_bar
     from drl_av.cli.tables import print_gains, print_overall, print_styles, print_summaries
     from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
     from drl_av.evaluation.comparison import Evaluation

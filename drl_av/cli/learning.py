@@ -12,7 +12,7 @@ from drl_av.cli.settings import driving, overridden
 from drl_av.cli.status import INTERRUPTED
 from drl_av.config import REPLAYS, Config
 from drl_av.config.presets import PRESETS, adaptation, preset
-from drl_av.errors import ConfigError, RunError, SimulationError
+from drl_av.errors import ConfigError, RunError, SimulationError, counted
 
 if TYPE_CHECKING:
     from drl_av.drivers.registry import DriverSpec
@@ -192,7 +192,6 @@ def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, ri
     if not finished:
         print(f"drl-av: stopped; continue with: {again}", file=sys.stderr)
         return INTERRUPTED
-    from drl_av.cli.console import counted
 
     episodes = training.config.learning.episodes
     print(f"{run.folder}: {counted(episodes, 'episode')}; compare it with the driver {rival}:")

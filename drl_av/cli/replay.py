@@ -11,7 +11,7 @@ from drl_av.drivers.registry import (
     find_drivers,
     make_drivers,
 )
-from drl_av.errors import RecordingError
+from drl_av.errors import RecordingError, counted
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -52,7 +52,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def replay(options: argparse.Namespace) -> int:
     """Drive one episode, and show it or write it to a file; return the exit status 0."""
-    from drl_av.cli.console import counted
     from drl_av.drawing.film import Film, require_film
     from drl_av.evaluation.recording import load_recording
     from drl_av.evaluation.replay import Pacer, Page, ReplaySession, replay_session, watcher_of

@@ -21,6 +21,7 @@ from drl_av.drawing.sheet import (
     speed_color,
     wrapped,
 )
+from drl_av.errors import counted
 from drl_av.traffic.snapshot import EGO, Snapshot
 
 _HISTORY = 60
@@ -78,7 +79,7 @@ def lay_legend(sheet: Sheet) -> None:
 def draw_header(sheet: Sheet, snapshot: Snapshot, caption: Caption) -> None:
     """Draw the driver, the traffic, the seed, the decision and the time above the road."""
     vehicles = len(snapshot.ids) - 1 if caption.vehicles is None else caption.vehicles
-    facts = [f"{vehicles} vehicle{'' if vehicles == 1 else 's'}"]
+    facts = [counted(vehicles, "vehicle")]
     facts += [] if caption.seed is None else [f"seed {caption.seed}"]
     facts += [f"decision {caption.decision}", f"t = {snapshot.time_s:.1f} s"]
     sheet.text((20, 36), wrapped(caption.driver or "highway", 24, 400, 1)[0], 24, bold=True)

@@ -30,7 +30,7 @@ from drl_av.env.observation import (
     require_inside,
 )
 from drl_av.env.reward import RewardFunction, Rewards, Transition, desired, own_reward, rewards
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, counted
 from drl_av.safety import ActionMask, action_mask, named_check, starts_unsafe
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, judged
 from drl_av.traffic.ego_model import EgoModel
@@ -130,7 +130,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         if self.config.traffic.vehicles_max > most and self.simulation.fleet.usual is None:
             raise ConfigError(
                 f"traffic.vehicles_max is {self.config.traffic.vehicles_max}, but this road takes "
-                f"{most} vehicles besides the ego: ask for fewer or make the loop longer."
+                f"{counted(most, 'vehicle')} besides the ego: ask for fewer or make the loop "
+                "longer."
             )
 
     def reset(

@@ -12,7 +12,7 @@ from drl_av.env.episode import TRAINING_SEEDS
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import drive
-from drl_av.errors import ConfigError, SimulationError
+from drl_av.errors import ConfigError, SimulationError, counted
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.processes import BrokenProcessPool, workers
 
@@ -106,7 +106,7 @@ class Evaluation:
                 raise SimulationError(
                     "A process of the evaluation ended on its own, as it does when SUMO aborts: "
                     f"try again with --jobs 1; the first row missing is that of {name}, "
-                    f"{number} vehicles, seed {seed}."
+                    f"{counted(number, 'vehicle')}, seed {seed}."
                 ) from error
 
 

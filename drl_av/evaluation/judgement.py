@@ -1,5 +1,6 @@
 """The criterion for "trained": whether a driver passes beside the rule-based drivers (ours)."""
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -31,6 +32,9 @@ class Judgement(NamedTuple):
     """Whether it meets all three."""
 
     def __str__(self) -> str:
+        gain = f"{self.gain_m_s} m/s"
+        if math.isinf(self.gain_m_s.half_width):
+            gain = f"{self.gain_m_s.value:.2f} m/s; a single episode has no interval"
         result = "PASS" if self.passed else f"FAIL ({', '.join(self.failures)})"
         comfort = ""
         if self.comfortable_percent is not None:
@@ -40,7 +44,7 @@ class Judgement(NamedTuple):
             )
         return (
             f"{self.driver}: {result} against {self.over}\n"
-            f"  gain in speed {self.gain_m_s} m/s\n"
+            f"  gain in speed {gain}\n"
             f"  episodes in which the ego hit something {self.ego_hits} (rule-based: "
             f"{self.fewest_ego_hits})\n  hard brakes in a kilometre {self.hard_brakes_per_km:.2f} "
             f"({self.their_hard_brakes_per_km:.2f})"

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from drl_av.errors import DrlAvError
+from drl_av.errors import DrlAvError, counted
 from drl_av.evaluation.statistics import Mean, mean_difference
 from drl_av.files import Row
 
@@ -63,8 +63,8 @@ def paired(episodes: Iterable[Speed], driver: str, baselines: Sequence[str]) -> 
         own = speeds.setdefault(row.vehicles, {}).setdefault(row.driver, {})
         if row.seed in own:
             raise DrlAvError(
-                f"{row.driver} drove seed {row.seed} among {row.vehicles} vehicles twice: "
-                "remove one of the rows."
+                f"{row.driver} drove seed {row.seed} among {counted(row.vehicles, 'vehicle')} "
+                "twice: remove one of the rows."
             )
         own[row.seed] = row.mean_speed_m_s
     return [
@@ -82,7 +82,7 @@ def _gain(
     baselines: Sequence[str],
 ) -> Paired:
     ours, theirs = found.get(driver, {}), found.get(baseline, {})
-    names, among = f"{driver} and {baseline}", f" among {vehicles} vehicles"
+    names, among = f"{driver} and {baseline}", f" among {counted(vehicles, 'vehicle')}"
     difference = mean_difference(ours, theirs, names, among)
     means = {name: sum(found[name].values()) / len(found[name]) for name in baselines}
     return Paired(

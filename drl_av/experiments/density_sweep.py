@@ -13,7 +13,7 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.drivers.registry import default_config, find_drivers
-from drl_av.errors import DrlAvError
+from drl_av.errors import DrlAvError, counted
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.paired import Paired, Speed, paired
 from drl_av.evaluation.statistics import Mean, mean_with_interval
@@ -96,7 +96,7 @@ def gains_of(rows: Iterable[Row], cell: Cell) -> list[Paired]:
 def _line(rows: list[Row], cell: Cell) -> str:
     gains = gains_of(rows, cell)
     cells = [f"{g.difference_m_s} over {g.baseline}{' (best)' if g.best else ''}" for g in gains]
-    return f"{gains[0].vehicles} vehicles: {DRIVER} gains {', '.join(cells)}, m/s"
+    return f"{counted(gains[0].vehicles, 'vehicle')}: {DRIVER} gains {', '.join(cells)}, m/s"
 
 
 def paired_rows(rows: Iterable[Row]) -> list[Row]:

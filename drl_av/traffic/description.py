@@ -9,7 +9,7 @@ from typing import Any
 import tomli_w
 
 from drl_av.config.schema import setting
-from drl_av.errors import ScenarioError
+from drl_av.errors import ScenarioError, counted
 from drl_av.traffic.own_types import OwnVehicleType, check_own_types
 from drl_av.traffic.timed_changes import TimedChange, check_changes, read_changes
 
@@ -109,7 +109,8 @@ class ScenarioDescription:
         if self.circumference_m < least_m:
             raise ScenarioError(
                 f"The scenario's circumference_m is {self.circumference_m:g}, but must be at least "
-                f"{math.ceil(least_m)} for {self.lanes} lanes of {self.lane_width_m:g} m."
+                f"{math.ceil(least_m)} for {counted(self.lanes, 'lane')} of "
+                f"{self.lane_width_m:g} m."
             )
 
     def _check_barricades(self) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import EgoConfig, TrafficConfig
-from drl_av.errors import ScenarioError
+from drl_av.errors import ScenarioError, counted
 from drl_av.traffic.kind import OpenStart
 from drl_av.traffic.places import Places, ring_places, safe_speeds
 from drl_av.traffic.population import Population, draw_trucks, pitches_m, with_drivers
@@ -51,8 +51,9 @@ def draw_open_population(
     room = open_capacity(start, traffic.longest_m(length_m), traffic.start_gap_m)
     if n > room:
         raise ScenarioError(
-            f"{vehicles} vehicles do not fit on this road: its {len(start.lanes)} lanes take "
-            f"{max(room - 1, 0)} besides the ego; ask for fewer or make the road longer."
+            f"This road has room for {counted(max(room - 1, 0), 'vehicle')} besides the ego on its "
+            f"{counted(len(start.lanes), 'lane')}, not for {vehicles}: ask for fewer or make the "
+            "road longer."
         )
     streams = rng.spawn(2)
     is_truck = draw_trucks(streams[1], n, traffic)

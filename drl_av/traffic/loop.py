@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from drl_av.errors import ScenarioError
+from drl_av.errors import ScenarioError, counted
 from drl_av.traffic.description import ScenarioDescription
 
 TOLERANCE = 1e-6
@@ -129,7 +129,9 @@ def _length_m(lanes: list[ET.Element], edge: str) -> float:
 def _compare(lanes: list[ET.Element], edge: str, description: ScenarioDescription) -> None:
     """Raise _LoopMismatch unless the lanes of an edge are as the description says."""
     if len(lanes) != description.lanes:
-        raise _LoopMismatch(f"has {len(lanes)} lanes on edge {edge!r}, not {description.lanes}")
+        raise _LoopMismatch(
+            f"has {counted(len(lanes), 'lane')} on edge {edge!r}, not {description.lanes}"
+        )
     for index, (lane, is_open) in enumerate(zip(lanes, description.open_lanes, strict=True)):
         if lane.attrib["index"] != str(index) or lane.attrib["id"] != f"{edge}_{index}":
             raise _LoopMismatch(f"has no lane {index} in its place on edge {edge!r}")

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config, EgoConfig, TrafficConfig
-from drl_av.errors import ConfigError, ScenarioError
+from drl_av.errors import ConfigError, ScenarioError, counted
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
 from drl_av.traffic.places import Places, random_lanes, ring_places, safe_speeds
 from drl_av.traffic.road import FloatArray, Road
@@ -132,8 +132,9 @@ def draw_population(
     room = capacity(road, traffic.longest_m(length_m), traffic.start_gap_m)
     if n > room:
         raise ScenarioError(
-            f"{vehicles} vehicles do not fit on this road: its {sum(road.open_lanes)} open lanes "
-            f"take {max(room - 1, 0)} besides the ego; ask for fewer or make the loop longer."
+            f"This road has room for {counted(max(room - 1, 0), 'vehicle')} besides the ego on its "
+            f"{counted(sum(road.open_lanes), 'open lane')}, not for {vehicles}: ask for fewer or "
+            "make the loop longer."
         )
     streams = rng.spawn(2)
     is_truck = draw_trucks(streams[1], n, traffic)
@@ -226,7 +227,7 @@ def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig)
     """
     if EGO_ID not in [vehicle.id for vehicle in placed]:
         raise ScenarioError(
-            f"The scenario places {len(placed)} vehicles but not the ego: "
+            f"The scenario places {counted(len(placed), 'vehicle')} but not the ego: "
             'place one with the id "ego" too.'
         )
     rows = sorted(placed, key=lambda vehicle: vehicle.id != EGO_ID)

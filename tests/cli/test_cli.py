@@ -133,7 +133,7 @@ def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[
         (["replay", "--driver", "", "--video", "v.gif"], r"holds no trained driver"),
         (["evaluate", "idm", "--scenario", "nowhere/at/all"], r"no scenario 'nowhere/at/all'"),
         (["evaluate", "idm", "--config", "missing.toml"], r"missing.toml cannot be read"),
-        (["evaluate", "idm", "--vehicles", "5", "500"], r"500 vehicles do not fit"),
+        (["evaluate", "idm", "--vehicles", "5", "500"], r"not for 500: ask"),
         (["evaluate", "idm", "--seed", "1000000"], r"belong to training"),
         (["evaluate", "idm", "--episodes", "10000000000"], r"belong to training"),
         (["evaluate", "idm", "--out", "x", "--json", "./x"], r"cannot hold two files at once"),

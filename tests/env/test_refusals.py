@@ -26,7 +26,9 @@ def test_reset_refuses_what_it_does_not_know(
 
 
 def test_reset_refuses_more_vehicles_than_fit_and_continues_after_it(env: HighwayEnv) -> None:
-    with pytest.raises(ScenarioError, match=r"^500 vehicles do not fit .* take 113 beside"):
+    with pytest.raises(
+        ScenarioError, match=r"^This road has room for 113 vehicles besides .* not for 500: "
+    ):
         start(env, 500)
     start(env, 113)
     env.step(KEEP)

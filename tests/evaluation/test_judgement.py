@@ -130,3 +130,10 @@ def test_a_pass_is_not_required_if_none_is_judged(capsys: pytest.CaptureFixture[
     for names in (["pretrained"], ["idm", "sumo"]):
         assert main(["evaluate", *names, "--require-pass"]) == 1
         assert f"the drivers are {', '.join(names)}: name one of each" in capsys.readouterr().err
+
+
+def test_a_single_episode_has_no_interval_and_no_infinite_one_is_printed() -> None:
+    mine, theirs = row("mine", 1, 25.0), row("sumo", 1, 24.0)
+    [judgement] = judge([mine, theirs])
+    assert judgement.failures == ("speed",)
+    assert "  gain in speed 1.00 m/s; a single episode has no interval\n" in str(judgement)

@@ -159,7 +159,7 @@ def test_rows_of_a_folder_of_other_settings_never_reach_a_table(
 
 
 def test_fewer_episodes_than_a_row_sums_up_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(DrlAvError, match=r"2 episodes make no row of the table, which sums up 3"):
+    with pytest.raises(DrlAvError, match=r"2 episodes makes no row of the table, which sums up 3"):
         make(options(tmp_path, episodes=2, full_seeds=0))
 
 

@@ -59,7 +59,9 @@ def test_more_vehicles_than_fit_are_refused() -> None:
     most = open_capacity(STRAIGHT, LENGTH_M, 8.0)
     assert most == 3 * 184  # 2,395 m in berths of 13 m
     draw(most - 1, 0)
-    with pytest.raises(ScenarioError, match=f"its 3 lanes take {most - 1} besides the ego"):
+    with pytest.raises(
+        ScenarioError, match=f"room for {most - 1} vehicles besides the ego on its 3 lanes, "
+    ):
         draw(most, 0)
 
 
