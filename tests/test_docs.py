@@ -15,10 +15,11 @@ import pytest
 from shown import ROOT, fenced, read, run, run_commands
 
 from drl_av.cli import VERBS
-from drl_av.config import Config
+from drl_av.config import Config, from_toml
 from drl_av.config.reference import SECTIONS, settings
 from drl_av.drivers.onnx_interface import INPUTS, OUTPUTS
 from drl_av.driving.affordances import INDICATORS
+from drl_av.experiments.strictness import under
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 ARGUMENTS = {
@@ -116,6 +117,11 @@ def test_the_settings_file_of_the_guide_trains(tmp_path: Path) -> None:
     small = ["--preset", "fast", "--config", "mine.toml", "--episodes", "1"]
     run(tmp_path, "-m", "drl_av", "train", "--out", "mine", *small)
     assert '\nlateral_plant = "steering"\n' in (tmp_path / "mine" / "config.toml").read_text()
+
+
+def test_the_bounds_of_real_traffic_on_the_safety_page_are_those_of_the_results() -> None:
+    [text] = fenced("docs/safety.md", "toml")
+    assert under(Config(), "real").strict == from_toml(text).strict != Config().strict
 
 
 @pytest.mark.parametrize(
