@@ -38,7 +38,7 @@ RLLIB ?= $(HOME)/.cache/drl-av/rllib
 rllib:
 	$(PYTHON) -m venv $(RLLIB)
 	grep -v '^gymnasium==' constraints.txt > $(RLLIB)/constraints.txt
-	$(RLLIB)/bin/python -m pip install --quiet -c $(RLLIB)/constraints.txt 'ray[rllib]' -e .
+	$(RLLIB)/bin/python -m pip install --quiet -c $(RLLIB)/constraints.txt 'ray[rllib]' -e '.[train]'
 	$(RLLIB)/bin/python examples/rllib_ppo.py 2
 
 # TTC and DRAC beside commonroad-crime, in a virtual environment of its own (1 GB, minutes).

@@ -28,8 +28,9 @@ for python in "$@"; do
 import gymnasium
 import drl_av
 
-env = gymnasium.make("drl_av/Highway-v0")
+env = drl_av.RecordVideo(gymnasium.make("drl_av/Highway-v0"), "films", lambda episode: True)
 env.reset(seed=1)
-print("decision:", env.step(1)[1])
+print("reward of a decision:", env.step(1)[1])
+env.close()
 PROGRAM
 done

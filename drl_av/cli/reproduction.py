@@ -74,11 +74,17 @@ def _experiment(text: str) -> str:
 
 
 def reproduce(options: argparse.Namespace) -> int:
-    """Run the chosen experiments one after the other; return the exit status 0."""
+    """Run the chosen experiments one after the other; return the exit status 0.
+
+    Raises DrlAvError before anything is driven if the engine is not installed.
+    """
     from drl_av.cli.console import progress_bar
+    from drl_av.experiments.engines import require_ray
     from drl_av.experiments.experiment import reproduce as make
     from drl_av.experiments.registry import EXPERIMENTS
 
+    if options.engine == "ray":
+        require_ray()
     asked = {key: value for key, value in vars(options).items() if key in ReproduceOptions._fields}
     wanted = ReproduceOptions(**asked)._replace(runs=options.runs.absolute())  # for a cluster
     try:

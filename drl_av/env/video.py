@@ -8,12 +8,21 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.utils.save_video import capped_cubic_video_schedule
 
 from drl_av.config.functions import require_function
 from drl_av.drawing.film import Film, require_film
 from drl_av.env.highway import HighwayEnv, Observation
 from drl_av.errors import ConfigError, RecordingError
+
+
+def cubic_schedule(episode: int) -> bool:
+    """Return whether gymnasium would film an episode: 0, 1, 8, 27, ... and then each 1,000th.
+
+    gymnasium's own function cannot be imported without moviepy.
+    """
+    if episode < 1000:
+        return round(episode ** (1 / 3)) ** 3 == episode
+    return episode % 1000 == 0
 
 
 class RecordVideo(
@@ -30,7 +39,7 @@ class RecordVideo(
         env: The environment, in any wrappers.
         video_folder: The folder of the films, created if it is missing.
         episode_trigger: Whether to film an episode, by its number from 0; the default is
-            gymnasium's: 0, 1, 8, 27, ... up to 1,000 and then each 1,000th.
+            ``cubic_schedule``, as gymnasium's.
         name_prefix: The beginning of the files' names.
         fps: Pictures per second of the film.
         rate: Speed of the film as a multiple of real time.
@@ -45,7 +54,7 @@ class RecordVideo(
         self,
         env: gymnasium.Env[Observation, np.int64],
         video_folder: str | Path,
-        episode_trigger: Callable[[int], bool] = capped_cubic_video_schedule,
+        episode_trigger: Callable[[int], bool] = cubic_schedule,
         name_prefix: str = "rl-video",
         fps: int = 20,
         rate: float = 1.0,

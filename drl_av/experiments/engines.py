@@ -53,6 +53,14 @@ def on_this_machine(work: Callable[[Job], None], jobs: Sequence[Job], processes:
                 raise _given_up() from error
 
 
+def require_ray() -> None:
+    """Raise DrlAvError if the extra ``ray`` is not installed."""
+    if not find_spec("ray"):
+        raise DrlAvError(
+            "Ray is not installed: pip install 'drl-av[ray]', or take the engine loky."
+        )
+
+
 def on_ray(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> Ended[Job]:
     """Run the jobs on a Ray cluster, one CPU for each.
 
@@ -63,10 +71,7 @@ def on_ray(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> 
         SimulationError: a job's process was killed more than RETRIES times, or Ray's node process
             on this machine was killed.
     """
-    if not find_spec("ray"):
-        raise DrlAvError(
-            "Ray is not installed: pip install 'drl-av[ray]', or take the engine loky."
-        )
+    require_ray()
     import ray
     from ray.exceptions import RayTaskError, WorkerCrashedError
 

@@ -1,5 +1,7 @@
 """``drl_av.RecordVideo``: films with the motion between two decisions, of the chosen episodes."""
 
+import subprocess
+import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -8,9 +10,11 @@ import gymnasium
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from gymnasium.utils.save_video import capped_cubic_video_schedule
 
 import drl_av
 from drl_av.config import Config
+from drl_av.env.video import cubic_schedule
 from drl_av.errors import ConfigError, RecordingError
 
 CONFIG = Config().updated("simulation", decisions_per_episode=2).updated("traffic", vehicles_max=3)
@@ -81,6 +85,26 @@ def test_gymnasium_s_wrapper_keeps_one_picture_of_each_step_even_of_several(tmp_
         env.step(0)
     assert [int(frame[0, 0, 0]) for frame in env.recorded_frames] == [3, 6, 9]
     env.close()
+
+
+def test_a_film_needs_no_moviepy_and_the_default_films_the_episodes_that_gymnasium_films(
+    tmp_path: Path,
+) -> None:
+    program = """
+import sys
+import gymnasium
+sys.modules["moviepy"] = None  # importing it fails, as where it is not installed
+import drl_av
+env = drl_av.RecordVideo(gymnasium.make("drl_av/Highway-v0"), "films")
+env.reset(seed=1)
+env.step(0)
+env.close()
+"""
+    subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, timeout=120)
+    assert (tmp_path / "films" / "rl-video-episode-0.mp4").stat().st_size > 1000
+    filmed = [episode for episode in range(5000) if cubic_schedule(episode)]
+    assert filmed == [n**3 for n in range(10)] + [1000, 2000, 3000, 4000]
+    assert filmed == [n for n in range(5000) if capped_cubic_video_schedule(n)]
 
 
 def test_another_environment_and_an_impossible_film_are_refused(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from shown import ROOT
 
+from drl_av.cli import main
 from drl_av.errors import DrlAvError, RunError, SimulationError
 from drl_av.experiments import engines
 from drl_av.experiments.engines import RETRIES, on_ray, on_this_machine
@@ -95,10 +96,17 @@ def _alive(pid: int) -> bool:
     return True
 
 
-def test_missing_ray_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_ray_is_reported_before_anything_is_driven(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(engines, "find_spec", lambda name: None)
     with pytest.raises(DrlAvError, match=r"pip install 'drl-av\[ray\]'"):
         next(on_ray(print, [], 1))
+    monkeypatch.chdir(tmp_path)
+    small = ["--drives", "1", "--out", "results"]  # without a training, which alone runs on Ray
+    assert main(["reproduce", "check_paper", "--engine", "ray", *small]) == 1
+    assert capsys.readouterr().err.startswith("drl-av: Ray is not installed: pip install")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.ray
