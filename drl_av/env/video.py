@@ -20,9 +20,10 @@ def cubic_schedule(episode: int) -> bool:
 
     gymnasium's own function cannot be imported without moviepy.
     """
-    if episode < 1000:
-        return round(episode ** (1 / 3)) ** 3 == episode
-    return episode % 1000 == 0
+    if episode >= 1000:
+        return episode % 1000 == 0
+    root = round(math.cbrt(episode))
+    return root**3 == episode
 
 
 class RecordVideo(
