@@ -8,9 +8,10 @@ import io
 import pickle
 import random
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -381,6 +382,70 @@ def test_a_file_with_a_true_checksum_and_false_contents_is_one_sentence(
         assert run.episodes_file.read_bytes() == rows
     finally:
         run.checkpoint_file.write_bytes(whole)
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "value", "message"),
+    [
+        ("learner.online", 0, np.nan, "'online' holds numbers that are not finite"),
+        ("learner.second_moment", 7, np.inf, "'second_moment' holds numbers that are not finite"),
+        ("buffer.safe.rows", (0, 3), np.nan, "rows that are no transitions"),
+        ("buffer.safe.rows", (0, -3), 12, "rows that are no transitions"),
+        ("buffer.safe.rows", (0, -3), 1.5, "rows that are no transitions"),
+        ("buffer.safe.rows", (0, -3), -1, "rows that are no transitions"),
+        ("buffer.safe.rows", (0, -1), 1.01, "rows that are no transitions"),
+    ],
+)
+def test_a_checkpoint_with_one_impossible_number_is_refused(
+    name: str, place: Any, value: float, message: str, env: HighwayEnv, runs: list[Path]
+) -> None:
+    run = Run(runs[0])
+    env.config = SMALL.updated("learning", seed=1)
+    whole = run.checkpoint_file.read_bytes()
+    tensors, numbers = load(run.checkpoint_file)
+    tensors[name] = tensors[name].copy()
+    tensors[name][place] = value
+    try:
+        save(run.checkpoint_file, tensors, numbers)
+        with pytest.raises(CheckpointError, match=message) as error:
+            run.restore(make_training(env))
+        sentence(error.value)
+    finally:
+        run.checkpoint_file.write_bytes(whole)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        lambda header, row: (header + b"X" * len(row[:-1]) + b"\n", 0),
+        lambda header, row: (header + b"2" + row[1:], 0),
+        lambda header, row: (header + row, -1),
+        lambda header, row: (header + row, -len(row)),
+        lambda header, row: (b"E" + header[1:] + row, 0),
+        lambda header, row: (b"\x00" * len(header + row), 0),
+    ],
+    ids=["no row", "another episode", "half a row", "a row less", "another header", "zeros"],
+)
+def test_a_table_that_is_not_the_checkpoint_s_is_refused_and_stays_as_it_is(
+    changed: Callable[[bytes, bytes], tuple[bytes, int]], env: HighwayEnv, runs: list[Path]
+) -> None:
+    run = Run(runs[0])
+    env.config = SMALL.updated("learning", seed=1)
+    checkpoint, table = run.checkpoint_file.read_bytes(), run.episodes_file.read_bytes()
+    header, row = table.splitlines(keepends=True)
+    held, fewer = changed(header, row)
+    tensors, numbers = load(run.checkpoint_file)
+    numbers["sizes"]["episodes.csv"] += fewer
+    try:
+        save(run.checkpoint_file, tensors, numbers)
+        run.episodes_file.write_bytes(held)
+        with pytest.raises(CheckpointError, match="does not hold the rows") as error:
+            run.restore(make_training(env))
+        sentence(error.value)
+        assert run.episodes_file.read_bytes() == held
+    finally:
+        run.checkpoint_file.write_bytes(checkpoint)
+        run.episodes_file.write_bytes(table)
 
 
 def test_a_checkpoint_truncates_no_file_but_the_run_s_own(

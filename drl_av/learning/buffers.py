@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from drl_av.drivers.network import Float32Array
 from drl_av.drivers.policy_file import State
+from drl_av.driving.actions import ACTIONS
 from drl_av.errors import CheckpointError, ConfigError
 
 
@@ -115,7 +116,8 @@ class Ring:
         """Set the ring to exactly the state that ``state`` returned.
 
         Raises:
-            CheckpointError: the rows do not fit a ring of this capacity and observation size.
+            CheckpointError: the rows do not fit a ring of this capacity and observation size, or
+                are no transitions.
         """
         rows = state.get("rows", np.empty(0))
         next_slot = state.get("next_slot", np.empty(0))
@@ -132,8 +134,24 @@ class Ring:
                 f"The stored experience does not fit a buffer of {capacity} rows of {width} "
                 "numbers: continue with the configuration the run was started with."
             )
+        if not _are_transitions(rows):
+            raise CheckpointError(
+                "The stored experience holds rows that are no transitions: a number is not finite, "
+                "an action is none of the 12, or a discount is not from 0 to 1; take an older "
+                "copy, or begin a new run."
+            )
         self.filled, self.next_slot = len(rows), int(next_slot)
         self.rows[: self.filled] = rows
+
+
+def _are_transitions(rows: Float32Array) -> bool:
+    """Whether all numbers are finite, and actions and discounts within their ranges."""
+    a_t, discount = rows[:, -3], rows[:, -1]
+    return bool(
+        np.isfinite(rows).all()
+        and np.isin(a_t, range(len(ACTIONS))).all()
+        and ((discount >= 0) & (discount <= 1)).all()
+    )
 
 
 def batch_of(rows: Float32Array, observation_size: int) -> Batch:

@@ -154,7 +154,7 @@ class PrioritizedBuffer(UniformBuffer):
             and greatest.shape == ()
             and priorities.shape == state.get("rows", np.empty(0)).shape[:1]
             and bool(((priorities > 0) & (priorities <= greatest)).all())
-            and bool(np.isfinite(greatest))
+            and bool(greatest <= np.finfo(np.float64).max / max(len(priorities), 1))
         )
         if not fits:
             raise CheckpointError(

@@ -109,6 +109,7 @@ class Run:
             self.episodes_file.name: len(_header(EpisodeRow)),
             self.evaluations_file.name: len(_header(EvaluationRow)),
         }
+        episodes = 0
         if self.checkpoint_file.exists():
             tensors, numbers = load(self.checkpoint_file)
             settings = str(numbers.get("config"))
@@ -124,22 +125,41 @@ class Run:
                     raise ValueError("it counts more episodes than the training has")
                 if min(sizes.values()) < 0:
                     raise ValueError("a table has a negative size")
+                episodes = training.episodes_done
             except (LookupError, TypeError, ArithmeticError, ValueError, AttributeError) as error:
                 raise CheckpointError(
                     f"{self.checkpoint_file} holds no training of this version ({error!r}): "
                     "take an older copy, or begin a new run."
                 ) from error
         for name, size in sizes.items():
+            self._require_rows(self.folder / name, size, episodes)
+        for name, size in sizes.items():
             file = self.folder / name
-            found = file.stat().st_size if file.is_file() else -1
-            if found < size:
-                raise CheckpointError(
-                    f"{file} has lost rows that {self.checkpoint_file.name} counts: "
-                    "put the file back, or begin a new run."
-                )
-            if found > size:
+            if file.stat().st_size > size:
                 with _refusals_of(file):
                     os.truncate(file, size)
+
+    def _require_rows(self, file: Path, size: int, episodes: int) -> None:
+        """Raise CheckpointError unless the first ``size`` bytes of a table are whole rows.
+
+        Those of ``episodes.csv`` must be of the episodes 1 to ``episodes``.
+        """
+        held = file.read_bytes()[:size] if file.is_file() else b""
+        if len(held) < size:
+            raise CheckpointError(
+                f"{file} has lost rows that {self.checkpoint_file.name} counts: "
+                "put the file back, or begin a new run."
+            )
+        header, *rows = held.decode(errors="replace").split("\n")
+        of_episodes = file == self.episodes_file
+        names = _header(EpisodeRow if of_episodes else EvaluationRow).decode().rstrip()
+        numbers = [row.partition(",")[0] for row in rows[:-1]]
+        is_whole = bool(rows) and not rows[-1] and header == names
+        if not is_whole or (of_episodes and numbers != [str(n + 1) for n in range(episodes)]):
+            raise CheckpointError(
+                f"{file} does not hold the rows that {self.checkpoint_file.name} counts: "
+                "put the file back, or begin a new run."
+            )
 
     def save(self, training: Training) -> None:
         """Write the policy and the checkpoint, each file atomically.

@@ -10,9 +10,15 @@ import pytest
 
 from drl_av import cli
 from drl_av.cli import VERBS, main
+from drl_av.env.metrics import EpisodeMetrics
+from drl_av.learning.training import EpisodeRow, Training
 
 DRIVE = ("--driver", "idm", "--vehicles", "2", "--config", "short.toml")
+SHORT = ("--config", "short.toml")
 WRITING = {
+    "train": ("run", ("--out", "run", "--episodes", "1", *SHORT)),
+    "adapt": ("run", ("--out", "run", "--episodes", "1", *SHORT)),
+    "reproduce": ("out/check_paper.csv", ("check_paper", "--drives", "1", "--out", "out", *SHORT)),
     "evaluate": ("rows.csv", (*DRIVE, "--episodes", "1", "--out", "rows.csv")),
     "export": ("driver.onnx", ("pretrained", "driver.onnx")),
     "figures": ("reward.png", ("rows.csv",)),
@@ -48,12 +54,42 @@ def test_each_verb_removes_what_a_killed_one_left(
     Path("road.toml").write_text("circumference_m = 400\n")
     if what == "figures":
         Path("rows.csv").write_text("driver,vehicles,mean_speed_m_s\nidm,5,20\n")
-    with subprocess.Popen([sys.executable, "-c", ""]) as dead:
-        dead.wait()
     name, words = WRITING[what]
     written = Path(name)
-    abandoned = Path(f".{written.stem}.{dead.pid}.unfinished{written.suffix}")
-    abandoned.write_text("half")
+    written.parent.mkdir(exist_ok=True)
+    leave_unfinished(written)
     assert main([what.split()[0], *words]) == 0
     assert written.exists()
-    assert list(tmp_path.glob(".*unfinished*")) == []
+    assert list(tmp_path.rglob(".*unfinished*")) == []
+
+
+@pytest.mark.parametrize("verb", ["train", "adapt"])
+def test_a_resumed_training_removes_what_a_killed_one_left_in_its_folder(
+    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("short.toml").write_text(
+        "[simulation]\ndecisions_per_episode = 2\n[learning]\ncheckpoint_every = 1\n"
+    )
+    with monkeypatch.context() as interrupted:
+        episodes = iter([Training.run_episode])
+
+        def run_episode(training: Training, *metrics: EpisodeMetrics) -> EpisodeRow:
+            for run in episodes:
+                return run(training, *metrics)
+            raise KeyboardInterrupt
+
+        interrupted.setattr(Training, "run_episode", run_episode)
+        assert main([verb, "--out", "run", "--episodes", "2", *SHORT]) == 130
+    for name in ("checkpoint.safetensors", "policy.safetensors"):
+        leave_unfinished(Path("run", name))
+    assert main([verb, "--out", "run", "--resume"]) == 0
+    assert len(Path("run/episodes.csv").read_text().splitlines()) == 3
+    assert list(tmp_path.rglob(".*unfinished*")) == []
+
+
+def leave_unfinished(path: Path) -> None:
+    """Leave half a file beside ``path``, as a process that is killed while it writes it does."""
+    with subprocess.Popen([sys.executable, "-c", ""]) as dead:
+        dead.wait()
+    path.with_name(f".{path.stem}.{dead.pid}.unfinished{path.suffix}").write_text("half")

@@ -237,10 +237,24 @@ def test_state_is_a_copy_that_later_learning_does_not_touch():
         ({"priorities": np.full(5, np.nan)}, "priorities do not fit"),
         ({"priorities": np.full(5, 2.0)}, "priorities do not fit"),
         ({"greatest": np.array(np.inf)}, "priorities do not fit"),
+        (
+            {"priorities": np.full(5, 1e308), "greatest": np.array(1e308)},
+            "priorities do not fit",
+        ),
         ({"greatest": np.ones(1)}, "priorities do not fit"),
         ({"rows": np.zeros((5, 9), np.float32)}, "does not fit a buffer of 200 rows"),
     ],
-    ids=["too few", "float32", "none", "nan", "above the greatest", "inf", "shape", "too wide"],
+    ids=[
+        "too few",
+        "float32",
+        "none",
+        "nan",
+        "above the greatest",
+        "inf",
+        "infinite sum",
+        "shape",
+        "too wide",
+    ],
 )
 def test_priorities_that_do_not_fit_are_refused_and_change_nothing(spoilt, message):
     buffer = prioritized(3)
