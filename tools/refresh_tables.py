@@ -59,7 +59,7 @@ TABLES: dict[str, Callable[[Results], str]] = {
 } | {name: table for each in EXPERIMENTS.values() for name, table in each.summaries.items()}
 
 
-for name in ("merge", "merge_planner", "exit", "ramp_to_ramp"):
+for name in (*ramps.SUCCESS, *(f"{kind}_learned" for kind in ramps.SUCCESS), "merge_planner"):
     TABLES[name] = partial(lambda file, results: ramps.table(read(file)), f"{name}.txt")
 
 
