@@ -23,8 +23,8 @@ from drl_av.experiments.provenance import made_by
 from drl_av.safety.check import permit_all
 from drl_av.traffic.snapshot import CollisionKind
 from verification.batch_check import one_by_one
-from verification.falsification import placed
 from verification.falsify import show
+from verification.families import placed
 from verification.in_sumo import ROADS, SumoWorld
 from verification.kinematic_simulator import LENGTH_M, Mover, Orders, World
 from verification.lateral_plants import PLANTS

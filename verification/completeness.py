@@ -24,8 +24,9 @@ from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.experiments.provenance import made_by
 from verification.batch_check import BatchStrict
-from verification.falsification import FAMILIES, PLACED, Family, genes, orders, play
+from verification.falsification import genes, orders, play
 from verification.falsify import show
+from verification.families import FAMILIES, PLACED, Family
 from verification.kinematic_simulator import (
     NONE,
     ROAD,

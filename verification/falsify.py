@@ -29,17 +29,9 @@ from drl_av.experiments.provenance import made_by
 from drl_av.safety import CHECKS, named_check
 from drl_av.traffic.snapshot import Collision
 from verification.batch_check import BatchStrict, one_by_one
-from verification.falsification import (
-    CONSTANT_SPEED,
-    FAMILIES,
-    PLACED,
-    Tally,
-    genes,
-    orders,
-    play,
-    scripted,
-)
+from verification.falsification import Tally, genes, orders, play, scripted
 from verification.falsification import search as learn
+from verification.families import CONSTANT_SPEED, FAMILIES, PLACED
 from verification.integration import Integration
 from verification.kinematic_simulator import BatchCheck, Mover
 from verification.open_families import OPEN_FAMILIES

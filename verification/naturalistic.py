@@ -16,7 +16,7 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.driving.car_following import Idm
 from drl_av.traffic.road import FloatArray
-from verification.falsification import needed_gap, placed
+from verification.families import needed_gap, placed
 from verification.kinematic_simulator import (
     LENGTH_M,
     ROAD,

@@ -11,7 +11,7 @@ from drl_av.config import Config
 from drl_av.traffic.exit import ExitDescription
 from drl_av.traffic.merge import MergeDescription
 from drl_av.traffic.road import FloatArray
-from verification.falsification import BRAKES, Family, ahead, needed_gap, placed, with_safe_gaps
+from verification.families import BRAKES, Family, ahead, needed_gap, placed, with_safe_gaps
 from verification.kinematic_simulator import LENGTH_M, World
 
 MERGE = MergeDescription(lanes=2, flow_per_h=0.0, acceleration_lane_m=150.0, after_m=1000.0)

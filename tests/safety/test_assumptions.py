@@ -22,7 +22,8 @@ from drl_av.traffic.road import Road
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
 from drl_av.traffic.vehicle_types import AS_WRITTEN
 from verification.batch_check import BatchStrict
-from verification.falsification import FAMILIES, PLACED, genes, orders, play
+from verification.falsification import genes, orders, play
+from verification.families import FAMILIES, PLACED
 from verification.kinematic_simulator import Mover
 
 STRICT = Config().updated("safety", check="strict")

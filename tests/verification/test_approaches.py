@@ -5,7 +5,7 @@ import pytest
 
 from verification import approaches
 from verification.approaches import Case, compare, start
-from verification.falsification import placed
+from verification.families import placed
 from verification.kinematic_simulator import Mover, Orders
 
 

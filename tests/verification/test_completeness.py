@@ -10,7 +10,7 @@ import pytest
 from drl_av.config import Config
 from verification.batch_check import BatchStrict
 from verification.completeness import Refusals, measured, refusals, safe, visited
-from verification.falsification import FAMILIES, placed
+from verification.families import FAMILIES, placed
 from verification.kinematic_simulator import LENGTH_M, World
 
 STRICT = Config().updated("safety", check="strict")

@@ -11,8 +11,9 @@ import pytest
 from drl_av.config import Config
 from drl_av.safety import named_check
 from verification.batch_check import one_by_one
-from verification.falsification import CONSTANT_SPEED, DECISIONS, PLACED, play, scripted
+from verification.falsification import DECISIONS, play, scripted
 from verification.falsify import envelope
+from verification.families import CONSTANT_SPEED, PLACED
 from verification.integration import Integration
 from verification.kinematic_simulator import Mover
 

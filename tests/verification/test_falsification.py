@@ -16,8 +16,9 @@ from drl_av.safety import named_check
 from drl_av.safety.stopping import stopping_distance
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
 from verification.batch_check import BatchStrict, one_by_one
-from verification.falsification import FAMILIES, PLACED, genes, orders, play, scripted, search
+from verification.falsification import genes, orders, play, scripted, search
 from verification.falsify import SEARCHED
+from verification.families import FAMILIES, PLACED
 from verification.kinematic_simulator import NONE, Mover
 
 STRICT = Config().updated("safety", check="strict")

@@ -6,7 +6,7 @@ import pytest
 from drl_av.config import Config
 from drl_av.traffic.snapshot import Collision, CollisionKind
 from verification.batch_check import BatchStrict
-from verification.falsification import placed
+from verification.families import placed
 from verification.kinematic_simulator import Mover, Orders, World
 
 STRICT = Config().updated("safety", check="strict")

@@ -10,7 +10,7 @@ from drl_av.driving.car_following import idm_acceleration
 from verification import crash_rate, crash_tests
 from verification.crash_rate import exact_share, rate, report
 from verification.crash_tests import run, settings
-from verification.falsification import needed_gap, placed
+from verification.families import needed_gap, placed
 from verification.kinematic_simulator import LENGTH_M, World
 from verification.naturalistic import (
     ADVERSARY,

@@ -15,8 +15,9 @@ from drl_av.safety.strict import Strict
 from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import Collision, CollisionKind
 from verification.batch_check import one_by_one
-from verification.falsification import PLACED, genes, orders, placed, play
+from verification.falsification import genes, orders, play
 from verification.falsify import in_sumo
+from verification.families import PLACED, placed
 from verification.kinematic_simulator import Mover, Orders, World
 from verification.open_families import EXIT_ROAD, MERGE_ROAD, OFF_RAMP, OPEN_FAMILIES, RAMP
 

@@ -6,7 +6,7 @@ import pytest
 from drl_av.config import Config
 from verification.batch_check import BatchStrict
 from verification.crash_tests import SECONDS, Outcome
-from verification.falsification import placed
+from verification.families import placed
 from verification.kinematic_simulator import World
 from verification.sharper import Optimist, nothing, row
 
