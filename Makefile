@@ -94,6 +94,7 @@ results: setup
 	$(call text,sharper.txt,-m verification.sharper)
 	$(BIN)/python -m verification.shielding --out docs/results/shielding.csv
 	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
+	$(BIN)/python tools/execute_notebook.py examples/tour.ipynb
 	$(BIN)/python tools/draw_drive.py docs/drive.gif
 	$(BIN)/python tools/draw_stories.py docs/assets/stories
 	$(BIN)/python tools/refresh_tables.py

@@ -133,15 +133,18 @@ def test_an_example_runs(example: Path, tmp_path: Path) -> None:
     assert run(tmp_path, str(example), *ARGUMENTS.get(example.stem, [])).stdout
 
 
-def test_the_notebook_is_executed_and_draws_two_pictures(tmp_path: Path) -> None:
+def test_the_notebook_holds_what_it_prints_and_draws_when_it_is_executed(tmp_path: Path) -> None:
     import nbformat
     from nbclient import NotebookClient
 
     notebook = nbformat.read(ROOT / "examples" / "tour.ipynb", as_version=4)
+    kept = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     NotebookClient(notebook, timeout=120, resources={"metadata": {"path": tmp_path}}).execute()
-    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
-    assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
-    assert "idm-mobil" in outputs[-1]["text"]
+    fresh = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    for outputs in (kept, fresh):
+        assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
+        assert "idm-mobil" in outputs[-1]["text"]
+    assert [output.get("text") for output in kept] == [output.get("text") for output in fresh]
 
 
 def test_the_versions_of_the_libraries_are_those_that_are_tested() -> None:
