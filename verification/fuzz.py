@@ -25,8 +25,9 @@ from drl_av.errors import DrlAvError
 from drl_av.evaluation.recording import Recording, load_recording
 from drl_av.experiments.figures import EPISODE_COLUMNS
 from drl_av.files import read_table
+from drl_av.traffic.imported import ImportedDescription
 from drl_av.traffic.scenario import find_scenario, load_scenario
-from verification.fuzz_driving import Attempt, apart, driven_config, driven_scenario
+from verification.fuzz_driving import Attempt, apart, driven_config, driven_scenario, route
 
 ABSURD = (b"nan", b"inf", b"-1", b"1e400", b"9" * 5000, b"\0", b"\xff\xfe", b"[" * 3000, b"'", b"$")
 TABLE = b"driver,vehicles,mean_speed_m_s\nidm,5,20.5\nmine,30,19.25\n"
@@ -70,6 +71,15 @@ def _scenario(rng: random.Random, folder: Path) -> None:
     assert np.isfinite(load_scenario(folder).road.lap_m)
 
 
+def _network(rng: random.Random, folder: Path) -> None:
+    given = route()
+    file = folder / "own.net.xml"
+    file.write_bytes(mutated(Path(given["net"]).read_bytes(), rng))
+    road = ImportedDescription(**given | {"net": str(file)}).plan().road
+    assert 600 <= road.end_m <= 50_000
+    assert 2 <= road.lane_width_m <= 10
+
+
 def _policy(rng: random.Random, folder: Path) -> None:
     file = folder / "policy.safetensors"
     file.write_bytes(mutated((PRETRAINED / file.name).read_bytes(), rng))
@@ -107,6 +117,7 @@ def _command_line(rng: random.Random, folder: Path) -> None:
 KINDS: dict[str, Attempt] = {
     "config": _config,
     "scenario": _scenario,
+    "network": _network,
     "policy": _policy,
     "recording": _recording,
     "table": _table,

@@ -23,7 +23,7 @@ from drl_av.traffic.description import BOUNDS, PlacedVehicle
 from drl_av.traffic.kinds import KINDS
 from drl_av.traffic.own_types import CAR_FOLLOWING_MODELS, OwnVehicleType
 from drl_av.traffic.road import Road
-from drl_av.traffic.scenario import shipped_scenarios, write_scenario
+from drl_av.traffic.scenario import find_scenario, shipped_scenarios, write_scenario
 from drl_av.traffic.snapshot import Snapshot
 
 Attempt = Callable[[random.Random, Path], None]
@@ -64,9 +64,11 @@ def config(rng: random.Random) -> Config:
 
 def description(rng: random.Random) -> Any:
     """Return a description of any kind of road, with vehicles placed or types of its own."""
-    kind = KINDS[rng.choice(list(KINDS))].description
+    name = rng.choice(list(KINDS))
+    kind = KINDS[name].description
     items = [item for item in fields(kind) if item.metadata.get("low") is not None]
-    given = {item.name: value(item, rng) for item in rng.sample(items, rng.randint(0, 4))}
+    given: dict[str, Any] = route() if name == "imported" else {}
+    given |= {item.name: value(item, rng) for item in rng.sample(items, rng.randint(0, 4))}
     if rng.random() < 0.3:
         names = ["ego", *(f"v{number}" for number in range(rng.randint(0, 4)))]
         given["vehicles"] = tuple(_placed(name, rng) for name in names)
@@ -82,6 +84,12 @@ def description(rng: random.Random) -> Any:
             for number in range(rng.randint(1, 3))
         )
     return kind(**given)
+
+
+def route() -> dict[str, Any]:
+    """Return the settings of an imported road: a network that ships, and a route through it."""
+    net = find_scenario("merge") / "highway.net.xml"
+    return {"net": str(net), "from_edge": "before", "to_edge": "after"}
 
 
 def _placed(name: str, rng: random.Random) -> PlacedVehicle:

@@ -28,7 +28,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     for name, users in _users().items():
         item = next(iter(users.values()))
         help_text = item.metadata["meaning"]
-        if item.default != ():
+        if isinstance(item.default, int | float):
             help_text = f"{help_text} (default: {item.default:g})"
         if len(users) < len(KINDS):
             help_text = f"{help_text}; kind {', '.join(users)}"
@@ -58,6 +58,8 @@ def _parsing(item: Field[Any]) -> dict[str, Any]:
         return {"type": float, "metavar": "X", "default": argparse.SUPPRESS}
     if item.type is int:
         return {"type": whole(1), "metavar": "N", "default": argparse.SUPPRESS}
+    if item.type is str:
+        return {"metavar": "TEXT", "default": argparse.SUPPRESS}
     return {"type": whole(0), "nargs": "+", "metavar": "LANE", "default": argparse.SUPPRESS}
 
 
@@ -66,7 +68,7 @@ def scenario(options: argparse.Namespace) -> int:
     from drl_av.traffic.scenario import write_scenario
 
     base, users = _base(options.source, options.kind), _users()
-    kind = kind_name(base)
+    kind = options.kind or "loop" if base is None else kind_name(base)
     given = {name: value for name, value in vars(options).items() if name in users}
     for name in given:
         if kind not in users[name]:
@@ -75,13 +77,15 @@ def scenario(options: argparse.Namespace) -> int:
                 f"write one of the kind {', '.join(users[name])}."
             )
     lists = {name: tuple(value) for name, value in given.items() if isinstance(value, list)}
-    write_scenario(options.folder, replace(base, **given | lists))
+    given |= lists
+    described = KINDS[kind].description(**given) if base is None else replace(base, **given)
+    write_scenario(options.folder, described)
     print(f"{options.folder}: open it with sumo-gui -c {options.folder / 'highway.sumocfg'}")
     return 0
 
 
 def _base(source: str | None, kind: str | None) -> Any:
-    """Return the description that ``source`` names, or without it the default one of a kind.
+    """Return the description that ``source`` names, or None without it.
 
     Raises:
         ScenarioError: there is no such kind, or the file has another kind or cannot be used.
@@ -92,7 +96,7 @@ def _base(source: str | None, kind: str | None) -> Any:
     if kind is not None and kind not in KINDS:
         raise unknown_kind(kind, KINDS)
     if source is None:
-        return KINDS[kind or "loop"].description()
+        return None
     described = read_description(find_description(source), "correct the path or the file")
     if kind not in (None, kind_name(described)):
         raise ScenarioError(

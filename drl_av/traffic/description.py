@@ -4,7 +4,7 @@ import math
 import re
 from dataclasses import asdict, dataclass, field, fields
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import tomli_w
 
@@ -59,7 +59,7 @@ class PlacedVehicle:
             raise ScenarioError(
                 f"A vehicle's id is {self.id!r}, but must be made of letters, digits, - and _."
             )
-        _check_numbers(self, f"Vehicle {self.id!r}: ")
+        check_numbers(self, f"Vehicle {self.id!r}: ")
         changes = read_changes(self.lane_changes, self.id, self.lane)
         object.__setattr__(self, "lane_changes", changes)
 
@@ -87,6 +87,8 @@ class ScenarioDescription:
     vehicles: tuple[PlacedVehicle, ...] = ()
     vehicle_types: tuple[OwnVehicleType, ...] = ()
     """Types of vehicles that are drawn by their shares; the rest has the size above."""
+    limits_vary: ClassVar[bool] = False
+    """Whether the speed limit may be higher on parts of the road than ``speed_limit_m_s``."""
 
     def __post_init__(self) -> None:
         check_sizes(self)
@@ -154,13 +156,14 @@ class ScenarioDescription:
             checked.append(vehicle)
 
 
-def toml_text(description: Any) -> str:
+def toml_text(description: Any, **changed: str) -> str:
     """Return a description as TOML text, without its kind.
 
     The keys of the user's own vehicle types and of a vehicle's lane changes are left out if there
-    are none.
+    are none. ``changed`` replaces the values of some keys.
     """
-    values = asdict(description)
+    given = [item.name for item in fields(description) if item.init]
+    values = {key: value for key, value in asdict(description).items() if key in given} | changed
     for vehicle in values["vehicles"]:
         if not vehicle["lane_changes"]:
             del vehicle["lane_changes"]
@@ -180,7 +183,7 @@ def check_sizes(description: Any) -> None:
         ScenarioError: a number has a wrong type or is out of bounds, a vehicle is wider than a
             lane, or the user's vehicle types do not fit each other.
     """
-    _check_numbers(description, "The scenario's ")
+    check_numbers(description, "The scenario's ")
     if description.vehicle_width_m > description.lane_width_m:
         raise ScenarioError(
             f"The scenario's vehicle_width_m is {description.vehicle_width_m:g}, but must be at "
@@ -212,7 +215,7 @@ def check_pair(vehicle: PlacedVehicle, other: PlacedVehicle, apart_m: float, lon
         )
 
 
-def _check_numbers(described: Any, prefix: str) -> None:
+def check_numbers(described: Any, prefix: str) -> None:
     """Convert each numeric field that has bounds to int or float, and check its bounds.
 
     Raises:

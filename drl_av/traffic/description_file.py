@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -21,7 +22,8 @@ def from_toml(
 
     Args:
         text: The TOML text; its key ``kind`` selects the class of the description.
-        name: The name of the file, with which each error message begins.
+        name: The name of the file, with which each error message begins. The key ``net``, a path,
+            is relative to the folder of this file.
         kinds: The class of the description for each kind of scenario.
 
     Raises:
@@ -38,6 +40,8 @@ def from_toml(
             raise unknown_kind(kind, kinds)
         if isinstance(values.get("barricaded_lanes"), list):
             values["barricaded_lanes"] = tuple(values["barricaded_lanes"])
+        if isinstance(values.get(NET), str) and values[NET]:
+            values[NET] = str(Path(name).parent / values[NET])
         for key, (made, what) in TABLES.items():
             if key in values:
                 values[key] = _from_tables(values[key], key, made, what)
@@ -51,6 +55,8 @@ TABLES: dict[str, tuple[type[Any], str]] = {
     TYPES: (OwnVehicleType, "a vehicle type"),
 }
 """The keys that hold tables, the class of each table, and what it is."""
+NET = "net"
+"""The key of the path of a network file."""
 
 
 def unknown_kind(kind: object, kinds: Iterable[str]) -> ScenarioError:
@@ -82,7 +88,7 @@ def _build(kind: type[Described], values: Mapping[str, Any], what: str) -> Descr
     Raises:
         ScenarioError: a key is unknown or missing, or a value is wrong.
     """
-    known = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    known = [field.name for field in fields(kind) if field.init]  # type: ignore[arg-type]
     for key in values:
         if key not in known:
             hint = did_you_mean(key, known)
@@ -92,7 +98,7 @@ def _build(kind: type[Described], values: Mapping[str, Any], what: str) -> Descr
     missing = [
         item.name
         for item in fields(kind)  # type: ignore[arg-type]
-        if item.default is MISSING and item.name not in values
+        if item.init and item.default is MISSING and item.name not in values
     ]
     if missing:
         raise ScenarioError(f"The key {missing[0]!r} is missing in {what}: add it.")

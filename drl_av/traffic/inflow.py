@@ -12,23 +12,37 @@ from drl_av.errors import ScenarioError, counted
 from drl_av.traffic.kind import OpenStart
 from drl_av.traffic.places import Places, ring_places, safe_speeds
 from drl_av.traffic.population import Population, draw_trucks, pitches_m, with_drivers
+from drl_av.traffic.road import FloatArray
 
 SUPPLY = 64
 """Number of entering vehicles whose parameters are drawn at once."""
 
 
-def flow_speed(traffic: TrafficConfig) -> float:
-    """Return the speed at which the traffic on an open road is assumed to flow, m/s.
+def flow_speed(start: OpenStart, traffic: TrafficConfig) -> float:
+    """Return the mean speed at which the traffic on an open road is assumed to flow, m/s.
 
     The flow in a lane is this speed times the density. The speed is the lowest desired speed,
-    because vehicles follow the slowest one of their lane, but at least 1 m/s.
+    because vehicles follow the slowest one of their lane, but at least 1 m/s; where the speed limit
+    is lower, it is the limit.
     """
-    return max(traffic.desired_speed_min_m_s, 1.0)
+    wanted_m_s = max(traffic.desired_speed_min_m_s, 1.0)
+    if not start.speed_limits:
+        return wanted_m_s
+    ends_m, limits = np.array(start.speed_limits).T
+    lengths_m = np.diff(ends_m, prepend=0.0)
+    return float(ends_m[-1] / (lengths_m / np.minimum(limits, wanted_m_s)).sum())
+
+
+def speed_limit(start: OpenStart, front_m: float | FloatArray) -> FloatArray:
+    """Return the speed limit at positions along the road, m/s, inf without limits; same shape."""
+    ends_m, limits = np.array(start.speed_limits or [(np.inf, np.inf)]).T
+    found: FloatArray = limits[np.searchsorted(ends_m[:-1], front_m, side="right")]
+    return found
 
 
 def vehicles_of_flow(start: OpenStart, traffic: TrafficConfig) -> int:
     """Return the number of vehicles on an open road that corresponds to its inflow."""
-    per_m = start.flow_per_h / 3600 / flow_speed(traffic)
+    per_m = start.flow_per_h / 3600 / flow_speed(start, traffic)
     return round(per_m * start.span_m * len(start.lanes))
 
 
@@ -68,6 +82,7 @@ def draw_open_population(
     front_m = (from_ego_m + start.ego_front_m - first_m) % ring_m + first_m
     places = places._replace(front_m=front_m)
     population = with_drivers(rng, streams, places, is_truck, traffic, ego)
+    population.speed_m_s[:] = np.minimum(population.speed_m_s, speed_limit(start, front_m))
     if start.ego_speed_m_s is not None:
         population.speed_m_s[0] = min(start.ego_speed_m_s, ego.max_speed_m_s)
     return population
@@ -107,7 +122,8 @@ class Inflow:
     ) -> None:
         self._rng, self._traffic, self._ego = rng, traffic, ego
         self._length_m, self._lanes = length_m, start.lanes
-        speed_m_s = flow_speed(traffic)
+        self._limit_m_s = float(speed_limit(start, 0.0))
+        speed_m_s = flow_speed(start, traffic)
         self._shortest_s = (traffic.longest_m(length_m) + traffic.start_gap_m) / speed_m_s
         per_s = vehicles / start.span_m / len(start.lanes) * speed_m_s
         self._mean_s = 1 / per_s if per_s else np.inf
@@ -152,13 +168,13 @@ class Inflow:
         gap_m = last.rear_m - front_m
         if gap_m < self._traffic.start_gap_m:
             return None
-        speed = float(vehicle.desired_speed_m_s[0])
+        speed = wanted = min(float(vehicle.desired_speed_m_s[0]), self._limit_m_s)
         if gap_m < np.inf:
             pair = np.array([speed, last.speed_m_s])
             headways = np.array([vehicle.headway_s[0], 0.01])
             gaps = np.array([gap_m, np.inf])
             speed = float(safe_speeds(pair, headways, gaps, np.array([1, 1]))[0])
-            if speed < min(last.speed_m_s, float(vehicle.desired_speed_m_s[0])) - 1e-9:
+            if speed < min(last.speed_m_s, wanted) - 1e-9:
                 return None
         del self._waiting[lane]
         self._due_s[lane] += self._headway_s()

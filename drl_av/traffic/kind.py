@@ -6,6 +6,9 @@ from typing import Any, NamedTuple
 
 from drl_av.traffic.road import Road
 
+Point = tuple[float, float]
+"""The coordinates x and y of a place in sumo-gui, metres."""
+
 
 class OpenStart(NamedTuple):
     """The positions at which vehicles start on an open road and enter it."""
@@ -22,6 +25,9 @@ class OpenStart(NamedTuple):
     """Position of the ego's front bumper at the start."""
     ego_speed_m_s: float | None = None
     """Speed of the ego at the start; None is a safe speed behind the vehicle ahead."""
+    speed_limits: tuple[tuple[float, float], ...] = ()
+    """Pairs of the end of a part of the road, metres, and the speed limit on it, m/s, in driving
+    order; empty if the settings of the traffic cannot exceed the limits."""
 
 
 class Edge(NamedTuple):
@@ -34,14 +40,21 @@ class Edge(NamedTuple):
     """Indices of its lanes on the road, rightmost first."""
     drawn_aside_m: tuple[float, float] = (0.0, 0.0)
     """Distance to the right at which its beginning and its end are drawn in sumo-gui."""
+    speed_limit_m_s: float | None = None
+    """None is the speed limit of the description."""
+    shape: tuple[Point, ...] = ()
+    """The line along which it is drawn in sumo-gui; without points it is straight."""
+    spread: str = "right"
+    """SUMO's spreadType: how its lanes lie about ``shape``."""
 
 
 class OpenPlan(NamedTuple):
     """An open road: its edges and routes in SUMO, and the same road as the simulation needs it.
 
-    Each lane continues in the lane of the same index on every edge that begins where its edge ends.
-    The first route is the way of the traffic, and that of an ego that has missed its exit; the last
-    route is the way of the ego.
+    Each lane continues in the lane of the same index on every edge that begins where its edge ends,
+    unless ``road`` says that it ends there. SUMO's road goes on after the end of the ego's way: by
+    edges that begin there, else the last edges are extended. The first route is the way of the
+    traffic, and that of an ego that has missed its exit; the last route is the way of the ego.
     """
 
     edges: tuple[Edge, ...]

@@ -9,6 +9,7 @@ from typing import Any
 from drl_av.errors import ScenarioError
 from drl_av.traffic.circular import LOOP
 from drl_av.traffic.exit import EXIT
+from drl_av.traffic.imported import IMPORTED
 from drl_av.traffic.kind import ScenarioKind
 from drl_av.traffic.merge import MERGE
 from drl_av.traffic.ramp_to_ramp import RAMP_TO_RAMP
@@ -22,6 +23,7 @@ KINDS: dict[str, ScenarioKind] = {
     "merge": MERGE,
     "exit": EXIT,
     "ramp_to_ramp": RAMP_TO_RAMP,
+    "imported": IMPORTED,
 }
 
 

@@ -13,6 +13,8 @@ from drl_av.errors import ScenarioError, SimulationError
 from drl_av.traffic.connection import missing_library, program
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
 
+NETWORK_FILE = "highway.net.xml"
+"""Name of the network file in a scenario folder."""
 DEMO_END_S = 3600
 """Time at which the demo traffic ends."""
 EDGES = 4

@@ -3,6 +3,7 @@
 import xml.etree.ElementTree as ET
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 from drl_av.config.schema import setting
 from drl_av.errors import ScenarioError
@@ -18,10 +19,11 @@ from drl_av.traffic.description import (
     check_speed,
     toml_text,
 )
-from drl_av.traffic.kind import Edge, Layout, OpenPlan, ScenarioKind
+from drl_av.traffic.kind import Edge, Layout, OpenPlan, Point, ScenarioKind
 from drl_av.traffic.network import PRECISION, netconvert, xml_text
 from drl_av.traffic.open_demo import traffic
 from drl_av.traffic.own_types import OwnVehicleType
+from drl_av.traffic.road import Road
 from drl_av.traffic.timed_changes import check_changes
 
 START_M = 300.0
@@ -54,6 +56,8 @@ class OpenDescription(ABC):
     vehicles: tuple[PlacedVehicle, ...] = ()
     vehicle_types: tuple[OwnVehicleType, ...] = ()
     """Types of vehicles that are drawn by their shares; the rest has the size above."""
+    limits_vary: ClassVar[bool] = False
+    """Whether the speed limit may be higher on parts of the road than ``speed_limit_m_s``."""
 
     def __post_init__(self) -> None:
         check_sizes(self)
@@ -91,6 +95,8 @@ def _edges(description: OpenDescription) -> list[Edge]:
     """Return the edges of a road in SUMO; the last ones extend beyond the end of the ego's way."""
     plan = description.plan()
     end_m = plan.road.end_m
+    if any(edge.begin_m == end_m for edge in plan.edges):
+        return [*plan.edges]
     return [
         edge._replace(end_m=end_m + RUN_OUT_M) if edge.end_m == end_m else edge
         for edge in plan.edges
@@ -104,37 +110,46 @@ def network_text(description: OpenDescription) -> str:
         ScenarioError: netconvert refuses the road.
         SimulationError: netconvert cannot be run.
     """
-    edges = _edges(description)
+    edges, road = _edges(description), description.plan().road
     roots = {name: ET.Element(f"{name}s") for name in ("node", "edge", "connection")}
-    nodes: dict[tuple[float, float], str] = {}
+    nodes: dict[Point, str] = {}
     for edge in edges:
-        ends = zip((edge.begin_m, edge.end_m), edge.drawn_aside_m, strict=True)
-        names = [nodes.setdefault(place, f"n{len(nodes)}") for place in ends]
-        _add_edge(roots["edge"], edge, names, description)
-    for (s_m, aside_m), name in nodes.items():
-        place = {"x": _text(s_m), "y": _text(-aside_m), "type": "priority"}
-        ET.SubElement(roots["node"], "node", {"id": name} | place)
-    for way in sorted(_connections(edges)):
+        ends = [*zip((edge.begin_m, edge.end_m), edge.drawn_aside_m, strict=True)]
+        drawn = [edge.shape[0], edge.shape[-1]] if edge.shape else [(s, -y) for s, y in ends]
+        for end, (x_m, y_m) in zip(ends, drawn, strict=True):
+            if end not in nodes:
+                nodes[end] = f"n{len(nodes)}"
+                place = {"x": _text(x_m), "y": _text(y_m), "type": "priority"}
+                ET.SubElement(roots["node"], "node", {"id": nodes[end]} | place)
+        _add_edge(roots["edge"], edge, [nodes[end] for end in ends], description)
+    for way in sorted(_connections(edges, road)):
         keys = ("from", "fromLane", "to", "toLane")
         ET.SubElement(roots["connection"], "connection", dict(zip(keys, way, strict=True)))
     return netconvert(roots)
 
 
 def _add_edge(root: ET.Element, edge: Edge, nodes: list[str], description: OpenDescription) -> None:
-    """Add an edge to netconvert's input; its lanes lie to the right of its shape."""
+    """Add an edge to netconvert's input; without a shape its lanes lie to the right of a line."""
     leftmost = len(description.plan().road.open_lanes) - 1
     line_m = -(leftmost - edge.lanes[-1]) * description.lane_width_m
-    places = zip((edge.begin_m, edge.end_m), edge.drawn_aside_m, strict=True)
+    ends = zip((edge.begin_m, edge.end_m), edge.drawn_aside_m, strict=True)
+    shape = edge.shape or tuple((s_m, line_m - aside_m) for s_m, aside_m in ends)
     ET.SubElement(
         root,
         "edge",
         {"id": edge.id, "from": nodes[0], "to": nodes[1]},
         numLanes=str(len(edge.lanes)),
-        speed=repr(description.speed_limit_m_s),
+        speed=repr(_speed_limit(edge, description)),
         width=repr(description.lane_width_m),
         length=repr(edge.end_m - edge.begin_m),
-        shape=" ".join(f"{_text(s_m)},{_text(line_m - aside_m)}" for s_m, aside_m in places),
+        spreadType=edge.spread,
+        shape=" ".join(f"{_text(x_m)},{_text(y_m)}" for x_m, y_m in shape),
     )
+
+
+def _speed_limit(edge: Edge, description: OpenDescription) -> float:
+    limit_m_s = edge.speed_limit_m_s
+    return description.speed_limit_m_s if limit_m_s is None else limit_m_s
 
 
 def _text(value_m: float) -> str:
@@ -142,7 +157,7 @@ def _text(value_m: float) -> str:
     return f"{value_m + 0.0:.{PRECISION}f}"
 
 
-def _connections(edges: list[Edge]) -> set[tuple[str, str, str, str]]:
+def _connections(edges: list[Edge], road: Road) -> set[tuple[str, str, str, str]]:
     """Return the connections of lanes as (edge, its lane, next edge, its lane)."""
     return {
         (one.id, str(lane - one.lanes[0]), other.id, str(lane - other.lanes[0]))
@@ -150,7 +165,7 @@ def _connections(edges: list[Edge]) -> set[tuple[str, str, str, str]]:
         for other in edges
         if one.end_m == other.begin_m
         for lane in one.lanes
-        if lane in other.lanes
+        if lane in other.lanes and road.lane_end_m(lane, one.begin_m) > one.end_m
     }
 
 
@@ -173,7 +188,7 @@ def read_layout(network: ET.Element, description: OpenDescription, name: str) ->
         tuple(way.attrib.get(key, "") for key in ("from", "fromLane", "to", "toLane"))
         for way in network.iter("connection")
     }
-    if reason is None and ways != _connections(edges):
+    if reason is None and ways != _connections(edges, plan.road):
         reason = "leads its lanes on otherwise than described"
     if reason is not None:
         raise ScenarioError(
@@ -198,7 +213,7 @@ def _difference(
         for attribute, value in (
             ("length", edge.end_m - edge.begin_m),
             ("width", description.lane_width_m),
-            ("speed", description.speed_limit_m_s),
+            ("speed", _speed_limit(edge, description)),
         ):
             try:
                 number = float(lane.get(attribute, "nan"))

@@ -68,10 +68,11 @@ class Population:
 def require_speed_limit(config: Config, description: ScenarioDescription) -> None:
     """Raise ConfigError if a setting permits a speed above the road's speed limit.
 
-    It also raises ConfigError if the scenario starts the ego faster than ``ego.max_speed_m_s``.
+    It also raises ConfigError if the scenario starts the ego faster than ``ego.max_speed_m_s``. On
+    a road whose limits vary, the speeds of the other vehicles may be higher: SUMO limits them.
     """
     fastest = {"ego.max_speed_m_s": config.ego.max_speed_m_s}
-    if not description.vehicles:
+    if not description.vehicles and not description.limits_vary:
         fastest["traffic.desired_speed_max_m_s"] = config.traffic.desired_speed_max_m_s
         if config.traffic.truck_share:
             fastest["traffic.truck_speed_max_m_s"] = config.traffic.truck_speed_max_m_s

@@ -12,6 +12,7 @@ from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
 from drl_av.traffic.description_file import from_toml
 from drl_av.traffic.kind import Layout
 from drl_av.traffic.kinds import KINDS, kind_of
+from drl_av.traffic.network import NETWORK_FILE
 from drl_av.traffic.road import Road
 from drl_av.traffic.scenario_xml import (
     ADDITIONAL,
@@ -59,7 +60,7 @@ class Scenario:
     @property
     def network_file(self) -> Path:
         """Path of SUMO's network file."""
-        return self.folder / scenario_files.NETWORK_FILE
+        return self.folder / NETWORK_FILE
 
     @property
     def view_file(self) -> Path:
@@ -119,7 +120,7 @@ def load_scenario(folder: str | Path) -> Scenario:
     for path in others:
         read_xml(path, ADDITIONAL, WRITE_AGAIN)
     read_xml(folder / scenario_files.VIEW_FILE, VIEW, WRITE_AGAIN)
-    network_file = folder / scenario_files.NETWORK_FILE
+    network_file = folder / NETWORK_FILE
     network = read_xml(network_file, NETWORK, WRITE_AGAIN)
     layout = kind_of(description).read(network, description, str(network_file))
     as_written = _require_unchanged(folder)

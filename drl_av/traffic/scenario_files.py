@@ -8,12 +8,11 @@ from typing import Any
 from drl_av.config import TrafficConfig
 from drl_av.traffic.circular import BARRICADES_FILE
 from drl_av.traffic.kinds import kind_of, stated_kind
-from drl_av.traffic.network import DEMO_END_S, xml_text
+from drl_av.traffic.network import DEMO_END_S, NETWORK_FILE, xml_text
 from drl_av.traffic.own_types import OwnVehicleType
 from drl_av.traffic.vehicle_types import VEHICLE, type_attributes
 
 DESCRIPTION_FILE = "scenario.toml"
-NETWORK_FILE = "highway.net.xml"
 VEHICLE_TYPES_FILE = "vehicle_types.add.xml"
 TRAFFIC_FILE = "traffic.rou.xml"
 CONFIG_FILE = "highway.sumocfg"

@@ -7,11 +7,14 @@ it.
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 from drl_av.errors import ScenarioError
 
 MAX_BYTES = 64_000_000
 MAX_DEPTH = 8
+GZIP = b"\x1f\x8b"
+"""The first bytes of a compressed file."""
 NETWORK = frozenset(
     ["net", "location", "type", "edge", "lane", "junction", "request", "connection"]
 )
@@ -58,16 +61,30 @@ def read_xml(path: Path, elements: frozenset[str], remedy: str) -> ET.Element:
         ScenarioError: the file is missing, not a regular file, too large or damaged, or has an
             element or attribute that is not allowed.
     """
+    root: ET.Element = parse_xml(path, _Reader(elements), remedy)
+    return root
+
+
+def parse_xml(path: Path, target: Any, remedy: str) -> Any:
+    """Return what the parser target ``target`` makes of an XML file.
+
+    The target may refuse an element by a ValueError, whose message says what the file has.
+
+    Raises:
+        ScenarioError: the file is missing, not a regular file, too large or damaged, or the target
+            refuses it; each error message ends with ``remedy``.
+    """
     data = read_regular_file(path, remedy)
-    parser = ET.XMLParser(target=_Reader(elements))
+    if data.startswith(GZIP):
+        raise ScenarioError(f"{path} is compressed: unpack it with gunzip.")
+    parser = ET.XMLParser(target=target)
     try:
         parser.feed(data.decode("utf-8-sig").encode())
-        root: ET.Element = parser.close()
+        return parser.close()
     except (ET.ParseError, LookupError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path} is damaged or cut short ({error}): {remedy}.") from error
     except ValueError as error:
         raise ScenarioError(f"{path} cannot be used, {error}: {remedy}.") from error
-    return root
 
 
 def read_regular_file(path: Path, remedy: str) -> bytes:

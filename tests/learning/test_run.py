@@ -8,6 +8,7 @@ import signal
 from pathlib import Path
 
 import pytest
+from nets import east
 from runs import INTERRUPT, KILL, disk_tape, error_message, files_of, interrupted, one_sentence
 
 from drl_av.cli import main
@@ -17,6 +18,7 @@ from drl_av.errors import RunError
 from drl_av.learning import run as module
 from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
+from drl_av.traffic.scenario import write_scenario
 
 EPISODES = 9
 SETTINGS = f"""
@@ -78,6 +80,21 @@ def test_run_killed_at_many_moments_ends_with_the_same_bytes(
         assert ended.returncode == -signal.SIGKILL, (moment, ended.stderr)
     assert interrupted("", command(folder, "--resume")).returncode == 0
     assert files_of(folder) == files_of(left_alone)
+
+
+def test_run_on_a_road_from_openstreetmap_is_resumed_as_exactly(
+    settings: str, tmp_path: Path
+) -> None:
+    write_scenario(tmp_path / "a10", east())
+    road = ["--config", settings, "--scenario", str(tmp_path / "a10"), "--episodes", "4"]
+    assert main(command(tmp_path / "left_alone", *road)) == 0
+    folder = tmp_path / "killed"
+    for moment in ("in the first episode", "between policy and checkpoint"):
+        options = ["--resume"] if folder.exists() else road
+        ended = interrupted(MOMENTS[moment], command(folder, *options))
+        assert ended.returncode == -signal.SIGKILL, ended.stderr
+    assert interrupted("", command(folder, "--resume")).returncode == 0
+    assert files_of(folder) == files_of(tmp_path / "left_alone")
 
 
 def test_run_killed_at_random_moments_ends_with_the_same_bytes(

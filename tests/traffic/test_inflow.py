@@ -11,6 +11,7 @@ from drl_av.traffic.inflow import (
     Inflow,
     Last,
     draw_open_population,
+    flow_speed,
     open_capacity,
     vehicles_of_flow,
 )
@@ -31,6 +32,29 @@ def test_1000_vehicles_an_hour_on_three_lanes_of_2400_m_are_100_vehicles_at_20_m
     # 1000 / 3600 / 20 = 1 vehicle in 72 m of a lane
     assert vehicles_of_flow(STRAIGHT, TRAFFIC) == 100
     assert vehicles_of_flow(STRAIGHT._replace(flow_per_h=0.0), TRAFFIC) == 0
+
+
+SLOW = STRAIGHT._replace(speed_limits=((600.0, 40.0), (1200.0, 10.0), (2400.0, 30.0)))
+"""A quarter of the road with 10 m/s, and no vehicle wants less than 20."""
+
+
+def test_a_flow_is_denser_where_the_speed_limit_is_low() -> None:
+    # 1800 m at 20 m/s and 600 m at 10 m/s: 150 s, 125 vehicles of 3,000 an hour
+    assert flow_speed(SLOW, TRAFFIC) == pytest.approx(16.0)
+    assert vehicles_of_flow(SLOW, TRAFFIC) == 125
+    assert flow_speed(STRAIGHT, TRAFFIC) == 20.0
+
+
+def test_vehicles_start_and_enter_at_most_at_the_limit_of_their_place() -> None:
+    population = draw(40, 2, SLOW)
+    slow = (population.front_m >= 600.0) & (population.front_m < 1200.0)
+    assert population.speed_m_s[slow].max() == 10.0
+    assert population.speed_m_s[~slow].max() > 20.0
+    assert population.desired_speed_m_s[slow].min() >= 20.0
+    crawl = SLOW._replace(speed_limits=((50.0, 10.0), *SLOW.speed_limits))
+    found = Inflow(np.random.default_rng(0), 100, crawl, LENGTH_M, TRAFFIC, EGO)
+    entering = [found.entering(float(second), {}) for second in range(60)]
+    assert {float(each.speed_m_s[0]) for each in entering if each is not None} == {10.0}
 
 
 @given(st.sampled_from([STRAIGHT, RAMP]), st.integers(0, 150), st.integers(0, 2**32))

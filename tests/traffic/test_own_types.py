@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from nets import needed
 
 from drl_av.cli import main
 from drl_av.env.highway import HighwayEnv
@@ -103,7 +104,8 @@ def test_the_shares_are_those_of_the_types_and_the_ego_has_its_own() -> None:
 
 @pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"loop"}))
 def test_vehicles_that_enter_an_open_road_have_its_types_too(kind: str, tmp_path: Path) -> None:
-    described = KINDS[kind].description(vehicle_types=(TRUCK, TAXI), flow_per_h=1500.0)
+    given = {"vehicle_types": (TRUCK, TAXI), "flow_per_h": 1500.0}
+    described = KINDS[kind].description(**needed(kind), **given)
     write_scenario(tmp_path / "road", described)
     env = HighwayEnv(tmp_path / "road")
     sizes = {"truck": (14.0, 2.5), "taxi": (4.5, 1.7), "traffic": (5.0, 1.8), "ego": (5.0, 1.8)}

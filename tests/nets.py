@@ -1,0 +1,79 @@
+"""Networks of a user's own: a true one from OpenStreetMap, and small ones that netconvert makes."""
+
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from drl_av.traffic.imported import ImportedDescription
+from drl_av.traffic.network import program
+
+A10 = Path(__file__).parent / "traffic" / "a10.net.xml"
+"""A motorway from OpenStreetMap; its origin and licence are in a10.md beside it."""
+EAST = ("264306385", "264308376")
+WEST = ("290296351", "264308373")
+"""The first and the last edge of its two carriageways."""
+
+
+def east(**changed: object) -> ImportedDescription:
+    """Its eastern carriageway, on which 40 m/s are allowed."""
+    return ImportedDescription(**needed("imported") | changed)
+
+
+def needed(kind: str) -> dict[str, Any]:
+    """The settings without which a kind of scenario has no road."""
+    ends = {"from_edge": EAST[0], "to_edge": EAST[1], "lowest_limit_m_s": 40.0}
+    return {"net": str(A10)} | ends if kind == "imported" else {}
+
+
+class Part(NamedTuple):
+    """An edge of a chain: 500 m of road."""
+
+    lanes: int
+    speed_m_s: float = 40.0
+    width_m: float = 3.5
+    lane: str = ""
+    """An element <lane> of netconvert's input."""
+
+
+def chain(
+    folder: Path,
+    *parts: Part,
+    ways: Sequence[str] | None = None,
+    nodes: str = "",
+    edges: str = "",
+    kind: str = "priority",
+    options: Sequence[str] = (),
+) -> Path:
+    """A bent road of edges e0, e1, ... from node n0 to n1, n2, ..., with junction lanes.
+
+    ``ways`` are the connections of its lanes, such as "e0 1 e1 0"; None leaves them to netconvert.
+    ``nodes`` and ``edges`` are more elements of netconvert's input, ``kind`` the type of n1.
+    """
+    roads = "".join(
+        f'<edge id="e{k}" from="n{k}" to="n{k + 1}" numLanes="{part.lanes}" priority="9" '
+        f'speed="{part.speed_m_s}" width="{part.width_m}">{part.lane}</edge>'
+        for k, part in enumerate(parts)
+    )
+    places = "".join(
+        f'<node id="n{k}" x="{500 * k}" y="{60 * k * k}" type="{kind if k == 1 else "priority"}"/>'
+        for k in range(len(parts) + 1)
+    )
+    inputs = {"node": places + nodes, "edge": roads + edges}
+    if ways is not None:
+        form = '<connection from="{}" fromLane="{}" to="{}" toLane="{}"/>'
+        inputs["connection"] = "".join(form.format(*way.split()) for way in ways)
+    words: list[str | Path] = [*options, "--no-turnarounds", "true"]
+    for name, text in inputs.items():
+        file = folder / f"{name}.xml"
+        file.write_text(f"<{name}s>{text}</{name}s>")
+        words += [f"--{name}-files", file]
+    net = folder / "own.net.xml"
+    subprocess.run([program("netconvert"), *words, "-o", net], check=True, capture_output=True)
+    return net
+
+
+def along(net: Path, last: int, **changed: object) -> ImportedDescription:
+    """The route from e0 to the edge with the number ``last`` of a chain."""
+    given = {"net": str(net), "from_edge": "e0", "to_edge": f"e{last}"} | changed
+    return ImportedDescription(**given)  # type: ignore[arg-type]
