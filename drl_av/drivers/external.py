@@ -121,7 +121,7 @@ def driver_of_agent(path: Path) -> Driver:
         raise CheckpointError(
             f"{path} was trained with observations of shape {spaces[0]} and {spaces[1]} actions: "
             f"give an agent trained on drl_av/Highway-v0, with ({len(INDICATORS)},) and "
-            f"{len(ACTIONS)}."
+            f"{len(ACTIONS)}, or in Python PolicyDriver(policy, observe)."
         )
     return PolicyDriver(lambda observation: agent.predict(observation, deterministic=True)[0])
 

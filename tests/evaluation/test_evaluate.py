@@ -1,6 +1,7 @@
 """``drl_av.evaluate`` and ``drl_av.load_driver``: the command line's results in a program."""
 
 import csv
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 import drl_av
 from drl_av.cli import main
 from drl_av.config import Config
+from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
@@ -151,3 +153,22 @@ def test_a_driver_that_does_not_exist_is_refused(tmp_path: Path) -> None:
         drl_av.load_driver(tmp_path)
     with pytest.raises(AttributeError, match="no attribute 'evaluat'"):
         drl_av.evaluat  # noqa: B018
+
+
+def test_a_policy_of_an_open_road_drives_with_the_observation_of_its_environment() -> None:
+    with closing(gymnasium.make("drl_av/Exit-v0")) as env:
+        observe, space = env.unwrapped.observe, env.observation_space
+    seen = []
+
+    def policy(observation: np.ndarray) -> int:
+        seen.append(observation)
+        return 0
+
+    short = {"simulation": {"decisions_per_episode": 3}}
+    own = {"mine": PolicyDriver(policy, observe)}
+    [row] = drl_av.evaluate(own=own, scenario="exit", episodes=1, vehicles=5, config=short)
+    assert (row.driver, row.decisions, len(seen)) == ("mine", 3, 3)
+    assert space.shape == (30,)
+    assert all(observation in space for observation in seen)
+    # the ego starts on the leftmost of three lanes: three changes to the right, of three possible
+    assert seen[0][observe.names.index("way_changes")] == -1
