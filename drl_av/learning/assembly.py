@@ -19,10 +19,11 @@ from drl_av.learning.augmentation import (
     require_symmetry,
     unchanged,
 )
-from drl_av.learning.buffers import Buffer, TwoBuffers, UniformBuffer, require_memory
+from drl_av.learning.buffers import Buffer, TwoBuffers, UniformBuffer
 from drl_av.learning.experience import Store, StoreDecision, StoreWithPenalty
 from drl_av.learning.learner import Learner
 from drl_av.learning.prioritized import PrioritizedBuffer
+from drl_av.learning.ring import require_memory
 from drl_av.learning.training import Training, Variant, draw_seed, learner_names, seed_of_episode
 
 

@@ -238,7 +238,7 @@ def test_place_that_is_a_file_is_no_run(settings: Path, capsys: pytest.CaptureFi
 def test_missing_shipped_driver_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(policy_file, "PRETRAINED", tmp_path / "pretrained")
+    monkeypatch.setitem(policy_file.SHIPPED, "pretrained", tmp_path / "pretrained")
     assert main(["evaluate"]) == 1
     assert "lacks the driver that ships with drl-av" in error_message(capsys)
     assert main(["replay", "--video", str(tmp_path / "drive.gif")]) == 1

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from drl_av.config import LearningConfig
 from drl_av.errors import CheckpointError, ConfigError
-from drl_av.learning import buffers
 from drl_av.learning.assembly import make_buffer
-from drl_av.learning.buffers import Ring, TwoBuffers, UniformBuffer, batch_of
+from drl_av.learning.buffers import TwoBuffers, UniformBuffer, batch_of
+from drl_av.learning.ring import Ring
 
 
 def observation(value: float) -> np.ndarray:
@@ -154,7 +154,7 @@ def test_a_buffer_larger_than_the_available_memory_is_refused_before_it_is_alloc
 ) -> None:
     # 57 numbers of 4 bytes a row: 11,000 rows are 2.39 MiB
     file = tmp_path / "meminfo"
-    monkeypatch.setattr(buffers, "MEMORY", file)
+    monkeypatch.setattr("drl_av.learning.ring.MEMORY", file)
     monkeypatch.setattr(Ring, "__init__", lambda *_: pytest.fail("allocated"))
     file.write_text("MemTotal: 9000000 kB\nMemAvailable: 2048 kB\n")
     for replay in ("two-buffer", "uniform", "prioritized"):
@@ -166,5 +166,5 @@ def test_a_buffer_larger_than_the_available_memory_is_refused_before_it_is_alloc
 def test_where_no_system_says_what_is_available_the_buffer_is_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(buffers, "MEMORY", tmp_path / "none")
+    monkeypatch.setattr("drl_av.learning.ring.MEMORY", tmp_path / "none")
     assert len(make_buffer(LearningConfig(), 27)) == 0
