@@ -9,8 +9,9 @@ from importlib.util import find_spec
 import pytest
 from hypothesis import settings
 
-settings.register_profile("drl_av", deadline=None)
-settings.load_profile("drl_av")
+settings.register_profile("drl_av", deadline=None, derandomize=True)
+settings.register_profile("explore", deadline=None, max_examples=500)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "drl_av"))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -1,4 +1,4 @@
-"""Experience buffers: the safe and the collision buffer of Algorithm 1 of the paper; a single one."""
+"""Experience buffers: the safe and collision buffers of Algorithm 1 of the paper; a single one."""
 
 from typing import NamedTuple, Protocol
 
