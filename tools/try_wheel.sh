@@ -12,7 +12,7 @@ folder=$(cd "$folder" && pwd)
 rm -rf "$folder/tree" "$folder/dist"
 mkdir "$folder/tree"
 git -C "$root" archive HEAD | tar -x -C "$folder/tree"
-"$folder/build/bin/python" -m build --outdir "$folder/dist" "$folder/tree" >"$folder/build.txt"
+"$folder/build/bin/python" -m build --outdir "$folder/dist" "$folder/tree" >"$folder/build.txt" 2>&1
 "$folder/build/bin/python" -m twine check --strict "$folder"/dist/*
 for python in "$@"; do
     name=$("$python" -c 'import platform; print("python" + platform.python_version())')

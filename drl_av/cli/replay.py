@@ -65,9 +65,10 @@ def replay(options: argparse.Namespace) -> int:
         require_film(options.video, options.rate)
     given = (options.source, options.driver, "pretrained")
     source = next(word for word in given if word is not None)
-    if Path(source).is_file() and Path(source).suffix not in DRIVER_FILES:
+    if Path(source).is_file() and Path(source).suffix not in (*DRIVER_FILES, ".toml"):
+        recording = load_recording(Path(source))
         _refuse_settings(options)
-        session = replay_session(load_recording(Path(source)))
+        session = replay_session(recording)
     else:
         specs = find_drivers([source])
         config = overridden(default_config(specs), options)

@@ -94,6 +94,26 @@ def test_a_file_that_is_not_there_is_said_to_be_missing(
     assert found == f"drl-av: There is no file nowhere/{name}: correct its path.\n"
 
 
+@pytest.mark.parametrize("verb", ["evaluate", "replay"])
+def test_a_file_that_is_no_driver_is_refused_with_what_it_is(
+    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.toml").write_text("[traffic]\nvehicles_max = 5\n", encoding="utf-8")
+    short = [] if verb == "evaluate" else ["--video", "drive.gif", "--decisions", "3"]
+    assert main([verb, "mine.toml", *short]) == 1
+    found = capsys.readouterr().err
+    assert found.startswith("drl-av: mine.toml is a file of settings, not a driver that drl-av tra")
+    assert found.endswith("pass it as config, or after --config.\n")
+    Path("notes.txt").write_text("a note", encoding="utf-8")
+    assert main([verb, "notes.txt", *short]) == 1  # decoy: no recording whose --decisions is fixed
+    found = capsys.readouterr().err
+    what = "no recording" if verb == "replay" else "is cut short, damaged, or no checkpoint at all"
+    assert found.startswith("drl-av: notes.txt ")
+    assert what in found
+    assert found.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("word", "message"),
     [
