@@ -33,6 +33,7 @@ LIMIT_S = 120.0
 DRIVEN = ("simulation", "traffic", "ego", "safety", "strict", "finite_state", "level_0", "reward")
 """The sections of the config that change how an episode is driven."""
 NUMBER = re.compile(rb"(?<![\w.])-?\d+\.?\d*(?![\w.])")
+ATTRIBUTE = re.compile(rb'\b([A-Za-z]+)="([^"]*)"')
 NUMBERS = (b"0", b"-1", b"1", b"0.001", b"2.5", b"19", b"1000", b"-0.0", b"1e9", b"nan")
 
 
@@ -137,14 +138,19 @@ def driven_config(rng: random.Random, folder: Path) -> None:
 
 
 def driven_scenario(rng: random.Random, folder: Path) -> None:
-    """Drive a new scenario; in half the cases numbers of its files are changed by hand."""
+    """Drive a new scenario; in half the cases its files are changed by hand.
+
+    Numbers are replaced, lines are lost, repeated or exchanged, or an attribute gets the value that
+    it has on another line.
+    """
     home = folder / "scenario"
     write_scenario(home, description(rng))
     if rng.random() < 0.5:
         (home / "SHA256SUMS").unlink()
         for _ in range(rng.randint(1, 3)):
             file = rng.choice(sorted(home.iterdir()))
-            file.write_bytes(_renumbered(file.read_bytes(), rng))
+            change = rng.choice((_renumbered, _rearranged))
+            file.write_bytes(change(file.read_bytes(), rng))
     with closing(HighwayEnv(home)) as env:
         drive(env, rng)
 
@@ -155,6 +161,23 @@ def _renumbered(data: bytes, rng: random.Random) -> bytes:
         return data
     place = rng.choice(found)
     return data[: place.start()] + rng.choice(NUMBERS) + data[place.end() :]
+
+
+def _rearranged(data: bytes, rng: random.Random) -> bytes:
+    lines = data.splitlines(keepends=True)
+    here, there = rng.randrange(len(lines)), rng.randrange(len(lines))
+    kind = rng.randrange(4)
+    if kind == 0:
+        del lines[here]
+    elif kind == 1:
+        lines.insert(there, lines[here])
+    elif kind == 2:
+        lines[here], lines[there] = lines[there], lines[here]
+    elif found := list(ATTRIBUTE.finditer(lines[here])):
+        name, value = (rng.choice(found)[number] for number in (1, 2))
+        others = re.findall(rb"\b" + name + rb'="([^"]*)"', data)
+        lines[here] = lines[here].replace(name + b'="' + value, name + b'="' + rng.choice(others))
+    return b"".join(lines)
 
 
 def apart(attempt: Attempt) -> Attempt:

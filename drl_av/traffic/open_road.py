@@ -3,6 +3,8 @@
 import xml.etree.ElementTree as ET
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from itertools import zip_longest
+from operator import itemgetter
 from typing import ClassVar
 
 from drl_av.config.schema import setting
@@ -176,14 +178,13 @@ def read_layout(network: ET.Element, description: OpenDescription, name: str) ->
         ScenarioError: the road is not the described one; the message contains ``name``.
     """
     plan, edges = description.plan(), _edges(description)
-    found = {lane.attrib.get("id", ""): lane for lane in network.iter("lane")}
     positions = {
         f"{edge.id}_{index}": (lane, edge.begin_m)
         for edge in edges
         for index, lane in enumerate(edge.lanes)
     }
     wanted = {f"{edge.id}_{index}": edge for edge in edges for index in range(len(edge.lanes))}
-    reason = _difference(found, wanted, description)
+    reason = _difference(network, wanted, description)
     ways = {
         tuple(way.attrib.get(key, "") for key in ("from", "fromLane", "to", "toLane"))
         for way in network.iter("connection")
@@ -198,15 +199,21 @@ def read_layout(network: ET.Element, description: OpenDescription, name: str) ->
 
 
 def _difference(
-    found: dict[str, ET.Element], wanted: dict[str, Edge], description: OpenDescription
+    network: ET.Element, wanted: dict[str, Edge], description: OpenDescription
 ) -> str | None:
     """Return how the lanes of a network differ from the described ones, or None if they do not.
 
     The result completes a sentence "The road ...".
     """
-    if set(found) != set(wanted):
-        return f"has other lanes than described, one is {min(set(found) ^ set(wanted))!r}"
-    for lane_id, lane in found.items():
+    lanes = [(edge, lane) for edge in network.iter("edge") for lane in edge.findall("lane")]
+    places = [(e.get("id", ""), lane.get("id", ""), lane.get("index", "")) for e, lane in lanes]
+    needed = [(edge.id, lane_id, lane_id.rpartition("_")[2]) for lane_id, edge in wanted.items()]
+    pairs = zip_longest(sorted(places, key=itemgetter(0)), sorted(needed, key=itemgetter(0)))
+    for place, need in pairs:
+        if place != need:
+            return f"has other lanes than described, one is {(place or need)[1]!r}"
+    for _, lane in lanes:
+        lane_id = lane.attrib["id"]
         edge = wanted[lane_id]
         if lane.get("allow") is not None or lane.get("disallow") is not None:
             return f"has lane {lane_id!r} for some kinds of vehicles only"

@@ -6,6 +6,7 @@ it.
 """
 
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,30 +14,39 @@ from drl_av.errors import ScenarioError
 
 MAX_BYTES = 64_000_000
 MAX_DEPTH = 8
+"""The deepest nesting of a network file of the user's own."""
 GZIP = b"\x1f\x8b"
 """The first bytes of a compressed file."""
-NETWORK = frozenset(
-    ["net", "location", "type", "edge", "lane", "junction", "request", "connection"]
-)
-ADDITIONAL = frozenset(["additional", "vType", "poly"])
-VIEW = frozenset(["viewsettings", "scheme", "edges", "vehicles", "pois", "delay", "viewport"])
-"""The names of the allowed XML elements in each kind of file."""
+NETWORK = {
+    "net": "",
+    **dict.fromkeys(("location", "type", "edge", "junction", "connection"), "net"),
+    "lane": "edge",
+    "request": "junction",
+}
+ADDITIONAL = {"additional": "", "vType": "additional", "poly": "additional"}
+VIEW = {
+    "viewsettings": "",
+    **dict.fromkeys(("scheme", "delay", "viewport"), "viewsettings"),
+    **dict.fromkeys(("edges", "vehicles", "pois"), "scheme"),
+}
+"""The allowed XML elements of each kind of file, and the element that contains each."""
 
 
 class _Reader(ET.TreeBuilder):
     """Builds the tree of an XML document; raises ValueError at an element that is not allowed."""
 
-    def __init__(self, elements: frozenset[str]) -> None:
+    def __init__(self, elements: Mapping[str, str]) -> None:
         super().__init__()
-        self._elements, self._depth = elements, 0
+        self._elements, self._open = elements, [""]
 
     def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
-        """Begin an element; raise ValueError if its name, depth or an attribute is not allowed."""
-        self._depth += 1
-        if self._depth > MAX_DEPTH:
-            raise ValueError(f"it nests elements more than {MAX_DEPTH} deep")
+        """Begin an element; raise ValueError if its name, place or an attribute is not allowed."""
         if tag not in self._elements:
             raise ValueError(f"it has an element <{tag[:40]}>, which no scenario needs")
+        if (owner := self._elements[tag]) != self._open[-1]:
+            place = f"outside of <{owner}>" if owner else f"in <{self._open[-1]}>"
+            raise ValueError(f"it has an element <{tag}> {place}")
+        self._open.append(tag)
         for name in attrs:
             if "file" in name.lower() or name == "href":
                 raise ValueError(f"its <{tag}> names a file by the attribute {name[:40]!r}")
@@ -44,7 +54,7 @@ class _Reader(ET.TreeBuilder):
 
     def end(self, tag: str, /) -> ET.Element:
         """End the current element."""
-        self._depth -= 1
+        self._open.pop()
         return super().end(tag)
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
@@ -52,7 +62,7 @@ class _Reader(ET.TreeBuilder):
         raise ValueError("it declares a document type")
 
 
-def read_xml(path: Path, elements: frozenset[str], remedy: str) -> ET.Element:
+def read_xml(path: Path, elements: Mapping[str, str], remedy: str) -> ET.Element:
     """Return the root element of an XML file that contains only the allowed ``elements``.
 
     Each error message ends with ``remedy``, which says what the user can do.
