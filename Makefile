@@ -89,7 +89,7 @@ results: setup
 	$(call text,exit.txt,-m verification.ramps --kind exit --driver planner gap-mobil sumo --episodes 60)
 	$(call text,ramp_to_ramp.txt,-m verification.ramps --kind ramp_to_ramp --driver planner gap-mobil sumo --episodes 30)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[benchmark]'
-	$(call text,crash_rate.txt,-m verification.crash_rate --tests 20000)
+	$(call text,crash_rate.txt,-m verification.crash_rate --tests 40000)
 	$(call text,own_hits.txt,-m verification.own_hits --tests 120000 --jobs 2)
 	$(call text,sharper.txt,-m verification.sharper)
 	$(BIN)/python -m verification.shielding --out docs/results/shielding.csv
