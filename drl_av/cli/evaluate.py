@@ -84,12 +84,12 @@ def evaluate(options: argparse.Namespace) -> int:
     """
     from drl_av.cli.console import progress_bar
     from drl_av.cli.tables import print_gains, print_overall, print_styles, print_summaries
-    from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+    from drl_av.env.metrics import EpisodeMetrics
     from drl_av.evaluation.comparison import Evaluation
-    from drl_av.evaluation.criticality import CriticalityMetrics, CriticalityResult, styles
+    from drl_av.evaluation.criticality import CriticalityMetrics, styles
     from drl_av.evaluation.judgement import judge
     from drl_av.evaluation.statistics import overall, summarize, write_summaries
-    from drl_av.files import require_suffix, require_writable, write_table
+    from drl_av.files import require_suffix, require_writable
 
     words = [*options.runs, *options.driver]
     beside = provenance_file(options.out) if options.out else None
@@ -102,7 +102,6 @@ def evaluate(options: argparse.Namespace) -> int:
     config = overridden(default_config(specs), options)
     seeds = range(options.seed, options.seed + options.episodes)
     metrics = CriticalityMetrics if options.criticality else EpisodeMetrics
-    columns = CriticalityResult if options.criticality else EpisodeResult
     evaluation = Evaluation(config, specs, tuple(options.vehicles or ()), seeds, metrics)
     kept = _partial(options.out) if options.out and options.out.exists() else options.out
     rows, status, saved_s = [], 0, time.monotonic()
@@ -115,16 +114,16 @@ def evaluate(options: argparse.Namespace) -> int:
                 rows.append(row)
                 bar.advance(f"{row.driver}, {counted(row.vehicles, 'vehicle')}", row.decisions)
                 if kept and time.monotonic() - saved_s > SAVE_EVERY_S:
-                    write_table(kept, columns, rows)
+                    _write_rows(kept, rows)
                     saved_s = time.monotonic()
     except KeyboardInterrupt:
         status = INTERRUPTED
         print(f"drl-av: interrupted after {counted(len(rows), 'episode')}.", file=sys.stderr)
     finally:
         if rows and kept:
-            write_table(kept, columns, rows)
+            _write_rows(kept, rows)
     if rows and kept != options.out and status == 0:
-        write_table(options.out, columns, rows)
+        _write_rows(options.out, rows)
         kept.unlink()
     elif rows and kept != options.out:
         print(f"drl-av: {options.out} is unchanged; the new rows are in {kept}.", file=sys.stderr)
@@ -165,6 +164,13 @@ def _require_rivals(names: Sequence[str]) -> None:
             "--require-pass compares a driver with a rule-based one, but the drivers are "
             f"{', '.join(names)}: name one of each kind, such as pretrained --driver gap-mobil."
         )
+
+
+def _write_rows(table: Path, rows: Sequence["EpisodeResult"]) -> None:
+    from drl_av.files import write_table
+
+    cells = [row.cells() for row in rows]
+    write_table(table, cells[0], cells)
 
 
 def _write_provenance(options: argparse.Namespace, config: Config) -> None:

@@ -96,6 +96,7 @@ def replay(options: argparse.Namespace) -> int:
         f"{counted(result.decisions, 'decision')}, {result.mean_speed_m_s:.2f} m/s, "
         f"reward {result.mean_reward:.3f}, "
         f"{counted(result.safety_triggers, 'safety trigger')}, {result.collision or 'no collision'}"
+        f"{', ' * bool(result.way)}{result.way}"
     )
     return 0
 

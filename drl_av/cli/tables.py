@@ -30,6 +30,13 @@ def print_summaries(summaries: Sequence["Summary"]) -> None:
     for heading in ("speed\nm/s", "reward", "ego\nhit", "was\nhit", "safety\ntriggers"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("lane\nchanges", justify="right", no_wrap=True)
+    ways = {
+        heading: name
+        for heading, name in (("exit\ntaken", "exits_taken"), ("merged", "merged"))
+        if any(getattr(summary, name) is not None for summary in summaries)
+    }
+    for heading in ways:
+        table.add_column(heading, justify="right", no_wrap=True)
     former = None
     for summary in summaries:
         if former not in (None, summary.vehicles):
@@ -45,6 +52,7 @@ def print_summaries(summaries: Sequence["Summary"]) -> None:
             str(summary.collisions - summary.ego_hits),
             _cell(summary.triggers),
             _cell(summary.lane_changes),
+            *(str(getattr(summary, name)) for name in ways.values()),
         )
     make_console().print(table)
 

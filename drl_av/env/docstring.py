@@ -53,11 +53,13 @@ contains the mask; True by `gymnasium.make`, False by default in this class),
 or an object with an attribute `space` that is called with the scene).
 
 ## Information
-`proposed_action, executed_action, rule, rewards, collision, collided_with, speed_m_s, indicators,
-seed, vehicles, exit, action_mask`. No value is None, which some libraries refuse to store:
-`collision` and `collided_with` are texts, empty without a collision; `exit` is `taken` or `missed`
-once the ego has passed its exit, empty before and on a road without one. The mask has shape (12,)
-and type int8. It is 1 for each action that the safety check would execute now as proposed;
+`proposed_action, executed_action, rule, rewards, collision, collided_with, way, speed_m_s,
+indicators, seed, vehicles, exit, action_mask`. No value is None, which some libraries refuse to
+store: `collision` and `collided_with` are texts, empty without a collision; `exit` is `taken` or
+`missed` once the ego has passed its exit, empty before and on a road without one; `way` is
+`exit taken`, `exit missed`, `merged` or `not merged`, at the latest in the last decision, and empty
+before and on a road that demands neither. The mask has shape (12,) and type int8. It is 1 for each
+action that the safety check would execute now as proposed;
 `action_space.sample(mask)` accepts it. The info of a reset also holds `unsafe_start`: whether the
 check `strict` can no longer keep the ego from a collision there.
 

@@ -30,6 +30,7 @@ from drl_av.env.observation import (
     require_inside,
 )
 from drl_av.env.reward import RewardFunction, Rewards, Transition, desired, own_reward, rewards
+from drl_av.env.way import Way, front_m
 from drl_av.errors import ConfigError, counted
 from drl_av.safety import ActionMask, action_mask, named_check, starts_unsafe
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, judged
@@ -156,7 +157,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self._over = True
         snapshot = self.simulation.reset(self.seed, vehicles)
         self.traffic_drivers.start(fleet.kinds, fleet.population.desired_speed_m_s, self.seed)
-        observation, info = self._observe(snapshot, None), self._info()
+        observation = self._observe(snapshot, None)
+        self._way, info = Way(self.road, self.scene), self._info()
         require_inside(observation, self.observation_space)
         info["unsafe_start"] = starts_unsafe(self.safety_check, self.scene)
         self._renderer.reset(snapshot, info)
@@ -214,6 +216,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             "rewards": terms._asdict(),
             "collision": "" if collision is None else collision.kind.value,
             "collided_with": "" if collision is None else collision.other or "",
+            "way": self._way.outcome(self.scene, self._over),
         }
         self._renderer.step(snapshot, reward, info)
         return observation, reward, terminated, truncated, info
@@ -275,12 +278,6 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             return PictureRenderer(self.road)
         return Renderer() if render_mode is None else GuiRenderer(self.simulation.show)
 
-    def _exit(self) -> str:
-        """Return whether the ego has taken its exit or missed it; "" before and without an exit."""
-        snapshot = self.scene.snapshot
-        front_m = float(snapshot.s_m[EGO] + snapshot.length_m[EGO] / 2)
-        return self.road.exit_outcome(self.scene.affordances.lane, front_m)
-
     def _info(self) -> dict[str, Any]:
         """Return the part of ``info`` that ``reset`` and ``step`` have in common."""
         info = {
@@ -288,7 +285,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             "vehicles": len(self.scene.snapshot.ids) - 1,
             "speed_m_s": self.scene.affordances.ego_speed_m_s,
             "indicators": self.indicators.copy(),
-            "exit": self._exit(),
+            "exit": self.road.exit_outcome(self.scene.affordances.lane, front_m(self.scene)),
         }
         if self._masked:
             info["action_mask"] = self.action_masks()

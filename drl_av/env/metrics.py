@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 from drl_av.driving.actions import Longitudinal
 from drl_av.env.decision import Decision
+from drl_av.env.way import COMPLETE
 from drl_av.files import PossiblyInfinite
 from drl_av.safety.paper import closing_speed, time_to_collision
 from drl_av.traffic.snapshot import Collision
@@ -42,6 +44,20 @@ class EpisodeResult:
     hard_brakes: int
     d_safe_violations: int
     """Number of decisions after which the gap to the vehicle ahead was below d_safe (r_x < 0)."""
+    way: str = field(default="", kw_only=True)
+    """``exit taken``, ``exit missed``, ``merged`` or ``not merged``; "" if the ego has no way."""
+
+    @property
+    def missed(self) -> bool:
+        """Whether the ego missed its exit, or did not merge where its lane ends."""
+        return self.way not in ("", *COMPLETE)
+
+    def cells(self) -> dict[str, Any]:
+        """Return the values by column; the column ``way`` exists only if the ego has a way."""
+        cells = asdict(self)
+        if not self.way:
+            del cells["way"]
+        return cells
 
 
 class EpisodeMetrics:
@@ -64,6 +80,7 @@ class EpisodeMetrics:
         self.min_ttc_s = math.inf
         self.min_headway_s = math.inf
         self.collision: Collision | None = None
+        self.way = ""
         self._r_v: list[float] = []
         self._r_y: list[float] = []
         self._r_x: list[float] = []
@@ -81,6 +98,7 @@ class EpisodeMetrics:
         self.hard_brakes += decision.executed.longitudinal == Longitudinal.HARD_BRAKE
         self.d_safe_violations += terms["r_x"] < 0
         self.collision = decision.collision
+        self.way = decision.info["way"]
         self._add_lane_change(decision)
         self._add_leader(decision)
 
@@ -152,6 +170,7 @@ class EpisodeMetrics:
             min_headway_s=self.min_headway_s,
             hard_brakes=self.hard_brakes,
             d_safe_violations=self.d_safe_violations,
+            way=self.way,
         )
 
 

@@ -15,7 +15,7 @@ class Judgement(NamedTuple):
 
     driver: str
     over: str
-    """The fastest rule-based driver."""
+    """The fastest rule-based driver, of those that complete their way most often."""
     gain_m_s: Mean
     """Gain in mean speed over it, paired by traffic."""
     ego_hits: int
@@ -27,9 +27,13 @@ class Judgement(NamedTuple):
     """Share of decisions within nuPlan's bounds; None without ``--criticality``."""
     their_comfortable_percent: float | None
     failures: tuple[str, ...]
-    """The conditions that it does not meet: ``speed``, ``collisions``, ``comfort``."""
+    """The conditions that it does not meet: ``speed``, ``collisions``, ``way``, ``comfort``."""
     passed: bool
-    """Whether it meets all three."""
+    """Whether it meets all of them."""
+    missed: int | None = None
+    """Episodes in which the ego missed its exit or did not merge; None on a road with neither."""
+    fewest_missed: int | None = None
+    """Those of the rule-based driver with the fewest."""
 
     def __str__(self) -> str:
         gain = f"{self.gain_m_s} m/s"
@@ -42,14 +46,28 @@ class Judgement(NamedTuple):
                 f"\n  comfortable decisions {self.comfortable_percent:.1f} % "
                 f"({self.their_comfortable_percent:.1f} %)"
             )
+        way = ""
+        if self.missed is not None:
+            way = (
+                "\n  episodes in which the ego missed its exit or did not merge "
+                f"{self.missed} (rule-based: {self.fewest_missed})"
+            )
         return (
             f"{self.driver}: {result} against {self.over}\n"
             f"  gain in speed {gain}\n"
             f"  episodes in which the ego hit something {self.ego_hits} (rule-based: "
-            f"{self.fewest_ego_hits})\n  hard brakes in a kilometre {self.hard_brakes_per_km:.2f} "
+            f"{self.fewest_ego_hits}){way}\n"
+            f"  hard brakes in a kilometre {self.hard_brakes_per_km:.2f} "
             f"({self.their_hard_brakes_per_km:.2f})"
             f"{comfort}"
         )
+
+
+class _Fewest(NamedTuple):
+    """The smallest numbers of episodes of any rule-based driver."""
+
+    ego_hits: int
+    missed: int
 
 
 def judge(rows: Iterable[EpisodeResult]) -> list[Judgement]:
@@ -64,10 +82,12 @@ def judge(rows: Iterable[EpisodeResult]) -> list[Judgement]:
     for row in rows:
         drives.setdefault(row.driver, []).append(row)
     rules = baselines(drives)
-    best = fastest((row for own in drives.values() for row in own), rules)
+    missed = {name: _missed(drives[name]) for name in rules}
+    rivals = [name for name in rules if missed[name] == min(missed.values())]
+    best = fastest((row for own in drives.values() for row in own), rivals)
     if best is None:
         return []
-    fewest = min(_hits(drives[name]) for name in rules)
+    fewest = _Fewest(min(_hits(drives[name]) for name in rules), missed[best])
     return [
         _judgement(name, own, best, drives[best], fewest)
         for name, own in drives.items()
@@ -80,14 +100,16 @@ def _judgement(
     ours: Sequence[EpisodeResult],
     best: str,
     theirs: Sequence[EpisodeResult],
-    fewest: int,
+    fewest: _Fewest,
 ) -> Judgement:
     gain = _gain(name, ours, best, theirs)
     brakes, their_brakes = _hard_brakes_per_km(ours), _hard_brakes_per_km(theirs)
     comfort, their_comfort = _comfortable_percent(ours), _comfortable_percent(theirs)
+    missed, has_way = _missed(ours), any(row.way for row in ours)
     conditions = {
         "speed": gain.value - gain.half_width > 0,
-        "collisions": _hits(ours) <= fewest,
+        "collisions": _hits(ours) <= fewest.ego_hits,
+        "way": missed <= fewest.missed,
         "comfort": brakes <= their_brakes and (comfort or 0.0) >= (their_comfort or 0.0),
     }
     failures = tuple(condition for condition, holds in conditions.items() if not holds)
@@ -96,13 +118,15 @@ def _judgement(
         over=best,
         gain_m_s=gain,
         ego_hits=_hits(ours),
-        fewest_ego_hits=fewest,
+        fewest_ego_hits=fewest.ego_hits,
         hard_brakes_per_km=brakes,
         their_hard_brakes_per_km=their_brakes,
         comfortable_percent=comfort,
         their_comfortable_percent=their_comfort,
         failures=failures,
         passed=not failures,
+        missed=missed if has_way else None,
+        fewest_missed=fewest.missed if has_way else None,
     )
 
 
@@ -118,6 +142,10 @@ def _gain(
 
 def _hits(rows: Iterable[EpisodeResult]) -> int:
     return sum(row.ego_hit for row in rows)
+
+
+def _missed(rows: Iterable[EpisodeResult]) -> int:
+    return sum(row.missed for row in rows)
 
 
 def _hard_brakes_per_km(rows: Sequence[EpisodeResult]) -> float:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.env.metrics import EpisodeResult
+from drl_av.env.way import EXIT_MISSED, EXIT_TAKEN, MERGED, NOT_MERGED
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.aggregates import (
     Estimate,
@@ -18,6 +19,9 @@ from drl_av.evaluation.aggregates import (
 )
 from drl_av.files import write_whole
 from drl_av.traffic.road import FloatArray
+
+OF_A_WAY = ("exits_taken", "merged", "missed", "fewest_missed")
+"""Fields that are None on a road on which the ego has neither an exit nor a lane to leave."""
 
 
 class Mean(NamedTuple):
@@ -79,6 +83,10 @@ class Summary(NamedTuple):
     ego_hits: int
     triggers: Mean
     lane_changes: Mean
+    exits_taken: int | None = None
+    """Episodes in which the ego took its exit; None on a road without one."""
+    merged: int | None = None
+    """Episodes in which the ego left the lane in which it began, if that lane ends; else None."""
 
 
 def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
@@ -98,9 +106,17 @@ def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
             ego_hits=sum(row.ego_hit for row in group),
             triggers=mean_with_interval(row.safety_triggers for row in group),
             lane_changes=mean_with_interval(row.lane_changes for row in group),
+            exits_taken=_count(group, EXIT_TAKEN, EXIT_MISSED),
+            merged=_count(group, MERGED, NOT_MERGED),
         )
         for (vehicles, driver, check), group in groups.items()
     ]
+
+
+def _count(rows: Sequence[EpisodeResult], done: str, failed: str) -> int | None:
+    """Return the number of rows with the outcome ``done``; None if all have another kind of way."""
+    ways = [row.way for row in rows]
+    return ways.count(done) if {done, failed} & {*ways} else None
 
 
 class Overall(NamedTuple):
@@ -164,9 +180,19 @@ def _profile(strata: Sequence[FloatArray]) -> dict[int, float]:
 
 
 def write_summaries(path: Path, parts: Mapping[str, Iterable[Any]]) -> None:
-    """Write named lists of NamedTuples as a JSON object; raises DrlAvError if the write fails."""
+    """Write named lists of NamedTuples as a JSON object; raises DrlAvError if the write fails.
+
+    Values of a way are left out where there is none.
+    """
     objects = {
-        part: [{name: _plain(value) for name, value in each._asdict().items()} for each in found]
+        part: [
+            {
+                name: _plain(value)
+                for name, value in each._asdict().items()
+                if value is not None or name not in OF_A_WAY
+            }
+            for each in found
+        ]
         for part, found in parts.items()
     }
     write_whole(path, json.dumps(objects, indent=2).encode() + b"\n")

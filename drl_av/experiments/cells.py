@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from drl_av.config import Config
 from drl_av.drivers.policy_file import find_policy
@@ -80,7 +80,7 @@ class Drives:
 
 def selected(result: EpisodeResult, *names: str) -> Row:
     """Return the named fields of an episode as text; all fields if no name is given."""
-    values = asdict(result)
+    values = result.cells()
     return {name: str(values[name]) for name in names or values}
 
 

@@ -71,7 +71,7 @@ def test_info_of_a_step_tells_what_happened(env: HighwayEnv) -> None:
     assert (terminated, truncated) == (False, False)
     assert set(info) == {
         *("proposed_action", "executed_action", "rule", "rewards", "collision", "collided_with"),
-        *("speed_m_s", "indicators", "seed", "vehicles", "exit"),
+        *("way", "speed_m_s", "indicators", "seed", "vehicles", "exit"),
     }
     assert (info["proposed_action"], info["seed"], info["vehicles"]) == (1, 3, 5)
     assert set(info["rewards"]) == {"r_v", "r_y", "r_x"}

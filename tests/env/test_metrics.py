@@ -31,6 +31,7 @@ def decision(
     reward: float = -0.2,
     terms: tuple[float, float, float] = (-0.3, -0.3, 0.0),
     collision: Collision | None = None,
+    way: str = "",
 ) -> Decision:
     info = {
         "executed_action": executed,
@@ -38,6 +39,7 @@ def decision(
         "rewards": dict(zip(("r_v", "r_y", "r_x"), terms, strict=True)),
         "collision": "" if collision is None else collision.kind.value,
         "collided_with": "" if collision is None else collision.other,
+        "way": way,
     }
     action = ACTIONS[executed if proposed is None else proposed]
     over = collision is not None
@@ -97,6 +99,7 @@ def test_a_row_of_three_decisions_worked_out_by_hand() -> None:
         "min_headway_s": pytest.approx(20 / 18),  # 24 / 20 before, 21 / 14 after
         "hard_brakes": 1,
         "d_safe_violations": 2,
+        "way": "",
     }
 
 
@@ -106,8 +109,26 @@ def test_the_columns_stand_in_the_order_of_the_published_tables() -> None:
         *("mean_speed_m_s", "mean_reward", "mean_r_v", "mean_r_y", "mean_r_x"),
         *("collided", "ego_hit", "collision", "safety_triggers"),
         *("lane_changes", "aborted_lane_changes", "min_ttc_s", "min_headway_s"),
-        *("hard_brakes", "d_safe_violations"),
+        *("hard_brakes", "d_safe_violations", "way"),
     ]
+
+
+def test_the_way_is_a_column_only_where_the_ego_has_one() -> None:
+    names = [field.name for field in fields(EpisodeResult)]
+    loop = row(decision(), decision())
+    assert [*loop.cells()] == names[:-1]
+    assert not loop.missed
+    found = {}
+    for outcome in ("exit taken", "exit missed", "merged", "not merged"):
+        done = row(decision(), decision(way=outcome))
+        assert [*done.cells()] == names
+        found[done.cells()["way"]] = done.missed
+    assert found == {
+        "exit taken": False,
+        "exit missed": True,
+        "merged": False,
+        "not merged": True,
+    }
 
 
 def test_the_reset_counts_nowhere() -> None:

@@ -24,6 +24,7 @@ INFO = {
     "rule": "none",
     "executed_action": 0,
     "collision": "",
+    "way": "",
 }
 CHANGE = LaneChange(0, 1)
 
@@ -188,5 +189,5 @@ def test_the_command_and_the_function_add_the_columns_in_one_and_in_two_processe
     settings = {"simulation": {"decisions_per_episode": 6}}
     given = {"vehicles": 20, "episodes": 2, "seed": 800_000, "config": settings}
     rows = drl_av.evaluate("idm-mobil", criticality=True, **given)  # type: ignore[arg-type]
-    found = [list(map(str, vars(row).values())) for row in rows]
+    found = [list(map(str, row.cells().values())) for row in rows]
     assert found == tables[1][1:]

@@ -76,6 +76,7 @@ class ScriptedEnv:
             "collided_with": HIT.other if terminated else "",
             "vehicles": 3,
             "exit": "",
+            "way": "",
         }
         return observed(self.t), reward, terminated, self.t == len(self.script), info
 
@@ -186,7 +187,7 @@ def test_it_learns_from_lane_changes_that_its_driver_does_not_begin(
     assert buffer.safe.rows[:3, -3].tolist() == [LEFT] * 3
 
     driven: list[int] = []
-    result = EpisodeResult(*[0] * len(fields(EpisodeResult)))  # type: ignore[arg-type]
+    result = EpisodeResult(*[0] * (len(fields(EpisodeResult)) - 1))  # type: ignore[arg-type]
 
     def drive(env: Any, driver: Any, *_: Any) -> EpisodeResult:
         driven.append(driver.act(ALONE, observed(0)).number)

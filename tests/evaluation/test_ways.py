@@ -1,0 +1,98 @@
+"""Exits missed and merges that fail, in the tables, the summary, and pass or fail."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from drives import RESULT
+
+from drl_av.cli import main
+from drl_av.env.metrics import EpisodeResult
+from drl_av.evaluation.judgement import judge
+from drl_av.evaluation.statistics import summarize
+
+
+def drives(driver: str, ways: str, *speeds_m_s: float) -> list[EpisodeResult]:
+    """One episode for each letter of ``ways``, where x is a missed exit; the seeds count up."""
+    outcomes = {"o": "exit taken", "x": "exit missed"}
+    return [
+        replace(RESULT, driver=driver, seed=seed, mean_speed_m_s=speed, way=outcomes[way])
+        for seed, (way, speed) in enumerate(zip(ways, speeds_m_s, strict=True))
+    ]
+
+
+RULES = [
+    *drives("idm", "xxxx", 30.0, 30.0, 30.0, 30.0),  # never leaves its lane, and is fast
+    *drives("gap-mobil", "ooxo", 20.0, 20.0, 20.0, 20.0),
+    *drives("sumo", "xooo", 22.0, 22.0, 22.0, 22.0),  # the fastest of those that miss one
+]
+FASTER = (23.0, 23.5, 23.0, 23.5)
+
+
+def test_a_driver_is_compared_with_the_fastest_of_those_that_miss_fewest_exits() -> None:
+    [mine] = judge([*drives("mine", "oxoo", *FASTER), *RULES])
+    assert (mine.over, mine.passed) == ("sumo", True)
+    assert mine.gain_m_s.value == 1.25
+    assert (mine.missed, mine.fewest_missed) == (1, 1)
+    line = "\n  episodes in which the ego missed its exit or did not merge 1 (rule-based: 1)\n"
+    assert line in str(mine)
+
+
+def test_a_driver_that_misses_more_exits_fails_however_fast_it_is() -> None:
+    [mine] = judge([*drives("mine", "xoxo", 31.0, 32.0, 31.0, 32.0), *RULES])
+    assert (mine.failures, mine.missed) == (("way",), 2)
+    assert str(mine).startswith("mine: FAIL (way) against sumo\n")
+
+
+def test_without_a_way_nothing_is_said_of_one() -> None:
+    plain = [replace(row, way="") for row in [*drives("mine", "oooo", *FASTER), *RULES]]
+    [mine] = judge(plain)
+    assert (mine.over, mine.missed, mine.fewest_missed) == ("idm", None, None)
+    assert "exit" not in str(mine)
+    assert [(each.exits_taken, each.merged) for each in summarize(plain)] == [(None, None)] * 4
+
+
+def test_the_summary_counts_exits_and_merges() -> None:
+    exits = summarize([*drives("mine", "oxoo", *FASTER), *drives("idm", "xx", 30.0, 30.0)])
+    assert [(each.exits_taken, each.merged) for each in exits] == [(3, None), (0, None)]
+    merges = [replace(RESULT, way="merged"), replace(RESULT, way="not merged")]
+    assert [(each.exits_taken, each.merged) for each in summarize(merges)] == [(None, 1)]
+
+
+def test_the_command_shows_exits_and_fails_a_driver_that_misses_more(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "lazy_exit.py").write_text(
+        "from drl_av.drivers.rules import IdmDriver\n"
+        "def lazy(config):\n"
+        "    return IdmDriver(config.safety)\n"
+    )
+    words = ["evaluate", "--driver", "lazy_exit:lazy", "sumo", "--scenario", "exit"]
+    words += ["--vehicles", "0", "--episodes", "2", "--require-pass"]
+    out, summary = tmp_path / "rows.csv", tmp_path / "summary.json"
+    assert main([*words, "--out", str(out), "--json", str(summary)]) == 1
+    printed = capsys.readouterr().out
+    assert "taken" in printed
+    assert "missed its exit or did not merge 2 (rule-based: 0)" in printed
+    header, *rows = out.read_text().splitlines()
+    assert header.endswith("d_safe_violations,way")
+    assert [row.rpartition(",")[2] for row in rows] == ["exit missed", "exit taken"] * 2
+    found = json.loads(summary.read_text())
+    assert [each["exits_taken"] for each in found["by_vehicles"]] == [0, 2]
+    assert "merged" not in found["by_vehicles"][0]
+    assert found["judgements"][0]["failures"] == ["way"]  # it is faster
+
+
+def test_the_tables_of_a_loop_have_no_way(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, summary = tmp_path / "rows.csv", tmp_path / "summary.json"
+    words = ["evaluate", "--driver", "idm", "planner", "--vehicles", "1", "--episodes", "1"]
+    (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 2\n")
+    words += ["--config", str(tmp_path / "short.toml"), "--criticality"]
+    assert main([*words, "--out", str(out), "--json", str(summary)]) == 0
+    assert "way" not in out.read_text().splitlines()[0].split(",")
+    text = summary.read_text() + capsys.readouterr().out
+    assert not any(word in text for word in ("exit", "merge", "missed"))
