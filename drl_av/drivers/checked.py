@@ -1,4 +1,4 @@
-"""Two driver wrappers: one adds a safety check to a driver, one makes a driver of a function."""
+"""Two wrappers: one adds a safety check to a driver, the other makes a function a driver."""
 
 from collections.abc import Callable
 from typing import Any
@@ -14,10 +14,10 @@ from drl_av.safety.check import Rule, SafetyCheck, Verdict, judged
 
 
 class CheckedDriver:
-    """A driver whose proposals a safety check of its own examines before the environment does.
+    """A driver with its own safety check, which examines the actions of an inner driver.
 
-    In an environment without a check (``permit_all``) the ego then drives exactly as the inner
-    driver does in an environment with that check.
+    In an environment without a check (``permit_all``), the ego drives exactly as the inner driver
+    alone does in an environment with this check.
     """
 
     def __init__(self, driver: Driver, check: SafetyCheck) -> None:
@@ -28,10 +28,7 @@ class CheckedDriver:
         """Number of proposals since ``start`` that the check changed."""
 
     def start(self, seed: int) -> None:
-        """Prepare for an episode: set ``triggers``, the number of replaced actions, to 0.
-
-        The driver that it checks starts with ``seed``.
-        """
+        """Prepare for an episode: set ``triggers`` to 0, and start the inner driver."""
         self.verdict, self.triggers = None, 0
         self._driver.start(seed)
 
@@ -43,17 +40,17 @@ class CheckedDriver:
 
 
 class PolicyDriver:
-    """A driver that calls a function of the observation for the number of its action.
+    """A driver whose action is the number that a function of the observation returns.
 
     With stable-baselines3 pass ``lambda o: model.predict(o, deterministic=True)[0]``.
 
     Args:
         policy: The function from an observation to an action number.
-        observe: The function from a scene to the observation, for a policy that was trained with an
-            observation of its own; without it the policy takes the 27 scaled indicators.
+        observe: The function from a scene to the observation, for a policy that was trained with
+            another observation. If it is None, the policy gets the 27 scaled indicators.
 
     Raises:
-        ConfigError: one of them is no function, or does not take this one argument.
+        ConfigError: ``policy`` or ``observe`` is not a function of one argument.
     """
 
     def __init__(
@@ -70,10 +67,10 @@ class PolicyDriver:
         """Do nothing: ``seed`` is not passed on to the function."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Call the function with the observation, and return the action of that number, 0 to 11.
+        """Call the function with the observation, and return the action with the returned number.
 
         Raises:
-            ConfigError: the function returns anything else.
+            ConfigError: the function returns anything but an integer from 0 to 11.
         """
         observed = observation if self._observe is None else self._observe(scene)
         return action_of(self._policy(observed))

@@ -11,10 +11,13 @@ from drl_av.traffic.road import FloatArray
 
 
 class Driver(Protocol):
-    """Proposes one action for each decision of the ego; the safety check then examines it."""
+    """Proposes one action for each decision of the ego; the safety check examines this action."""
 
     def start(self, seed: int) -> None:
-        """Prepare for a new episode; draw all random numbers from a generator of ``seed``."""
+        """Prepare for a new episode.
+
+        A driver that needs random numbers draws them from a generator with this seed.
+        """
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the action to propose in this scene.
@@ -24,7 +27,7 @@ class Driver(Protocol):
 
 
 class Decisions(NamedTuple):
-    """What R background vehicles do until they decide again; both arrays have shape (R,)."""
+    """What R background vehicles do until the next decision; both arrays have shape (R,)."""
 
     acceleration_m_s2: FloatArray
     side: npt.NDArray[np.intp]

@@ -34,7 +34,7 @@ _AGENTS = {
     "sb3_contrib.qrdqn.policies": ("sb3_contrib", "QRDQN"),
     "sb3_contrib.common.maskable.policies": ("sb3_contrib", "MaskablePPO"),
 }
-"""(library, class) of an agent; the key is the module of the policy class in its zip file."""
+"""The library and the class of an agent, by the module of the policy class in its zip file."""
 
 
 def is_factory(word: str) -> bool:
@@ -73,14 +73,14 @@ def driver_of_factory(word: str, config: Config) -> Driver:
 
 
 def is_driver(made: object) -> bool:
-    """Return whether an object, but no class, has a driver's methods ``start`` and ``act``."""
+    """Return whether an object has the methods ``start`` and ``act``; False for a class."""
     if isinstance(made, type):
         return False
     return callable(getattr(made, "start", None)) and callable(getattr(made, "act", None))
 
 
 def require_methods(driver: Driver, name: str) -> None:
-    """Raise ConfigError if a driver's methods do not take the arguments that they are given."""
+    """Raise ConfigError if a driver's methods do not take the arguments of ``Driver``'s methods."""
     require_function(driver.start, f"The method start of the driver {name!r}", "seed")
     require_function(driver.act, f"The method act of the driver {name!r}", "scene", "observation")
 
@@ -98,7 +98,7 @@ def _working_directory_first() -> Iterator[None]:
 def driver_of_agent(path: Path) -> Driver:
     """Load an agent that stable-baselines3 or sb3-contrib saved; the driver acts deterministically.
 
-    Their loader unpickles the zip file, which can run any code: load only files that you trust.
+    The libraries unpickle the zip file, which can run any code: load only files that you trust.
 
     Raises:
         CheckpointError: the file holds no such agent, its library is not installed, or the agent
@@ -130,7 +130,7 @@ def _agent_class(path: Path) -> tuple[str, str]:
     """Read from an agent's zip file the names of its library and class.
 
     Raises:
-        CheckpointError: it is no zip file of an agent, or the class is not known here.
+        CheckpointError: the file is not the zip file of an agent, or its class is not supported.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -152,11 +152,11 @@ def _agent_class(path: Path) -> tuple[str, str]:
 
 
 class OnnxDriver:
-    """A driver that runs the network of an ONNX file, which ``drl-av export`` or a user wrote.
+    """A driver that runs the network of an ONNX file from ``drl-av export`` or from a user.
 
-    A user's network has one input, scaled observations, float32 of shape (rows, 27). Its output is
-    either action numbers, shape (rows,), or action values, shape (rows, 12), of which the driver
-    chooses the greatest.
+    A user's network has one input: scaled observations, float32 of shape (rows, 27). Its output
+    holds either action numbers, shape (rows,), or action values, shape (rows, 12). From action
+    values the driver chooses the action with the greatest.
 
     Raises:
         CheckpointError: the file holds no such network, or onnxruntime is not installed.
@@ -192,7 +192,8 @@ Run = Callable[[dict[str, npt.NDArray[Any]]], npt.NDArray[Any]]
 def _session(path: Path) -> Run:
     """Return a function that runs the network once and returns its first output.
 
-    Its argument holds an array for each input name; a user's network gets that of the key ''.
+    The function takes a dictionary of arrays by input name. A network that a user wrote gets the
+    array with the key ''.
 
     Raises:
         CheckpointError: the file holds no such network, or onnxruntime is not installed.

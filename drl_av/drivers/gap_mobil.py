@@ -10,8 +10,9 @@ from drl_av.driving.car_following import time_gap_acceleration
 class GapMobilDriver(MobilDriver):
     """Keeps a constant time gap of ``headway_s`` to the vehicle ahead, and changes lanes by MOBIL.
 
-    It is deterministic. No parameter is tuned to any traffic: the law's standstill gap and gain are
-    those of the adaptive cruise control (``ego.longitudinal_reference`` = ``acc``).
+    The driver is deterministic. No parameter is tuned to any traffic: the standstill gap and the
+    gain of the time-gap law are those of the adaptive cruise control
+    (``ego.longitudinal_reference`` = ``acc``).
     """
 
     def __init__(
@@ -23,7 +24,7 @@ class GapMobilDriver(MobilDriver):
     def longitudinal(self, affordances: Affordances) -> Longitudinal:
         """Return the action whose acceleration is nearest to that of the time-gap law.
 
-        Without a vehicle ahead in range it accelerates.
+        If no vehicle ahead is in range, the action is to accelerate.
         """
         front = affordances.own_front
         if front is None:

@@ -20,7 +20,7 @@ CHANGES_LANE = np.array([action.lateral is not Lateral.KEEP for action in ACTION
 
 
 def network_values(network: QNetwork) -> Values:
-    """Return a function that computes Q(s, .) by this network, always with its current weights."""
+    """Return a function that computes Q(s, .) with the current weights of this network."""
     layers = network.layers
     return lambda s: forward(layers, s)[1]
 
@@ -46,8 +46,8 @@ def mean_values(members: Sequence[Values]) -> Values:
 
     As in Ensemble-DQN (Anschel et al. 2017), the networks learn separately and decide together.
     Each network learns from its own batches, as in MeanQ (Liang et al. 2022), and has its own
-    target network, as the heads of bootstrapped DQN do (Osband et al. 2016). The mean has smaller
-    random errors, because the networks seldom make the same error.
+    target network, as in bootstrapped DQN (Osband et al. 2016). The mean has smaller random errors
+    than each network, because the networks seldom make the same error.
     """
     first, *others = members
 
@@ -65,8 +65,8 @@ class LearnedDriver:
     """Chooses the action of the greatest Q-value, with a margin for lane changes (ours).
 
     Where two lanes are equally good, small errors of the networks can start a lane change and abort
-    it at the next decision. The driver therefore starts a lane change only if its Q-value exceeds
-    that of the best action without a lane change by more than the margin.
+    it at the next decision. The driver therefore starts a lane change only if the Q-value of the
+    lane change exceeds that of the best action without one by more than the margin.
     """
 
     def __init__(self, values: Values, lane_change_margin: float = 0.0) -> None:
@@ -83,14 +83,14 @@ class LearnedDriver:
     def greedy(self, s_t: Float32Array) -> int:
         """Return the number of the greedy action, argmax_a Q(s_t, a), without the margin.
 
-        Algorithm 1 of the paper, line 5, with probability 1 - epsilon.
+        The training chooses it with probability 1 - epsilon (Algorithm 1 of the paper, line 5).
         """
         return int(self.values(s_t).argmax())
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Return the action argmax_a Q(s, a), after the margin is subtracted from lane changes.
+        """Return the action argmax_a Q(s, a), with the margin subtracted from lane changes' Q.
 
-        Nothing is subtracted while a lane change is in progress.
+        The margin is not subtracted while a lane change is in progress.
         """
         values = self.values(observation)
         if scene.lane_change is None:
@@ -99,9 +99,10 @@ class LearnedDriver:
 
 
 def learned_driver(networks: Sequence[QNetwork], config: Config) -> LearnedDriver:
-    """Build the driver of networks with the mirror, ensemble and margin of these settings.
+    """Build the driver that follows these networks, with the mirror and margin of ``config``.
 
-    The driver always uses the current weights of the networks, also during a training.
+    Several networks form an ensemble. The driver always uses their current weights, also while
+    they are trained.
     """
     members = [network_values(network) for network in networks]
     if config.learning.mirrored:

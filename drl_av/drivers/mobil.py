@@ -28,9 +28,10 @@ class MobilDriver:
         """Do nothing: the driver has no state and draws no random numbers."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Start a change to the lane of the larger gain if MOBIL's two criteria hold, else keep.
+        """Return the IDM's longitudinal action, with a lane change if MOBIL demands one.
 
-        The criteria are safety and incentive. A lane change in progress is never aborted.
+        The driver starts a change to the lane with the larger gain if MOBIL's safety and incentive
+        criteria both hold. It never aborts a lane change.
         """
         longitudinal = self.longitudinal(scene.affordances)
         if scene.lane_change is not None:
@@ -45,13 +46,14 @@ class MobilDriver:
         return Action(toward(sign) if is_beneficial else Lateral.KEEP, longitudinal)
 
     def longitudinal(self, affordances: Affordances) -> Longitudinal:
-        """Return the longitudinal action; here that of the paper's IDM."""
+        """Return the longitudinal action, in this class that of the paper's IDM."""
         return idm_action(affordances, self._safety)
 
     def bias(self, affordances: Affordances) -> float:
-        """Return MOBIL's bias of mandatory lane changes, m/s^2: to the left > 0, to the right < 0.
+        """Return MOBIL's bias towards mandatory lane changes, m/s^2, left positive (ours).
 
-        It grows as the distance shrinks to ``UNHURRIED_M`` for each lane change (ours).
+        The bias grows while the distance that is left for the lane changes shrinks. It is largest
+        once this distance is ``UNHURRIED_M`` for each lane change. It is 0 if none is mandatory.
         """
         lanes, within_m = affordances.mandatory
         share = abs(lanes) * UNHURRIED_M / max(within_m, 1.0)
@@ -61,8 +63,9 @@ class MobilDriver:
         """Return the gain of a lane change to the left (+1) or right (-1), m/s^2.
 
         The gain is the left side of MOBIL's incentive criterion, a_c' - a_c + p (a_n' - a_n + a_o'
-        - a_o); c is the ego, n its new and o its old follower, ' means after the change, and p is
-        the politeness. It is -inf if n would brake harder than the safety criterion permits.
+        - a_o). Here c is the ego, n its follower after the lane change, o its follower before it,
+        a' an acceleration after the lane change, a one before it, and p the politeness. The gain is
+        -inf if n would brake harder than the safety criterion permits.
         """
         affordances, length_m = scene.affordances, float(scene.snapshot.length_m[EGO])
         new_follower = self._behind(affordances, affordances.rear(sign))
@@ -86,7 +89,7 @@ class MobilDriver:
         return idm_acceleration(speed_m_s, desired, gap_m, closing_m_s, self._mobil)
 
     def _ahead(self, affordances: Affordances, front: Neighbor | None) -> float:
-        """Return the ego's IDM acceleration behind ``front``, or on a free road if None, m/s^2."""
+        """Return the ego's IDM acceleration behind ``front``, m/s^2; None means a free road."""
         if front is None:
             return self._idm(affordances.ego_speed_m_s, math.inf, 0.0)
         return self._idm(affordances.ego_speed_m_s, front.gap_m, -front.relative_speed_m_s)
@@ -105,9 +108,10 @@ class MobilDriver:
         front: Neighbor | None,
         length_m: float,
     ) -> float:
-        """Return the IDM acceleration that ``rear`` has behind ``front`` if the ego is not between.
+        """Return the IDM acceleration, m/s^2, that ``rear`` would have behind ``front``.
 
-        The unit is m/s^2; it is 0 if ``rear`` is None. ``length_m`` is the length of the ego.
+        The ego is taken to be absent; ``length_m`` is its length. The acceleration is 0 if ``rear``
+        is None; if ``front`` is None, ``rear`` has a free road.
         """
         if rear is None:
             return 0.0

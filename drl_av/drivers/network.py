@@ -49,7 +49,10 @@ class QNetwork:
         return self.split(self.flat)
 
     def split(self, flat: Float32Array) -> Layers:
-        """Return views of a vector in the layout of ``flat``, such as a gradient, by layer."""
+        """Return the (weight, bias) of each layer as views of ``flat``.
+
+        The argument has the layout of the attribute ``flat``, as a gradient has, for example.
+        """
         layers, start = [], 0
         for inputs, outputs in zip(self.sizes[:-1], self.sizes[1:], strict=True):
             middle, end = start + inputs * outputs, start + (inputs + 1) * outputs
@@ -68,9 +71,9 @@ class QNetwork:
 def forward(layers: Layers, s: Float32Array) -> tuple[list[Float32Array], Float32Array]:
     """Run the network on observations; return the list of each layer's input, and Q(s, .).
 
-    ``s`` has shape (rows, observation_size) and Q shape (rows, action_size), or both without the
-    axis of rows. The Q-values of a single observation may differ in the last bits from those of the
-    same observation in a batch, because BLAS sums in another order.
+    ``s`` has shape (rows, observation_size), and Q has shape (rows, action_size). For a single
+    observation both lack the axis ``rows``. The Q-values of a single observation may differ in the
+    last bits from those of the same observation in a batch, because BLAS sums in another order.
     """
     entered = [s]
     for weight, bias in layers[:-1]:

@@ -46,13 +46,13 @@ class _Graph:
 def export(
     path: Path, networks: Sequence[QNetwork], config: Config, scale: ObservationScale
 ) -> None:
-    """Write the driver of trained networks to an ONNX file; needs the package onnx.
+    """Write the driver of trained networks to an ONNX file, with the package onnx.
 
-    ``onnx_interface`` describes the inputs, the outputs and the metadata, which the file holds too.
+    The module ``onnx_interface`` describes the file's inputs, outputs and metadata.
 
     Raises:
-        DrlAvError: onnx is not installed, the driver also observes its way (``observation.way``),
-            or the file cannot be written.
+        DrlAvError: onnx is not installed, ``observation.way`` is on (not supported), or the file
+            cannot be written.
     """
     if config.observation.way:
         raise DrlAvError(
@@ -87,7 +87,7 @@ def export(
 
 
 def _described(ports: Sequence[Port]) -> list[Any]:
-    """Return the inputs or outputs with their types, shapes and meanings, as ONNX has them."""
+    """Return the inputs or outputs as ONNX objects with types, shapes and meanings."""
     from onnx import helper
 
     return [
@@ -102,7 +102,7 @@ def _described(ports: Sequence[Port]) -> list[Any]:
 
 
 def _scaled(graph: _Graph, scale: ObservationScale) -> str:
-    """Add nodes that scale the indicators as ``ObservationScale``; return the output's name."""
+    """Add nodes that scale the indicators like ``ObservationScale``; return the output's name."""
     shifted = graph.add("Sub", INDICATORS_INPUT, graph.constant(scale.offset))
     exact = graph.add("Div", shifted, graph.constant(scale.scale))
     s = graph.add("Cast", exact, to=1)

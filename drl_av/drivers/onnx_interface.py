@@ -1,4 +1,4 @@
-"""Describes the inputs and outputs of an exported driver for its file, the help and the docs."""
+"""Descriptions of an exported driver's inputs and outputs, for its file, the help and the docs."""
 
 import json
 from typing import NamedTuple
@@ -13,14 +13,14 @@ class Port(NamedTuple):
 
     name: str
     dtype: str
-    """The numpy name of its element type."""
+    """The numpy name of the element type."""
     columns: int | None
-    """Its shape is (rows, columns), or (rows,) if None. A row is a scene."""
+    """The shape is (rows, columns), or (rows,) if ``columns`` is None. Each row is one scene."""
     meaning: str
 
     @property
     def shape(self) -> list[str | int]:
-        """The shape, with the name of the free dimension."""
+        """The shape; a dimension of any size is given by its name."""
         return ["rows"] if self.columns is None else ["rows", self.columns]
 
 

@@ -1,4 +1,4 @@
-"""Makes a driver of the ego obey the ban on passing on the right, as SUMO's drivers do (ours)."""
+"""Keeps a driver of the ego from passing on the right, which SUMO's drivers do not do (ours)."""
 
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +14,9 @@ from drl_av.driving.scene import Scene
 class NoPassingOnTheRight:
     """Wraps a driver so that it does not pass vehicles on their right side.
 
-    It stays behind the vehicle ahead in the left lane as it does behind the vehicle ahead in its
-    own lane, and changes to the right only if the latter may be passed on the right. Vehicles
-    beside the ego (gap 0) and vehicles not faster than 60 km/h may be passed.
+    The driver stays behind the vehicle ahead in the left lane as if that vehicle were in its own
+    lane. It changes to the right only if it may pass the vehicle ahead in its own lane. It may pass
+    a vehicle that is beside the ego (gap 0) or not faster than 60 km/h.
     """
 
     def __init__(self, driver: Driver, ego: EgoConfig) -> None:
@@ -29,8 +29,9 @@ class NoPassingOnTheRight:
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the inner driver's action, changed where it would pass on the right.
 
-        A change to the right becomes keep; the acceleration is the smaller one of those for the
-        vehicle ahead in the own lane and for the one in the left lane.
+        A forbidden change to the right becomes KEEP. Behind a vehicle in the left lane that must
+        not be passed, the inner driver acts a second time, as if that vehicle were in its own lane;
+        the smaller of the two accelerations is used.
         """
         action = self._driver.act(scene, observation)
         lateral, longitudinal = action

@@ -22,10 +22,11 @@ PRETRAINED = Path(__file__).parent.parent / "pretrained"
 SHIPPED = {"pretrained": PRETRAINED} | {
     f"pretrained-{kind}": PRETRAINED / kind for kind in ("merge", "exit", "ramp_to_ramp")
 }
-"""The folder of each driver that ships with the package, by the driver's name: one for the loop,
-and one for each kind of road with a ramp."""
+"""The folder of each driver that ships with the package, by the driver's name. One driver is for
+the loop, and one for each kind of road with a ramp."""
 FORMAT = "drl_av/1"
-"""The only key in the metadata of a file: safetensors writes several keys in random order."""
+"""The only key in the metadata of a file. One key keeps files reproducible: safetensors writes
+several keys in random order."""
 _AS_IT_IS = "drl-av evaluate and replay drive with this file as it is"
 OTHER_FILES = {
     ".zip": ("an agent of stable-baselines3", _AS_IT_IS),
@@ -33,7 +34,7 @@ OTHER_FILES = {
     ".npz": ("a recorded episode", "drl-av replay repeats it"),
     ".toml": ("a file of settings", "pass it as config, or after --config"),
 }
-"""What a file that holds no policy holds, and its use, by suffix."""
+"""What a file other than a policy file holds, and how to use it, by suffix."""
 _DAMAGE = (SafetensorError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
 """The errors that a damaged file, or a file of another program, can cause."""
 
@@ -41,7 +42,7 @@ _DAMAGE = (SafetensorError, ValueError, LookupError, TypeError, AttributeError, 
 def checksum(tensors: State, text: str) -> str:
     """Return the SHA-256, in hex, of the metadata ``text`` and all arrays.
 
-    Of each array it covers name, type, shape and bytes.
+    The hash covers the name, type, shape and bytes of each array.
     """
     digest = hashlib.sha256(text.encode())
     for name in sorted(tensors):
@@ -136,8 +137,8 @@ def find_policy(path: Path) -> Path:
     """Return ``path/policy.safetensors`` if ``path`` is a folder of a run, else ``path`` itself.
 
     Raises:
-        RunError: that file does not exist (no such run, or the run has not saved a policy yet), or
-            it holds something else.
+        RunError: there is no such run or file, the run has not saved a policy yet, or the file is
+            of another kind.
     """
     remedy = "give a run's folder that has a policy.safetensors, or pretrained, the shipped driver"
     file = path / "policy.safetensors" if path.is_dir() else path
@@ -161,7 +162,7 @@ def load_run(path: Path) -> tuple[list[QNetwork], Config]:
 
     Raises:
         RunError: there is no policy file, or the file holds something else.
-        CheckpointError: the policy file is damaged, or its config is not that of ``config.toml`` in
+        CheckpointError: the policy file is damaged, or its config differs from ``config.toml`` in
             the folder.
     """
     file = find_policy(path)

@@ -1,7 +1,7 @@
 """Finds and makes the drivers of the ego by name: rule-based, shipped, learned and external ones.
 
-To add a rule-based driver, write its file and add a line to ``RULE_DRIVERS``; the help of the
-command line lists it then.
+To add a rule-based driver, write its file and add a line to ``RULE_DRIVERS``. The command line help
+then lists it.
 """
 
 from collections import Counter
@@ -39,7 +39,7 @@ RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "planner": PlannerDriver,
     "random": lambda config: RandomDriver(),
 }
-"""The functions that make the rule-based drivers from an environment's config, by driver name.
+"""For each rule-based driver, by name, the function that makes it from an environment's config.
 
 Each worker process has its own copy of this table. An evaluation with a driver that your program
 adds at run time can therefore use one process only.
@@ -50,18 +50,18 @@ DRIVER_FILES = (".safetensors", *LOADERS)
 
 
 class DriverSpec(NamedTuple):
-    """A driver that the user requests: its name, and where it comes from."""
+    """A driver that the user requests: its name and its source."""
 
     name: str
     """Name of the driver in the results, unique among the requested drivers."""
     run: Path | None
     """The run's folder or the driver's file; None for a rule-based driver or a factory."""
     own: Driver | None = None
-    """The driver object, if the user's program passes one, else None."""
+    """The driver object that the user's program passes; None if there is none."""
 
     @property
     def is_external(self) -> bool:
-        """Whether the driver is a zip or ONNX file, which contains no config of drl-av."""
+        """Whether the driver's file is a zip or ONNX file, which holds no config of drl-av."""
         return self.run is not None and self.run.suffix in LOADERS
 
 
@@ -71,22 +71,22 @@ def driver_names() -> tuple[str, ...]:
 
 
 def baselines(names: Iterable[str]) -> list[str]:
-    """Return those of the names that are rule-based drivers, to which the others are compared.
+    """Return those names that belong to baselines, with which other drivers are compared.
 
-    The planner, which searches, is no baseline.
+    The baselines are the rule-based drivers except ``planner``, which searches among plans.
     """
     return [name for name in dict.fromkeys(names) if name in RULE_DRIVERS and name != "planner"]
 
 
 def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
-    """Find the driver of each word of the user; a repeated word counts once.
+    """Find the driver that each word names; a repeated word counts once.
 
     A word is one of ``driver_names``, the folder of a run, a policy file, a stable-baselines3 zip
     file, an ONNX file, or a user's factory in the form ``module:factory``. A driver with a path is
     named after the last part of its path, or after the whole path if two would share a name.
 
     Raises:
-        ConfigError: a word is none of these; the message may suggest a similar name.
+        ConfigError: a word names no driver; the message may suggest a similar name.
     """
     runs: dict[str, Path | None] = {}
     for word in dict.fromkeys(words):
@@ -120,11 +120,11 @@ def _unknown(word: str) -> ConfigError:
 
 
 def default_config(specs: Sequence[DriverSpec]) -> Config:
-    """Return the config of the first learned driver; if none is learned, the default config.
+    """Return the config of the first learned driver, or the default config without one.
 
     Raises:
         RunError: the run of that driver does not exist, or has not saved a policy yet.
-        CheckpointError: its policy file is damaged.
+        CheckpointError: the policy file of that driver is damaged.
     """
     run = next((spec.run for spec in specs if spec.run and not spec.is_external), None)
     return load_learned(run)[1] if run else Config()
@@ -133,15 +133,15 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
 def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Driver]:
     """Load or build each driver for an environment with this config; the keys are their names.
 
-    A learned driver keeps its own margin for lane changes if ``learning.lane_change_margin`` of
-    ``config`` equals that of the first learned driver; otherwise all use the margin of ``config``.
+    All learned drivers use ``learning.lane_change_margin`` of ``config``, except if it equals that
+    of the first learned driver: then each learned driver keeps its own margin.
 
     Raises:
         RunError: a run has no policy file; or a learned driver was trained with other settings of
-            [observation] or another ``ego.max_speed_m_s``; or a zip or ONNX file is to drive with
-            ``observation.way``.
+            [observation] or another ``ego.max_speed_m_s``; or ``observation.way`` is on, and a
+            driver is a zip or ONNX file.
         CheckpointError: a file is damaged or holds no driver.
-        ConfigError: a factory does not work, or a rule-based driver has no such name.
+        ConfigError: a factory does not work, or no rule-based driver has the name.
     """
     drivers: dict[str, Driver] = {}
     learned = {
@@ -174,15 +174,17 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
 
 
 def _observed_by(config: Config) -> tuple[object, ...]:
-    """Return the settings on which the numbers in an observation depend."""
+    """Return the settings that determine the numbers in an observation."""
     return config.observation, config.ego.max_speed_m_s
 
 
 def rule_driver(name: str, config: Config) -> Driver:
     """Make the rule-based driver of this name, or the driver of a factory ``module:factory``.
 
-    A rule-based driver passes on the right only if ``ego.overtake_right`` permits it. Raises
-    ConfigError if there is no such driver or the factory does not work.
+    The driver passes on the right only if ``ego.overtake_right`` permits it.
+
+    Raises:
+        ConfigError: there is no such driver, or the factory does not work.
     """
     if name not in RULE_DRIVERS and is_factory(name):
         return driver_of_factory(name, config)
@@ -228,7 +230,7 @@ def load_learned(path: Path) -> tuple[LearnedDriver, Config]:
 
     Raises:
         RunError: there is no policy file.
-        CheckpointError: the policy file is damaged, or belongs to another config than the folder.
+        CheckpointError: the policy file is damaged, or its config differs from the folder's.
     """
     networks, config = policy_file.load_run(path)
     return learned_driver(networks, config), config

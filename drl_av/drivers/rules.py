@@ -1,4 +1,4 @@
-"""Rule-based drivers: those with which Sec. IV-C of the paper compares, and a random one."""
+"""Rule-based drivers: the two baselines of Sec. IV-C of the paper, and a random driver."""
 
 import numpy as np
 import numpy.typing as npt
@@ -13,10 +13,10 @@ from drl_av.safety.paper import closing_speed, gap_condition, safe_action, time_
 def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
     """Choose the action of the paper's IDM: accelerate if T_C > T_A, else the action of eq. 3.
 
-    T_C is the time to collision with the vehicle ahead, infinite without one, and T_A is
+    T_C is the time to collision with the vehicle ahead, infinite without a vehicle, and T_A is
     ``config.accelerate_ttc_s``. We add one condition to the paper's rule: it accelerates only if
-    eq. 2, the gap condition, holds too. At equal speeds T_C is infinite at any gap, and the rule
-    as printed would accelerate into the vehicle ahead.
+    eq. 2, the gap condition, holds, too. At equal speeds T_C is infinite at any gap, so the paper's
+    rule would accelerate into the vehicle ahead.
     """
     front = affordances.own_front
     if front is None:
@@ -46,9 +46,9 @@ class IdmSumoDriver(IdmDriver):
     """The driver ``idm-sumo``: ``idm``, plus the lane changes that SUMO's SL2015 would make."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Start the lane change that SUMO's model wants, with the IDM's longitudinal action.
+        """Return the IDM's longitudinal action, with the lane change that SUMO's model demands.
 
-        A lane change in progress is completed.
+        A lane change in progress is always completed.
         """
         sign = scene.snapshot.sumo_lane_change if scene.lane_change is None else 0
         return Action(toward(sign), idm_action(scene.affordances, self._config))

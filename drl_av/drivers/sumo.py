@@ -8,13 +8,15 @@ from drl_av.driving.scene import Scene
 from drl_av.traffic.ego_model import EgoModel
 
 TUNED = EgoModel(headway_s=0.8, assertiveness=1.5, speed_gain=5.0, overtake_right=True)
-"""The parameters of ``sumo-tuned`` (ours): the fastest of a search outside the project."""
+"""The parameters of ``sumo-tuned`` (ours): the fastest that a search found. The search is not part
+of this project."""
 
 
 class SumoDriver:
     """Lets SUMO's IDM and lane-change model SL2015 drive the ego, with the parameters ``model``.
 
-    ``rollout`` calls ``HighwayEnv.hand_over`` for it; the environment then ignores the actions.
+    For this driver ``rollout`` calls ``HighwayEnv.hand_over``; the environment then ignores the
+    driver's actions.
     """
 
     def __init__(self, model: EgoModel) -> None:

@@ -31,9 +31,10 @@ def finite_state(
 ) -> tuple[IntArray, Decisions]:
     """Return the next state, shape (R,), and the decision of each of R vehicles.
 
-    ``states`` and the desired speeds ``desired_m_s`` have shape (R,). A vehicle behind a slow one
-    requests a change to the better lane if the gaps there are large enough. If SUMO has not begun
-    that lane change by the next decision, the vehicle follows or cruises again.
+    ``states`` and the desired speeds ``desired_m_s`` have shape (R,). A vehicle behind a slow
+    leader requests a change to the faster neighbouring lane if the gaps in that lane are large
+    enough. If SUMO has not begun that lane change by the next decision, the vehicle returns to
+    FOLLOW or CRUISE.
     """
     states = _longitudinal_states(neighbors, states, config)
     side = np.where(neighbors.under_way, 0, _side(neighbors, states, desired_m_s, config))
@@ -46,7 +47,7 @@ def _longitudinal_states(
 ) -> IntArray:
     """Return FOLLOW for each vehicle that is near the one ahead, else CRUISE; shape (R,).
 
-    With hysteresis: a vehicle that does not cruise needs a larger gap to cruise again.
+    The switch has a hysteresis: a vehicle needs a larger gap to enter CRUISE than to remain in it.
     """
     headway_s = np.where(states == State.CRUISE, config.follow_headway_s, config.cruise_headway_s)
     near_m = config.standstill_gap_m + headway_s * neighbors.speed_m_s
@@ -56,10 +57,10 @@ def _longitudinal_states(
 def _side(
     neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
 ) -> IntArray:
-    """Return the lane change each vehicle wants: +1 left, -1 right, 0 none; shape (R,).
+    """Return the lane change that each vehicle wants: +1 left, -1 right, 0 none; shape (R,).
 
-    A vehicle that follows a slow leader wants the lane of the greater gain in speed, if it is clear
-    and the gain is worthwhile; left if both gains are equal.
+    A vehicle that follows a slow leader wants the clear lane with the greater gain in speed. The
+    gain must be at least ``config.worthwhile_gain_m_s``. If both gains are equal, it wants left.
     """
     leader_m_s = neighbors.speed_m_s + neighbors.relative_speed_m_s[:, OWN, FRONT]
     held_up = (states == State.FOLLOW) & (leader_m_s < desired_m_s - config.slow_leader_m_s)
@@ -84,8 +85,8 @@ def _clear(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> Boo
 def _gain(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
     """Return the gain in speed of a change to ``lane``, m/s, shape (R,).
 
-    It is the speed of the vehicle ahead there minus that of the vehicle ahead in the own lane, and
-    inf if the vehicle ahead there is far.
+    The gain is the speed of the vehicle ahead in ``lane`` minus the speed of the vehicle ahead in
+    the own lane. It is inf if the gap in ``lane`` is so large that the vehicle would cruise there.
     """
     far_m = config.standstill_gap_m + config.cruise_headway_s * neighbors.speed_m_s
     speed = neighbors.relative_speed_m_s
@@ -96,9 +97,10 @@ def _gain(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> Floa
 def _acceleration(
     neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
 ) -> FloatArray:
-    """Return each acceleration, m/s^2, shape (R,): toward the desired speed, behind all leaders.
+    """Return the acceleration of each vehicle, m/s^2, shape (R,), within the limits of ``config``.
 
-    The leaders are the vehicles ahead in the own lane and in the lane that a lane change enters.
+    It is the smallest of those that the desired speed and the leaders demand. The leaders are the
+    vehicles ahead in the own lane and in the lane that a lane change enters.
     """
     free = config.speed_gain_per_s * (desired_m_s - neighbors.speed_m_s)
     own = np.where(states == State.CRUISE, np.inf, _behind(neighbors, OWN, config))

@@ -8,10 +8,10 @@ from drl_av.drivers.driver import Decisions
 
 
 class HardBraking:
-    """Replaces the decisions of vehicles while they brake hard, for ``traffic.hard_brake_s``.
+    """Replaces the decisions of vehicles that brake hard.
 
-    At each decision a random stream of its own draws which vehicles begin to brake. ``n`` is the
-    number of rows in a snapshot.
+    At each decision a separate random generator draws which vehicles begin to brake; they brake
+    for ``traffic.hard_brake_s``. ``n`` is the number of rows in a snapshot.
     """
 
     def __init__(self, seed: int, n: int, config: Config) -> None:
@@ -20,7 +20,7 @@ class HardBraking:
         self._config = config
 
     def __call__(self, decisions: Decisions, rows: npt.NDArray[np.intp]) -> Decisions:
-        """Return the decisions, changed to hard braking in the own lane for vehicles that brake.
+        """Return the decisions; a vehicle that brakes hard keeps its lane.
 
         ``rows``, shape (R,), holds each vehicle's row index in the snapshot arrays.
         """

@@ -30,12 +30,12 @@ LEVEL_0 = np.array(
         [Longitudinal.ACCELERATE, Longitudinal.ACCELERATE, Longitudinal.ACCELERATE],
     ]
 )
-"""The action of level 0, by its gap to the vehicle ahead (rows: close, nominal, far) and by how
-the gap changes (columns: shrinks, is stable, grows)."""
+"""The action of a level-0 driver. The row is the gap to the vehicle ahead (close, nominal, far),
+the column is the change of this gap (it shrinks, is stable, grows)."""
 
 
 def level_0(neighbors: Surroundings, config: Level0Config, ego: EgoConfig) -> Decisions:
-    """Return the decisions of level-0 drivers: by table LEVEL_0, without lane changes."""
+    """Return the decisions of level-0 drivers: the actions of LEVEL_0, without lane changes."""
     distance = np.digitize(
         neighbors.gap_m[:, OWN, FRONT], (config.close_m, config.nominal_m), right=True
     )
@@ -49,8 +49,8 @@ def level_0(neighbors: Surroundings, config: Level0Config, ego: EgoConfig) -> De
 class Level1:
     """The level-1 driver: the greedy policy of a network that was trained in level-0 traffic.
 
-    ``config`` is that of the training; it determines the observation. The driver uses neither the
-    mirror image nor a margin for lane changes.
+    ``config`` is the config of the training, which determines the observation. The driver averages
+    no mirror image and has no margin for lane changes.
     """
 
     def __init__(self, layers: Layers, config: Config, road: Road) -> None:
@@ -64,8 +64,8 @@ class Level1:
     def __call__(self, neighbors: Surroundings) -> Decisions:
         """Return the decision with the greatest Q-value for each vehicle.
 
-        A lane change is requested only if rules 2 and 3 of the check ``paper`` permit it, as in the
-        training, and never during another one, because SUMO cannot abort a lane change.
+        As in its training, a vehicle requests a lane change only if rules 2 and 3 of the check
+        ``paper`` permit it. It requests none during a lane change, because SUMO cannot abort one.
         """
         _, values = forward(self._layers, self._scale(neighbors.vectors()))
         best = values.argmax(axis=1)
@@ -77,7 +77,8 @@ class Level1:
     def _is_clear(self, neighbors: Surroundings, lane: int) -> npt.NDArray[np.bool_]:
         """Return whether rules 2 and 3 of the check ``paper`` permit to enter ``lane``; shape (R,).
 
-        They require that the lane exists, and that its gaps and the gap ahead are large enough.
+        The rules require that the lane exists, that both gaps in the lane are large enough, and
+        that the gap ahead in the own lane is, too.
         """
         gap_m, speed_m_s = neighbors.gap_m, neighbors.relative_speed_m_s
         clear: npt.NDArray[np.bool_] = neighbors.has_lane[:, lane] & lane_change_is_safe(
@@ -93,8 +94,8 @@ def load_level_1(road: Road, folder: Path = LEVEL_1) -> Level1:
     """Load the level-1 driver of the background traffic from the policy in a run's folder.
 
     Raises:
-        CheckpointError: the policy is missing or damaged, has several networks, or does not belong
-            to the config in the folder.
+        CheckpointError: the policy file is missing or damaged, holds several networks, or does not
+            match the config in the folder.
     """
     try:
         networks, config = load_run(folder)

@@ -1,7 +1,7 @@
-"""Decides the right of way of two vehicles that want to enter one lane from opposite sides.
+"""Decides the right of way of two vehicles that want to enter the same lane from opposite sides.
 
-Until they meet in its middle neither vehicle is in that lane. Neither therefore appears in a gap of
-the other, and SUMO would let both begin.
+Neither vehicle is in that lane yet, so neither counts in the other's gaps. Without this rule both
+would begin and could collide in the middle of the lane.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from drl_av.traffic.snapshot import Snapshot, TrafficCommand
 
 
 class Entry(NamedTuple):
-    """A vehicle that is entering a lane or wants to."""
+    """A vehicle that is entering a lane, or that wants to enter it."""
 
     row: int
     """The vehicle's row index in the snapshot arrays."""
@@ -30,11 +30,11 @@ def give_way(
     braking_m_s2: float,
     timing: SimulationConfig,
 ) -> list[TrafficCommand]:
-    """Return the commands, with each lane change removed that is too close to another vehicle's.
+    """Return the commands without the lane changes that conflict with another vehicle's.
 
-    Two vehicles enter one lane from opposite sides too close if the rear one, braking with
-    ``braking_m_s2`` from the next decision on, cannot stop behind the front one. Vehicles that are
-    changing lanes already have priority, then the commands in their order.
+    Two vehicles conflict if they enter the same lane from opposite sides, and the rear vehicle
+    could not stop behind the front vehicle by braking with ``braking_m_s2`` from the next decision
+    on. Vehicles that are already changing lanes have priority; then the earlier command has.
     """
     if not any(command.side for command in traffic_commands):
         return list(traffic_commands)
@@ -53,7 +53,7 @@ def give_way(
 
 
 def _under_way(snapshot: Snapshot, road: Road) -> list[Entry]:
-    """Return each vehicle that moves sideways, with the lane whose centre it reaches next."""
+    """Return each vehicle that moves sideways; its lane is the one whose centre it reaches next."""
     entries = []
     for row, speed in enumerate(snapshot.lateral_speed_m_s.tolist()):
         if speed:

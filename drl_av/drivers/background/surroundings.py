@@ -16,36 +16,42 @@ FRONT, REAR = range(2)
 
 
 class Surroundings(NamedTuple):
-    """The nearest neighbours of R vehicles; axes: vehicle, lane (own, right, left), front/rear."""
+    """The nearest neighbours of R vehicles.
+
+    The axes of the arrays are the vehicle, the lane (own, right, left), and front/rear.
+    """
 
     has_lane: npt.NDArray[np.bool_]
     """Shape (R, 3): whether the lane exists and is open; always True for the own lane."""
     gap_m: FloatArray
-    """Shape (R, 3, 2): gap from bumper to bumper, never negative; inf if none is in range."""
+    """Shape (R, 3, 2): gap from bumper to bumper, never negative; inf without a neighbour."""
     relative_speed_m_s: FloatArray
     """Shape (R, 3, 2): speed of the neighbour minus that of the vehicle; 0 without a neighbour."""
     lateral_offset_m: FloatArray
-    """Shape (R, 3, 2): y of the neighbour, or else of the lane's centre, minus the vehicle's y."""
+    """Shape (R, 3, 2): y of the neighbour minus y of the vehicle, left positive.
+
+    Without a neighbour, the y of the lane's centre takes the place of the neighbour's.
+    """
     relative_lateral_speed_m_s: FloatArray
-    """Shape (R, 3, 2), left positive; 0 without a neighbour."""
+    """Shape (R, 3, 2): lateral speed of the neighbour minus that of the vehicle, left positive; 0
+    without a neighbour."""
     speed_m_s: FloatArray
-    """The state of the R vehicles themselves; this field and the next three have shape (R,)."""
+    """Speed of each of the R vehicles; this field and the next three have shape (R,)."""
     y_m: FloatArray
+    """Position of the vehicle's centre, left positive from the centre of the rightmost lane."""
     off_center_m: FloatArray
     """Offset from the centre of the own lane, left positive."""
     lateral_speed_m_s: FloatArray
     range_m: float
+    """Largest gap at which another vehicle counts as a neighbour."""
 
     @property
     def under_way(self) -> npt.NDArray[np.bool_]:
-        """Whether each vehicle is changing lanes, that is, off the centre of its lane; (R,)."""
+        """Whether each vehicle is changing lanes, that is, is off its lane's centre; shape (R,)."""
         return np.abs(self.off_center_m) > CENTERED_M
 
     def vectors(self) -> FloatArray:
-        """Return each vehicle's 27 indicators in the form of ``Affordances.vector``.
-
-        The shape is (R, 27).
-        """
+        """Return each vehicle's 27 indicators, shape (R, 27), ordered as ``Affordances.vector``."""
         absent_m = np.where(self.has_lane, self.range_m, 0.0)[:, :, None]
         neighbors = np.stack(
             (
@@ -97,8 +103,8 @@ def _nearest(
 
     Both have shape (R, 3, 2); the axes are the vehicle, the lane (own, right, left) and front/rear.
     ``rows``, shape (R,), holds the row index of each vehicle; ``centers_m``, shape (R, 3), holds
-    the y of the lanes' centres. A gap is negative if the bodies are side by side, and inf without a
-    neighbour, where the row index means nothing.
+    the y of the lanes' centres. A gap is negative if the bodies are side by side. Without a
+    neighbour the gap is inf, and the row index is arbitrary.
     """
     length, looking = snapshot.length_m, np.arange(len(rows))
     ahead_m = road.ahead_m(snapshot.s_m[rows, None], snapshot.s_m)

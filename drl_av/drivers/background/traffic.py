@@ -21,9 +21,9 @@ IntArray = npt.NDArray[np.intp]
 
 
 class TrafficDrivers:
-    """Decides for all background vehicles that SUMO does not drive, once for each decision.
+    """Makes the decisions of all background vehicles that SUMO does not drive.
 
-    ``level_1`` may be None if the config has no level-1 vehicles.
+    ``level_1`` is the driver of the level-1 vehicles; None if the config has no such vehicles.
     """
 
     def __init__(
@@ -39,9 +39,10 @@ class TrafficDrivers:
         }
 
     def start(self, kinds: IntArray, desired_m_s: FloatArray, seed: int) -> None:
-        """Prepare for an episode: ``kinds`` and ``desired_m_s`` have shape (1 + N,), the ego first.
+        """Prepare for an episode.
 
-        ``kinds`` holds a ``Kind`` for each vehicle, ``desired_m_s`` its desired speed.
+        ``kinds`` holds the ``Kind`` of each vehicle, ``desired_m_s`` its desired speed. Both have
+        shape (1 + N,), and the ego comes first. ``seed`` is the seed of the random hard braking.
         """
         self._hard_braking = HardBraking(seed, len(kinds), self._config)
         rows = {kind: np.flatnonzero(kinds == kind) for kind in self._drivers}
@@ -50,7 +51,10 @@ class TrafficDrivers:
         self._states = np.full(len(kinds), State.CRUISE, dtype=np.intp)
 
     def __call__(self, snapshot: Snapshot) -> list[TrafficCommand]:
-        """Return one command for each vehicle driven here, valid until the next decision."""
+        """Return one command for each vehicle that SUMO does not drive.
+
+        The commands hold until the next decision.
+        """
         traffic_commands: list[TrafficCommand] = []
         for kind, rows in self._rows.items():
             acceleration, side = self._drivers[kind](snapshot, rows)

@@ -1,4 +1,4 @@
-"""The driver ``planner`` (ours): compares plans in forecasts of all vehicles as it drives."""
+"""The driver ``planner`` (ours): it compares plans by forecasts of all vehicles."""
 
 from drl_av.drivers.planner.driver import PlannerDriver
 

@@ -1,6 +1,6 @@
-"""Chooses the ego's action for the intents of plans, in P scenes at once (ours).
+"""Chooses the ego's action for the intent of its plan, in P scenes at once (ours).
 
-All arrays have shape (P,) for the ego and (P, N) for the other vehicles.
+Arrays have shape (P,) for the ego and (P, N) for the N other vehicles, unless stated otherwise.
 """
 
 from dataclasses import dataclass
@@ -16,15 +16,17 @@ from drl_av.drivers.planner.plans import SIDE, YIELDS
 from drl_av.traffic.road import FloatArray
 
 SHORT_HEADWAY_S = 1.0
-"""The ego brakes if the time-gap law with this headway demands it."""
+"""The ego brakes if the time-gap law with this headway demands braking."""
 LONG_HEADWAY_S = 1.4
-"""It accelerates if the law with this headway does; between the two it maintains its speed."""
+"""The ego accelerates if the time-gap law with this headway demands acceleration; if neither law
+applies, it maintains its speed."""
 BRAKES_FROM = 0.7
-"""The ego brakes if it needs this share of the braking to reach the speed of the vehicle ahead."""
+"""The ego brakes if it needs more than this share of an action's deceleration to reach the speed of
+the vehicle ahead in the gap."""
 SLOWEST_YIELDING_M_S = 8.0
 """Speed below which the ego does not brake in order to change behind a vehicle."""
 MARGIN_M = 2.0
-"""Additional gap that a lane change needs to begin, so that it is not aborted afterwards."""
+"""Additional gap that the ego requires to begin a lane change, so that it need not abort it."""
 
 
 @dataclass
@@ -37,7 +39,7 @@ class Ego:
     origin: IntArray
     target: IntArray
     seconds: IntArray
-    """Lateral distance from the lane ``origin``, as seconds of a lane change."""
+    """How long a lane change takes to the present lateral distance from ``origin``; 0 without."""
 
 
 class Choice(NamedTuple):
@@ -56,13 +58,16 @@ class Surroundings(NamedTuple):
     """The other vehicles as the ego sees them in each scene."""
 
     ahead_m: FloatArray
-    """Distance of the centres, by the shorter way round; positive ahead of the ego."""
+    """Distance between the centres, the shorter way around a loop; positive ahead of the ego."""
     speed_m_s: FloatArray
     half_m: FloatArray
-    """Distance of the centres at which a vehicle touches the ego, shape (N,)."""
+    """Distance between the centres at which a vehicle touches the ego, shape (N,)."""
 
     def near(self, member: BoolArray) -> tuple[Near, Near]:
-        """Return the next vehicle ahead and the next one behind, of those in ``member``, (P, N)."""
+        """Return the next vehicle ahead and the next vehicle behind.
+
+        ``member``, shape (P, N), selects the vehicles that count.
+        """
         return self._nearest(member & (self.ahead_m >= 0)), self._nearest(
             member & (self.ahead_m < 0)
         )
@@ -78,9 +83,10 @@ class Surroundings(NamedTuple):
 
 
 class Chooser:
-    """Chooses the ego's actions on a road with these open lanes, within the check's limits.
+    """Chooses the ego's actions within the limits of the safety check.
 
-    ``way`` is the direction of a mandatory lane change, left +1, right -1, or 0 without any.
+    ``open_lanes``, shape (L,), says which lanes are open. ``way`` is the direction of a mandatory
+    lane change: left +1, right -1, or 0 if none is mandatory.
     """
 
     def __init__(self, open_lanes: BoolArray, ego: EgoConfig, limits: Limits, way: int = 0) -> None:
@@ -156,9 +162,10 @@ class Chooser:
         return first & second & self._limits.clear_behind(speed, rear, margin_m, rate)
 
     def _to_continue(self, speed: FloatArray, own: Near, front: Near) -> FloatArray:
-        """Return the largest acceleration after which both vehicles ahead still permit the change.
+        """Return the largest acceleration that still permits the lane change a second later, m/s^2.
 
-        The vehicles keep their speeds. It is hard braking if no other action is enough.
+        Both vehicles ahead are assumed to keep their speeds. The result is hard braking if no
+        acceleration of an action is small enough.
         """
         faster = np.clip(speed + self._rates, 0.0, self._ego.max_speed_m_s)
         permitted = np.ones(faster.shape, dtype=np.bool_)
@@ -172,7 +179,10 @@ class Chooser:
     def _behind_the_left(
         self, ego: Ego, lane: IntArray, around: Surroundings, member: BoolArray
     ) -> FloatArray:
-        """Return an acceleration that does not pass the vehicle ahead in the left lane, m/s^2."""
+        """Return an acceleration, m/s^2, with which the ego does not pass on the right.
+
+        The ego follows the vehicle ahead in the left lane, unless it may pass this vehicle.
+        """
         left = np.minimum(lane + 1, len(self._open) - 1)
         front, _ = around.near(member[left])
         binds = (left > lane) & _is_passed_on_the_left(front)
@@ -180,7 +190,10 @@ class Chooser:
         return np.where(binds, rate, self._ego.accelerate_m_s2)
 
     def _follow(self, speed: FloatArray, own: Near, front: Near) -> FloatArray:
-        """Return the acceleration behind two vehicles, of an action or of the configured ACC."""
+        """Return the acceleration with which the ego follows two vehicles, m/s^2.
+
+        It is that of an action, or that of the model ``ego.longitudinal_reference``.
+        """
         ego = self._ego
         braking = np.minimum(self._braking(speed, own), self._braking(speed, front))
         if ego.longitudinal_reference != "acceleration":
@@ -195,9 +208,9 @@ class Chooser:
         return np.where(accelerates, ego.accelerate_m_s2, braking)
 
     def _braking(self, speed: FloatArray, front: Near) -> FloatArray:
-        """Return the acceleration, m/s^2, of the mildest braking that is enough behind ``front``.
+        """Return the acceleration, m/s^2, of the mildest action that is safe behind ``front``.
 
-        It is 0, or that of the action brake or hard brake.
+        The actions are maintain (0), brake and hard brake.
         """
         ego, closing = self._ego, np.maximum(speed - front.speed_m_s, 0.0)
         law = self._law(speed, front, SHORT_HEADWAY_S)

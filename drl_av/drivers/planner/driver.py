@@ -17,15 +17,15 @@ from drl_av.traffic.snapshot import Snapshot
 
 DECISIONS_PER_PLAN = 2
 HURRIED_M = 150.0
-"""If less than this distance is left for each mandatory lane change, the ego begins one as soon as
-the check permits it, whatever it forecasts."""
+"""If less than this distance is left for each mandatory lane change, the ego begins a lane change
+as soon as the safety check permits it, whatever its plan says."""
 
 
 class PlannerDriver:
-    """Follows its best plan until another plan is better by ``Prices.change_of_plan``.
+    """Follows its plan until another plan scores higher by more than ``Prices.change_of_plan``.
 
-    It uses all vehicles of the scene, not only the 27 indicators. It remembers the open lanes, and
-    estimates the other drivers' parameters from their motion. It is deterministic.
+    The driver uses all vehicles of the scene, not only the 27 indicators. It remembers the open
+    lanes, and estimates the other drivers' parameters from their motion. It is deterministic.
     """
 
     def __init__(self, config: Config, prices: Prices | None = None) -> None:
@@ -33,7 +33,7 @@ class PlannerDriver:
         self.start(0)
 
     def start(self, seed: int) -> None:
-        """Prepare for an episode: forget the one before; ``seed`` is not used."""
+        """Prepare for an episode: forget the previous episode; ``seed`` is not used."""
         self._watcher: Watcher | None = None
         self._last: Snapshot | None = None
         self._decisions, self._sign = 0, 0
@@ -64,7 +64,10 @@ class PlannerDriver:
         return self._action(scene, choice)
 
     def _open_lanes(self, scene: Scene) -> BoolArray:
-        """Return which lanes are open; a lane not seen yet is open if it contains vehicles."""
+        """Return which lanes are open, shape (L,).
+
+        A lane that the ego has not been next to is taken to be open if it contains vehicles.
+        """
         seen = scene.affordances
         self._open |= {seen.lane - 1: _has_right(seen), seen.lane + 1: seen.left_lane}
         self._open[seen.lane] = True
@@ -122,15 +125,16 @@ class PlannerDriver:
 
 
 def _has_right(seen: Affordances) -> bool:
-    """Return whether plans may use a lane to the right, the lane of an exit before it begins too.
+    """Return whether plans may use a lane to the right, which exists or is the lane of an exit.
 
-    Otherwise the ego would brake until the lane begins, because no plan leaves by the exit.
+    Plans may use the lane of an exit even before this lane begins. Otherwise no plan would take the
+    exit, and the ego would brake until the lane begins.
     """
     return seen.right_lane or seen.mandatory.side < 0
 
 
 def _ahead(others: Others, seen: Affordances) -> Ahead:
-    """Return gap and closing speed of each other vehicle to the one ahead, which may be the ego."""
+    """Return each other vehicle's gap and closing speed to its leader, which may be the ego."""
     lanes, x_m, speed = others.now, others.x_m, others.speed_m_s
     gap_m = x_m[lanes.leader] - x_m + lanes.offset_m
     closing = speed - speed[lanes.leader]

@@ -1,8 +1,8 @@
 """Forecasts all vehicles for P plans of the ego at once, and scores the plans (ours).
 
-A forecast advances in seconds. The ego follows its plan within the limits of the safety check. The
-other vehicles follow IDM with the parameters that the planner has estimated; they complete the lane
-changes that they have begun, and begin none.
+A forecast advances in steps of one second. The ego follows its plan within the limits of the safety
+check. The other vehicles follow IDM with the parameters that the planner has estimated. They
+complete the lane changes in progress, and begin none.
 """
 
 from typing import NamedTuple
@@ -16,14 +16,14 @@ from drl_av.drivers.planner.watcher import Watcher
 from drl_av.traffic.road import UNHURRIED_M, FloatArray, MandatoryChange
 
 SETTLED_S = 2
-"""Seconds after which the vehicles that change lanes have left their old ones."""
+"""Seconds after which a vehicle that is changing lanes now has left its old lane."""
 LATE = 0.75
-"""In a second a vehicle moves (1 - LATE) * speed before + LATE * speed after.
+"""A vehicle moves (1 - LATE) * v_0 + LATE * v_1 in a second, at speed v_0 before and v_1 after it.
 
 This is exact for a constant acceleration in two SUMO steps of half a second.
 """
 HARDEST_M_S2 = 4.0
-"""Hardest braking of the other vehicles."""
+"""Largest deceleration of the other vehicles."""
 
 
 class Prices(NamedTuple):
@@ -33,6 +33,7 @@ class Prices(NamedTuple):
     """
 
     hit: float = 1000.0
+    """Price per second in which the ego overlaps another vehicle."""
     short_headway: float = 1.5
     """Price per second for each second by which the headway is below 1 s."""
     forced_braking: float = 2.0
@@ -42,16 +43,17 @@ class Prices(NamedTuple):
     reversal: float = 1.0
     """Price of accelerating after braking, or of braking after accelerating."""
     change_of_plan: float = 10.0
-    """Gain that a new plan must have over the rest of the current one."""
+    """Amount by which a new plan must score higher than the rest of the current plan."""
     tail_s: float = 10.0
     """Time after the forecast for which the ego is assumed to follow the vehicle ahead."""
     room: float = 0.8
-    """Value of each metre of the gap ahead at the end of the forecast."""
+    """Value of each metre at the end of the forecast by which the gap ahead exceeds the time gap
+    ``LONG_HEADWAY_S``."""
     late_change: float = 15.0
-    """Price per second of each mandatory lane change that is left, if no distance is left for it;
-    it falls to 0 where ``UNHURRIED_M`` are left for each."""
+    """Price per second of each mandatory lane change that is not made when its distance runs out.
+    A lane change costs less the earlier it is, and nothing if ``UNHURRIED_M`` are left for each."""
     missed_change: float = 400.0
-    """The same price at the end of the forecast."""
+    """As ``late_change``, but charged once, at the end of the forecast."""
 
 
 class Forecaster:
@@ -71,7 +73,7 @@ class Forecaster:
         self._mandatory = mandatory
 
     def around(self, ego: Ego, x_m: FloatArray, speed: FloatArray) -> Surroundings:
-        """Return the other vehicles, at positions ``x_m`` of shape (P, N), relative to the ego."""
+        """Return the other vehicles relative to the ego, at ``x_m`` and ``speed``, shape (P, N)."""
         ahead_m = x_m - ego.x_m[:, None]
         ahead_m -= self._lap_m * np.round(ahead_m / self._lap_m)
         return Surroundings(ahead_m, speed, self._others.half_m)
@@ -84,7 +86,8 @@ class Forecaster:
     def scores(self, ego: Ego, sign: int, plans: IntArray, prices: Prices) -> FloatArray:
         """Return the score of each plan, shape (P,): the ego's distance minus the prices, m.
 
-        Changes ``ego``. ``sign`` is +1 if the ego accelerated last, -1 if it braked last, else 0.
+        The forecast advances ``ego`` in place. ``sign`` is +1 if the ego's last change of speed was
+        an acceleration, -1 if it was braking, and 0 if there was none.
         """
         shape = len(plans), len(self._others.x_m)
         x_m, speed = (
@@ -111,7 +114,11 @@ class Forecaster:
         return score + self._tail(ego, self.around(ego, x_m, speed), prices)
 
     def _missing_changes(self, ego: Ego, goal: IntArray) -> FloatArray:
-        """Return how many mandatory lane changes are left, less those that are not urgent, (P,)."""
+        """Return how many mandatory lane changes are urgent, shape (P,).
+
+        The number is a fraction: the lane changes that are left, minus one for each ``UNHURRIED_M``
+        of the distance that is left for them.
+        """
         changes = np.maximum(self._mandatory.side * (goal - self._chooser.lane(ego)), 0)
         left_m = np.maximum(self._mandatory.within_m - ego.x_m, 0.0)
         missing: FloatArray = np.maximum(changes - left_m / UNHURRIED_M, 0.0)
@@ -141,9 +148,9 @@ class Forecaster:
     def _follow(
         self, ego: Ego, around: Surroundings, x_m: FloatArray, lanes: Lanes, prices: Prices
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the other vehicles' speeds a second later, (P, N), and the price to the ego, (P,).
+        """Return the other vehicles' speeds a second later, (P, N), and a price, shape (P,).
 
-        The price is that of collisions and of braking that the ego forces on vehicles behind it.
+        The price is for collisions with the ego, and for braking that the ego forces on others.
         """
         gap_m, lead = x_m[:, lanes.leader] - x_m + lanes.offset_m, around.speed_m_s[:, lanes.leader]
         shares = self._shares_lane(ego, lanes.member)
@@ -171,7 +178,7 @@ class Forecaster:
     def _tail(self, ego: Ego, around: Surroundings, prices: Prices) -> FloatArray:
         """Return the value of the scene at the end of a forecast, m, shape (P,).
 
-        It is the distance that the ego can drive afterwards behind the vehicle ahead.
+        It is the distance that the ego can drive behind the vehicle ahead in ``prices.tail_s``.
         """
         front, _ = around.near(self._others.later.member[self._chooser.lane(ego)])
         room_m = np.maximum(front.gap_m - LONG_HEADWAY_S * ego.speed_m_s, 0.0)

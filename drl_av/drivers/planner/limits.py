@@ -1,7 +1,7 @@
 """Computes what the checks ``paper`` and ``strict`` permit in many forecasts at once (ours).
 
-The functions use the equations of the checks for the ego's neighbours; arrays have shape (P,) for P
-forecasts. The safety check itself examines the driver's action afterwards.
+The functions apply the equations of the checks to the ego's neighbours. Arrays have shape (P,) for
+P forecasts. The safety check of the environment still examines the action that the driver proposes.
 """
 
 from typing import Any, NamedTuple, Protocol
@@ -16,39 +16,43 @@ from drl_av.traffic.road import FloatArray
 
 
 class Near(NamedTuple):
-    """The next vehicle in one direction of a lane in each forecast, arrays of shape (P,)."""
+    """The next vehicle ahead or behind in a lane, in each forecast; arrays of shape (P,)."""
 
     gap_m: FloatArray
     speed_m_s: FloatArray
 
     def where(self, condition: BoolArray, other: "Near") -> "Near":
-        """Return this vehicle in the forecasts where the condition holds, else the other one."""
+        """Return this vehicle where ``condition`` holds, and the vehicle ``other`` elsewhere."""
         return Near(
             *(np.where(condition, mine, its) for mine, its in zip(self, other, strict=True))
         )
 
 
 class Limits(Protocol):
-    """The interface to what a safety check permits; ``speed`` is the ego's, m/s."""
+    """What a safety check permits the ego; the argument ``speed`` is the ego's speed, m/s."""
 
     followers_stay_behind: bool
-    """Whether the check regards no vehicle behind the ego once the ego's centre is in its lane."""
+    """Whether the check ignores the vehicles behind the ego in the lane of the ego's centre."""
 
     def fastest(self, speed: FloatArray, front: Near) -> FloatArray:
-        """Return the largest permitted acceleration behind a vehicle ahead, m/s^2."""
+        """Return the largest acceleration that the vehicle ``front`` ahead permits, m/s^2."""
 
     def clear_ahead(
         self, speed: FloatArray, front: Near, margin_m: Any = 0.0, rate: float = 0.0
     ) -> BoolArray:
-        """Return whether a vehicle ahead permits a lane change, with ``margin_m`` to spare.
+        """Return whether the vehicle ``front`` ahead permits a lane change.
 
-        ``rate`` is the ego's acceleration in the next second, m/s^2, not above 0.
+        The gap must be larger than necessary by ``margin_m``. ``rate`` is the ego's acceleration in
+        the next second, m/s^2, not above 0.
         """
 
     def clear_behind(
         self, speed: FloatArray, rear: Near, margin_m: Any = 0.0, rate: float = 0.0
     ) -> BoolArray:
-        """Return whether a vehicle behind in the target lane permits a lane change, likewise."""
+        """Return whether the vehicle ``rear`` behind in the target lane permits a lane change.
+
+        ``margin_m`` and ``rate`` are those of ``clear_ahead``.
+        """
 
 
 class PaperLimits:
@@ -60,7 +64,10 @@ class PaperLimits:
         self._safety, self._ego = config.safety, config.ego
 
     def fastest(self, speed: FloatArray, front: Near) -> FloatArray:
-        """Return the acceleration of the paper's eq. 3 if eq. 2 does not hold, else the largest."""
+        """Return the permitted acceleration, m/s^2.
+
+        It is the largest one if eq. 2 of the paper holds, and otherwise that of eq. 3.
+        """
         safety, ego, closing = self._safety, self._ego, speed - front.speed_m_s
         free = (closing <= 0) | gap_condition(front.gap_m, closing, safety)
         ttc_s = front.gap_m / np.maximum(closing, 1e-6)
@@ -98,7 +105,7 @@ class StrictLimits:
         self._slowest = 0.0 if by_number else -ego.hard_brake_m_s2
 
     def fastest(self, speed: FloatArray, front: Near) -> FloatArray:
-        """Return the largest acceleration after which the ego can stop behind the vehicle ahead."""
+        """Return the largest acceleration, m/s^2, after which the ego can stop behind ``front``."""
         reaches = reach(speed, self._rates[:, None], self._ego, self._simulation)
         permitted = reaches < self._most_m(front)
         permitted[-1] = True
@@ -108,7 +115,7 @@ class StrictLimits:
     def clear_ahead(
         self, speed: FloatArray, front: Near, margin_m: Any = 0.0, rate: float = 0.0
     ) -> BoolArray:
-        """Return whether the ego can accelerate with ``rate`` and stop behind the vehicle ahead."""
+        """Return whether the ego can stop behind ``front`` after a second with ``rate``."""
         reached_m = reach(speed, rate, self._ego, self._simulation)
         permitted: BoolArray = reached_m < self._most_m(front) - margin_m
         return permitted

@@ -1,4 +1,4 @@
-"""The other vehicles as the planner sees them: positions, lanes, leaders and a guess of their IDM.
+"""The other vehicles as the planner sees them: positions, lanes, leaders, and an IDM for all.
 
 Arrays have shape (N,) or (L, N) for N vehicles and L lanes.
 """
@@ -16,26 +16,29 @@ from drl_av.traffic.snapshot import EGO, Snapshot
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.intp]
 FAR_M = 1e6
-"""The distance to a vehicle that does not exist, m."""
+"""The distance that stands for a vehicle that does not exist."""
 STANDSTILL_GAP_M = 2.5
 ACCELERATION_M_S2 = 1.5
 COMFORTABLE_BRAKING_M_S2 = 2.0
-"""The guess of each vehicle's IDM, besides its desired speed and time gap."""
+"""These three IDM parameters are assumed for each vehicle; ``Watcher`` estimates the others."""
 MOVING_M_S = 0.05
 """A vehicle whose lateral speed exceeds this is changing lanes."""
 ALMOST_THERE = 0.1
-"""Share of a lane's width by which a lane change may be short of the lane's centre."""
+"""A vehicle this close to a lane's centre, as a share of the lane's width, has reached it."""
 
 
 class Lanes(NamedTuple):
-    """The lanes that each of N vehicles uses, and its leader in them."""
+    """The lanes that each of N vehicles uses, and the leader of each vehicle in these lanes."""
 
     member: BoolArray
     """Whether a vehicle uses a lane, shape (L, N)."""
     leader: IntArray
     """Index, among the N vehicles, of the next vehicle ahead in a common lane."""
     offset_m: FloatArray
-    """Net gap to the leader = leader's position - own position + offset; about FAR_M if none."""
+    """The gap to the leader is the leader's position minus the own position plus this offset.
+
+    Without a leader the offset is about FAR_M.
+    """
 
 
 class Others(NamedTuple):
@@ -43,18 +46,21 @@ class Others(NamedTuple):
 
     ids: tuple[str, ...]
     x_m: FloatArray
-    """Position of the centre relative to the ego's, positive ahead."""
+    """Position of the vehicle's centre minus that of the ego's centre, positive ahead."""
     speed_m_s: FloatArray
     half_m: FloatArray
-    """Distance of the centres at which the vehicle touches the ego."""
+    """Distance between the centres at which the vehicle touches the ego."""
     now: Lanes
-    """The lanes used now; a vehicle that changes lanes uses both."""
+    """The lanes used now; a vehicle that is changing lanes uses the old and the new lane."""
     later: Lanes
     """The lanes used after the lane changes in progress."""
 
 
 def wanted_gap(speed: FloatArray, closing: FloatArray, headway_s: FloatArray) -> FloatArray:
-    """Return the gap s* that IDM wants, m; ``closing`` > 0 if the gap shrinks. Broadcasts."""
+    """Return the gap s* that IDM desires, m.
+
+    ``closing`` is positive if the gap shrinks, m/s. The arguments broadcast.
+    """
     rate = 2 * math.sqrt(ACCELERATION_M_S2 * COMFORTABLE_BRAKING_M_S2)
     result: FloatArray = STANDSTILL_GAP_M + np.maximum(speed * (headway_s + closing / rate), 0.0)
     return result
@@ -69,7 +75,8 @@ def idm(
 ) -> FloatArray:
     """Return the acceleration of the intelligent driver model (Treiber et al. 2000), m/s^2.
 
-    ``closing`` is positive if the gap shrinks. The arguments broadcast.
+    ``desired`` is the desired speed. ``closing`` is positive if the gap shrinks, m/s. The arguments
+    broadcast.
     """
     ratio = wanted_gap(speed, closing, headway_s) / np.maximum(gap_m, 0.1)
     relative = speed / desired
@@ -81,7 +88,7 @@ def idm(
 def others_of(snapshot: Snapshot, affordances: Affordances, lanes: int) -> Others:
     """Return the other vehicles of a snapshot, on a road with this number of lanes.
 
-    A barrier of the road, such as the end of a lane, is a standing vehicle of length 0.
+    A barrier of the road, such as the end of a lane, counts as a standing vehicle of length 0.
     """
     lap_m = affordances.circumference_m or FAR_M
     width_m, ego_m = affordances.lane_width_m, float(snapshot.length_m[EGO])

@@ -8,7 +8,7 @@ import numpy as np
 from drl_av.drivers.planner.others import IntArray
 
 SEGMENTS_S = (2, 5, 13)
-"""A plan has one intent in each of these parts of the forecast."""
+"""Lengths of the three parts of a forecast; a plan has one intent for each part."""
 
 
 class Intent(IntEnum):
@@ -20,18 +20,18 @@ class Intent(IntEnum):
     LEFT = 2
     RIGHT = 3
     LEFT_YIELDING = 4
-    """Brake until the lane change to the left is permitted, as to change behind a neighbour."""
+    """Brake until the lane change to the left is permitted, to change behind a vehicle there."""
     RIGHT_YIELDING = 5
 
 
 SIDE = np.array([0, 0, 1, -1, 1, -1])
-"""Direction of each intent: left +1, right -1."""
+"""Direction of each intent's lane change: left +1, right -1, none 0."""
 YIELDS = np.array([False, True, False, False, True, True])
-"""For each intent, whether the ego brakes."""
+"""Whether the ego brakes with each intent."""
 
 
 def _plans() -> IntArray:
-    """Return all combinations of intents, except plans that brake after a lane change intent."""
+    """Return all plans, except those with the intent BRAKE after an intent to change lanes."""
     intents = product(Intent, Intent, (Intent.KEEP, Intent.LEFT, Intent.RIGHT))
     useful = [plan for plan in intents if plan[1] != Intent.BRAKE or SIDE[plan[0]] == 0]
     return np.repeat(np.array(useful, dtype=np.intp), SEGMENTS_S, axis=1)
@@ -52,6 +52,6 @@ def usable_plans(is_changing: bool, has_right: bool, has_left: bool) -> IntArray
 
 
 def next_second(plan: IntArray) -> IntArray:
-    """Return the rest of a plan one second later; its new last second keeps the lane."""
+    """Return the rest of a plan after its first second, with the intent KEEP added at its end."""
     rest: IntArray = np.append(plan[1:], Intent.KEEP)
     return rest

@@ -14,18 +14,21 @@ from drl_av.drivers.planner.others import (
 from drl_av.traffic.road import FloatArray
 
 USUAL_SPEED_M_S = 26.0
-"""Desired speed of a vehicle about which nothing is known, unless it is faster."""
+"""The first estimate of a vehicle's desired speed, if the vehicle is not already faster."""
 USUAL_HEADWAY_S = 1.1
 FASTEST_M_S = 40.0
 HEADWAYS_S = (0.4, 2.0)
 MEMORY = 5.0
-"""Number of observations over which an estimate of the desired speed is about the mean."""
+"""The estimate of a desired speed is about the mean of the last ``MEMORY`` observations."""
 FORGETTING = 0.3
-"""Weight of a new observation of the time gap."""
+"""Weight of a new observation in the estimate of a time gap."""
 
 
 class Ahead(NamedTuple):
-    """Gap and closing speed of N vehicles to the vehicle ahead, which may be the ego; (N,)."""
+    """Gap and closing speed of each of N vehicles to its leader, which may be the ego.
+
+    The arrays have shape (N,).
+    """
 
     gap_m: FloatArray
     closing_m_s: FloatArray
@@ -34,8 +37,9 @@ class Ahead(NamedTuple):
 class Watcher:
     """Estimates the desired speed and the time gap of each other vehicle of an episode.
 
-    A vehicle on a free road shows its desired speed, and one behind another vehicle its time gap.
-    The estimate is the value with which IDM has the observed acceleration.
+    The motion of a vehicle on a free road reveals its desired speed, and the motion of a vehicle
+    behind a leader its time gap. Each observation is the value with which IDM yields the observed
+    acceleration.
     """
 
     def __init__(self, others: Others) -> None:
@@ -46,7 +50,7 @@ class Watcher:
         self._speed, self._ids = speed, others.ids
 
     def observe(self, others: Others, ahead: Ahead, seconds: float) -> None:
-        """Improve the estimates with the vehicles' state ``seconds`` after the last observation."""
+        """Update the estimates; ``seconds`` is the time since the last observation."""
         if others.ids != self._ids:
             self._keep_known(others)
         speed = others.speed_m_s
@@ -56,7 +60,7 @@ class Watcher:
         self._observe_headway(speed, rate, ahead)
 
     def _keep_known(self, others: Others) -> None:
-        """Forget the vehicles that have left the road, and begin with those that have entered."""
+        """Remove the vehicles that have left the road, and add those that have entered it."""
         rows = {name: row for row, name in enumerate(self._ids)}
         new = [row for row, name in enumerate(others.ids) if name in rows]
         old = [rows[others.ids[row]] for row in new]
@@ -73,9 +77,10 @@ class Watcher:
         self._speed, self._ids = kept(self._speed, fresh._speed), others.ids
 
     def _observe_desired(self, speed: FloatArray, rate: FloatArray, ahead: Ahead) -> None:
-        """Update the desired speeds v_0 by IDM solved for v_0.
+        """Update the desired speeds v_0 by IDM, solved for v_0.
 
-        v_0 = v / (1 - a_observed / a - (s* / s)^2)^(1/4); vehicles near a leader do not count.
+        v_0 = v / (1 - a_observed / a - (s* / s)^2)^(1/4). The estimates of vehicles near a leader
+        are not updated.
         """
         wanted_m = wanted_gap(speed, ahead.closing_m_s, self.headway_s)
         interaction = (wanted_m / np.maximum(ahead.gap_m, 0.1)) ** 2
@@ -87,9 +92,9 @@ class Watcher:
         self.desired_m_s = np.maximum(self.desired_m_s, np.maximum(speed, 0.1))
 
     def _observe_headway(self, speed: FloatArray, rate: FloatArray, ahead: Ahead) -> None:
-        """Update the time gaps of vehicles behind a leader by IDM solved for the time gap.
+        """Update the time gaps of vehicles behind a leader by IDM, solved for the time gap.
 
-        It follows from s* = s (1 - a_observed / a - (v / v_0)^4)^(1/2).
+        The time gap follows from s* = s (1 - a_observed / a - (v / v_0)^4)^(1/2).
         """
         left = np.clip(1 - rate - (speed / self.desired_m_s) ** 4, 0.0, 4.0)
         braking = 2 * (ACCELERATION_M_S2 * COMFORTABLE_BRAKING_M_S2) ** 0.5
