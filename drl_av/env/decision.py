@@ -1,4 +1,4 @@
-"""One decision of an episode: the transition of the environment, and properties derived from it."""
+"""One decision of an episode: the transition of the environment, and its derived properties."""
 
 from typing import Any, NamedTuple
 
@@ -18,14 +18,14 @@ class Decision(NamedTuple):
     observation: Observation
     """The scaled observation of ``scene``, by default of shape (27,)."""
     proposed: Action
-    """The driver's action; while SUMO drives the ego, the action nearest to the ego's motion."""
+    """The driver's action. While SUMO drives the ego, the action nearest to the ego's motion."""
     reward: float
     next_scene: Scene
     next_observation: Observation
     terminated: bool
     """Whether the ego collided in this decision."""
     truncated: bool
-    """Whether the episode ended without a collision, at its last decision or the road's end."""
+    """Whether the episode ended because of its last decision or the road's end."""
     info: dict[str, Any]
     """The ``info`` that ``HighwayEnv.step`` returned."""
 

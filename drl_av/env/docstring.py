@@ -22,26 +22,26 @@ vehicles. A safety check examines each action of the agent before the ego execut
 {indicators}
 
 ## Rewards
-The mean of r_v, r_y and r_x (eq. 6 to 8), each in [-1, 0]; `config.reward.collision_reward`
-for the decision in which the ego collides.
+The mean of r_v, r_y and r_x (eq. 6 to 8), each in [-1, 0]. The decision in which the ego
+collides has the reward `config.reward.collision_reward` instead.
 
 ## Starting State
 The other vehicles are at random positions within 250 m of the ego. Their number is
 `options={{"vehicles": n}}`, or is drawn from the range in the config.
 
-`reset(seed=7, options={{"vehicles": 30}})` always starts the same episode, which is also that
-of `drl-av evaluate` for these numbers. A seed below 1,000,000 without `vehicles`, which clients
-pass to their first reset, seeds the random choice of episodes for this reset and the following
-resets without a seed. These episodes have seeds of at least 1,000,000, so that no training uses
+`reset(seed=7, options={{"vehicles": 30}})` always starts the same episode, which `drl-av evaluate`
+also drives for these numbers. Clients pass a small seed to their first reset. Without `vehicles`, a
+seed below 1,000,000 seeds the random choice of episodes for this reset and the following resets
+without a seed. These episodes have seeds of at least 1,000,000, so that no training uses
 an episode of the evaluation. `info["seed"]` holds the seed of the episode; pass it to `reset`
 to start the episode again. Changes that your own program makes in SUMO, such as the permissions
 of a lane, remain until `close`.
 
 ## Episode End
 The episode terminates when the ego collides. It is truncated after
-`config.simulation.decisions_per_episode` decisions, which is `env.spec.max_episode_steps`, and on
-an open road at its end: after an exit, 100 m beyond it, whether the ego has taken or missed it.
-The environment does this itself, without gymnasium's `TimeLimit`.
+`config.simulation.decisions_per_episode` decisions, which is also `env.spec.max_episode_steps`. An
+open road also truncates it at the road's end. A road with an exit ends 100 m beyond the exit, which
+the ego has then taken or missed. The environment truncates without gymnasium's `TimeLimit`.
 
 ## Arguments
 `scenario` (folder or name), `safety_check` (name or function), `config` (a preset's name, a
@@ -55,13 +55,13 @@ or an object with an attribute `space` that is called with the scene).
 ## Information
 `proposed_action, executed_action, rule, rewards, collision, collided_with, way, speed_m_s,
 indicators, seed, vehicles, exit, action_mask`. No value is None, which some libraries refuse to
-store: `collision` and `collided_with` are texts, empty without a collision; `exit` is `taken` or
-`missed` once the ego has passed its exit, empty before and on a road without one; `way` is
-`exit taken`, `exit missed`, `merged` or `not merged`, at the latest in the last decision, and empty
-before and on a road that demands neither. The mask has shape (12,) and type int8. It is 1 for each
-action that the safety check would execute now as proposed;
+store. `collision` and `collided_with` are texts, empty without a collision. `exit` is `taken` or
+`missed` once the ego has passed its exit; before, and on a road without an exit, it is empty. `way`
+is `exit taken`, `exit missed`, `merged` or `not merged`, at the latest in the last decision;
+before, and on a road without an exit or a merge, it is empty. The mask has shape (12,) and type
+int8. It is 1 for each action that the safety check would not replace now;
 `action_space.sample(mask)` accepts it. The info of a reset also holds `unsafe_start`: whether the
-check `strict` can no longer keep the ego from a collision there.
+ego starts in a scene in which the check `strict` cannot guarantee to avoid a collision.
 
 ## Several at Once
 Each environment has its own SUMO, also within one process. The first environment uses the

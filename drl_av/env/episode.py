@@ -13,12 +13,11 @@ TRAINING_SEEDS = (1_000_000, 2**31)
 
 
 def traffic_seed(seed: int | None, options: Mapping[str, Any], rng: np.random.Generator) -> int:
-    """Return the seed of an episode's traffic: ``seed`` if it selects an episode, else a random
-    one.
+    """Return the seed of an episode's traffic.
 
-    ``seed`` selects an episode if it is at least 1,000,000, or if ``options`` contains
-    ``vehicles``. Otherwise the result is drawn from ``rng``, which gymnasium has already seeded
-    with ``seed``: clients pass a small seed to their first reset to seed all random numbers.
+    It is ``seed`` if this is at least 1,000,000, or if ``options`` contains ``vehicles``. Otherwise
+    it is drawn from ``rng``, which gymnasium has already seeded with ``seed``: clients pass a small
+    seed to their first reset to seed all random numbers.
     """
     if seed is not None and (seed >= TRAINING_SEEDS[0] or "vehicles" in options):
         return seed
@@ -32,14 +31,16 @@ def number_of_vehicles(
     placed: int | None,
     usual: int | None = None,
 ) -> int:
-    """Return the number of vehicles without the ego, from ``options`` or drawn with ``seed``.
+    """Return the number of vehicles besides the ego.
+
+    It is ``placed``, or else that of ``options``, or else ``usual``, or else drawn with ``seed``.
 
     Args:
         options: The options of the reset.
         seed: The seed of the traffic.
-        traffic: The range of the number of vehicles.
-        placed: The number of vehicles that the scenario places exactly; None if it places none.
-        usual: The number of vehicles that the inflow of an open road keeps; None on a loop.
+        traffic: The settings with the range from which the number is drawn.
+        placed: The number of vehicles whose positions the scenario fixes; None if it fixes none.
+        usual: The number of vehicles that the inflow of an open road sustains; None on a loop.
 
     Raises:
         ConfigError: an option is unknown, or the number of vehicles is not allowed.

@@ -112,7 +112,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     @property
     def spec(self) -> EnvSpec | None:
-        """The environment's specification; ``max_episode_steps`` is the value in the config."""
+        """The environment's specification; the config determines its ``max_episode_steps``."""
         return self._spec
 
     @spec.setter
@@ -122,7 +122,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     @property
     def check_name(self) -> str:
-        """Name of the safety check; ``none`` while SUMO drives the ego, which has no check then."""
+        """Name of the safety check; ``none`` while SUMO drives the ego, then without a check."""
         return self._check_name if self.ego_model is None else "none"
 
     def require_room(self) -> None:
@@ -141,7 +141,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         """Start an episode; ``options`` may set ``vehicles``, the number of other vehicles.
 
         Returns:
-            The observation, shape (27,), and ``info``.
+            The observation, by default of shape (27,), and ``info``.
 
         Raises:
             ConfigError: an option is unknown, or the number of vehicles is not allowed.
@@ -180,14 +180,14 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.ego_model = model
 
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Execute one decision: the action, or the one by which the safety check replaces it.
+        """Execute one decision: the given action, or the action that the safety check puts instead.
 
         Returns:
             The observation, the reward, whether the episode terminated, whether it was truncated,
             and ``info``.
 
         Raises:
-            ConfigError: the action is not a number from 0 to 11, or the user's own reward is no
+            ConfigError: the action is not a number from 0 to 11, or the user's own reward is not a
                 finite number.
             gymnasium.error.ResetNeeded: no episode is running.
             SimulationError: SUMO ended unexpectedly.
@@ -224,17 +224,17 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the scene as a picture, uint8 of shape (720, 1280, 3).
 
-        The result is None without a render mode. It is also None in the mode ``human``, in which
-        sumo-gui shows the scene.
+        The result is None without a render mode, and in the mode ``human``, in which sumo-gui shows
+        the scene.
         """
         return self._renderer.render()
 
     def action_masks(self) -> ActionMask:
-        """Return the action mask of the present scene, shape (12,), int8; sb3-contrib calls it."""
+        """Return the action mask of the present scene, shape (12,), int8, for sb3-contrib."""
         return action_mask(self.safety_check, self.scene)
 
     def close(self) -> None:
-        """End the episode, and end SUMO."""
+        """End the episode, and close SUMO."""
         self._over = True
         self.simulation.close()
 
@@ -261,7 +261,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
     def _reward(
         self, scene: Scene, proposed: Action, verdict: Verdict, collision: Collision | None
     ) -> tuple[float, Rewards]:
-        """Return the reward of the decision from ``scene`` to the present scene, and its terms."""
+        """Return the reward for the decision from ``scene`` to the present one, and its terms."""
         config, affordances = self.config, self.scene.affordances
         target = desired(affordances, config.reward, config.safety)
         terms = rewards(affordances, target, config.reward, config.safety.minimum_gap_m)

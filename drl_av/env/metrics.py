@@ -40,8 +40,9 @@ class EpisodeResult:
     min_ttc_s: PossiblyInfinite
     """Smallest time to collision with the vehicle ahead; inf if the gap never shrank."""
     min_headway_s: PossiblyInfinite
-    """Smallest time gap to the vehicle ahead; inf if there was none."""
+    """Smallest time gap to the vehicle ahead; inf if there never was such a vehicle."""
     hard_brakes: int
+    """Number of decisions with the action hard brake."""
     d_safe_violations: int
     """Number of decisions after which the gap to the vehicle ahead was below d_safe (r_x < 0)."""
     way: str = field(default="", kw_only=True)
@@ -63,7 +64,7 @@ class EpisodeResult:
 class EpisodeMetrics:
     """Computes the metrics of one episode from its decisions.
 
-    Each decision counts with the scene after it, so the scene after the reset does not count. The
+    The metrics use the scene after each decision; they do not use the scene after the reset. The
     means need at least one decision.
     """
 
@@ -103,7 +104,7 @@ class EpisodeMetrics:
         self._add_leader(decision)
 
     def _add_lane_change(self, decision: Decision) -> None:
-        """Count a lane change that was aborted, or that ended at the centre of another lane."""
+        """Count a lane change that the decision aborted or completed."""
         if self._settled_lane is None:
             self._settled_lane = decision.scene.affordances.lane
         self.aborted_lane_changes += decision.aborts_lane_change
@@ -134,7 +135,7 @@ class EpisodeMetrics:
 
     @property
     def mean_reward(self) -> float:
-        """Mean reward of a decision, including a reward for a collision."""
+        """Mean reward of the decisions, including the decision in which the ego collided."""
         return _mean(self.rewards)
 
     @property
@@ -148,7 +149,7 @@ class EpisodeMetrics:
         return self.collision is not None and self.collision.kind.ego_hit
 
     def result(self, driver: str, safety_check: str, vehicles: int, seed: int) -> EpisodeResult:
-        """Return the row of the episode: its metrics, and the four given values."""
+        """Return the table's row for the episode: the four arguments and the metrics."""
         return EpisodeResult(
             driver=driver,
             safety_check=safety_check,
@@ -175,7 +176,10 @@ class EpisodeMetrics:
 
 
 def _mean(values: Sequence[float]) -> float:
-    """Return the mean of values summed in order; numpy and ``sum`` differ in the last bit."""
+    """Return the mean; the values are added in order.
+
+    The sums of numpy and of ``sum`` could differ in the last bit.
+    """
     total = 0.0
     for value in values:
         total += value

@@ -1,4 +1,4 @@
-"""Observations that the user chooses: named groups of indicators, or an object (ours)."""
+"""Observations that the user chooses: named groups of indicators, or the user's object (ours)."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,8 +25,9 @@ from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 
 FURTHER = ("right_lane", "left_lane", "lane_change", *WAY_INDICATORS)
-"""Indicators that the paper does not have. Lanes: 1 if the lane exists and is open, else 0. Lane
-change in progress: +1 left, -1 right, 0 none. The others: see ``WAY_INDICATORS``."""
+"""Indicators that the paper does not have. ``right_lane`` and ``left_lane`` are 1 if that lane
+exists and is open, and otherwise 0. ``lane_change`` is the lane change in progress: +1 left, -1
+right, 0 none. ``WAY_INDICATORS`` describes the others."""
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {slot: tuple(name for name in INDICATORS if name.startswith(slot)) for slot in SLOTS}
     | {"ego": INDICATORS[-3:], "lanes": FURTHER[:2], "lane_change": FURTHER[2:3]}
@@ -36,7 +37,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 def default_groups(config: ObservationConfig) -> tuple[str, ...]:
-    """Return the groups of the observation with these settings, if the user names none."""
+    """Return the groups that the observation has with these settings if the user names none."""
     paper = tuple(GROUPS)[:7]
     return (*paper, "lane_end", "way") if config.way else paper
 
@@ -88,7 +89,8 @@ class GroupObservation:
         """The permutations and signs that exchange left and right in this observation.
 
         Raises:
-            ConfigError: a group of one side is present without that of the other side.
+            ConfigError: a group of the left lane is present without that of the right lane, or the
+                reverse.
         """
         try:
             return mirror_of(self.names)
@@ -105,8 +107,8 @@ def observation_function(
     """Convert the argument ``observation`` of the environment to a callable object.
 
     Raises:
-        ConfigError: ``given`` is neither known groups of indicators nor an object with a ``space``
-            that can be called with a scene.
+        ConfigError: ``given`` does not name known groups of indicators, and is not a function of a
+            scene with an attribute ``space`` either.
     """
     if isinstance(given, str):
         return GroupObservation([given], scale)

@@ -22,7 +22,7 @@ class Desired(NamedTuple):
 
     speed_m_s: float
     lateral_m: float
-    """Metres from the centre of the rightmost lane, left positive."""
+    """Position relative to the centre of the rightmost lane, left positive."""
 
 
 class Rewards(NamedTuple):
@@ -62,7 +62,7 @@ RewardFunction = Callable[[Transition], float]
 
 
 def own_reward(function: RewardFunction, transition: Transition) -> float:
-    """Return the reward of a transition by the user's own function.
+    """Return the reward of a transition that the user's own function computes.
 
     Raises:
         ConfigError: the function does not return a finite number.
@@ -74,40 +74,40 @@ def own_reward(function: RewardFunction, transition: Transition) -> float:
 
 
 def speed_reward(speed_m_s: float, desired_m_s: float) -> float:
-    """Return r_v (eq. 6 of the paper): 0 at the desired speed; it falls to -1 away from it."""
+    """Return r_v (eq. 6 of the paper): 0 at the desired speed, and down to -1 far from it."""
     return math.exp(-((speed_m_s - desired_m_s) ** 2) / 10) - 1
 
 
 def lateral_reward(lateral_m: float, desired_m: float) -> float:
-    """Return r_y (eq. 7 of the paper): 0 at the desired position; it falls to -1 away from it."""
+    """Return r_y (eq. 7 of the paper): 0 at the desired position, and down to -1 far from it."""
     return math.exp(-((lateral_m - desired_m) ** 2) / 10) - 1
 
 
 def gap_reward(gap_m: float, safe_gap_m: float) -> float:
-    """Return r_x (eq. 8 of the paper): 0 if the gap is at least d_safe; it falls to -1 below."""
+    """Return r_x (eq. 8 of the paper): 0 if the gap is at least d_safe, and down to -1 below."""
     if gap_m >= safe_gap_m:
         return 0.0
     return math.exp(-((gap_m - safe_gap_m) ** 2) / (10 * safe_gap_m)) - 1
 
 
 def speed_bonus(speed_m_s: float, ego: EgoConfig, weight: float) -> float:
-    """Return weight * speed / top speed, a bonus that the training may add to the reward (ours)."""
+    """Return weight * speed / maximum speed, a bonus that a training may add (ours)."""
     return weight * speed_m_s / ego.max_speed_m_s
 
 
 def safe_gap(speed_m_s: float, headway_s: float, minimum_gap_m: float) -> float:
-    """Return d_safe (Sec. IV-C), metres: headway times speed, but at least the minimum gap."""
+    """Return d_safe (Sec. IV-C), m: headway times speed, but at least the minimum gap."""
     return max(headway_s * speed_m_s, minimum_gap_m)
 
 
 def attainable_speed(
     affordances: Affordances, sign: int, config: RewardConfig, minimum_gap_m: float
 ) -> float:
-    """Return the speed that the own (0), left (+1) or right (-1) lane allows now, m/s (ours).
+    """Return the speed that a lane allows now, m/s (ours).
 
-    It is the speed of the vehicle ahead in that lane, plus the speed at which the ego reduces the
-    gap to d_safe within ``catch_up_time_s``. It is at most ``desired_speed_m_s``, which is also the
-    result for a free lane.
+    ``sign`` selects the lane: the own (0), left (+1) or right (-1) lane. The speed is that of the
+    vehicle ahead in this lane, plus the closing speed that reduces the gap to d_safe within
+    ``catch_up_time_s``. It is at most ``desired_speed_m_s``, which also holds for a free lane.
     """
     front = affordances.front(sign)
     if front is None:
@@ -118,11 +118,12 @@ def attainable_speed(
 
 
 def tolerated_speed(speed_m_s: float, attainable_m_s: float, config: RewardConfig) -> float:
-    """Return v_des, the attainable speed of the lane with a tolerance, m/s (ours).
+    """Return v_des, m/s: the attainable speed of the lane, with a tolerance (ours).
 
-    Behind another vehicle the ego may deviate by ``speed_tolerance_m_s`` without a penalty, because
-    actions change its speed in steps. The result is the speed in that range that is nearest to the
-    ego's speed. On a free road there is no tolerance, because the ego can reach the speed exactly.
+    Behind another vehicle the ego's speed may deviate from the attainable speed by
+    ``speed_tolerance_m_s`` without a penalty, because actions change the speed in steps. v_des is
+    therefore the speed within this tolerance that is nearest to the ego's speed. On a free road
+    there is no tolerance, because the ego can reach the desired speed exactly.
     """
     if attainable_m_s >= config.desired_speed_m_s:
         return config.desired_speed_m_s
@@ -134,12 +135,14 @@ def tolerated_speed(speed_m_s: float, attainable_m_s: float, config: RewardConfi
 def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig) -> Desired:
     """Return v_des and y_des, which depend on the affordance indicators only (ours).
 
-    If ``config.desired`` is "fixed", they are the two values of the config. If it is "traffic",
-    they are the ``tolerated_speed`` in a lane and the centre of a lane. If the ego's way demands
-    lane changes now (``due_changes``), the speed is that in the next lane on the way, or in the
-    ego's own lane while the next one is not there yet, and the centre that of the lane after these
-    changes. Otherwise the speed is that in the ego's own lane, and the centre that of the best lane
-    (``faster_side``).
+    If ``config.desired`` is "fixed", they are the two values in the config. If it is "traffic",
+    v_des is the ``tolerated_speed`` in one lane, and y_des is the centre of a lane:
+
+    - If mandatory lane changes are due (``due_changes``), v_des is that of the next lane in their
+      direction, or of the ego's lane until the next lane begins. y_des is the centre of the lane
+      that the ego reaches by these lane changes.
+    - Otherwise v_des is that of the ego's lane, and y_des the centre of the best lane
+      (``faster_side``).
     """
     if config.desired == "fixed":
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)
@@ -154,9 +157,9 @@ def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig
 
 
 def due_changes(mandatory: MandatoryChange) -> int:
-    """Return how many of the mandatory lane changes are due now; left positive (ours).
+    """Return how many of the mandatory lane changes are due now, left positive (ours).
 
-    Those are due that cannot be postponed if each takes ``UNHURRIED_M``.
+    A lane change is due if it cannot be postponed, assuming that each takes ``UNHURRIED_M``.
     """
     if not mandatory.lanes:
         return 0
@@ -167,11 +170,11 @@ def due_changes(mandatory: MandatoryChange) -> int:
 def faster_side(
     affordances: Affordances, own_m_s: float, config: RewardConfig, safety: SafetyConfig
 ) -> int:
-    """Return the side, +1 left or -1 right, of the best lane, or 0 for the ego's own (ours).
+    """Return which lane is the best: +1 the left lane, -1 the right lane, 0 the ego's own (ours).
 
-    Another lane is better if its attainable speed is more than ``worthwhile_gain_m_s`` higher than
-    ``own_m_s``, that of the ego's lane, and if rule 3 permits the lane change. Of two equally good
-    lanes the nearer one is the best.
+    Another lane is better if rule 3 permits the lane change, and if its attainable speed exceeds
+    that of the ego's lane, ``own_m_s``, by more than ``worthwhile_gain_m_s``. If both other lanes
+    are equally good, the lane nearer to the ego's centre is the best.
     """
     best, sign = own_m_s + config.worthwhile_gain_m_s, 0
     nearer = 1 if affordances.ego_y_m >= affordances.lane_center_m else -1

@@ -14,10 +14,10 @@ from drl_av.errors import ConfigError
 def rollout(
     env: HighwayEnv, driver: Driver, seed: int, vehicles: int | None = None
 ) -> Iterator[Decision]:
-    """Drive one episode, and yield each decision before the driver makes the next one.
+    """Drive one episode, and yield each decision before the driver makes the next.
 
-    The caller may therefore train the driver between two decisions. ``seed`` and ``vehicles`` are
-    passed to ``HighwayEnv.reset``, which is called when the caller requests the first decision.
+    The caller may therefore train the driver between two decisions. The episode begins when the
+    caller requests the first decision; ``HighwayEnv.reset`` then gets ``seed`` and ``vehicles``.
 
     Raises:
         DrlAvError: ``HighwayEnv.reset`` or ``HighwayEnv.step`` raises it.

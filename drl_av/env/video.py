@@ -16,9 +16,9 @@ from drl_av.errors import ConfigError, RecordingError
 
 
 def cubic_schedule(episode: int) -> bool:
-    """Return whether gymnasium would film an episode: 0, 1, 8, 27, ... and then each 1,000th.
+    """Return whether to film an episode: 0, 1, 8, 27, ... and from 1,000 on each 1,000th.
 
-    gymnasium's own function cannot be imported without moviepy.
+    This is gymnasium's default, whose own function cannot be imported without moviepy.
     """
     if episode >= 1000:
         return episode % 1000 == 0
@@ -30,25 +30,25 @@ class RecordVideo(
     gymnasium.Wrapper[Observation, np.int64, Observation, np.int64],
     gymnasium.utils.RecordConstructorArgs,
 ):
-    """Films episodes with pictures between the decisions.
+    """Films episodes, with several pictures for each decision.
 
-    gymnasium's wrapper of the same name keeps one picture of each step, so that its films show one
-    picture a second. This one needs neither a render mode nor moviepy, and writes ``FOLDER/
-    PREFIX-episode-N.mp4`` when an episode ends or the environment is closed.
+    gymnasium's wrapper of the same name films one picture for each step, that is, for each second.
+    This wrapper needs neither a render mode nor moviepy. It writes the film
+    ``FOLDER/PREFIX-episode-N.mp4`` when the episode ends or the environment is closed.
 
     Args:
-        env: The environment, in any wrappers.
+        env: The environment, which other wrappers may wrap.
         video_folder: The folder of the films, created if it is missing.
-        episode_trigger: Whether to film an episode, by its number from 0; the default is
-            ``cubic_schedule``, as gymnasium's.
+        episode_trigger: The function that returns whether to film an episode, given the episode's
+            number from 0; the default is ``cubic_schedule``, like gymnasium's.
         name_prefix: The beginning of the files' names.
         fps: Pictures per second of the film.
         rate: Speed of the film as a multiple of real time.
 
     Raises:
-        ConfigError: ``env`` is not drl-av's environment, ``fps`` or ``rate`` is no number above 0,
-            or ``episode_trigger`` is no function.
-        RecordingError: the folder cannot be made.
+        ConfigError: ``env`` is not drl-av's environment, ``fps`` or ``rate`` is not a number above
+            0, or ``episode_trigger`` is not a function.
+        RecordingError: the folder cannot be created.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class RecordVideo(
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Write the film of an episode that did not end, and start the next episode."""
+        """Write the film of an unfinished episode, if there is one, and start the next episode."""
         self._write()
         started = self.env.reset(seed=seed, options=options)
         self._episode += 1
@@ -116,7 +116,7 @@ class RecordVideo(
         return observation, float(reward), terminated, truncated, info
 
     def close(self) -> None:
-        """Write the film of an episode that did not end, and close the environment."""
+        """Write the film of an unfinished episode, if there is one, and close the environment."""
         self._write()
         self.env.close()
 
