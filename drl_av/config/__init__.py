@@ -90,7 +90,7 @@ class Config:
     def with_traffic(self, kind: object) -> "Config":
         """Return a copy with the traffic settings of ``kind``, a key of ``TRAFFIC_KINDS``.
 
-        The smallest and the largest number of vehicles do not change.
+        ``vehicles_min`` and ``vehicles_max`` keep their values.
 
         Raises:
             ConfigError: there is no such kind.
@@ -103,7 +103,7 @@ class Config:
 
 
 OLD_DEFAULTS = Config().updated("reward", speed_tolerance_m_s=0.0)
-"""The config whose values replace settings that are missing from the files of older versions."""
+"""The defaults of settings that are missing from the files of older versions."""
 
 RENAMED = {("learning", "networks_take_turns"): "round_robin"}
 """New names of renamed settings; the key is (section, name in the files of older versions)."""
@@ -130,8 +130,8 @@ def from_sections(
 ) -> Config:
     """Return a copy of ``base`` (default: the paper's config) with the settings of a dictionary.
 
-    ``sections`` is ``{section: {key: value}}``. The key ``kind`` of the section ``traffic`` sets
-    all traffic settings of that kind; the other keys of the section then change single settings.
+    ``sections`` is ``{section: {key: value}}``. In the section ``traffic``, the key ``kind`` first
+    selects a kind of traffic with all its settings; the other keys then change single settings.
     Error messages contain ``name``.
 
     Raises:

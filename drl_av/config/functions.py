@@ -1,4 +1,4 @@
-"""Checks the functions that users pass: a driver's methods, a reward, an observation, a check."""
+"""Checks the arguments of functions that users pass, such as a reward or a safety check."""
 
 from inspect import signature
 from typing import Any
@@ -9,14 +9,14 @@ from drl_av.errors import ConfigError
 def require_function(function: Any, what: str, *arguments: str) -> None:
     """Raise ConfigError unless ``function`` can be called with these positional arguments.
 
-    ``what`` names the function in the message, ``arguments`` are the names of its arguments.
+    ``what`` is the function's name in the error message; ``arguments`` are the argument names.
     """
     given = ", ".join(arguments)
     if not callable(function):
         raise ConfigError(f"{what} is {function!r}, but must be a function of ({given}).")
     try:
         parameters = signature(function)
-    except ValueError:  # some functions of C libraries do not tell their arguments
+    except ValueError:  # some functions of C libraries have no signature
         return
     try:
         parameters.bind(*arguments)

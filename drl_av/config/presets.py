@@ -36,8 +36,12 @@ _FAST_ON_RAMPS = {
     "target_update_episodes": 8,
     "unsafe_penalty": 0.1,
 }
-"""An episode with a ramp has about a quarter of the decisions of one on the loop. The check often
-refuses a lane change that the way demands, and the driver must try again."""
+"""Settings of the preset ``fast`` on roads with ramps.
+
+They have four times as many episodes, because an episode there has about a quarter of the decisions
+of an episode on the loop. The penalty is smaller, because the check often refuses a lane change
+that the ego's way demands, and the driver has to propose it again.
+"""
 for _scenario in ("merge", "exit", "ramp_to_ramp"):
     for _name, _learning in (("paper", {}), ("fast", _FAST_ON_RAMPS)):
         PRESETS[f"{_name}-{_scenario}"] = (

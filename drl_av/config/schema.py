@@ -27,9 +27,9 @@ def setting(
         default: The default value; its type is the type of the setting.
         source: The source of the default, for example "Table I" or "ours".
         meaning: The meaning of the setting; TOML files and the docs show it.
-        low: The smallest allowed value, or None.
-        high: The largest allowed value, or None.
-        choices: The allowed texts, or None.
+        low: The smallest allowed value; None sets no lower bound.
+        high: The largest allowed value; None sets no upper bound.
+        choices: The allowed strings; None allows every string.
     """
     return field(
         default=default,
@@ -56,9 +56,10 @@ def section_name(section: type) -> str:
 
 
 def _converted(value: Any, kind: type) -> Any:
-    """Return a value as the type ``kind`` where nothing is lost, else unchanged.
+    """Convert a value of a type that users may pass instead of ``kind``, the type of a setting.
 
-    A number of numpy becomes one of Python, a whole number a float, and a path a text.
+    A numpy scalar becomes a Python number, an int becomes a float if ``kind`` is float, and a path
+    becomes a string if ``kind`` is str. Other values stay unchanged.
     """
     if getattr(value, "shape", None) == () and callable(getattr(value, "item", None)):
         value = value.item()
@@ -68,9 +69,10 @@ def _converted(value: Any, kind: type) -> Any:
 
 
 class Section:
-    """Base class of all sections, which checks the value of each field when it is created.
+    """Base class of all sections; the constructor checks the value of each field.
 
-    Numbers of numpy and paths are converted, too.
+    It also converts numpy scalars to Python numbers, ints to floats, and paths to strings, where
+    the setting has that type.
 
     Raises:
         ConfigError: a value has a wrong type, is out of bounds, or is not one of the choices.
@@ -100,7 +102,7 @@ class Section:
                 raise ConfigError(f"{where} is {value}, but must be {bounds}.")
 
     def ordered(self, *names: str) -> None:
-        """Raise ConfigError unless the values of the named fields ascend in this order."""
+        """Raise ConfigError unless each named field is at most as large as the next one."""
         values = [getattr(self, name) for name in names]
         if values != sorted(values):
             raise ConfigError(

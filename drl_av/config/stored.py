@@ -25,7 +25,7 @@ ADDED_LATER = {
     ("ego", "overtake_right"),
     ("observation", "way"),
 }
-"""Settings that were added later, as (section, key); a file without them has the defaults."""
+"""(section, key) of each setting that older versions lack; their files get the default value."""
 
 
 def load_stored(path: Path) -> Config:

@@ -8,7 +8,7 @@ from drl_av.errors import ConfigError
 STANDSTILL_GAP_M = 2.5
 """Gap to the vehicle ahead at standstill: SUMO's minGap, and the default of each driver model."""
 CONGESTED_M_S = 60 / 3.6
-"""The ban on passing on the right does not apply to a vehicle that is not faster, as in SUMO."""
+"""Speed, m/s, up to which a vehicle may always be passed on the right, as in SUMO (60 km/h)."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ class TrafficConfig(Section):
             )
 
     def longest_m(self, length_m: float) -> float:
-        """Return the length of the longest vehicle, metres: a truck's, or a car's, ``length_m``."""
+        """Return the length of the longest vehicle, metres; a car has ``length_m``."""
         return max(length_m, self.truck_length_m) if self.truck_share else length_m
 
     @property

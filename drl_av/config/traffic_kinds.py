@@ -13,7 +13,7 @@ class TrafficKind(NamedTuple):
 
     meaning: str
     settings: Mapping[str, tuple[Any, str]]
-    """The value of each setting and the source of that value, by the setting's key."""
+    """By key of the setting: a pair of its value and the source of this value."""
 
 
 _EQUAL_PARTS = 0.25, "Sec. IV-B names these drivers; equal parts are ours"
@@ -82,7 +82,9 @@ TRAFFIC_KINDS: dict[str, TrafficKind] = {
 
 
 def traffic_of_kind(name: object, traffic: TrafficConfig) -> TrafficConfig:
-    """Return the settings of the kind of traffic ``name``, with the vehicle numbers of ``traffic``.
+    """Return the settings of the kind of traffic ``name``.
+
+    ``vehicles_min`` and ``vehicles_max`` are those of ``traffic``.
 
     Raises:
         ConfigError: there is no such kind; the message suggests the nearest name.

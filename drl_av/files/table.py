@@ -23,11 +23,14 @@ Row = dict[str, str]
 PossiblyInfinite = Annotated[float, "possibly infinite"]
 """The type of a column of numbers that may be inf, such as a time to collision."""
 PlainNumber = Annotated[float, "up to 1e9"]
-"""The type of a column of numbers that are drawn; matplotlib fails at numbers near 1e308."""
+"""The type of a column of finite numbers that figures show, each at most ``LARGEST``.
+
+matplotlib fails at numbers near 1e308.
+"""
 LARGEST = 1e9
 """The largest absolute value of a PlainNumber."""
 MAX_BYTES, MAX_ROWS, MAX_HEADER = 512_000_000, 5_000_000, 100_000
-"""The largest table that is read: its size, its rows, and the bytes of its first line."""
+"""Limits for reading a table: bytes of the file, number of rows, bytes of the first line."""
 Columns = type | Iterable[str]
 """A dataclass or NamedTuple whose fields are the columns, or the columns' names."""
 RowType = TypeVar("RowType")
@@ -111,15 +114,15 @@ def read_table(
     Args:
         path: The file.
         columns: The type of each column to read; None reads all columns as text. A type is str,
-            int, bool, float (a finite number), PossiblyInfinite, or the union of one of these with
-            None, which is an empty cell.
+            int, bool, float (a finite number) or PossiblyInfinite. In the union of such a type with
+            None, an empty cell is None.
         growing: Whether another program may still be adding rows. Such a table may be missing or
             empty (the result is []), and an incomplete last line is ignored.
 
     Raises:
-        DrlAvError: the file is missing, unreadable or empty, has no rows, lacks a column or has it
-            twice, its last line is incomplete, or it is larger than the program reads; or a row has
-            a wrong number of values, or a value of a wrong type.
+        DrlAvError: the file is missing, unreadable, empty or too large, or has no rows; a column is
+            missing or occurs twice; the last line is incomplete; or a row has a wrong number of
+            values, or a value of a wrong type.
     """
     if growing and not (path.exists() and path.stat().st_size):
         return []
@@ -234,10 +237,10 @@ def _value(place: str, column: str, cell: str, kind: Any) -> Any:
 
 
 def _parsed(cell: str, kind: Any) -> Any:
-    """Convert a cell to str, int, bool or float; raise ValueError if it does not fit.
+    """Convert a cell to str, int, bool or float; raise ValueError if it is not of this type.
 
-    NaN is refused; inf is refused unless ``kind`` is PossiblyInfinite, and a PlainNumber is at most
-    ``LARGEST``.
+    NaN is never allowed, and inf is allowed only for PossiblyInfinite. A PlainNumber is at most
+    ``LARGEST`` in absolute value.
     """
     value: Any
     if kind is bool:

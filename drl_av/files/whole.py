@@ -75,7 +75,7 @@ def append(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> Non
 def remove_cut_line(path: Path, error: type[DrlAvError] = DrlAvError) -> None:
     """Remove the last line of a file if it does not end with a line feed.
 
-    A missing file is left as it is.
+    If the file is missing, nothing happens.
 
     Raises:
         error: the file is not writable; ``error`` is its class.
@@ -132,9 +132,9 @@ def _try(path: Path) -> None:
 
 
 def require_suffix(path: Path | None, suffix: str) -> None:
-    """Raise DrlAvError if a file to write has another suffix, such as that of a user's source.
+    """Raise DrlAvError unless the file name ends with ``suffix``; None is accepted.
 
-    A path that is None is ignored.
+    A file of another kind, such as a source file of the user, is thus not overwritten by mistake.
     """
     if path is not None and path.suffix.lower() != suffix:
         raise DrlAvError(f"{path} must end with {suffix}: choose another name.")
