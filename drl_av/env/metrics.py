@@ -54,7 +54,7 @@ class EpisodeResult:
         return self.way not in ("", *COMPLETE)
 
     def cells(self) -> dict[str, Any]:
-        """Return the values by column; the column ``way`` exists only if the ego has a way."""
+        """Return the row's values by column, without the column ``way`` if the ego has no way."""
         cells = asdict(self)
         if not self.way:
             del cells["way"]

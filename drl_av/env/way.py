@@ -15,8 +15,8 @@ COMPLETE = (EXIT_TAKEN, MERGED)
 class Way:
     """The way of the ego in one episode.
 
-    It leads to the ego's exit; on a road without one, out of the lane in which the ego starts, if
-    that lane ends. Elsewhere the ego has no way, and the outcome is always "".
+    The way leads to the ego's exit. On a road without an exit, it leads out of the lane in which
+    the ego starts, if that lane ends. Otherwise the ego has no way, and the outcome is always "".
     """
 
     def __init__(self, road: Road, start: Scene) -> None:
@@ -28,10 +28,10 @@ class Way:
         self._outcome = ""
 
     def outcome(self, scene: Scene, over: bool) -> str:
-        """Return one of the four outcomes after a decision; "" while the way is open.
+        """Return one of the four outcomes after a decision; "" while the outcome is not decided.
 
-        ``over`` is whether the episode ends with ``scene``, by a collision or otherwise. The ego
-        has then missed its exit or not merged if it had not done so before.
+        ``over`` says whether the episode ends with ``scene``, by a collision or otherwise. An ego
+        that has not taken its exit or merged by then has missed it or not merged.
         """
         if self._leads_somewhere and not self._outcome:
             failed = EXIT_MISSED if self._road.exit_m < math.inf else NOT_MERGED
@@ -39,7 +39,7 @@ class Way:
         return self._outcome
 
     def _passed(self, scene: Scene) -> str:
-        """Return the outcome by the place of the ego alone."""
+        """Return the outcome that follows from the ego's position alone; "" if none does."""
         at_m = front_m(scene)
         if self._road.exit_m == math.inf:
             return MERGED * (at_m >= self._merge_m)
@@ -48,6 +48,6 @@ class Way:
 
 
 def front_m(scene: Scene) -> float:
-    """Return the position of the ego's front bumper along the road, metres."""
+    """Return the position of the ego's front bumper along the road, m."""
     snapshot = scene.snapshot
     return float(snapshot.s_m[EGO] + snapshot.length_m[EGO] / 2)

@@ -1,9 +1,9 @@
 """Aggregate statistics of scores over several numbers of vehicles, each with a 95 % interval.
 
-They are those that Agarwal et al. recommend ("Deep Reinforcement Learning at the Edge of the
-Statistical Precipice", NeurIPS 2021), and agree with their package rliable. ``Strata`` are the
-scores of one driver: one array for each number of vehicles, which is their task, with one score for
-each episode, which is their run. The arrays may have different lengths.
+Agarwal et al. recommend these statistics ("Deep Reinforcement Learning at the Edge of the
+Statistical Precipice", NeurIPS 2021); the results agree with their package rliable. ``Strata`` are
+the scores of one driver: one array for each number of vehicles, with one score for each episode.
+Agarwal et al. call these a task and a run. The arrays may have different lengths.
 """
 
 from collections.abc import Sequence
@@ -16,13 +16,13 @@ from drl_av.traffic.road import FloatArray
 
 Strata = Sequence[FloatArray]
 RESAMPLES = 2000
-"""Resamples of a bootstrap, as for the performance profiles of rliable."""
+"""Number of resamples of a bootstrap; rliable uses as many for its performance profiles."""
 SEED = 0
 """Seed of the resampling, so that the same scores have the same interval."""
 
 
 class Estimate(NamedTuple):
-    """A statistic, and the ends of its 95 % interval by the percentiles of a bootstrap."""
+    """A statistic, and the two ends of its 95 % bootstrap interval (percentile method)."""
 
     value: float
     low: float
@@ -35,8 +35,9 @@ class Estimate(NamedTuple):
 def interquartile_mean(strata: Strata) -> Estimate:
     """Compute the mean of the middle half of all scores (Agarwal et al., Section 4.3).
 
-    A quarter of the scores, rounded down, is left out at each end. The interval is that of the
-    stratified bootstrap, which draws from each number of vehicles as many episodes as it has.
+    The lowest and the highest quarter of the scores, rounded down, are left out. The interval is
+    that of the stratified bootstrap: each resample has as many episodes of each number of vehicles
+    as the scores.
 
     Raises:
         DrlAvError: a number of vehicles has no scores.
@@ -51,12 +52,14 @@ def interquartile_mean(strata: Strata) -> Estimate:
 def probability_of_improvement(ours: Strata, theirs: Strata) -> Estimate:
     """Compute the probability that our score exceeds theirs (Agarwal et al., Section 4.3).
 
-    It compares each of our scores with each of theirs among as many vehicles, counts a tie as one
-    half, and is the mean over the numbers of vehicles. The bootstrap resamples both drivers
-    independently, as rliable does; for drivers in the same traffic the paired gain is sharper.
+    Each score of ours is compared with each score of theirs at the same number of vehicles; a tie
+    counts as one half. The result is the mean over the numbers of vehicles. The bootstrap resamples
+    both drivers independently, as rliable does. For drivers in the same traffic, the paired gain
+    has a narrower interval.
 
     Raises:
-        DrlAvError: a number of vehicles has no scores, or the drivers have not the same numbers.
+        DrlAvError: a number of vehicles has no scores, or the drivers have different numbers of
+            vehicles.
     """
     _require_scores(ours, theirs)
     if len(ours) != len(theirs):

@@ -17,7 +17,7 @@ from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.processes import BrokenProcessPool, workers
 
 MakeMetrics = Callable[[], EpisodeMetrics]
-"""Makes the metrics of one episode; a class that worker processes can import."""
+"""A function that makes the metrics of one episode; worker processes must be able to import it."""
 
 
 def drive_all(
@@ -39,8 +39,8 @@ class Evaluation:
     """What to evaluate: drivers, numbers of vehicles around the ego, and traffic seeds.
 
     If ``vehicles`` is empty, the numbers are those of the published tables, or the number that the
-    scenario places. ``make_metrics`` makes the metrics of each episode, whose result is its row.
-    ``len`` is the number of episodes.
+    scenario places. ``make_metrics`` makes the metrics of each episode, which compute its row of
+    the results. ``len`` returns the number of episodes.
 
     Raises:
         RunError, CheckpointError: a learned driver cannot be read.

@@ -1,7 +1,7 @@
 """The columns of ``drl-av evaluate --criticality``: comfort, and surrogate safety measures.
 
-All of them are measured once a decision, as the other columns: accelerations and jerks are means
-over a decision, so peaks within it are not seen.
+Like the other columns, they are measured once per decision. Accelerations and jerks are means over
+a decision, so peaks within a decision are not seen.
 """
 
 import math
@@ -24,14 +24,14 @@ from drl_av.safety.paper import closing_speed, time_to_collision
 from drl_av.traffic.snapshot import EGO, Snapshot
 
 CRITICAL_TTC_S = 3.0
-"""A time to collision below it adds to TET and TIT; the default threshold of SUMO's SSM device."""
+"""A time to collision of at most this adds to TET and TIT (default of SUMO's SSM device)."""
 CHANGE_M_S = 0.3
-"""A change of speed in a decision that counts as accelerating or braking."""
+"""A larger change of speed in a decision counts as accelerating or braking."""
 SHORT_HEADWAY_S = 1.0
 CRAWLING_M_S = 5.0
-"""Headways at this speed and below do not count as short."""
+"""At this speed and below, a headway does not count as short."""
 FORCED_M_S2 = 2.0
-"""Harder braking behind a lane change counts as forced."""
+"""If the vehicle behind a lane change brakes harder than this, its braking counts as forced."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,13 @@ class CriticalityResult(EpisodeResult):
     tit_s2: float
     """Time integrated time-to-collision: the integral of 3 s minus TTC over that time."""
     max_drac_m_s2: PossiblyInfinite
-    """Largest deceleration that avoids a crash with the vehicle ahead, which keeps its speed."""
+    """Largest deceleration needed to avoid a crash, if the vehicle ahead keeps its speed."""
     min_pet_s: PossiblyInfinite
-    """Smallest post-encroachment time between the ego and any vehicle, whichever comes first."""
+    """Smallest post-encroachment time between the ego and any vehicle, in either order."""
     short_headways: int
     """Number of decisions after which the time gap to the vehicle ahead is below 1 s."""
     forced_brakes: int
-    """Number of decisions with a lane change in which the vehicle behind brakes above 2 m/s^2."""
+    """Number of lane change decisions in which the vehicle behind brakes harder than 2 m/s^2."""
     max_forced_braking_m_s2: float
     """Hardest braking of the vehicle behind the ego during a lane change; 0 without any."""
 
@@ -91,7 +91,7 @@ class CriticalityMetrics(EpisodeMetrics):
         self._add_rear(decision, duration_s)
 
     def _add_motion(self, before: Snapshot, after: Snapshot, duration_s: float) -> None:
-        """Add the ego's motion; the first decision has no jerk, for want of one before it."""
+        """Add the ego's motion in a decision; the jerk of the first decision counts as 0."""
         (v_x, v_y, heading), (next_v_x, next_v_y, next_heading) = map(_velocity, (before, after))
         a_x, a_y = (next_v_x - v_x) / duration_s, (next_v_y - v_y) / duration_s
         yaw_rate = (next_heading - heading) / duration_s
@@ -110,7 +110,7 @@ class CriticalityMetrics(EpisodeMetrics):
         self._sign = sign or self._sign
 
     def _add_front(self, decision: Decision, duration_s: float) -> None:
-        """Update what depends on the vehicle ahead after the decision, if there is one."""
+        """Update the metrics that depend on the vehicle ahead, if there is one."""
         front = decision.next_scene.affordances.own_front
         if front is None:
             return
@@ -125,7 +125,7 @@ class CriticalityMetrics(EpisodeMetrics):
             self.short_headways += front.gap_m < SHORT_HEADWAY_S * speed_m_s
 
     def _add_rear(self, decision: Decision, duration_s: float) -> None:
-        """Update how hard the vehicle behind brakes during a lane change of the ego."""
+        """During a lane change, update the metrics on the braking of the vehicle behind."""
         scenes = decision.scene, decision.next_scene
         rear = decision.next_scene.affordances.own_rear
         if rear is None or not any(scene.lane_change for scene in scenes):
@@ -141,7 +141,7 @@ class CriticalityMetrics(EpisodeMetrics):
 
     @property
     def min_pet_s(self) -> float:
-        """Smallest post-encroachment time between the ego and any other vehicle; inf without."""
+        """Smallest post-encroachment time between the ego and any other vehicle; inf if none."""
         ego = _track(self._snapshots, [EGO] * len(self._snapshots))
         times_s = [math.inf]
         for name in {name: None for shot in self._snapshots for name in shot.ids[EGO + 1 :]}:
@@ -154,7 +154,7 @@ class CriticalityMetrics(EpisodeMetrics):
         return min(times_s)
 
     def result(self, driver: str, safety_check: str, vehicles: int, seed: int) -> CriticalityResult:
-        """Return the row of the episode: its metrics, and the four given values."""
+        """Return the table's row for the episode: the four arguments and the metrics."""
         motions = self.motions or [Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)]
         jerks = [abs(motion.j_x_m_s3) for motion in motions]
         return CriticalityResult(
@@ -176,7 +176,7 @@ class CriticalityMetrics(EpisodeMetrics):
 
 
 def _velocity(snapshot: Snapshot) -> tuple[float, float, float]:
-    """Return the ego's speed, its lateral speed, and the direction of its motion, radians."""
+    """Return the ego's speed and lateral speed, m/s, and the direction of its motion, radians."""
     v_x, v_y = float(snapshot.speed_m_s[EGO]), float(snapshot.lateral_speed_m_s[EGO])
     return v_x, v_y, math.atan2(v_y, v_x)
 
@@ -193,7 +193,7 @@ def _track(snapshots: list[Snapshot], rows: list[int]) -> Track:
 
 
 class Style(NamedTuple):
-    """How one driver drives over all its episodes besides its speed."""
+    """The comfort and criticality of one driver, over all its episodes."""
 
     driver: str
     reversals_per_km: float
@@ -201,18 +201,18 @@ class Style(NamedTuple):
     comfortable_percent: float
     """Share of decisions within nuPlan's bounds of comfort."""
     tet_s_per_km: float
-    """Time with a TTC of at most 3 s to the vehicle ahead, seconds in a kilometre."""
+    """Time with a TTC of at most 3 s to the vehicle ahead, seconds per kilometre."""
     max_drac_m_s2: float
     min_pet_s: float
     short_headways_percent: float
     forced_brakes_per_1000: float
-    """Forced brakings of others in 1,000 decisions."""
+    """Forced brakings of other vehicles per 1,000 decisions."""
 
 
 def styles(rows: Iterable[EpisodeResult]) -> list[Style]:
-    """Summarize how each driver drives, over all its episodes, in the order of first rows.
+    """Compute the style of each driver; the drivers are in the order of their first rows.
 
-    Rows without the columns of this module are left out.
+    Rows that are no ``CriticalityResult`` are left out.
     """
     groups: dict[str, list[CriticalityResult]] = {}
     for row in rows:

@@ -27,7 +27,7 @@ class Results(list[EpisodeResult]):
 
     @property
     def judgements(self) -> list[Judgement]:
-        """Whether each driver passes beside the rule-based ones; empty without one of these."""
+        """The judgements of the drivers that are not rule-based; empty without a rule-based one."""
         return judge(self)
 
 
@@ -45,30 +45,31 @@ def evaluate(
     traffic: str | None = None,
     criticality: bool = False,
 ) -> Results:
-    """Drive each driver through the same traffic, as ``drl-av evaluate`` does, and return results.
+    """Evaluate all drivers in the same traffic, as ``drl-av evaluate`` does.
 
     Args:
         drivers: One driver or several, named as for ``load_driver``; without any driver, the
             shipped one.
-        own: Further drivers, by the name they get in the results: objects with ``start(seed)`` and
-            ``act(scene, observation)``.
+        own: Further drivers, by their name in the results: objects with the methods ``start(seed)``
+            and ``act(scene, observation)``.
         vehicles: Numbers of vehicles around the ego; by default those of the published tables, or
             the number that the scenario places.
         episodes: Number of episodes for each driver and number of vehicles.
         seed: Traffic seed of the first episode; the following episodes have the next seeds, which
             must be below 1,000,000.
-        jobs: Number of processes, on which the results do not depend; ``own`` needs 1.
-        config: Settings. A dictionary or a TOML file changes the default, which is the config of
-            the first trained driver; without a trained driver, the paper's settings.
+        jobs: Number of processes; it must be 1 with ``own``. The results do not depend on it.
+        config: Settings. A dictionary or a TOML file changes settings of the default config. The
+            default is the config of the first trained driver, or the paper's settings without one.
         scenario: Folder of a scenario, or the name of a shipped one.
         safety_check: ``"permit_all"``, ``"paper"`` or ``"strict"``.
         traffic: The name of a kind of traffic, whose settings ``config`` may change.
-        criticality: Whether each row is a CriticalityResult, with the columns of
+        criticality: Whether to return each row as a CriticalityResult, with the columns of
             ``--criticality``.
 
     Returns:
-        One EpisodeResult for each episode, ordered by number of vehicles, then seed, then driver;
-            a list whose ``judgements`` say which drivers pass beside the rule-based ones.
+        A list with one EpisodeResult for each episode, ordered by number of vehicles, then seed,
+            then driver. Its ``judgements`` say which drivers pass the comparison with the
+            rule-based drivers.
 
     Raises:
         ConfigError, ScenarioError: an argument is wrong, or the vehicles do not fit on the road.
@@ -134,7 +135,11 @@ def _specs(drivers: Iterable[Any], own: Mapping[str, Driver]) -> list[DriverSpec
 
 
 def _whole(name: str, value: object, least: int) -> int:
-    """Return ``value``, a Python or numpy integer; raise ConfigError if it is none or too small."""
+    """Return ``value`` as an integer.
+
+    Raises:
+        ConfigError: ``value`` is not a Python or numpy integer, or is smaller than ``least``.
+    """
     if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
         raise ConfigError(f"{name} is {value!r}, but must be a whole number from {least} on.")
     return int(value)

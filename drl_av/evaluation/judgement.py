@@ -11,29 +11,34 @@ from drl_av.evaluation.statistics import Mean, fastest, mean_difference
 
 
 class Judgement(NamedTuple):
-    """Whether a driver passes beside the rule-based drivers, and the numbers that decide it."""
+    """Whether a driver passes the comparison with the rule-based drivers, with its numbers."""
 
     driver: str
     over: str
     """The fastest rule-based driver, of those that complete their way most often."""
     gain_m_s: Mean
-    """Gain in mean speed over it, paired by traffic."""
+    """Gain in mean speed over the driver ``over``, paired by traffic."""
     ego_hits: int
+    """Number of episodes in which the ego hit something."""
     fewest_ego_hits: int
-    """Episodes in which the ego hit something, of the rule-based driver with the fewest."""
+    """The same number of the rule-based driver that has the fewest."""
     hard_brakes_per_km: float
     their_hard_brakes_per_km: float
+    """The same number of the driver ``over``."""
     comfortable_percent: float | None
-    """Share of decisions within nuPlan's bounds; None without ``--criticality``."""
+    """Share of decisions within nuPlan's bounds of comfort; None without ``--criticality``."""
     their_comfortable_percent: float | None
+    """The same share of the driver ``over``."""
     failures: tuple[str, ...]
-    """The conditions that it does not meet: ``speed``, ``collisions``, ``way``, ``comfort``."""
+    """The conditions that the driver does not meet: ``speed``, ``collisions``, ``way``,
+    ``comfort``."""
     passed: bool
-    """Whether it meets all of them."""
+    """Whether the driver meets all conditions."""
     missed: int | None = None
-    """Episodes in which the ego missed its exit or did not merge; None on a road with neither."""
+    """Number of episodes in which the ego missed its exit or did not merge; None on a road without
+    an exit or a merge."""
     fewest_missed: int | None = None
-    """Those of the rule-based driver with the fewest."""
+    """The same number of the rule-based driver that has the fewest."""
 
     def __str__(self) -> str:
         gain = f"{self.gain_m_s} m/s"
@@ -71,12 +76,12 @@ class _Fewest(NamedTuple):
 
 
 def judge(rows: Iterable[EpisodeResult]) -> list[Judgement]:
-    """Judge each driver that is no rule-based one by ``drl_av.evaluation.RULE``.
+    """Judge each driver that is not rule-based by the criterion ``drl_av.evaluation.RULE``.
 
     The list is empty without a rule-based driver.
 
     Raises:
-        DrlAvError: a driver and the fastest rule-based one did not drive the same traffic.
+        DrlAvError: a driver and the fastest rule-based driver did not drive the same traffic.
     """
     drives: dict[str, list[EpisodeResult]] = {}
     for row in rows:

@@ -1,4 +1,4 @@
-"""Compares a driver with baselines, paired by episode: both drive the same seeded traffic."""
+"""Compares a driver with baselines in the same seeded traffic, episode by episode."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -24,7 +24,7 @@ class Paired(NamedTuple):
     driver: str
     baseline: str
     best: bool
-    """Whether this baseline is the fastest one at this number of vehicles."""
+    """Whether this baseline is the fastest at this number of vehicles."""
     episodes: int
     difference_m_s: Mean
     """The driver's speed minus the baseline's in the same traffic; positive if it is faster."""
@@ -56,7 +56,7 @@ def paired(episodes: Iterable[Speed], driver: str, baselines: Sequence[str]) -> 
     The confidence intervals are Student's t intervals (95 %) of the differences by seed.
 
     Raises:
-        DrlAvError: the drivers did not drive the same seeds, or one drove a seed twice.
+        DrlAvError: the drivers did not drive the same seeds, or a driver drove a seed twice.
     """
     speeds: dict[int, dict[str, dict[int, float]]] = {}
     for row in episodes:

@@ -22,11 +22,11 @@ LOOKS_FOR_PARENT_EVERY_S = 1.0
 
 @contextmanager
 def workers(processes: int) -> Iterator[Submit]:
-    """Start worker processes, and yield the function that submits a call to them.
+    """Start worker processes, and yield the function that submits calls to them.
 
-    If a worker is killed, the results of all open futures raise ``BrokenProcessPool``. The workers
-    use one thread each and ignore Ctrl-C, which a terminal sends to every process. They end at the
-    end of the block, and also if this process is killed.
+    If a worker is killed, all open futures raise ``BrokenProcessPool``. Each worker uses one
+    thread, and ignores Ctrl-C, which a terminal sends to every process. The workers stop when the
+    ``with`` block ends or this process is killed.
     """
     pool = ProcessPoolExecutor(
         processes, env=SINGLE_THREADED, initializer=_end_with, initargs=(os.getpid(),)

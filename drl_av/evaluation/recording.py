@@ -1,4 +1,4 @@
-"""Records an episode to a file, reads it, and compares a replay with it exactly."""
+"""Records an episode to a file, reads such a file, and compares a replay with it exactly."""
 
 import hashlib
 import io
@@ -35,11 +35,11 @@ class Recording:
     states: FloatArray
     """Shape (T + 1, 1 + N, 4): s, y, speed and lateral speed of each vehicle, SI, the ego first.
 
-    On an open road it has a row for each vehicle that was on the road at any decision; its states
-    are NaN while it was not there.
+    On an open road, N counts each vehicle that was on the road at any decision. The states of a
+    vehicle are NaN while it is not on the road.
     """
     ego_model: EgoModel | None = None
-    """Parameters with which SUMO's models drove the ego; None if the proposed actions drove it."""
+    """The parameters of SUMO's models, if they drove the ego; None if the driver's actions did."""
 
     def hash(self) -> str:
         """Return the SHA-256, in hex, of all positions and speeds."""
@@ -117,7 +117,7 @@ class RecordedDriver:
         self._recording = recording
 
     def start(self, seed: int) -> None:
-        """Return to the first decision."""
+        """Start again with the first recorded action; ``seed`` is not used."""
         self._next: Iterator[int] = iter(self._recording.proposed.tolist())
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
@@ -162,14 +162,14 @@ class Recorder:
 
 
 class Tracks:
-    """The states of all vehicles of an episode, each in a row of its own."""
+    """Collects the states of all vehicles of an episode, one row for each vehicle."""
 
     def __init__(self) -> None:
         self._rows: dict[str, int] = {}
         self._moments: list[tuple[tuple[str, ...], FloatArray]] = []
 
     def add(self, snapshot: Snapshot) -> None:
-        """Add the states of one more moment."""
+        """Add the states at the next moment."""
         for name in snapshot.ids:
             self._rows.setdefault(name, len(self._rows))
         self._moments.append((snapshot.ids, states_of(snapshot)))

@@ -1,4 +1,4 @@
-"""Shows an episode in sumo-gui, as a video or as a web page; repeats a recording exactly."""
+"""Shows an episode in sumo-gui, as a video or as a web page, and repeats recordings exactly."""
 
 import time
 from collections.abc import Callable
@@ -23,11 +23,11 @@ from drl_av.traffic.snapshot import Snapshot
 
 USUAL_VEHICLES = 15
 Watcher = Callable[[Decision], None]
-"""A function that is called with each decision of an episode."""
+"""A function that gets each decision of an episode."""
 
 
 class Pacer:
-    """Slows an episode in sumo-gui down to ``rate`` times real time (1 decision per 1/rate s)."""
+    """Slows an episode in sumo-gui down to ``rate`` times real time: 1 / rate s a decision."""
 
     def __init__(self, rate: float) -> None:
         self._pause_s = 1.0 / rate
@@ -61,7 +61,7 @@ class Page:
         self._decisions: list[PageDecision] = []
 
     def __call__(self, decision: Decision) -> None:
-        """Add the next decision of the episode, with its Q-values if the driver is learned."""
+        """Add the next decision of the episode, with the Q-values of a learned driver."""
         if not self._snapshots:
             self._snapshots.append(decision.scene.snapshot)
         self._snapshots.append(decision.next_scene.snapshot)
@@ -91,9 +91,9 @@ class ReplaySession:
     name: str
     seed: int
     vehicles: int | None
-    """Number of vehicles around the ego; None: as many as the scenario places, or else 15."""
+    """Number of vehicles around the ego; None for the number of the scenario, or 15 without one."""
     recording: Recording | None = None
-    """The recording that the episode must repeat exactly, or None."""
+    """The recording that the episode must repeat exactly; None for a new episode."""
 
     @property
     def road(self) -> Road:
@@ -101,7 +101,10 @@ class ReplaySession:
         return load_scenario(find_scenario(self.config.simulation.scenario)).road
 
     def drive(self, render_mode: str | None, *watchers: Watcher) -> tuple[Recording, EpisodeResult]:
-        """Drive the episode, call each watcher with each decision; return recording and result.
+        """Drive the episode, and call each watcher with each decision.
+
+        Returns:
+            The recording of the episode, and its result.
 
         Raises:
             RecordingError: the episode differs from the recording that it must repeat.

@@ -1,4 +1,4 @@
-"""Summarizes episodes with 95 % intervals: by driver and number of vehicles, and by driver."""
+"""Summarizes episodes with 95 % intervals: each driver at each number of vehicles, and overall."""
 
 import json
 import math
@@ -90,7 +90,10 @@ class Summary(NamedTuple):
 
 
 def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
-    """Summarize episodes for each driver, check and number of vehicles, in order of first rows."""
+    """Summarize the episodes of each driver, check and number of vehicles.
+
+    The summaries are in the order of their first rows.
+    """
     groups: dict[tuple[int, str, str], list[EpisodeResult]] = {}
     for row in rows:
         groups.setdefault((row.vehicles, row.driver, row.safety_check), []).append(row)
@@ -114,7 +117,7 @@ def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
 
 
 def _count(rows: Sequence[EpisodeResult], done: str, failed: str) -> int | None:
-    """Return the number of rows with the outcome ``done``; None if all have another kind of way."""
+    """Return the number of rows with the outcome ``done``; None if no row has either outcome."""
     ways = [row.way for row in rows]
     return ways.count(done) if {done, failed} & {*ways} else None
 
@@ -127,15 +130,18 @@ class Overall(NamedTuple):
     speed_m_s: Estimate
     """Interquartile mean of the episodes' mean speeds."""
     improvement: Estimate | None
-    """Probability of a higher mean speed than the fastest baseline's; None without another one."""
+    """Probability of a higher mean speed than the fastest baseline; None if ``over`` is None."""
     over: str | None
-    """The fastest baseline, or None."""
+    """The fastest baseline; None without a baseline, or if this driver is the fastest baseline."""
     share_faster_than_m_s: dict[int, float]
-    """Performance profile: the share of episodes above each whole speed, up to the first 0."""
+    """Performance profile: for each whole speed, the share of episodes with a higher mean speed. It
+    ends at the first share of 0."""
 
 
 def overall(rows: Sequence[EpisodeResult], baselines: Iterable[str]) -> list[Overall]:
-    """Summarize the speeds of each driver over all numbers of vehicles, in order of first rows.
+    """Summarize the speeds of each driver over all numbers of vehicles.
+
+    The drivers are in the order of their first rows.
 
     Raises:
         DrlAvError: a driver and a baseline did not drive among the same numbers of vehicles.
@@ -165,7 +171,7 @@ def overall(rows: Sequence[EpisodeResult], baselines: Iterable[str]) -> list[Ove
 
 
 def fastest(rows: Iterable[EpisodeResult], drivers: Iterable[str]) -> str | None:
-    """Return the one of these drivers with the highest mean speed over its rows; None without."""
+    """Return which of ``drivers`` has the highest mean speed; None if none of them has rows."""
     names, speeds = set(drivers), dict[str, list[float]]()
     for row in rows:
         if row.driver in names:
@@ -199,7 +205,7 @@ def write_summaries(path: Path, parts: Mapping[str, Iterable[Any]]) -> None:
 
 
 def _plain(value: object) -> object:
-    """Convert a value for JSON: a Mean and an Estimate become objects, with null for infinity."""
+    """Convert a value for JSON: a Mean or an Estimate becomes an object, infinity becomes null."""
     if isinstance(value, Mean):
         known = math.isfinite(value.half_width)
         return {"mean": value.value, "ci95_half_width": value.half_width if known else None}

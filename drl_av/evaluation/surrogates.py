@@ -13,14 +13,16 @@ LONGITUDINAL_JERK_M_S3 = 4.13
 JERK_M_S3 = 8.37
 YAW_RATE_RAD_S = 0.95
 YAW_ACCELERATION_RAD_S2 = 1.93
-"""The bounds of nuPlan's metric ``ego_is_comfortable``; all but the first are on absolute values.
+"""The bounds of nuPlan's metric ``ego_is_comfortable``.
+
+All bounds except the interval ``LONGITUDINAL_M_S2`` apply to absolute values.
 
 Source: the experiment configuration of motional/nuplan-devkit.
 """
 
 
 class Motion(NamedTuple):
-    """What passengers feel; x is along the road, y is to the left."""
+    """Accelerations, jerks and yaw motion of the ego; x is along the road, y to the left."""
 
     a_x_m_s2: float
     a_y_m_s2: float
@@ -31,7 +33,7 @@ class Motion(NamedTuple):
 
     @property
     def comfortable(self) -> bool:
-        """Whether all of it is within the bounds of nuPlan."""
+        """Whether all values are within nuPlan's bounds of comfort."""
         least, most = LONGITUDINAL_M_S2
         return (
             least <= self.a_x_m_s2 <= most
@@ -46,8 +48,8 @@ class Motion(NamedTuple):
 def required_deceleration(gap_m: float, closing_m_s: float) -> float:
     """Return DRAC, the deceleration to avoid a crash: closing speed^2 / (2 gap), m/s^2.
 
-    It is 0 without closing, and inf without a gap. Source: Cooper and Ferguson (1976), for a
-    vehicle ahead that keeps its speed; as SUMO's SSM device computes it.
+    It is 0 if the gap does not shrink, and inf if there is no gap. The vehicle ahead is assumed to
+    keep its speed (Cooper and Ferguson, 1976). SUMO's SSM device computes the same.
     """
     if closing_m_s <= 0.0:
         return 0.0
@@ -55,7 +57,7 @@ def required_deceleration(gap_m: float, closing_m_s: float) -> float:
 
 
 class Track(NamedTuple):
-    """The states of one vehicle at the same moments as those of another, each of shape (T,)."""
+    """The states of one vehicle at T moments; each array has shape (T,)."""
 
     time_s: FloatArray
     s_m: FloatArray
@@ -68,14 +70,15 @@ class Track(NamedTuple):
 def post_encroachment_time(first: Track, second: Track, lap_m: float) -> float:
     """Return the smallest PET in which ``second`` drives where ``first`` was, seconds.
 
-    It is the time from the moment at which the rear of ``first`` leaves a place to the arrival of
-    the front of ``second`` there, inf if that never happens (Allen, Shin and Cooper, 1978). The
-    places are those of the rear of ``first`` at each moment, across its width; between two moments
-    ``second`` moves on a straight line. Behind a vehicle of the same speed it is the time gap.
+    PET (post-encroachment time) is the time from the moment at which the rear of ``first`` leaves a
+    place to the moment at which the front of ``second`` arrives there (Allen, Shin and Cooper,
+    1978). It is inf if ``second`` never arrives. The places are those of the rear of ``first`` at
+    each moment, over its whole width. Between two moments ``second`` moves on a straight line. If
+    both vehicles have the same speed, the PET is the time gap.
 
     Args:
         first: The vehicle that leaves.
-        second: The vehicle that arrives; it never drives backwards.
+        second: The vehicle that arrives, at the same moments; it never drives backwards.
         lap_m: Length of the loop; 0 on an open road.
     """
     steps_m, ahead_m = np.diff(second.s_m), first.s_m - second.s_m
