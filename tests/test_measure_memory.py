@@ -19,6 +19,7 @@ def test_three_environments_of_a_process_keep_their_memory_over_resets() -> None
     done = subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stdout + done.stderr
     lines = done.stdout.splitlines()
+    assert lines.pop().startswith("made by python tools/measure_memory.py --resets 60 ")
     assert [line.split()[0] for line in lines[:-1]] == [str(n) for n in range(40, 101, 6)]
     growth = re.fullmatch(r"growth over 60 resets of 3 environments: ([+-]\d+\.\d+)%", lines[-1])
     assert growth is not None

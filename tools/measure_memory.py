@@ -9,6 +9,7 @@ the first 200 resets, when every cache is full. Linux only, because it reads /pr
 import argparse
 import os
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -16,6 +17,7 @@ from pathlib import Path
 from drl_av.drivers.rules import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import counted
+from drl_av.experiments.provenance import made_by
 
 SEEDS = 3_000
 """First traffic seed of the episodes."""
@@ -56,6 +58,7 @@ def main() -> int:
     parser.add_argument("--vehicles", type=int, default=30, help="beside the ego (default: 30)")
     parser.add_argument("--decisions", type=int, default=3, help="after each reset (default: 3)")
     options = parser.parse_args()
+    begun_s = time.monotonic()
     reported = {options.warm_up + round(options.resets * part / 10) for part in range(11)}
     held = {}
     total = options.warm_up + options.resets
@@ -71,6 +74,7 @@ def main() -> int:
         f"growth over {counted(options.resets, 'reset')} of "
         f"{counted(options.environments, 'environment')}: {growth:+.2%}"
     )
+    print(made_by(time.monotonic() - begun_s))
     return int(growth >= MOST_GROWTH)
 
 
