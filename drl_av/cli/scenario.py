@@ -1,7 +1,9 @@
 """The verb ``scenario``: writes a scenario folder, which SUMO alone can open too."""
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import Field, fields, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +20,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder to write; must be new")
     parser.add_argument(
         "--from",
-        dest="source",
+        dest="sources",
+        nargs="+",
+        default=(),
         metavar="FILE.toml",
         help="description in the form of scenario.toml, which the other options change; or the "
-        "name of a scenario that ships with drl-av",
+        "name of a scenario that ships with drl-av; of several stories on one road, all vehicles "
+        "are placed",
     )
     meanings = "; ".join(f"{name}: {kind.meaning}" for name, kind in KINDS.items())
     parser.add_argument("--kind", metavar="KIND", help=f"default: loop; {meanings}")
@@ -65,12 +70,14 @@ def _parsing(item: Field[Any]) -> dict[str, Any]:
 
 def scenario(options: argparse.Namespace) -> int:
     """Write the folder, and print the command that opens it; return the exit status 0."""
+    from drl_av.traffic.composed import composed
     from drl_av.traffic.scenario import write_scenario
 
-    base, users = _base(options.source, options.kind), _users()
-    kind = options.kind or "loop" if base is None else kind_name(base)
+    users = _users()
     given = {name: value for name, value in vars(options).items() if name in users}
-    for name in given:
+    stories = _stories(options.sources, options.kind)
+    kinds = [kind_name(story) for story in stories.values()] or [options.kind or "loop"]
+    for name, kind in product(given, kinds):
         if kind not in users[name]:
             raise ScenarioError(
                 f"A scenario of the kind {kind} has no {_flag(name)}: leave it out, or "
@@ -78,29 +85,32 @@ def scenario(options: argparse.Namespace) -> int:
             )
     lists = {name: tuple(value) for name, value in given.items() if isinstance(value, list)}
     given |= lists
-    described = KINDS[kind].description(**given) if base is None else replace(base, **given)
+    changed = {name: replace(story, **given) for name, story in stories.items()}
+    described = composed(changed) if changed else KINDS[kinds[0]].description(**given)
     write_scenario(options.folder, described)
     print(f"{options.folder}: open it with sumo-gui -c {options.folder / 'highway.sumocfg'}")
     return 0
 
 
-def _base(source: str | None, kind: str | None) -> Any:
-    """Return the description that ``source`` names, or None without it.
+def _stories(sources: Sequence[str], kind: str | None) -> dict[str, Any]:
+    """Return the descriptions that ``sources`` name.
 
     Raises:
-        ScenarioError: there is no such kind, or the file has another kind or cannot be used.
+        ScenarioError: there is no such kind, or a file has another kind or cannot be used.
     """
     from drl_av.traffic.description_file import unknown_kind
     from drl_av.traffic.scenario import find_description, read_description
 
     if kind is not None and kind not in KINDS:
         raise unknown_kind(kind, KINDS)
-    if source is None:
-        return None
-    described = read_description(find_description(source), "correct the path or the file")
-    if kind not in (None, kind_name(described)):
-        raise ScenarioError(
-            f"{source} describes a scenario of the kind {kind_name(described)}, and --kind is "
-            f"{kind}: leave one of the two out."
-        )
-    return described
+    stories = {
+        source: read_description(find_description(source), "correct the path or the file")
+        for source in sources
+    }
+    for source, described in stories.items():
+        if kind not in (None, kind_name(described)):
+            raise ScenarioError(
+                f"{source} describes a scenario of the kind {kind_name(described)}, and --kind is "
+                f"{kind}: leave one of the two out."
+            )
+    return stories
