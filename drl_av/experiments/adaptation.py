@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CHANGES: dict[str, dict[str, Any]] = {"adaptation": {}, "no_adaptation": {"learning_rate": 0.0}}
-"""The [learning] settings that each variant changes from those of ``drl-av adapt``."""
+"""The [learning] settings in which each variant differs from ``drl-av adapt``."""
 BLOCK = 100
-"""Number of episodes of which a row of ``adaptation.csv`` holds the means."""
+"""Each row of ``adaptation.csv`` holds means over this number of episodes."""
 SUMMED_OVER = 10_000
-"""Number of episodes of which a row of the table in the documentation holds the means."""
+"""Each row of the documentation's table holds means over this number of episodes."""
 FILTERED_OVER = 10_000
 """Number of episodes in the moving average of Sec. IV-D of the paper."""
 LABELS = {"adaptation": "continual adaptation", "no_adaptation": "no adaptation"}
@@ -41,8 +41,9 @@ COLORS = {"adaptation": "#d55e00", "no_adaptation": "#000000"}
 def adaptation_plan(options: ReproduceOptions) -> Plan:
     """Plan to continue the training of the shipped driver, with and without learning.
 
-    There are ``options.full_seeds`` seeds, at least one. Because the driver continues with the
-    experience of its training, that training is repeated first; its folder contains the others.
+    Each variant has ``options.full_seeds`` trainings, at least one. Because they continue with the
+    experience that the shipped driver collected, its training is repeated first. The folder of this
+    training contains the folders of the others.
     """
     shipped = default_config(find_drivers(["pretrained"]))
     origin = _job("pretrained", options.laid_over(shipped), options.runs)
@@ -68,7 +69,7 @@ def _job(
 def adaptation_table(results: Results) -> str:
     """Return the Markdown table of both variants, one row for each 10,000 episodes.
 
-    It ends at the last episode that both variants have driven.
+    The table ends at the last episode that both variants have driven.
     """
     rows = results.rows("adaptation.csv")
     last = {row["variant"]: int(row["episode"]) for row in rows}
@@ -112,7 +113,7 @@ def adaptation_figure(rows: list[Row]) -> "Figure":
 
 
 def _over_seeds(rows: list[Row]) -> tuple[FloatArray, FloatArray]:
-    """Return the episodes that all seeds have, and the mean of their triggers over the seeds."""
+    """Return the episodes that all seeds have, and the mean number of triggers over the seeds."""
     seeds: dict[str, dict[int, float]] = {}
     for row in rows:
         own = seeds.setdefault(row["seed"], {})
@@ -125,8 +126,9 @@ def _over_seeds(rows: list[Row]) -> tuple[FloatArray, FloatArray]:
 def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> FloatArray:
     """Return the moving average of ``values`` over the last ``over`` episodes, shape (rows,).
 
-    Each value is a mean over the episodes since the previous row; ``episodes`` holds the last
-    episode of each row. Only rows that lie completely within the window count.
+    ``values`` and ``episodes`` have shape (rows,). The value of a row is the mean over the episodes
+    since the previous row; ``episodes`` holds the last episode of each row. A row counts only if
+    all of its episodes are within the window.
     """
     counts = np.diff(episodes, prepend=0.0)
     sums = np.concatenate(([0.0], np.cumsum(values * counts)))

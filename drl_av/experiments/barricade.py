@@ -1,7 +1,7 @@
-"""The experiment ``barricade``: learning beside a closed lane, with the check and without.
+"""The experiment ``barricade``: learning beside a closed lane, with and without the safety check.
 
-It corresponds to Sec. II-C of the paper, "Need for safety". The same agent is trained on a highway
-whose right lane is closed, with the check and without; then the trained drivers drive greedily.
+It corresponds to Sec. II-C of the paper, "Need for safety". The same agent is trained with and
+without the check, on a highway whose right lane is closed. Then the greedy policies are evaluated.
 """
 
 from collections.abc import Generator, Iterator, Sequence
@@ -39,7 +39,8 @@ SEEDS = (0, 1)
 EPISODES = 120
 TRAINED_EPISODES, TRAINED_VEHICLES = 20, 15
 PHASES = ("training", "trained")
-"""Values of the column ``phase``: exploration, then the greedy driver on seeds 0, 1, ..."""
+"""Values of the column ``phase``: the training with exploration; the greedy driver's evaluation on
+the seeds 0, 1, ..."""
 STYLES = {"permit_all": ("#c2185b", "without a check"), "paper": ("#1976d2", "with the check")}
 
 
@@ -72,9 +73,9 @@ class BarricadeMetrics(EpisodeMetrics):
 
 
 def barricade_config(check: str, seed: int, episodes: int) -> Config:
-    """Return the config of a training beside the closed lane: the preset ``fast``, simplified.
+    """Return the config of a training beside the closed lane: a simplified preset ``fast``.
 
-    It has one network and leaves out most of our additions to the paper's algorithm.
+    The training has one network, and few of our additions to the paper's algorithm.
     """
     plain = {"networks": 1, "batch_size": 64, "learning_rate": 2e-3, "counterfactuals": 0}
     plain |= {"discount": 0.9, "speed_weight": 0.0, "unsafe_penalty": 0.0, "lane_change_margin": 0}
@@ -85,12 +86,12 @@ def barricade_config(check: str, seed: int, episodes: int) -> Config:
 
 @dataclass(frozen=True)
 class BarricadeTraining:
-    """A cell of the table: one training beside the closed lane, and drives of its driver."""
+    """A cell of the table: one training beside the closed lane, and its driver's evaluation."""
 
     config: Config
     trained_episodes: int
     training: None = None
-    """None, because the cell needs no training by a TrainingJob."""
+    """Always None: the cell trains in ``make``, without a TrainingJob."""
 
     @property
     def key(self) -> Row:
@@ -101,18 +102,21 @@ class BarricadeTraining:
         """Do nothing: the store of results compares the settings."""
 
     def reported(self) -> list[Row]:
-        """Return no rows, because an interrupted training begins again."""
+        """Return no rows, because an interrupted training starts again from its beginning."""
         return []
 
     def missing(self, rows: Sequence[Row]) -> int:
-        """Return the number of rows to make: all or 0; raises ValueError if only some exist."""
+        """Return the number of missing rows, either all or 0.
+
+        Raises ValueError if only some of the rows exist.
+        """
         size = self.config.learning.episodes + self.trained_episodes
         if rows and len(rows) != size:
             raise ValueError(f"{len(rows)} of {size} rows of a training")
         return size - len(rows)
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Train with the config, then drive the trained driver; yield one row for each episode."""
+        """Train a driver, then evaluate it; yield one row for each episode of both."""
         from drl_av.learning.assembly import make_training
 
         with closing(HighwayEnv(config=self.config)) as env:
@@ -134,7 +138,7 @@ class BarricadeTraining:
 
 
 def barricade_plan(options: ReproduceOptions) -> Plan:
-    """Plan one training for each check and seed; their sizes are fixed and take minutes."""
+    """Plan one training for each check and seed; a training has a fixed length of minutes."""
     configs = [
         options.laid_over(barricade_config(check, seed, EPISODES))
         .updated("simulation", scenario=SCENARIO)
@@ -153,7 +157,10 @@ def _place(row: Row) -> tuple[int, int, int, int]:
 
 
 def barricade_figure(rows: list[Row]) -> "Figure":
-    """Draw the collisions with the barricade in training, and the trained drivers' proposals."""
+    """Draw the collisions with the barricade in the trainings, and the trained drivers' proposals.
+
+    The proposals are those to enter the closed lane.
+    """
     figure, (learning, trained) = panels((9, 3.8), 1, 2, width_ratios=(3, 2))
     for place, check in enumerate(dict.fromkeys(row["safety_check"] for row in rows)):
         own = [row for row in rows if row["safety_check"] == check]
@@ -177,7 +184,10 @@ def _by_seed(rows: Sequence[Row]) -> Iterator[list[Row]]:
 
 
 def _draw_learning(axes: "Axes", rows: Sequence[Row], color: str, label: str) -> None:
-    """Draw the cumulative collisions with the barricade: thin for each training, bold the mean."""
+    """Draw the cumulative number of collisions with the barricade.
+
+    A thin line is one training, the bold line is the mean.
+    """
     runs = [np.cumsum([row["hit"] == "barricade" for row in own]) for own in _by_seed(rows)]
     episodes = np.arange(1, len(runs[0]) + 1)
     for run in runs:
@@ -186,10 +196,10 @@ def _draw_learning(axes: "Axes", rows: Sequence[Row], color: str, label: str) ->
 
 
 def _draw_trained(axes: "Axes", rows: Sequence[Row], bar: tuple[int, str, str]) -> None:
-    """Draw the share of proposals to enter the closed lane: a dot for each driver, a bar the mean.
+    """Draw the share of proposals to enter the closed lane: one dot per driver, a bar for the mean.
 
-    ``bar`` is the bar's position, label and colour; below it stands in how many episodes the ego
-    hit something.
+    ``bar`` is the bar's position, label and colour. The text below the bar says in how many
+    episodes the ego hit something.
     """
     place, label, color = bar
     shares = [

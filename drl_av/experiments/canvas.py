@@ -17,7 +17,10 @@ LONGEST_NAME = 80
 
 
 def panels(size: tuple[float, float], *shape: int, **options: Any) -> "tuple[Figure, Any]":
-    """Make a figure of ``size`` inches; return it and its axes, one or an array of ``shape``."""
+    """Make a figure of ``size`` (width, height) inches with panels; return it and its axes.
+
+    The axes are an array of ``shape``, or a single Axes without ``shape``.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, layout="constrained")
@@ -39,9 +42,9 @@ def label_axes(axes: "Axes", x: str = "", y: str = "") -> None:
 
 
 def legend_of_names(axes: "Axes", curves: Mapping[str, Any]) -> None:
-    """Add a legend that shows the names (keys) of the curves literally, a long one shortened.
+    """Add a legend that shows the names (keys) of the curves literally; long names are shortened.
 
-    matplotlib alone would read ``$`` as a formula and leave out names that begin with ``_``.
+    By itself matplotlib would read ``$`` as a formula, and omit names that begin with ``_``.
     """
     legend = axes.legend(list(curves.values()), ["name"] * len(curves), frameon=False)
     for text, name in zip(legend.get_texts(), curves, strict=True):

@@ -23,7 +23,7 @@ from drl_av.files import Row
 class Drives:
     """A cell whose rows are evaluation episodes, one for each driver and traffic seed.
 
-    It has one number of vehicles, and consecutive traffic seeds.
+    All episodes have the same number of vehicles. The traffic seeds are consecutive.
     """
 
     config: Config
@@ -31,10 +31,11 @@ class Drives:
     """Names of drivers or folders of runs."""
     vehicles: int
     seeds: int
+    """Number of traffic seeds."""
     columns: tuple[str, ...] = ()
-    """Fields of ``EpisodeResult`` that a row has besides its key; empty for all fields."""
+    """The fields of ``EpisodeResult`` in a row, besides the key; empty for all fields."""
     named: tuple[tuple[str, str], ...] = ()
-    """(column, value) pairs of the key besides ``vehicles``."""
+    """The (column, value) pairs of the key, besides ``vehicles``."""
     training: TrainingJob | None = None
     """The training that makes the driver; None if the drivers exist already."""
     first_seed: int = 0
@@ -46,7 +47,7 @@ class Drives:
         return {**dict(self.named), "vehicles": str(self.vehicles)}
 
     def check(self) -> None:
-        """Raise RunError if the training's folder has other settings, or later episodes."""
+        """Raise RunError if the training's folder has other settings, or too many episodes."""
         if self.training:
             self.training.require_same_settings()
             self.training.require_not_beyond()
@@ -54,7 +55,7 @@ class Drives:
     def missing(self, rows: Sequence[Row]) -> int:
         """Return the number of episodes still to drive.
 
-        Raises ValueError if ``rows``, the existing ones, lack a seed in between.
+        ``rows`` are the existing rows. Raises ValueError if one of their seeds is missing.
         """
         drivers = len(self.drivers)
         return max(0, self.seeds - seeds_held(rows, drivers, self.first_seed)) * drivers
@@ -64,7 +65,7 @@ class Drives:
         return []
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Drive the seeds that ``rows`` lacks in ``jobs`` processes, and yield their rows.
+        """Drive the seeds that ``rows`` lacks, in ``jobs`` processes, and yield the new rows.
 
         Raises the errors of ``evaluation.comparison.Evaluation``.
         """
@@ -102,7 +103,7 @@ class TrainingRows:
 
         Raises:
             RunError: the training's folder has other settings.
-            DrlAvError: the training is shorter than the episodes of one row.
+            DrlAvError: the training has fewer episodes than one row summarizes.
         """
         if self.training.last_row < 1:
             raise DrlAvError(
@@ -112,7 +113,7 @@ class TrainingRows:
         self.training.require_same_settings()
 
     def missing(self, rows: Sequence[Row]) -> int:
-        """Return the number of training episodes that ``rows``, the existing ones, lack."""
+        """Return the number of training episodes that the existing ``rows`` do not cover."""
         held = int(rows[-1]["episode"]) if rows else 0
         return max(0, self.training.last_row - held, int(self.training.last_row < 1))
 
@@ -121,7 +122,7 @@ class TrainingRows:
         return self.rows_of(self.training)
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Raise DrlAvError, because ``reported`` must have returned all rows of the training."""
+        """Raise DrlAvError: only ``reported`` returns rows, and some of its rows are missing."""
         raise DrlAvError(
             f"{self.training.folder} lacks rows of its training up to episode "
             f"{self.training.last_row}: put back its files, or give --runs a folder that all "
@@ -138,9 +139,9 @@ def training_plan(
     """Plan a results table whose rows are read from the folders of trainings.
 
     Args:
-        configs: The config of each variant with seed 0, which the table's provenance names.
-        rounds: The trainings, in groups that are done one after the other.
-        rows_of: Reads the rows from a training's folder.
+        configs: The config of each variant with seed 0, for the table's provenance.
+        rounds: The trainings in groups; the groups are done one after the other.
+        rows_of: The function that reads the rows from a training's folder.
     """
     variants = list(configs)
 
@@ -152,7 +153,7 @@ def training_plan(
 
 
 def driven_with(config: Config, drivers: Sequence[str]) -> MadeWith:
-    """Return the config and the policies' checksums of these drivers, as provenance of a table.
+    """Return the config and the checksums of these drivers' policies, for a table's provenance.
 
     Raises RunError or CheckpointError if a learned driver cannot be read.
     """
@@ -164,9 +165,10 @@ def driven_with(config: Config, drivers: Sequence[str]) -> MadeWith:
 def trained_drives(
     jobs: Sequence[TrainingJob], options: ReproduceOptions, columns: tuple[str, ...]
 ) -> Plan:
-    """Plan to evaluate the driver of each training with its own settings.
+    """Plan to evaluate the driver of each training with the settings of its training.
 
-    It drives ``options.drives`` episodes at each number of vehicles in DENSITIES.
+    Each driver drives ``options.drives`` episodes at each number of vehicles in DENSITIES. A row
+    holds the fields ``columns``.
     """
     cells = [
         Drives(
@@ -187,6 +189,6 @@ def trained_drives(
 
 
 def _place(row: Row) -> tuple[bool, str, int, int, int]:
-    """Return the sort key of a row: the variant "paper" first, then by variant and seed."""
+    """Return the sort key of a row: the variant "paper" first, then variant, seed and vehicles."""
     variant, _, number = row["training"].rpartition("-")
     return variant != "paper", variant, int(number), int(row["vehicles"]), int(row["seed"])

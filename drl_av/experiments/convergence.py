@@ -14,15 +14,19 @@ SMOOTHED_OVER = 5
 END = 0.1
 """Fraction of a curve's evaluations that counts as its end."""
 NEAR = 0.1
-"""A curve is near its end within this fraction of |end - first value|."""
+"""A curve is near its end if it differs from it by at most this fraction of |end - first value|."""
 COUNTED = ("collisions", "ego_hits")
-"""Columns of ``curves.csv`` that count episodes of an evaluation."""
+"""The columns of ``curves.csv`` that are numbers of episodes of an evaluation."""
 
 
 class Curve(NamedTuple):
-    """One column of a variant's evaluations over all seeds, at the episodes that all seeds have."""
+    """One column of a variant's evaluations, for all seeds.
+
+    The curve contains the evaluations that all seeds have.
+    """
 
     episodes: list[int]
+    """The training episodes after which the driver was evaluated."""
     values: FloatArray
     """Shape (seeds, episodes)."""
 
@@ -33,7 +37,7 @@ class Curve(NamedTuple):
 
     @property
     def end(self) -> Mean:
-        """The final performance: each seed's mean over its last tenth, then the mean over seeds."""
+        """The final performance: the mean over seeds of each seed's mean over its last tenth."""
         count = _end_of(len(self.episodes))
         return mean_with_interval(self.values[:, -count:].mean(axis=1))
 
@@ -50,16 +54,19 @@ def curve(rows: Iterable[Row], variant: str, column: str) -> Curve:
 
 
 def _value(row: Row, column: str) -> float:
-    """Return a value of ``curves.csv`` as a number; a count is divided by the episodes counted."""
+    """Return a value of ``curves.csv`` as a number.
+
+    A number of episodes (``COUNTED``) is divided by the number of all episodes of the evaluation.
+    """
     return float(row[column]) / (int(row["evaluation_episodes"]) if column in COUNTED else 1)
 
 
 def converged_at(episodes: Sequence[int], values: Sequence[float]) -> int:
     """Return the first episode from which on the smoothed curve stays near its end.
 
-    The end is the mean of the last tenth of ``values``. Near means within 10 % of the difference
-    between the smoothed curve's first value and the end. Values in the last tenth always count as
-    near, because they define the end.
+    The end is the mean of the last tenth of ``values``. A value is near the end if it differs from
+    it by at most 10 % of the difference between the smoothed curve's first value and the end. The
+    values in the last tenth always count as near, because they define the end.
     """
     smooth = smoothed(values)
     count = _end_of(len(values))
@@ -72,7 +79,7 @@ def converged_at(episodes: Sequence[int], values: Sequence[float]) -> int:
 def smoothed(values: Sequence[float], over: int = SMOOTHED_OVER) -> FloatArray:
     """Return the centred moving mean of ``values`` over ``over`` values, an odd number.
 
-    Near both ends the mean is over fewer values.
+    At both ends of the curve the mean is over fewer values.
     """
     half = over // 2
     return np.array(
@@ -92,14 +99,14 @@ COLUMNS = {
     "training_reward": "training_reward",
     "training_collisions_an_episode": "training_collisions",
 }
-"""Columns of ``convergence.csv``, and the columns of ``curves.csv`` that they summarize."""
+"""For each column of ``convergence.csv``, the column of ``curves.csv`` that it summarizes."""
 
 
 def convergence(rows: Sequence[Row]) -> list[Row]:
     """Compute ``convergence.csv``: when each variant converged, and its final performance.
 
-    A variant has one row over all its seeds, up to the last episode that all of them have; if some
-    trainings are longer, it has a second row over the longest trainings alone.
+    The first row of a variant covers all its seeds, up to the last episode that all of them have
+    driven. If some trainings are longer, a second row covers only the longest trainings.
     """
     summaries = []
     for variant in dict.fromkeys(row["variant"] for row in rows):

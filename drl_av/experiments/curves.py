@@ -107,7 +107,7 @@ def convergence_table(results: Results) -> str:
 def cost_table(results: Results) -> str:
     """Return the Markdown table of the computing time that the paper's 200 trainings would take.
 
-    It extrapolates the wall times of our longest trainings of each variant.
+    The time is extrapolated from the wall times of our longest trainings of each variant.
     """
     seconds = results.made_by("curves.csv")["wall_time_s"]
     episodes: dict[str, dict[str, int]] = {}
@@ -128,9 +128,9 @@ def cost_table(results: Results) -> str:
 
 
 def check_figure(rows: list[Row]) -> "Figure | None":
-    """Draw reward and collisions of learning with and without the safety check.
+    """Draw the reward and the collisions of learning with and without the safety check.
 
-    Fig. 7 of the paper; None if the rows have neither variant.
+    The figure corresponds to Fig. 7 of the paper. It is None if the rows have neither variant.
     """
     columns = ("mean_reward", "training_reward", "training_collisions")
     return _figure(rows, ("paper", "permit_all"), columns)
@@ -139,7 +139,8 @@ def check_figure(rows: list[Row]) -> "Figure | None":
 def replay_figure(rows: list[Row]) -> "Figure | None":
     """Draw reward and safety triggers of learning with two buffers and with prioritized replay.
 
-    Fig. 9 of the paper, left; None if the rows have neither variant.
+    The figure corresponds to Fig. 9 of the paper, left. It is None if the rows have neither
+    variant.
     """
     return _figure(rows, ("paper", "prioritized"), ("mean_reward", "safety_triggers"))
 
@@ -165,7 +166,7 @@ def _figure(rows: list[Row], names: Sequence[str], columns: Sequence[str]) -> "F
 def _draw(axes: "Axes", rows: Sequence[Row], variant: str, column: str) -> None:
     """Draw a variant's mean over the seeds with its 95 % band, and a dot at convergence.
 
-    Thin lines are the single seeds that go at least as far as the mean.
+    A thin line shows each seed whose training is at least as long as the mean's curve.
     """
     found, color = curve(rows, variant, column), COLORS[variant]
     seeds = len(found.values)

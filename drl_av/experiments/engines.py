@@ -1,8 +1,8 @@
-"""Engines that run jobs in parallel processes, and start jobs again whose process was killed.
+"""Engines that run jobs in parallel processes. If a process is killed, they start its job again.
 
 An engine takes a function, its jobs and the number of processes. About once a second it yields the
-jobs that have ended since the last time, possibly none. Because a job can be started again, the
-function must continue where it stopped, and do nothing if the job is complete.
+jobs that have ended since its last yield, possibly none. Because an engine can start a job again,
+the function must continue an interrupted job, and do nothing if the job is complete.
 """
 
 import contextlib
@@ -21,16 +21,18 @@ Job = TypeVar("Job")
 Ended = Generator[list[Job], None, None]
 Engine = Callable[[Callable[[Job], None], Sequence[Job], int], Ended[Job]]
 RETRIES = 3
-"""Number of new attempts after processes were killed."""
+"""Largest number of new attempts after processes were killed."""
 TICK_S = 1.0
 JOIN_S = 20.0
-"""Timeout of a Ray cluster's answer at the address in ``RAY_ADDRESS``."""
+"""Longest time to wait for an answer of the Ray cluster at ``RAY_ADDRESS``."""
 PATIENT = {"agent_register_timeout_ms": 300_000, "worker_register_timeout_seconds": 300}
-"""Longer timeouts for the start of a local Ray, which by default gives up after 30 s."""
+"""Timeouts for the start of a local Ray; they are longer than the default of 30 s."""
 
 
 def on_this_machine(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> Ended[Job]:
-    """Run the jobs with joblib's loky; if a process is killed, start the open jobs in a new pool.
+    """Run the jobs with joblib's loky.
+
+    If a process is killed, a new pool starts the jobs that have not ended.
 
     Raises:
         SimulationError: processes were killed more than RETRIES times.
@@ -62,9 +64,10 @@ def require_ray() -> None:
 
 
 def on_ray(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> Ended[Job]:
-    """Run the jobs on a Ray cluster, one CPU for each.
+    """Run the jobs on a Ray cluster, one CPU for each job.
 
-    It is the cluster that this process has joined, else that at ``RAY_ADDRESS``, else a local one.
+    The cluster is the first that exists of: the cluster that this process has joined, the cluster
+    at ``RAY_ADDRESS``, and a new local cluster.
 
     Raises:
         DrlAvError: the extra ``ray`` is not installed, or no cluster answers at ``RAY_ADDRESS``.
@@ -107,7 +110,10 @@ def _lives(node: str) -> bool:
 
 @contextlib.contextmanager
 def _cluster(processes: int) -> Iterator[None]:
-    """Use the Ray cluster this process has joined; else join or start one for the block."""
+    """Provide a Ray cluster for the block.
+
+    If this process has not joined a cluster, it joins or starts one, and leaves it after the block.
+    """
     import ray
 
     if ray.is_initialized():

@@ -1,4 +1,4 @@
-"""Defines an experiment as a value, and reproduces it: its table of results and its figures."""
+"""Defines an experiment as a value, and makes its table of results and its figures."""
 
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -37,7 +37,10 @@ class Results:
             return read_rows(self._folder / table)
 
     def made_by(self, table: str) -> dict[str, Any]:
-        """Read how a table was made (its provenance); raises DrlAvError if that is damaged."""
+        """Read the provenance of a table: how it was made.
+
+        Raises DrlAvError if the provenance is damaged.
+        """
         with report_corrupt_table(self._folder / table):
             return read_sidecar(self._folder / table)
 
@@ -47,19 +50,19 @@ class Experiment:
     """An experiment: a results table, the plan that makes it, its summaries and figures."""
 
     name: str
-    """The table is the file ``<name>.csv``, its provenance ``<name>.json``."""
+    """The table is the file ``<name>.csv``; the file ``<name>.json`` holds its provenance."""
     meaning: str
     """One sentence for ``drl-av reproduce --help`` and the documentation."""
     row: str
     """The meaning of a row of the table."""
     plan: Callable[[ReproduceOptions], Plan]
-    """Returns the trainings and evaluations that make the table."""
+    """Function that returns the trainings and evaluations which make the table."""
     derived: Derived = field(default_factory=dict)
     """Functions that compute further tables from the rows, by file name."""
     summaries: Mapping[str, Callable[[Results], str]] = field(default_factory=dict)
-    """Functions that return Markdown tables, by their name in the documentation's markers."""
+    """Functions that return Markdown tables, by the name of their marker in the documentation."""
     figures: "Mapping[str, Callable[[list[Row]], Figure | None]]" = field(default_factory=dict)
-    """Functions that draw the rows, by the PNG file's name; they may return None."""
+    """Functions that draw the rows, by PNG file name; None means that there is nothing to draw."""
 
     @property
     def table(self) -> str:
@@ -97,7 +100,7 @@ def _require_plain(rows: list[Row]) -> None:
 def reproduce(experiment: Experiment, options: ReproduceOptions) -> Generator[Progress, None, None]:
     """Make the missing rows of the experiment's table in ``options.out``, and draw its figures.
 
-    It yields the progress after each episode or so.
+    The generator yields the progress about once per episode.
 
     Raises:
         DrlAvError: the table was made with other settings or is damaged, a training's folder
@@ -124,7 +127,7 @@ def _draw(experiment: Experiment, folder: Path) -> Iterator[Progress]:
 def draw_results(
     experiments: Mapping[str, Experiment], folder: Path
 ) -> "Iterator[tuple[str, Figure]]":
-    """Draw every experiment whose table is in the folder; yield the name and figure of each.
+    """Draw each experiment whose table is in ``folder``; yield the name and figure of each drawing.
 
     Raises:
         DrlAvError: a table is damaged, or the folder holds no table with figures.

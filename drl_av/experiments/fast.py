@@ -1,4 +1,4 @@
-"""The experiment ``fast`` (ours): the preset ``fast`` against the paper's whole schedule."""
+"""The experiment ``fast`` (ours) compares the preset ``fast`` with the paper's whole schedule."""
 
 from drl_av.config import Config
 from drl_av.config.presets import preset
@@ -15,7 +15,10 @@ COLUMNS = ("seed", "mean_reward", "mean_speed_m_s", "ego_hit")
 
 
 def fast_plan(options: ReproduceOptions) -> Plan:
-    """Plan the paper's whole schedule on seed 0 and ``fast`` on each seed; evaluate all drivers."""
+    """Plan one training with the paper's whole schedule, and one with ``fast`` for each seed.
+
+    The drivers of all trainings are evaluated.
+    """
     short = options.laid_over(preset("fast").updated("learning", evaluate_every=100))
     configs = {"paper-0": variant_config(options.laid_over(Config()), "paper")} | {
         f"fast-{seed}": short.updated("learning", seed=seed) for seed in range(options.seeds)
@@ -34,9 +37,9 @@ def fast_plan(options: ReproduceOptions) -> Plan:
 
 
 def fast_table(results: Results) -> str:
-    """Return the Markdown table of each training's driver.
+    """Return the Markdown table of the results, one row for each training's driver.
 
-    The gains are paired differences to the driver of the paper's whole schedule.
+    A gain is the paired difference from the driver of the paper's whole schedule.
     """
     seconds = results.made_by("fast.csv")["wall_time_s"]
     rows = results.rows("fast.csv")

@@ -1,4 +1,4 @@
-"""Draws the reward functions of the settings, the learning curves of runs, and speed profiles."""
+"""Draws the reward functions of a config, the learning curves of runs, and speed profiles."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 EPISODE_COLUMNS = {"driver": str, "vehicles": PlainNumber, "mean_speed_m_s": PlainNumber}
 EVALUATION_COLUMNS = {"episode": PlainNumber, "mean_reward": PlainNumber}
 SMOOTHED_OVER = 20
-"""Number of training episodes in each mean of a learning curve."""
+"""Number of training episodes in the moving mean of a learning curve."""
 
 
 def learning_figure(runs: Sequence[Path]) -> "Figure":
@@ -45,13 +45,16 @@ def learning_figure(runs: Sequence[Path]) -> "Figure":
 
 
 def trailing_means(values: Sequence[float], count: int) -> list[float]:
-    """Compute the mean of each value and of up to ``count`` - 1 values before it."""
+    """Compute, for each value, the mean of it and the up to ``count`` - 1 values before it."""
     windows = (values[max(0, end - count) : end] for end in range(1, len(values) + 1))
     return [sum(window) / len(window) for window in windows]
 
 
 def reward_figure(config: Config) -> "Figure":
-    """Draw the three reward functions at the fixed desired values of the config (Fig. 6)."""
+    """Draw the three reward functions for the fixed desired values in the config.
+
+    The figure corresponds to Fig. 6 of the paper.
+    """
     reward = config.reward
     y_m, v_m_s = reward.desired_lateral_m, reward.desired_speed_m_s
     safe_m = safe_gap(v_m_s, reward.safe_headway_s, config.safety.minimum_gap_m)
@@ -70,9 +73,9 @@ def reward_figure(config: Config) -> "Figure":
 
 
 def profile_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
-    """Draw the performance profiles: the share of episodes in which a driver is faster than v.
+    """Draw performance profiles: the share of episodes with a mean speed above v, for each speed v.
 
-    There is one curve for each driver, over all its numbers of vehicles.
+    Each driver has one curve, over all its numbers of vehicles.
     """
     figure, axes = one_panel("speed v, m/s", "share of episodes with a mean speed above v")
     speeds: dict[str, list[float]] = {}

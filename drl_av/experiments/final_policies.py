@@ -19,7 +19,7 @@ COLUMNS = ("seed", "mean_reward", "mean_speed_m_s", "collided", "ego_hit")
 def final_plan(options: ReproduceOptions) -> Plan:
     """Plan to evaluate the drivers of the trainings that stop at ``options.episodes``.
 
-    Each driver has the settings of its training, so also its safety check.
+    Each driver is evaluated with the settings of its training, including the safety check.
     """
     jobs = curve_jobs(options, options.laid_over(Config()))
     final = [job for job in jobs if job.stop <= options.episodes]
@@ -30,7 +30,8 @@ def final_plan(options: ReproduceOptions) -> Plan:
 def final_table(results: Results) -> str:
     """Return the Markdown table of final performance by variant.
 
-    A value is the mean over the variant's drivers of the mean over each driver's episodes.
+    For each driver, the mean over its episodes is computed first. A value in the table is the mean
+    of these means over the variant's drivers.
     """
     rows = results.rows("final_policies.csv")
     columns: dict[str, tuple[Callable[[Row], float], int]] = {

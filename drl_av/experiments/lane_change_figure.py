@@ -1,4 +1,4 @@
-"""Draws a lane change and an abort with both lateral plants, on an empty road without SUMO."""
+"""Draws a lane change and an aborted one, with both lateral plants, without SUMO."""
 
 import math
 from collections.abc import Sequence
@@ -23,17 +23,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FINE = SimulationConfig(step_length_s=0.05)
-"""Steps that are short enough for a smooth curve."""
+"""Simulation steps that are short enough for a smooth curve."""
 POINT_MASS, SLOWER, FASTER = ("#90a4ae", "-"), ("#1976d2", "-"), ("#c2185b", "--")
 SETTLING_S = 2
-"""Time that is drawn after the nominal end of the lane change."""
+"""How long the figure continues after the nominal end of the lane change."""
 
 
 class Track(NamedTuple):
     """The ego's lateral motion over T steps; all arrays have shape (T + 1,)."""
 
     time_s: FloatArray
-    """Time since the start, at which the ego is in the centre of the right lane."""
+    """Time since the start; there the ego is at the centre of the right lane."""
     y_m: FloatArray
     lateral_speed_m_s: FloatArray
     curvature_per_m: FloatArray
@@ -43,7 +43,7 @@ class Track(NamedTuple):
 def track(ego: EgoConfig, speed_m_s: float, laterals: Sequence[Lateral]) -> Track:
     """Compute the ego's motion if it executes the lateral actions at a constant speed.
 
-    There is one lateral action for each decision; ``driving.maneuver.plan`` executes it.
+    ``laterals`` holds one action for each decision; ``driving.maneuver.plan`` executes it.
     """
     loop = ScenarioDescription()
     road = Road(loop.circumference_m, loop.lane_width_m, (True,) * loop.lanes)
@@ -86,7 +86,7 @@ def _command(at: Command, target_m: float, road: Road, ego: EgoConfig) -> float:
 def lane_change_figure(config: Config) -> "Figure":
     """Draw lateral position, lateral speed and curvature command of a lane change and an abort.
 
-    There are three curves: the plant ``kinematic``, and ``steering`` at half and at full speed.
+    The three curves are the plant ``kinematic``, and the plant ``steering`` at half and full speed.
     """
     duration_s = round(config.ego.lane_change_duration_s)
     half_s = max(duration_s // 2, 1)

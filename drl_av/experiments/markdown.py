@@ -1,4 +1,4 @@
-"""Makes the Markdown tables of the documentation, and the statistics in several of them."""
+"""Makes the Markdown tables of the documentation, and the statistics that several tables share."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -6,7 +6,7 @@ from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.files import Row
 
 PAPER_VEHICLES = 30
-"""N_T of the paper, the largest number of vehicles in its traffic."""
+"""N_T of the paper: the largest number of vehicles in the paper's traffic."""
 
 
 def markdown_table(heading: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
@@ -19,7 +19,7 @@ def markdown_table(heading: Iterable[str], rows: Iterable[Iterable[str]]) -> str
 def by_density(rows: Sequence[Row], column: str, cell: Callable[[list[Row]], str]) -> str:
     """Return a Markdown table: a row for each value of ``column``, a column for each density.
 
-    ``cell`` computes the text of a cell from the rows of that value and number of vehicles.
+    ``cell`` computes the text of a cell from the rows with its value and its number of vehicles.
     """
     densities = densities_of(rows)
     lines = [
@@ -51,13 +51,13 @@ def mean_speed(rows: Iterable[Row]) -> str:
 
 
 def collisions(rows: Sequence[Row]) -> tuple[int, int]:
-    """Count the episodes in which the ego hit something, and those in which it was hit."""
+    """Count the episodes in which the ego hit something, and those in which a vehicle hit it."""
     hits = count(rows, "ego_hit")
     return hits, count(rows, "collided") - hits
 
 
 def collisions_cell(rows: Sequence[Row]) -> str:
-    """Return the episodes in which the ego hit something / was hit, as "1 / 0 of 100"."""
+    """Return the two numbers of ``collisions`` and the number of episodes, as "1 / 0 of 100"."""
     hits, was_hit = collisions(rows)
     return f"{hits} / {was_hit} of {len(rows)}"
 
@@ -68,7 +68,7 @@ def count(rows: Iterable[Row], column: str) -> int:
 
 
 def closer_than_safe(rows: Iterable[Row]) -> float:
-    """Return the mean share of decisions after which the vehicle ahead is closer than d_safe, %."""
+    """Return the mean share, %, of decisions after which the gap ahead is smaller than d_safe."""
     return mean_with_interval(
         100 * int(row["d_safe_violations"]) / int(row["decisions"]) for row in rows
     ).value

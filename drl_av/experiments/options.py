@@ -27,7 +27,7 @@ class ReproduceOptions(NamedTuple):
     """Number of processes."""
     engine: str = "loky"
     runs: Path = Path("runs/reproduce")
-    """Folder that contains the folders of the trainings, from which they continue."""
+    """Folder of the trainings' folders; a training continues from its folder."""
     out: Path = Path("docs/results")
     """Folder of the tables, their provenance and the figures."""
     config: str | None = None

@@ -1,4 +1,4 @@
-"""Makes the rows that an experiment's results table lacks: trains drivers, then evaluates them."""
+"""Trains and evaluates drivers to make the missing rows of an experiment's results table."""
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
@@ -15,23 +15,23 @@ from drl_av.files import Row
 
 
 class Cell(Protocol):
-    """A cell: a group of rows of a results table that one training or evaluation makes together."""
+    """A cell: the rows of a results table that one training or one evaluation makes."""
 
     @property
     def key(self) -> Row:
-        """The columns, with their values, that all rows of the cell have in common."""
+        """The columns and values that all rows of the cell have in common."""
 
     @property
     def training(self) -> TrainingJob | None:
-        """The training that must end before the rows can be made, or None."""
+        """The training that must end before the rows can be made; None without a training."""
 
     def check(self) -> None:
-        """Raise DrlAvError if the rows cannot be made; called before any training."""
+        """Raise DrlAvError if the rows cannot be made; the plan calls this before any training."""
 
     def missing(self, rows: Sequence[Row]) -> int:
-        """Return the number of episodes still to drive; ``rows`` are the existing rows of the cell.
+        """Return the number of episodes still to drive.
 
-        Raises ValueError if they are damaged.
+        ``rows`` are the existing rows of the cell. Raises ValueError if they are damaged.
         """
 
     def reported(self) -> list[Row]:
@@ -41,22 +41,23 @@ class Cell(Protocol):
         """
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Make and yield the rows that ``rows`` lacks, in ``jobs`` processes."""
+        """Make and yield the missing rows in ``jobs`` processes; ``rows`` are the existing ones."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How an experiment's results table is made: its cells, in stages done one after the other."""
+    """The cells of an experiment's results table, in stages that are done one after the other."""
 
     made_with: MadeWith
     """The settings and drivers of the rows."""
     stages: Sequence[Sequence[Cell]]
     order: Callable[[Row], Any]
-    """Returns the sort key of a row, which is unique in the table."""
+    """Function that returns the sort key of a row, which is unique in the table."""
     next_cell: Callable[[list[Row], Cell], Cell | None] = lambda rows, cell: None
-    """Returns a further cell, given the rows so far and the last cell; None to stop."""
+    """Function that returns a further cell, given the rows so far and the last cell; None ends the
+    plan."""
     line: Callable[[list[Row], Cell], str] = lambda rows, cell: ""
-    """Returns the line to print when a cell is complete; empty for none."""
+    """Function that returns the line to print when a cell is complete; "" prints none."""
     empty: str = ""
     """The line to print if there are no cells."""
 
@@ -66,11 +67,11 @@ class Plan:
         """Do the trainings and evaluations whose rows the store lacks; yield the progress.
 
         The store is saved when a training or a cell ends, and when the work is interrupted. Rows
-        that it has are not made again, even if the folders of their trainings are lost.
+        in the store are not made again, even if the folders of their trainings are lost.
 
         Raises:
-            DrlAvError: rows are damaged, a training's folder has other settings or later episodes,
-                or a file cannot be written.
+            DrlAvError: rows are damaged, a training's folder has other settings or too many
+                episodes, or a file cannot be written.
             SimulationError: a training or an evaluation failed.
         """
         cells = [cell for stage in self.stages for cell in stage]
@@ -138,7 +139,7 @@ def _train(
 ) -> Generator[Progress, None, None]:
     """Do the trainings that incomplete cells need; yield the progress.
 
-    If they continue other trainings (``TrainingJob.origin``), those are done first.
+    A training that another one continues (``TrainingJob.origin``) is done first.
     """
     incomplete = _incomplete(stage, store)
     begun = [cell.training for cell in incomplete if cell.training and cell.training.begun]
@@ -164,13 +165,13 @@ def _train(
 
 
 def _require_drivers(store: ResultStore, jobs: Iterable[TrainingJob]) -> None:
-    """Raise DrlAvError if the table has rows of these trainings with other final policies."""
+    """Raise DrlAvError if the table's rows of these trainings were made with other policies."""
     trained = [job for job in jobs if job.policy.is_file()]
     store.require(MadeWith({}, {job.name: checksum(job.policy) for job in trained}))
 
 
 def _collect(cells: Sequence[Cell], store: ResultStore, options: ReproduceOptions) -> None:
-    """Read the rows that the trainings report; save them if they are more than before."""
+    """Read the rows that the trainings report; save the store if there are new rows."""
     with report_corrupt_table(store.path):
         changed = [store.put(cell.key, cell.reported()) for cell in cells]
     for job in {cell.training for cell in cells if cell.training}:

@@ -20,7 +20,7 @@ INTEGRATION = "semi-implicit Euler"
 
 
 def provenance(config: Config, **facts: Any) -> dict[str, Any]:
-    """Return how results are made by this process: command, versions, machine, and ``facts``."""
+    """Return the provenance of this process's results: command, versions, machine and ``facts``."""
     return {
         "command": command(),
         "date": datetime.now(UTC).date().isoformat(),
@@ -35,7 +35,7 @@ def provenance(config: Config, **facts: Any) -> dict[str, Any]:
 
 
 def _version(package: str) -> str:
-    """Return the version of a package, or "not installed": torch is optional."""
+    """Return the version of a package, or "not installed", as torch may be."""
     try:
         return version(package)
     except PackageNotFoundError:
@@ -53,7 +53,10 @@ def command() -> str:
 
 
 def made_by(seconds: float) -> str:
-    """Return command, wall time, date, versions and machine in one line, for results as text."""
+    """Return command, wall time, date, versions and machine in one line, for results in text files.
+
+    ``seconds`` is the wall time.
+    """
     facts = provenance(Config())
     versions = ", ".join(f"{package} {facts[package]}" for package in ("python", *PACKAGES))
     return (
@@ -65,7 +68,7 @@ def made_by(seconds: float) -> str:
 def checksum(policy: Path) -> str:
     """Return the SHA-256 of a policy file's weights, without its config.
 
-    It identifies a driver even if later versions add settings.
+    The hash identifies a driver even if later versions of the package add settings.
 
     Raises:
         CheckpointError: the file is missing or damaged, or is not a file of this package.
@@ -86,9 +89,9 @@ def machine() -> str:
 
 
 def blas() -> str:
-    """Return the BLAS libraries of this process and the kernels they chose, as text.
+    """Return the BLAS libraries of this process and the kernels that they use, as text.
 
-    Other kernels round differently, so that a training with them gives another network.
+    Different kernels round differently, so a training with other kernels yields another network.
     """
     libraries = [info for info in threadpool_info() if info["user_api"] == "blas"]
     found = [

@@ -1,7 +1,8 @@
-"""The cost of ``strict`` with bounds of real traffic, for the shipped driver and trained ones.
+"""What the check ``strict`` costs in speed if its bounds are those of real traffic.
 
-The bounds of real traffic: a vehicle brakes with up to 9 m/s^2, and moves sideways at up to
-2.1 m/s, the mean maximum of the data set exiD plus two standard deviations. The rest is ours.
+In real traffic a vehicle brakes with up to 9 m/s^2 and moves sideways at up to 2.1 m/s. The latter
+is the mean maximum in the data set exiD, plus two standard deviations. All else is ours. The check
+is measured with the shipped driver, and with drivers that were trained under these bounds.
 """
 
 from collections.abc import Iterable
@@ -30,20 +31,20 @@ if TYPE_CHECKING:
 
 COLUMNS = ("seed", "mean_speed_m_s", "collided", "ego_hit", "safety_triggers")
 FIRST_SEED = 920_000
-"""First traffic seed; no other table and no choice uses this block."""
+"""First traffic seed; no other table, and no tuning, uses this block of seeds."""
 DENSITIES = (1, 5, 10, 15, 20, 25, 30, 40)
 TRAININGS, DRIVES = 3, 50
-"""The most trainings, and the most episodes of a driver at one density."""
+"""Largest number of trainings, and of episodes of a driver at one density."""
 LABELS = {
     (DRIVER, "strict"): "shipped driver, bounds of our traffic",
     (DRIVER, "real"): "shipped driver, bounds of real traffic",
     ("trained", "real"): "trained under the bounds of real traffic",
 }
-"""The curves by kind of driver and bounds."""
+"""The label of each curve, by kind of driver and bounds."""
 
 
 def trainings(options: ReproduceOptions) -> list[TrainingJob]:
-    """Trainings with the preset ``fast`` under the real bounds, one for each seed."""
+    """Return the trainings under the real bounds with the preset ``fast``, one for each seed."""
     config = under(options.laid_over(preset("fast")), "real").updated(
         "learning", evaluate_every=100
     )
@@ -56,7 +57,10 @@ def trainings(options: ReproduceOptions) -> list[TrainingJob]:
 
 
 def real_bounds_plan(options: ReproduceOptions) -> Plan:
-    """The plan: drive the shipped driver under each bound, and drivers trained under the real."""
+    """Plan to evaluate the shipped driver under ``paper`` and both bounds of ``strict``.
+
+    Drivers that are trained under the real bounds are evaluated under the real bounds.
+    """
     jobs = trainings(options)
     [shipped] = find_drivers([DRIVER])
     config = options.laid_over(default_config([shipped]))
@@ -93,7 +97,10 @@ def real_bounds_plan(options: ReproduceOptions) -> Plan:
 
 
 def driven(rows: Iterable[Row], kind: str, bounds: str, vehicles: int) -> list[list[Row]]:
-    """The rows of each driver of a kind, ``pretrained`` or ``trained``, at one density."""
+    """Return the rows under ``bounds`` at one density, one list for each driver of a kind.
+
+    ``kind`` is ``pretrained`` or ``trained``.
+    """
     found: dict[str, list[Row]] = {}
     for row in rows:
         own = (row["driver"] == DRIVER) == (kind == DRIVER)
@@ -103,9 +110,9 @@ def driven(rows: Iterable[Row], kind: str, bounds: str, vehicles: int) -> list[l
 
 
 def cost(rows: list[Row], kind: str, bounds: str, vehicles: int) -> Mean:
-    """The change of the mean speed from the shipped driver under ``paper``, percent.
+    """Return the change in mean speed relative to the shipped driver under ``paper``, percent.
 
-    With several drivers the interval is over the drivers, otherwise over the traffic seeds.
+    With several drivers the interval is over the drivers, with one driver over the traffic seeds.
 
     Raises:
         DrlAvError: the traffic seeds differ.
@@ -116,7 +123,7 @@ def cost(rows: list[Row], kind: str, bounds: str, vehicles: int) -> Mean:
 
 
 def real_bounds_table(results: Results) -> str:
-    """The table: for each driver and bounds, the change of the speed and the collisions."""
+    """Return the Markdown table of speed changes and collisions, for each driver and bounds."""
     rows = results.rows(REAL_BOUNDS.table)
     densities, lines = densities_of(rows), []
     for (kind, bounds), label in LABELS.items():
@@ -131,7 +138,7 @@ def real_bounds_table(results: Results) -> str:
 
 
 def real_bounds_figure(rows: list[Row]) -> "Figure":
-    """The figure: change of the mean speed, and episodes with a collision, by density."""
+    """Draw the change in mean speed, and the episodes with a collision, by density."""
     figure, (left, right) = panels((11.5, 4), 1, 2)
     densities = densities_of(rows)
     for mark, ((kind, bounds), label) in zip("ovs", LABELS.items(), strict=True):

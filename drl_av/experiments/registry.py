@@ -1,4 +1,4 @@
-"""Lists the experiments of ``drl-av reproduce`` by name, in the order in which they are made."""
+"""Lists the experiments of ``drl-av reproduce`` by name, in the order in which they run."""
 
 from drl_av.experiments.adaptation import ADAPTATION
 from drl_av.experiments.barricade import BARRICADE

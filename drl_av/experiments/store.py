@@ -1,4 +1,4 @@
-"""Stores results: a CSV table, and beside it a JSON file with its provenance (how it was made)."""
+"""Stores results as a CSV table, and its provenance (how it was made) as a JSON file beside it."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -17,13 +17,13 @@ from drl_av.experiments.provenance import provenance
 from drl_av.files import Row, read_table, require_writable, write_table, write_whole
 
 Derived = Mapping[str, Callable[[list[Row]], list[Row]]]
-"""Functions that compute further tables from the rows of a table, by the file name of each."""
+"""Functions that compute further tables from a table's rows, by the further table's file name."""
 
 
 class MadeWith(NamedTuple):
     """The settings and drivers with which rows were made, by the name of a training or variant.
 
-    A table whose rows share one config and one learned driver uses the name "".
+    The only name is "" if all rows share one config and one learned driver.
     """
 
     settings: Mapping[str, Config]
@@ -35,7 +35,7 @@ class MadeWith(NamedTuple):
     def contradicts(self, other: "MadeWith") -> bool:
         """Return whether a name has another config, policy or number of episodes in ``other``.
 
-        It is also True if only one of them uses the name "" for its settings.
+        The result is also True if only one of the two values uses the name "" for its settings.
         """
         pairs: list[tuple[Mapping[str, Any], Mapping[str, Any]]]
         pairs = [*zip(self, other, strict=True)]
@@ -45,7 +45,7 @@ class MadeWith(NamedTuple):
         )
 
     def extended(self, other: "MadeWith") -> "MadeWith":
-        """Return the settings and drivers of both as one value; ``other`` wins for equal names."""
+        """Return both values as one; for a name in both, the entry of ``other`` is used."""
         return MadeWith(
             {**self.settings, **other.settings},
             {**self.policies, **other.policies},
@@ -54,7 +54,7 @@ class MadeWith(NamedTuple):
 
 
 class ResultStore:
-    """A results table on disk, to which missing rows are added; sorted by the key ``order(row)``.
+    """A results table on disk, to which missing rows are added; ``order(row)`` is the sort key.
 
     Raises:
         DrlAvError: the table was made with other settings or another driver, is damaged, or cannot
@@ -91,7 +91,7 @@ class ResultStore:
     def require(self, made_with: MadeWith) -> None:
         """Record the settings and drivers of new rows.
 
-        Raises DrlAvError if they contradict those of the existing rows.
+        Raises DrlAvError if these contradict the settings and drivers of the existing rows.
         """
         if made_with.contradicts(self._made_with):
             raise settings_mismatch(self.path)
@@ -103,7 +103,7 @@ class ResultStore:
             raise settings_mismatch(self.path)
 
     def put(self, key: Row, rows: Sequence[Row]) -> bool:
-        """Replace the rows of ``key`` by ``rows`` if these are more; return whether it did."""
+        """Replace the rows of ``key`` if ``rows`` holds more; return whether they were replaced."""
         if len(rows) <= len(self.of(key)):
             return False
         self.require_columns(rows[0])
@@ -152,7 +152,7 @@ class ResultStore:
 def _stored(facts: dict[str, Any], table: Path) -> MadeWith:
     """Return the settings and drivers in ``facts``, which are the provenance of a table.
 
-    Damaged facts cause the errors that ``report_corrupt_table`` replaces.
+    Damaged facts cause errors that ``report_corrupt_table`` converts to DrlAvError.
     """
     settings, name = facts["settings"], str(sidecar(table))
     if "simulation" in settings:
@@ -163,7 +163,7 @@ def _stored(facts: dict[str, Any], table: Path) -> MadeWith:
 
 
 def _seconds(facts: dict[str, Any]) -> dict[str, float]:
-    """Return the wall times in the facts, s, by name of training, or "" for all rows together."""
+    """Return the wall times in ``facts``, s, by name of training; the name "" means all rows."""
     times = facts["wall_time_s"] if facts else {}
     named: dict[str, Any] = times if isinstance(times, dict) else {"": times}
     return {name: float(seconds) for name, seconds in named.items()}
@@ -172,17 +172,17 @@ def _seconds(facts: dict[str, Any]) -> dict[str, float]:
 def stored_config(settings: dict[str, Any], name: str) -> Config:
     """Return the config with which a table was made; missing settings get their former defaults.
 
-    ``name`` is the file that an error names.
+    ``name`` is the name of the file, for the error message.
 
     Raises:
-        ConfigError: ``settings`` holds settings that this version does not know.
+        ConfigError: this version does not know a setting in ``settings``.
     """
     return from_toml(tomli_w.dumps(settings), OLD_DEFAULTS, name)
 
 
 @contextmanager
 def report_corrupt_table(table: Path) -> Iterator[None]:
-    """Replace the errors that damaged rows or facts cause in the block by DrlAvError."""
+    """Convert the errors that damaged rows or facts cause in the block to DrlAvError."""
     try:
         yield
     except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
@@ -211,7 +211,8 @@ def read_rows(table: Path) -> list[Row]:
 def seeds_held(rows: Iterable[Row], drivers: int = 1, first: int = 0) -> int:
     """Return the number of traffic seeds in the rows.
 
-    They must be ``first``, ``first`` + 1, ... and each occur once for each of ``drivers`` drivers.
+    The seeds must be ``first``, ``first`` + 1, and so on; each must occur once for each driver.
+    ``drivers`` is the number of drivers.
 
     Raises:
         ValueError: a seed is missing or occurs twice.

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 COLUMNS = ("seed", "mean_speed_m_s", "collided", "ego_hit", "safety_triggers")
 VEHICLES = 15
-"""Number of vehicles in the episodes in which one bound is changed."""
+"""Number of vehicles in the evaluations with one changed bound."""
 BOUNDS: dict[str, tuple[float, ...]] = {
     "braking_m_s2": (6.0, 9.0),
     "acceleration_m_s2": (4.0,),
@@ -41,7 +41,7 @@ BOUNDS: dict[str, tuple[float, ...]] = {
     "follower_braking_m_s2": (3.0,),
     "clearance_m": (0.1, 2.0),
 }
-"""The other values of each bound of [strict]; our traffic keeps to the defaults."""
+"""The values to which each bound of [strict] is changed; our traffic obeys the defaults."""
 LABELS = {
     "braking_m_s2": "braking ahead",
     "acceleration_m_s2": "acceleration behind",
@@ -52,15 +52,17 @@ LABELS = {
 }
 MARKS = "ov^sDP"
 REAL_TRAFFIC = {"braking_m_s2": 9.0, "lateral_speed_m_s": 2.1}
-"""Bounds of real traffic: braking on a dry road; exiD's mean lateral maximum and two deviations."""
+"""Bounds of real traffic: braking on a dry road; the mean maximum lateral speed in exiD, plus two
+standard deviations."""
 
 
 def under(config: Config, bounds: str) -> Config:
-    """Return the settings with the check ``paper``, or ``strict`` with its own or ``real`` bounds.
+    """Return the settings with another safety check.
 
     Args:
         config: The settings to change.
-        bounds: ``"paper"``, ``"strict"`` or ``"real"``.
+        bounds: ``"paper"`` for the check ``paper``, ``"strict"`` for the check ``strict`` with the
+            bounds of ``config``, or ``"real"`` for ``strict`` with ``REAL_TRAFFIC``.
     """
     if bounds == "paper":
         return config.updated("safety", check="paper")
@@ -71,7 +73,7 @@ def under(config: Config, bounds: str) -> Config:
 def strict_plan(options: ReproduceOptions) -> Plan:
     """Plan to evaluate the shipped driver under ``paper`` and ``strict`` at each density.
 
-    Then it drives among 15 vehicles under ``strict`` with one bound changed at a time.
+    It is also evaluated among 15 vehicles under ``strict``, with one bound changed at a time.
     """
     config = options.laid_over(default_config(find_drivers([DRIVER])))
     keys = [(check, "", "", n) for n in DENSITIES for check in ("paper", "strict")]
@@ -96,7 +98,10 @@ def strict_plan(options: ReproduceOptions) -> Plan:
 
 
 def strict_table(results: Results) -> str:
-    """Return the Markdown table of speed change from ``paper`` to ``strict``, and collisions."""
+    """Return the Markdown table of the speed change from ``paper`` to ``strict``, and collisions.
+
+    It has one column for each density.
+    """
     rows = [row for row in results.rows("strict.csv") if not row["bound"]]
     densities = densities_of(rows)
     strict = [
@@ -155,7 +160,7 @@ def strict_figure(rows: list[Row]) -> "Figure":
 def change(rows: Iterable[Row], plain: Iterable[Row], vehicles: int) -> Mean:
     """Return the change in mean speed from ``paper`` to ``strict`` at a number of vehicles, %.
 
-    The episodes under ``strict`` are those in ``rows``, those under ``paper`` are in ``plain``.
+    ``rows`` are the episodes under ``strict``, ``plain`` are the episodes under ``paper``.
 
     Raises:
         DrlAvError: the traffic seeds of both differ.

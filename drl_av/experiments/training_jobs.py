@@ -1,4 +1,4 @@
-"""Does the trainings of experiments, which continue from their folders, and reads their reports."""
+"""Starts or continues the trainings of experiments, and reads the results from their folders."""
 
 import re
 import time
@@ -33,12 +33,12 @@ class TrainingJob:
 
     @property
     def key(self) -> Row:
-        """The columns and values that all its rows in a table have in common."""
+        """The columns and values that all rows of the training have in common."""
         return {"variant": self.variant, "seed": str(self.config.learning.seed)}
 
     @property
     def policy(self) -> Path:
-        """Path of the training's policy file, which exists after its first checkpoint."""
+        """Path of the training's policy file, which the first checkpoint creates."""
         return self.folder / "policy.safetensors"
 
     @property
@@ -62,7 +62,7 @@ class TrainingJob:
         return replace(self, stop=stop)
 
     def require_same_settings(self) -> None:
-        """Raise RunError if its folder, or its origin's folder, has other settings."""
+        """Raise RunError if the training's folder, or that of its origin, has other settings."""
         if self.origin:
             self.origin.require_same_settings()
         if self.begun and load_config(self.folder / "config.toml", OLD_DEFAULTS) != self.config:
@@ -87,9 +87,10 @@ class TrainingJob:
         return max(file.read_bytes().count(b"\n") - 1, 0) if file.is_file() else 0
 
     def wall_time_s(self) -> float | None:
-        """Return the wall time of the training, s, each episode counted once; None if not measured.
+        """Return the wall time of the training, s; None if it was not measured.
 
-        An incomplete last line of the file does not count.
+        An episode that was driven twice counts once. An incomplete last line in ``clock`` is
+        ignored.
         """
         if not self.clock.is_file():
             return None
@@ -140,7 +141,7 @@ def _append_time(clock: Path, episode: int, seconds: float) -> None:
 
 
 def blocks_of(job: TrainingJob) -> list[Row]:
-    """Return the rows of a training so far: means over each ``job.every`` training episodes."""
+    """Return the rows of a training so far; each holds means over ``job.every`` episodes."""
     episodes = read_table(job.folder / "episodes.csv", growing=True)[: job.stop]
     ends = range(job.every, len(episodes) + 1, job.every)
     last = [job.stop] if len(episodes) == job.stop == job.config.learning.episodes else []

@@ -29,7 +29,7 @@ CATCH_UP = {
     "acc_gap_gain_per_s": 1 / Config().reward.catch_up_time_s,
     "reference_standstill_gap_m": 0.0,
 }
-"""Settings of an adaptive cruise control that keeps d_safe and closes gaps as v_des assumes."""
+"""Settings of an adaptive cruise control that keeps d_safe. It closes gaps as v_des assumes."""
 
 
 def varied(
@@ -41,7 +41,7 @@ def varied(
 ) -> Plan:
     """Plan to evaluate drivers with other settings in one section of the config.
 
-    ``densities`` are the numbers of vehicles; by default those of the published tables.
+    ``densities`` are the numbers of vehicles, by default those of the published tables.
     """
     config = options.laid_over(default_config(find_drivers(drivers))).updated(section, **settings)
     numbers = densities or DENSITIES
@@ -74,8 +74,8 @@ def check_table(results: Results) -> str:
 def reference_table(results: Results) -> str:
     """Return the Markdown table of each driver's results under up to three settings.
 
-    They are the default (the paper's accelerations), the default with an exact v_des, and the
-    longitudinal reference ``acc``.
+    The settings are the default (the paper's accelerations), the default with an exact v_des, and
+    the longitudinal reference ``acc``.
     """
     tables = {
         "the paper's accelerations": results.rows(density_sweep.TABLE),
