@@ -39,7 +39,7 @@ class Longitudinal(IntEnum):
 def nearest_action(acceleration_m_s2: float, ego: EgoConfig) -> Longitudinal:
     """Return the longitudinal action whose acceleration is nearest to the given one.
 
-    If two actions are equally near, the one with the smaller number.
+    If two actions are equally near, it is the one with the smaller number.
     """
     return min(Longitudinal, key=lambda one: abs(one.acceleration_m_s2(ego) - acceleration_m_s2))
 
@@ -70,10 +70,10 @@ ACTIONS: tuple[Action, ...] = tuple(
 
 
 def action_of(number: Any) -> Action:
-    """Return the action of a number that a policy returned: an int, or an array of one integer.
+    """Return the action whose number a policy has returned: an int, or an array of one integer.
 
     Raises:
-        ConfigError: it is no whole number from 0 to 11.
+        ConfigError: ``number`` is not a whole number from 0 to 11.
     """
     try:
         index = operator.index(number.item() if isinstance(number, np.ndarray) else number)

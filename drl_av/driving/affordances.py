@@ -24,13 +24,14 @@ d_x is a net gap, v_x and v_y are velocities, d_y is a lateral distance.
 WAY_INDICATORS = ("lane_end", "way_changes", "way_distance")
 """Names of the indicators that ``observation.way`` adds (ours).
 
-Lane end: the distance to the end of the ego's lane as a share of the range, 1 without an end in
-range. Way changes: the lane changes that the ego's way demands, as a share of all lane changes
-across the road, left positive. Way distance: the distance within which they must be complete as a
-share of ``WAY_M``, at most 1; 1 if none is needed.
+- lane_end: distance to the end of the ego's lane, divided by ``range_m``; 1 if no end is in range.
+- way_changes: number of lane changes that the ego's way demands, left positive, divided by the
+  number of lanes minus 1.
+- way_distance: distance within which these lane changes must be complete, divided by ``WAY_M``;
+  at most 1, and 1 if no lane change is needed.
 """
 WAY_M = 1000.0
-"""Distance that ``way_distance`` shows as 1, metres (ours)."""
+"""Distance, metres, at and above which ``way_distance`` is 1 (ours)."""
 _MEANINGS = {
     "d_x": "net gap, bumper to bumper, m",
     "v_x": "relative velocity, m/s; negative for a vehicle ahead that comes nearer",
@@ -60,7 +61,7 @@ class Neighbor(NamedTuple):
     """The nearest vehicle ahead of the ego or behind it in one lane; values relative to the ego."""
 
     vehicle: int
-    """Index of the vehicle in the snapshot; 1 + N or more if it is the end of a lane."""
+    """Index of the vehicle in the snapshot, 1 to N; a larger index stands for the end of a lane."""
     gap_m: float
     """Net gap, bumper to bumper; 0 if the vehicle is beside the ego."""
     relative_speed_m_s: float
@@ -143,8 +144,9 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     """Find the nearest vehicle ahead and behind in the ego's own, right and left lane (Sec. III).
 
     ``range_m`` is the largest gap that is observed. A vehicle occupies every lane that its body
-    overlaps. On a loop it is either ahead or behind, whichever way is shorter; a vehicle exactly
-    beside the ego counts as ahead. The end of a lane counts as a standing vehicle.
+    overlaps. On a loop a vehicle is ahead if the shorter way from the ego to it leads forward,
+    otherwise behind. A vehicle exactly beside the ego counts as ahead. The end of a lane counts as
+    a standing vehicle.
     """
     s_m, y_m, speed, lateral, length_m, width_m = (
         values.tolist()  # numpy arrays take twice as long for so few vehicles
@@ -229,9 +231,9 @@ def _ahead(road: Road, front_m: float) -> tuple[Barrier, ...]:
 class ObservationScale:
     """Scales the 27 indicators to about [-1, 1] for the input of the network (ours).
 
-    It first subtracts half of the top speed from the ego's speed, and the middle of the road from
-    its lateral position. It then divides each indicator by a constant of the config, and clips the
-    result to [-bounds, bounds].
+    First, half of the top speed is subtracted from the ego's speed, and the middle of the road from
+    the ego's lateral position. Then each indicator is divided by a constant of the config, and
+    clipped to [-bounds, bounds].
     """
 
     def __init__(self, config: ObservationConfig, max_speed_m_s: float, road: Road) -> None:

@@ -67,8 +67,9 @@ def time_gap_acceleration(
 ) -> float:
     """Return the acceleration of the constant time-gap law, m/s^2.
 
-    It is (-closing + lambda (d - d_0 - h v)) / h (Rajamani, Vehicle Dynamics and Control, ch. 6),
-    where d is the gap and closing is positive if it shrinks.
+    It is (lambda (d - d_0 - h v) - c) / h (Rajamani, Vehicle Dynamics and Control, ch. 6), with the
+    gap d, the closing speed c (positive if the gap shrinks), the speed v and the time gap h. The
+    standstill gap d_0 and the gain lambda, 1/s, are settings of ``ego``.
     """
     spare_m = gap_m - ego.reference_standstill_gap_m - headway_s * speed_m_s
     return (ego.acc_gap_gain_per_s * spare_m - closing_m_s) / headway_s

@@ -37,8 +37,8 @@ def affordances_after(
 ) -> Affordances | None:
     """Return the affordances that the ego would have if it had made another motion.
 
-    On a loop, a neighbour ahead still counts as ahead, and one behind as behind, even if the other
-    way round the loop is shorter after the other motion.
+    Each neighbour ahead remains a neighbour ahead, and each one behind remains behind, even if the
+    motion ``other`` makes the opposite way around a loop shorter.
 
     Args:
         other: The motion that the ego did not make.
@@ -47,8 +47,9 @@ def affordances_after(
         road: The road.
 
     Returns:
-        The affordances after the motion ``other``. They are None if the ego would be in another
-        lane, where its neighbours are unknown, or if a neighbour is or would be beside it.
+        The affordances after the motion ``other``. The result is None if the ego would be in
+        another lane, where its neighbours are unknown, or if a neighbour is beside the ego after
+        either motion.
     """
     y_m = affordances.ego_y_m + other.y_m - made.y_m
     if road.lane_of(y_m) != affordances.lane:

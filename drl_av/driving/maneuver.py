@@ -23,7 +23,8 @@ def next_lane_change(
 ) -> LaneChange | None:
     """Return the lane change after a lateral action starts, continues or aborts it (Sec. IV-A).
 
-    ``lane_change`` is the one in progress, ``lane`` is the ego's lane, and None is no lane change.
+    ``lane_change`` is the lane change in progress, and ``lane`` the index of the ego's lane. None
+    means that no lane change is in progress.
     """
     if lane_change is None:
         return LaneChange(lane, lane + lateral.sign) if lateral.sign else None

@@ -14,11 +14,11 @@ class Mirror(NamedTuple):
     """Permutations and signs that exchange left and right in observations and actions."""
 
     observation_permutation: npt.NDArray[np.intp]
-    """Index of the indicator that replaces each one; shape (27,), or the observation's size."""
+    """For each indicator, the index of its mirror image; shape (27,) by default."""
     observation_sign: npt.NDArray[np.float32]
-    """The same shape; -1 for each lateral indicator, whose sign changes, else 1."""
+    """Of the same shape: -1 for each indicator whose sign changes, 1 for all others."""
     action_permutation: npt.NDArray[np.int64]
-    """Number of the mirrored action for each action; shape (12,)."""
+    """For each action number, the number of the mirrored action; shape (12,)."""
 
 
 def mirror_of(names: Sequence[str]) -> Mirror:

@@ -13,7 +13,7 @@ STILL_M = 1e-6
 
 
 class Observed(NamedTuple):
-    """The action that describes an observed motion best, and the lane change after it, or None."""
+    """The action that is nearest to an observed motion, and the lane change that results."""
 
     action: Action
     lane_change: LaneChange | None

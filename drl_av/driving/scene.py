@@ -9,8 +9,8 @@ from drl_av.traffic.snapshot import Snapshot
 class LaneChange(NamedTuple):
     """A lane change in progress; ``origin`` and ``target`` are lane indices, 0 is the rightmost.
 
-    Its progress follows from the ego's lateral position alone. An abort exchanges the two lanes, so
-    that the way back takes as long as the way there.
+    Its progress follows from the ego's lateral position alone. An abort exchanges ``origin`` and
+    ``target``; the ego then needs as much time to return as it has needed so far.
     """
 
     origin: int

@@ -24,11 +24,12 @@ from typing import NamedTuple
 from drl_av.config import EgoConfig
 
 LEAST_LEFT = 0.1
-"""Smallest fraction 1 - s of a lane change that the law assumes to be left; it keeps the gains
-finite (ours)."""
+"""Smallest value that the law uses for the remaining fraction 1 - s of a lane change (ours).
+
+It keeps the gains finite.
+"""
 SETTLED_OFFSET, SETTLED_SLOPE = 0.005, 0.1
-"""A lane change ends if the offset is at most the first fraction of the lane width W, and the slope
-of the path at most the second fraction of W / L (ours)."""
+"""A lane change ends if |e| <= SETTLED_OFFSET * W and |dy/dx| <= SETTLED_SLOPE * W / L (ours)."""
 STRAIGHT = 0.0
 """k_road, the curvature of the road, 1/m; 0 because the loop represents a straight road."""
 
@@ -42,9 +43,10 @@ class Pose(NamedTuple):
 
 
 def curvature_limit(speed_m_s: float, heading_rad: float, ego: EgoConfig) -> float:
-    """Return the largest curvature at a speed along the lane, 1/m.
+    """Return the largest curvature that the ego can drive, 1/m.
 
-    It is limited by the steering, and at high speed by the largest lateral acceleration.
+    The steering limits it, and at high speed the largest lateral acceleration. ``speed_m_s`` is the
+    speed along the lane, ``heading_rad`` the angle between the ego and the lane.
     """
     own_speed = speed_m_s / math.cos(heading_rad)
     limit, lateral = ego.max_curvature_per_m, ego.max_lateral_acceleration_m_s2
@@ -54,7 +56,7 @@ def curvature_limit(speed_m_s: float, heading_rad: float, ego: EgoConfig) -> flo
 def lane_change_length(speed_m_s: float, lane_width_m: float, ego: EgoConfig) -> float:
     """Return L, the length of a whole lane change along the lane, metres.
 
-    It is T_LC v_ex, or the shortest length that the curvature limit allows if that is longer.
+    It is the larger of T_LC v_ex and the shortest length that the curvature limit allows.
     """
     shortest_m = math.sqrt(6 * lane_width_m / curvature_limit(speed_m_s, 0.0, ego))
     return max(ego.lane_change_duration_s * speed_m_s, shortest_m)

@@ -37,12 +37,12 @@ ROUNDING_M = 1e-6
 LATERAL_GAP_M = 0.6
 """SUMO's minGapLat, the lateral gap at which two vehicles drive beside each other in one lane."""
 RANDOM_LANE_CHANGES_PER_S = 0.01
-"""The largest rate in our kinds of traffic."""
+"""The largest rate of random lane changes that ``strict`` allows; no kind of traffic has more."""
 AT_LEAST = (
     ("follower_braking_m_s2", 0.5, "the lemma response is not proved for weaker braking"),
     ("clearance_m", 0.001, "the lemma rounding is not proved for less: bodies may touch"),
 )
-"""(a, b, reason): a, a setting of the section strict, must be at least b."""
+"""(name, least, reason): this setting of the section strict must be at least ``least``."""
 
 
 def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
@@ -78,7 +78,7 @@ def _refusal(name: str, bound: str, reason: str) -> ConfigError:
 
 
 def _require_bounds(config: Config, vehicle_types: VehicleTypes, label: str) -> None:
-    """Raise ConfigError if a value exceeds the other value that ``AT_MOST`` names as its bound.
+    """Raise ConfigError if a value that ``AT_MOST`` lists exceeds its bound.
 
     ``label`` is the name of the vehicle type ``vehicle_types.traffic`` in the message.
     """
@@ -106,7 +106,7 @@ def _require_bounds(config: Config, vehicle_types: VehicleTypes, label: str) -> 
 
 
 def _require_model(name: str, found: VehicleType, written: VehicleType) -> None:
-    """Raise ConfigError if a vehicle type has another SUMO model or parameter than as written."""
+    """Raise ConfigError if a vehicle type has another SUMO model or parameter than ``written``."""
     changed = sorted(set(found.model) ^ set(written.model))
     if changed:
         key = changed[0][0]
@@ -136,7 +136,7 @@ def _require_one_vehicle_abreast(config: Config, vehicle_types: VehicleTypes, ro
 
 
 def _require_narrow_vehicles(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
-    """Raise ConfigError if a vehicle may overlap a second lane within ``ARRIVED_M`` of a centre.
+    """Raise ConfigError if a vehicle within ``ARRIVED_M`` of a lane's centre may be in two lanes.
 
     The widths are those of the two vehicle types, and of trucks if there are any.
     """
@@ -159,9 +159,10 @@ def _require_narrow_vehicles(config: Config, vehicle_types: VehicleTypes, road: 
 def _require_a_decision_on_the_line(config: Config, ego: VehicleType, road: Road) -> None:
     """Raise ConfigError unless the ego can still abort a lane change when its body changes lanes.
 
-    A decision must fall between the time at which the body crosses the marking between two lanes
-    and the time at which the centre does. At a decision, an ego that changes lanes is a whole
-    number of decisions away from the centre of one of the two lanes.
+    A decision must fall between the time at which the ego's body crosses the marking between the
+    two lanes and the time at which its centre does. Between two decisions the ego moves sideways by
+    a constant distance. At each decision it is a multiple of this distance away from the centre of
+    one of the two lanes.
     """
     duration_s, lane_m = config.ego.lane_change_duration_s, road.lane_width_m
     stride_m = lane_m / duration_s * config.simulation.decision_interval_s
@@ -181,9 +182,10 @@ def _require_a_decision_on_the_line(config: Config, ego: VehicleType, road: Road
 
 
 def _require_a_long_loop(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
-    """Raise ConfigError if a vehicle that moves in behind the ego can be too near ahead of it.
+    """Raise ConfigError if the loop is too short.
 
-    This happens on a loop that is too short.
+    On a loop, a vehicle that moves in behind the ego is also ahead of it. The gap from the ego
+    forward to this vehicle must be at least the largest ``cut_in_gap``.
     """
     ego = config.ego
     farthest = (ego.max_speed_m_s, ego.accelerate_m_s2, 0.0)

@@ -11,7 +11,7 @@ from drl_av.errors import ConfigError
 
 
 class Rule(Flag):
-    """The safety rules of Sec. III of the paper, as flags; a verdict has the rules that fired."""
+    """The safety rules of Sec. III of the paper, as flags that can be combined."""
 
     NONE = 0
     IN_LANE = auto()
@@ -28,7 +28,10 @@ class Rule(Flag):
 
 
 class Verdict(NamedTuple):
-    """The action that the ego executes, and the rules that replaced the proposed action, if any."""
+    """The action that the ego executes, and the rules that changed the proposed action.
+
+    ``rule`` is ``Rule.NONE`` if no rule changed it.
+    """
 
     action: Action
     rule: Rule
@@ -42,7 +45,7 @@ def judged(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
     """Return the verdict of a check, which may be the user's own.
 
     Raises:
-        ConfigError: the check returned something else than a Verdict with an Action.
+        ConfigError: the check did not return a Verdict that contains an Action.
     """
     verdict = check(scene, proposed)
     if not isinstance(verdict, Verdict) or not isinstance(verdict.action, Action):

@@ -71,11 +71,11 @@ def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
 
 
 def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
-    """Check an action by the three rules of Sec. III; not collision-free, see docs/safety.md.
+    """Return the verdict of the three rules of Sec. III on an action.
 
-    Two rules are ours, because the paper does not define these cases: a proposal that brakes at
-    least as hard as eq. 3 demands is safe; and if rule 3 permits neither to continue nor to abort a
-    lane change, the ego moves to the lane that contains its centre.
+    The ego may still collide: see docs/safety.md. The paper leaves two cases open. Ours: a proposal
+    that brakes at least as hard as eq. 3 demands is safe. If rule 3 permits neither to continue nor
+    to abort a lane change, the ego moves to the lane that contains its centre.
     """
     longitudinal, in_lane = _checked_longitudinal(scene, proposed.longitudinal, config)
     lateral, across = _checked_lateral(scene, proposed.lateral, config)

@@ -55,7 +55,7 @@ def is_held(
 ) -> npt.NDArray[np.bool_]:
     """Whether a vehicle behind the ego must stay behind it by bound 4 of ``strict``.
 
-    This is so if the ego's body is in front of it and overlaps all lanes that the vehicle overlaps.
+    This is so if the bodies overlap sideways, and the ego is in each lane in which the vehicle is.
     """
     lowest, highest = lanes_under(y_m, width_m, lane_width_m)
     ego_lowest, ego_highest = lanes_under(ego_y_m, ego_width_m, lane_width_m)
@@ -75,7 +75,7 @@ class Others(NamedTuple):
     is_ahead: npt.NDArray[np.bool_]
     speed_m_s: FloatArray
     most_m: FloatArray
-    """Distance below which the ego must stop to stay behind the vehicle's earliest stop, metres.
+    """The ego stays behind the vehicle if it stops within less than this distance, metres.
 
     It is inf for a vehicle behind, and -inf for a vehicle beside the ego whose centre is ahead.
     """
@@ -84,9 +84,9 @@ class Others(NamedTuple):
 
 
 def with_barriers(others: Others, barriers: Sequence[Barrier], clearance_m: float) -> Others:
-    """Return the vehicles and the barriers of a scene, each barrier as a standing vehicle.
+    """Return ``others``, followed by each barrier of a scene as a standing vehicle of length 0.
 
-    Its length is 0, and its gap is ``s_m``.
+    The gap to the ego is the barrier's ``s_m``, metres.
     """
     gap_m, right_m, left_m = np.array(barriers).T
     standing = np.zeros(len(barriers))
@@ -102,7 +102,7 @@ def may_reach(
     strict: StrictConfig,
     step_s: float,
 ) -> FloatArray:
-    """Return ``Others.most_m`` for vehicles with these gaps, sides and speeds, metres."""
+    """Return ``Others.most_m``, metres; the first three arguments are fields of ``Others``."""
     rest_m = stopping_distance(speed_m_s, strict.braking_m_s2, step_s)
     rest_m = np.where(gap_m > 0, gap_m + rest_m - strict.clearance_m, -np.inf)
     result: FloatArray = np.where(is_ahead, rest_m, np.inf)
@@ -118,10 +118,10 @@ def met(neighbors: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
 def must_reach(
     neighbors: Others, delay_s: FloatArray | float, strict: StrictConfig, step_s: float
 ) -> FloatArray:
-    """Return the distance that the ego must exceed so that each vehicle behind stops behind it.
+    """Return for each vehicle the distance, metres, beyond which the ego must stop to stay ahead.
 
-    In metres. A vehicle behind first accelerates for ``delay_s`` seconds and then brakes. The
-    result is -inf for a vehicle ahead, and inf for a vehicle beside the ego.
+    A vehicle behind the ego first accelerates for ``delay_s`` seconds and then brakes to a
+    standstill. The result is -inf for a vehicle ahead, and inf for a vehicle beside the ego.
     """
     speed = neighbors.speed_m_s
     faster = speed + strict.acceleration_m_s2 * delay_s
@@ -144,10 +144,17 @@ def stays_behind(
 ) -> npt.NDArray[np.bool_]:
     """Whether each vehicle behind stays behind an ego that moves into its lane.
 
-    The body of the ego crosses the lane marking after ``crosses_s`` seconds, or not in this
-    decision if that is 0. ``covered_m`` holds the least distances that the ego covers until the end
-    of each SUMO step of the decision, and until standstill. The result is True for a vehicle ahead,
-    and False for one beside the ego.
+    Args:
+        neighbors: The other vehicles.
+        crosses_s: Time until the ego's body crosses the lane marking, seconds; 0 if the body does
+            not cross it in this decision.
+        covered_m: Smallest distances that the ego can cover until the end of each SUMO step of the
+            decision, and as the last element until standstill.
+        strict: The bounds of the other vehicles.
+        step_s: Length of a SUMO step, seconds.
+
+    Returns:
+        One flag for each vehicle: True for a vehicle ahead, False for a vehicle beside the ego.
     """
     must_m = must_reach(neighbors, strict.follower_response_s + crosses_s, strict, step_s)
     result: npt.NDArray[np.bool_] = covered_m[-1] > must_m
@@ -161,8 +168,8 @@ def stays_behind(
 def accelerated(
     speed_m_s: FloatArray, time_s: FloatArray | float, strict: StrictConfig, step_s: float
 ) -> FloatArray:
-    """Return the distance that a vehicle covers in ``time_s`` at its largest acceleration, metres.
+    """Return the distance, metres, that a vehicle covers in ``time_s`` at its largest acceleration.
 
-    The largest acceleration is ``strict.acceleration_m_s2``.
+    It begins with ``speed_m_s`` and accelerates with ``strict.acceleration_m_s2``.
     """
     return speed_m_s * time_s + strict.acceleration_m_s2 * time_s * (time_s + step_s) / 2

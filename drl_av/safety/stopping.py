@@ -18,7 +18,8 @@ Number = Any
 def stopping_distance(speed_m_s: Number, braking_m_s2: float, step_s: float) -> Number:
     """Return the distance that a vehicle covers while it brakes to a standstill, metres.
 
-    It is v^2 / 2b - v dt / 2 if the speed v is a multiple of b dt.
+    With the braking b and SUMO steps of length dt, it is v^2 / 2b - v dt / 2 if the speed v is a
+    multiple of b dt.
     """
     steps = np.floor(speed_m_s / (braking_m_s2 * step_s))
     return step_s * steps * (speed_m_s - braking_m_s2 * step_s * (steps + 1) / 2)
@@ -31,9 +32,9 @@ def travel(
     step_s: float,
     max_speed_m_s: float = math.inf,
 ) -> tuple[Number, Number]:
-    """Return the distance, metres, and the speed, m/s, after ``steps`` SUMO steps.
+    """Return the distance, metres, and the speed, m/s, of a vehicle after ``steps`` SUMO steps.
 
-    The speed stays within [0, max_speed_m_s].
+    The acceleration is constant, but the speed stays within [0, max_speed_m_s].
     """
     distance_m, speed = 0.0, speed_m_s
     for step in range(1, steps + 1):
@@ -63,9 +64,9 @@ def reach(
 def covered(
     speed_m_s: Number, acceleration_m_s2: Number, ego: EgoConfig, sim: SimulationConfig
 ) -> list[Number]:
-    """Return the distances that the ego has covered after each SUMO step of a decision, metres.
+    """Return the distance that the ego has covered after each SUMO step of a decision, metres.
 
-    The acceleration is constant.
+    The acceleration is constant, but the speed stays within [0, max_speed_m_s].
     """
     most, step_s = ego.max_speed_m_s, sim.step_length_s
     return [
@@ -82,10 +83,11 @@ def cut_in_gap(
     ego: EgoConfig,
     sim: SimulationConfig,
 ) -> Number:
-    """Return the gap to the ego, metres, above which a vehicle may begin to cut in ahead of it.
+    """Return the gap, metres, above which another vehicle may begin to cut in ahead of the ego.
 
-    The ego then stops behind the vehicle if it keeps its acceleration for one decision and brakes
-    hard after it. IDM and ACC may change the acceleration at any time, up to ``accelerate_m_s2``.
+    With a larger gap the ego stops behind the vehicle: it drives with ``acceleration_m_s2`` for one
+    decision, and then brakes hard. ``speed_m_s`` is the ego's speed, ``other_m_s`` that of the
+    vehicle. IDM and ACC may accelerate with up to ``accelerate_m_s2`` at any time.
     """
     if ego.longitudinal_reference != "acceleration":
         acceleration_m_s2 = ego.accelerate_m_s2

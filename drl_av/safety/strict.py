@@ -16,8 +16,8 @@ vehicle types of our scenarios keep to them.
    stop behind it. The ego can do so if the gap is larger than ``cut_in_gap``; the ego then executes
    its present action for one decision more, and brakes hard. A vehicle within ``ARRIVED_M`` of the
    centre of a lane has not begun to leave that lane. When it passes the centre of a lane, a new
-   movement begins. A vehicle that is not faster sideways than ``STILL_M_S`` stands still: a
-   movement begins when it becomes faster, and when its body comes over a line. A vehicle that is
+   movement begins. A vehicle whose lateral speed is at most ``STILL_M_S`` does not move sideways:
+   a movement begins when it becomes faster, and when its body comes over a line. A vehicle that is
    ahead of the ego in one of the lanes of the ego may move into another one at any time.
 4. *Following.* A vehicle stays behind the ego while the body of the ego overlaps its lane. Within
    ``follower_response_s`` it begins to brake with ``follower_braking_m_s2`` if this is necessary.
@@ -35,8 +35,8 @@ not.
 **One number for each action.** A vehicle ahead comes to rest no earlier than after its stopping
 distance (bound 1), and the ego does not brake harder than this vehicle. Therefore the gap shrinks
 faster and faster until one of the two stands, and it is smallest at the beginning or at rest. If
-the ego comes to rest behind the vehicle, the ego never hits it. The reach of an action is therefore
-all that the check must know of it.
+the ego comes to rest behind the vehicle, the ego never hits it. Of each action, the check therefore
+needs the reach alone.
 
 **Step.** For each vehicle ahead, the ego has this distance: the gap, plus the stopping distance of
 the vehicle, minus ``clearance_m``. The check permits an action if its reach is less than the
@@ -57,8 +57,8 @@ the lane change too. A relevant vehicle beside the ego forbids the lane change.
 
 **Followers.** A vehicle behind stays behind if the ego is in its way already (bound 4). If the ego
 moves in front of a vehicle, this vehicle must come to rest behind the ego, whatever the ego does
-afterwards; otherwise the check forbids the lane change. It must not come to the ego in the decision
-in which the body of the ego crosses the line either, even if it accelerates.
+afterwards; otherwise the check forbids the lane change. Even if the vehicle accelerates, it must
+not reach the ego in the decision in which the body of the ego crosses the line.
 
 **Exception.** The ego and another vehicle can begin to enter one lane from both sides while neither
 of them is in it. The ego then turns back at the next decision, as fast as the other vehicle
@@ -72,18 +72,18 @@ check compares with the vehicles behind. ``cut_in_gap`` then takes ``ego.acceler
 **Limits.** The ego may hit a vehicle that breaks a bound. A vehicle that does not stay behind the
 ego may hit the ego. SUMO's own drivers break two bounds in rare cases, which
 ``docs/results/long_run.txt`` counts by cause: they brake too late behind an ego that brakes hard
-(bound 4), and they move in on the positions of a SUMO step ago (bound 3). SUMO also resumes a lane
-change that was cut short when a vehicle is asked for it again, even into a vehicle beside it.
+(bound 4), and they cut in because they see the positions of the previous SUMO step (bound 3). If a
+vehicle requests an interrupted lane change again, SUMO resumes it even into a vehicle beside it.
 ``safety/assumptions.py`` refuses, with the bound or the lemma (``verification``) that fails:
 
 - *following*, *hand-over*: braking of the ego above ``braking_m_s2``, or below that of followers.
 - *corridor*: the steering plant, with which an aborted lane change drifts on before it turns back.
 - *response*: followers that brake with less than 0.5 m/s^2.
 - *rounding*: ``clearance_m`` below 1 mm, with which bodies may touch by a rounding error.
-- *abort*: lane changes in which no decision falls between the body and the centre of the ego on
-  their way over a line.
+- *abort*: lane changes without a decision between the time at which the body of the ego crosses
+  a line and the time at which its centre does.
 - *bound 3*: more than 0.01 random lane changes a second; lanes in which two vehicles fit beside
-  each other; vehicles too wide for a lane; loops on which one behind the ego is too near ahead.
+  each other; vehicles too wide for a lane; loops so short that a follower is too near ahead.
 - *any bound*: vehicle types and trucks that exceed a bound, or that SUMO drives by another model
   than ours; SUMO steps longer than ``follower_response_s``.
 """
@@ -127,9 +127,9 @@ ROUNDING = 1e-6
 def seconds_to_line(
     distance_m: Any, lane_width_m: float, ego: EgoConfig, sim: SimulationConfig
 ) -> Any:
-    """Return the time until the ego's body crosses a lane marking ``distance_m`` metres beside it.
+    """Return the time, seconds, until the ego's body crosses a line ``distance_m`` beside it.
 
-    In seconds, rounded up to whole SUMO steps. 0 if the body is over the line already, or does not
+    It is rounded up to whole SUMO steps, and 0 if the body is over the line already or does not
     cross it within this decision. A body is over the line by more than ``LINE_M``.
     """
     stride_m = lane_width_m / ego.lane_change_duration_s * sim.step_length_s
@@ -191,9 +191,9 @@ class Strict:
     def __call__(self, scene: Scene, proposed: Action) -> Verdict:
         """Return the action that the ego executes, and the rules that replaced the proposed action.
 
-        The longitudinal action is the proposed one if it keeps the fallback maneuver free, else the
-        next slower one that does. The lateral action is the proposed one if the check permits it
-        together with that longitudinal action, else that of the fallback maneuver.
+        Of the proposed and all slower longitudinal actions, the ego executes the fastest one that
+        keeps the fallback maneuver free. If the check does not permit the proposed lateral action
+        together with it, the ego executes the lateral action of the fallback maneuver.
         """
         affordances, neighbors = scene.affordances, self.others(scene)
         fallback = fallback_maneuver(scene)
@@ -216,7 +216,7 @@ class Strict:
         return Verdict(Action(lateral, safe), rule)
 
     def _slowest(self, how: Longitudinal) -> Longitudinal:
-        """Return the action with the shortest distance to standstill that ``how`` can have."""
+        """Return ``how``, or hard brake with IDM or ACC, which may brake so hard at any time."""
         by_number = self._ego.longitudinal_reference == "acceleration"
         return how if by_number else Longitudinal.HARD_BRAKE
 
@@ -224,7 +224,7 @@ class Strict:
         """Return the other vehicles of a scene as the check needs them.
 
         On a loop each vehicle has two entries: one ahead of the ego and one behind it. A barrier,
-        as the end of a lane, is a vehicle of no length that stands there.
+        such as the end of a lane, is a standing vehicle of length 0.
         """
         shot, affordances = scene.snapshot, scene.affordances
         ahead_m, rows = shot.s_m[1:] - shot.s_m[EGO], np.arange(1, len(shot.ids))
@@ -252,7 +252,7 @@ class Strict:
         return rolled_m < self._may_reach(scene, fallback_maneuver(scene), self.others(scene))
 
     def _may_reach(self, scene: Scene, fallback: LaneChange | None, neighbors: Others) -> float:
-        """Return the distance below which the ego must stop in its fallback maneuver, metres."""
+        """Return the distance, metres, within which the fallback maneuver must stop the ego."""
         ends_m = corridor(scene, fallback, self._ego, self._simulation.decision_interval_s)
         return float(neighbors.most_m[met(neighbors, *ends_m)].min(initial=np.inf))
 
@@ -266,7 +266,7 @@ class Strict:
     ) -> bool:
         """Whether the check permits a lane change other than that of the fallback maneuver.
 
-        The ego executes the longitudinal action ``how``; ``reaches_m`` has the reach of each.
+        The ego executes the longitudinal action ``how``; ``reaches_m`` holds the reach of each one.
         """
         strict, sim = self._strict, self._simulation
         right_m, left_m = corridor(scene, change, self._ego, sim.decision_interval_s)
