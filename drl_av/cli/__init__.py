@@ -1,4 +1,4 @@
-"""The command ``drl-av``: parses the arguments and runs a verb, which imports what it needs."""
+"""The command ``drl-av``: parses the arguments and runs a verb; each verb imports what it needs."""
 
 import argparse
 import io
@@ -20,11 +20,11 @@ class Verb(NamedTuple):
     """A verb (subcommand) of ``drl-av``."""
 
     meaning: str
-    """One phrase for the help."""
+    """The verb's description in the help, one phrase."""
     add_options: Callable[[argparse.ArgumentParser], None]
-    """Adds the verb's arguments to its parser."""
+    """The function that adds the verb's arguments to its parser."""
     run: Callable[[argparse.Namespace], int]
-    """Runs the verb, and returns the exit status."""
+    """The function that runs the verb and returns the exit status."""
 
 
 VERBS = {
@@ -55,8 +55,8 @@ VERBS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line ``arguments``, by default those of this process.
 
-    Returns the exit status: 0, 1 after an error (one sentence on stderr), 130 after Ctrl-C. Bad
-    usage raises SystemExit with status 2.
+    Returns the exit status: 0 for success, 1 after an error (one sentence on stderr), 130 after
+    Ctrl-C. Bad usage raises SystemExit with status 2.
     """
     try:
         with _printable(), _terminated_as_interrupted():
@@ -118,9 +118,9 @@ def _printable() -> Iterator[None]:
 
 
 def command_line(verbs: Container[str] = VERBS) -> argparse.ArgumentParser:
-    """Build the argument parser of all verbs; only those in ``verbs`` get their options.
+    """Build the argument parser of all verbs; only the verbs in ``verbs`` get their options.
 
-    The namespace that it parses has the chosen Verb as its attribute ``verb``.
+    The parser stores the chosen Verb as the attribute ``verb`` of the namespace.
     """
     parser = argparse.ArgumentParser(
         prog="drl-av",
@@ -144,7 +144,7 @@ def command_line(verbs: Container[str] = VERBS) -> argparse.ArgumentParser:
 
 
 class _Verbs(argparse.HelpFormatter):
-    """Formats ``drl-av --help``: each verb's meaning stands beside its name, on one line."""
+    """Formats ``drl-av --help``, with each verb's name and meaning on one line."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog)

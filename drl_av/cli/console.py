@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     from drl_av.learning.training import EpisodeRow, EvaluationRow
 
 REPORT_EVERY_S = 60.0
-"""Time between two lines about the progress if the output is not a terminal."""
+"""Time between two lines of progress if the output is not a terminal."""
 WIDTH = 110
 """Width of a table in characters if the output is not a terminal."""
 
 
 def make_console() -> Console:
-    """Return the console for the output; without a terminal it has ``WIDTH`` characters."""
+    """Return the console for the output; it is ``WIDTH`` characters wide without a terminal."""
     console = Console(highlight=False, markup=False)
     return console if console.is_terminal else Console(width=WIDTH, highlight=False, markup=False)
 
@@ -45,7 +45,7 @@ class Bar:
         self._printed_s = self._begun_s
 
     def advance(self, text: str, decisions: int) -> None:
-        """Count one episode; show ``text`` and decisions per second beside the bar."""
+        """Count one episode of ``decisions``; show ``text`` and decisions per second at the bar."""
         self._decisions += decisions
         rate = self._decisions / (time.monotonic() - self._begun_s)
         self._progress.update(self._task, advance=1, text=f"{text}  {rate:.0f} decisions/s")
@@ -70,7 +70,7 @@ class Bar:
 
 @contextmanager
 def progress_bar(what: str, total: int, done: int = 0) -> Iterator[Bar]:
-    """Show a bar named ``what`` while the block runs; ``done`` of ``total`` episodes are over."""
+    """Show a bar named ``what`` while the block runs, with ``done`` of ``total`` episodes done."""
     console = make_console()
     progress = Progress(
         TextColumn("{task.description}"),
@@ -103,7 +103,7 @@ def evaluation_line(row: "EvaluationRow") -> str:
 
 
 class StopRequest:
-    """Its attribute ``made`` is True once the user has requested a stop."""
+    """A request to stop: the attribute ``made`` is True once the user has made it."""
 
     made = False
 
@@ -112,7 +112,8 @@ class StopRequest:
 def stop_request() -> Iterator[StopRequest]:
     """Handle SIGINT (Ctrl-C) and SIGTERM in the block.
 
-    The first signal sets ``made`` of the yielded request; the second raises KeyboardInterrupt.
+    The first signal sets ``made`` of the yielded StopRequest. The second signal raises
+    KeyboardInterrupt.
     """
     request = StopRequest()
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from drl_av.evaluation.paired import Paired
 
 SAVE_EVERY_S = 5.0
-"""Interval between two writes of the table; if SUMO aborts the process, newer rows are lost."""
+"""Time between two writes of the table; if SUMO aborts the process, the rows since are lost."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -78,9 +78,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def evaluate(options: argparse.Namespace) -> int:
-    """Drive all episodes, write one row for each, print the summary; return the exit status.
+    """Drive all episodes, write one row for each, and print the summary; return the exit status.
 
-    If ``--out`` exists already, it is replaced only after the last episode.
+    If the file ``--out`` exists, it is replaced only after the last episode.
     """
     from drl_av.cli.console import progress_bar
     from drl_av.cli.tables import print_gains, print_overall, print_styles, print_summaries
@@ -184,12 +184,12 @@ def _write_provenance(options: argparse.Namespace, config: Config) -> None:
 
 
 def provenance_file(table: Path) -> Path:
-    """Return the path of the file that says how a table was made."""
+    """Return the path of the file with the provenance of a table (how it was made)."""
     return table.with_suffix(".provenance.json")
 
 
 def _gains(rows: Sequence["EpisodeResult"], rules: Sequence[str]) -> list["Paired"]:
-    """Compute the gain of each other driver over the fastest rule-based driver, by density."""
+    """Compute each other driver's gain over the fastest rule-based driver, at each density."""
     from drl_av.evaluation.paired import Speed, paired
 
     speeds = [Speed(row.driver, row.vehicles, row.seed, row.mean_speed_m_s) for row in rows]

@@ -21,7 +21,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def figures(options: argparse.Namespace) -> int:
-    """Draw each figure for which the sources have data, and the two that need no data.
+    """Draw each figure for which the given tables and runs have data, and the two that need none.
 
     Returns the exit status 0.
     """

@@ -81,7 +81,7 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
 
 
 def train(options: argparse.Namespace) -> int:
-    """Train a driver by Algorithm 1 of the paper in the folder ``--out``; return exit status."""
+    """Train a driver by Algorithm 1 of the paper, in the folder ``--out``; return exit status."""
     from drl_av.env.highway import HighwayEnv
     from drl_av.learning.assembly import make_training
     from drl_av.learning.run import Run
@@ -159,7 +159,7 @@ def _adaptation_config(options: argparse.Namespace, run: "Run", spec: "DriverSpe
 
 
 def _given(options: argparse.Namespace, *names: str) -> dict[str, Any]:
-    """Return the values of the named options that the user gave on the command line, by name."""
+    """Return, by name, the values of those named options that the command line contains."""
     return {name: getattr(options, name) for name in names if getattr(options, name) is not None}
 
 
@@ -173,9 +173,10 @@ def _unchanged(run: "Run", stored: Config, asked: Config) -> Config:
 
 
 def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: str) -> int:
-    """Train from the last checkpoint to the end, or until the user stops; return the exit status.
+    """Train from the last checkpoint to the end, or until the user stops it.
 
-    Then it prints how to resume, or how to compare the driver with ``rival``.
+    Then print how to resume, or how to compare the driver with the driver ``rival``. Return the
+    exit status.
     """
     again = shlex.join(["drl-av", verb, "--out", str(run.folder), "--resume"])
     with run.alone():
@@ -200,7 +201,7 @@ def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, ri
 
 
 def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bool:
-    """Train with a progress bar to the last episode (returns True) or a stop (returns False)."""
+    """Train with a progress bar; return True after the last episode, False after a stop."""
     from drl_av.cli.console import episode_line, evaluation_line, progress_bar, stop_request
     from drl_av.learning.run import train
     from drl_av.learning.tensorboard import tensorboard_writer

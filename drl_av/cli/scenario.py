@@ -1,4 +1,4 @@
-"""The verb ``scenario``: writes a scenario folder, which SUMO alone can open too."""
+"""The verb ``scenario``: writes a scenario folder, which SUMO can also open by itself."""
 
 import argparse
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from drl_av.errors import ScenarioError
 from drl_av.traffic.kinds import KINDS, kind_name
 
 FLAGS = {"barricaded_lanes": "--barricade"}
-"""Options whose name is not that of the setting, by setting."""
+"""The options whose name differs from that of the setting, by setting."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _users() -> dict[str, dict[str, Field[Any]]]:
-    """Return for each setting the kinds of scenario that have it, with its dataclass field."""
+    """Return, for each setting, the scenario kinds that have it, each with its dataclass field."""
     users: dict[str, dict[str, Field[Any]]] = {}
     for kind, entry in KINDS.items():
         for item in fields(entry.description):
@@ -55,9 +55,10 @@ def _flag(name: str) -> str:
 
 
 def _parsing(item: Field[Any]) -> dict[str, Any]:
-    """Return the arguments of ``add_argument`` for a setting, by its type.
+    """Return the arguments of ``add_argument`` for a setting; they depend on its type.
 
-    Without the option the namespace has no such attribute, so that the setting keeps its default.
+    If the user omits the option, the namespace lacks the attribute, and the setting keeps its
+    default.
     """
     if item.type is float:
         return {"type": float, "metavar": "X", "default": argparse.SUPPRESS}

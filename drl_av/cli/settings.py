@@ -8,7 +8,7 @@ from drl_av.safety import CHECKS
 
 
 def driver_words() -> str:
-    """Return the forms in which an option takes a driver, for its help."""
+    """Return the forms in which an option accepts a driver, for the option's help."""
     return (
         f"{', '.join(driver_names())} (each pretrained one ships with drl-av), the folder of a "
         "run, a policy's .safetensors file, a stable-baselines3 .zip file, an .onnx file, or your "
@@ -40,7 +40,7 @@ def driving(parser: argparse.ArgumentParser, whose: str) -> None:
 
 
 def overridden(config: Config, options: argparse.Namespace) -> Config:
-    """Return ``config`` changed by --traffic, then --config, --scenario and --safety-check.
+    """Return ``config``, changed by --traffic, --config, --scenario and --safety-check in turn.
 
     Raises ConfigError if the TOML file or a setting is wrong.
     """

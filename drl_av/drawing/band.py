@@ -12,7 +12,9 @@ class Band:
     top: int
     """Upper edge of the leftmost lane of a road with three lanes, px."""
     lane_px: int
+    """Width of a lane of a road with up to three lanes, px."""
     behind_m: float
+    """Length of the road that is drawn behind the ego; ``ahead_m`` is that ahead of the ego."""
     ahead_m: float
     left: int = 20
     right: int = 1260
@@ -27,7 +29,7 @@ class Band:
         return self.left + (ahead_m + self.behind_m) * self.px_per_m
 
     def y(self, road: Road, y_m: float) -> float:
-        """Return the y coordinate of the lateral position ``y_m``, px; left is up."""
+        """Return the y coordinate of the lateral position ``y_m``, px; left of the ego is up."""
         lanes = len(road.open_lanes)
         lane_px = min(self.lane_px, 3 * self.lane_px / lanes)
         middle = self.top + 1.5 * self.lane_px

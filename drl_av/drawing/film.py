@@ -23,9 +23,9 @@ from drl_av.traffic.snapshot import Snapshot
 def interpolated(a: Snapshot, b: Snapshot, fraction: float, road: Road) -> Snapshot:
     """Return the scene at a fraction of the time from snapshot ``a`` (0) to snapshot ``b`` (1).
 
-    It contains the vehicles that are in both snapshots. On a loop the distance that a vehicle
-    covers is known except for whole laps; the distance nearest to its mean speed times the time is
-    used.
+    The scene contains the vehicles that are in both snapshots. On a loop the snapshots do not tell
+    how many whole laps a vehicle has driven between them; of the possible distances, the one
+    nearest to its mean speed times the time is used.
     """
     a, b = _rows(a, b.ids), _rows(b, a.ids)
     expected_m = (a.speed_m_s + b.speed_m_s) / 2 * (b.time_s - a.time_s)
@@ -49,8 +49,8 @@ def _between(a: FloatArray, b: FloatArray, fraction: float) -> FloatArray:
 def _rows(snapshot: Snapshot, wanted: tuple[str, ...]) -> Snapshot:
     """Return the snapshot of the vehicles whose ids are in ``wanted``.
 
-    If its ids equal ``wanted``, it is unchanged; else the ego is first and the others are sorted by
-    id.
+    If the snapshot's ids equal ``wanted``, the result is the snapshot itself. Otherwise the ego
+    comes first, and the other vehicles are sorted by id.
     """
     if snapshot.ids == wanted:
         return snapshot
@@ -81,28 +81,28 @@ class Film:
         return len(self._moves)
 
     def add(self, before: Snapshot, after: Snapshot, reward: float, info: dict[str, Any]) -> None:
-        """Add one more decision, with the reward and the ``info`` of its step."""
+        """Add the next decision: the scenes before and after it, its reward and its ``info``."""
         self._caption = next_caption(self._caption, reward, info)
         self._moves.append((before, after, self._caption))
 
     def pictures(self, per_decision: int, first: int = 0) -> Iterator[Picture]:
-        """The pictures of all decisions from number ``first`` on, ``per_decision`` of each."""
+        """Yield ``per_decision`` pictures of each decision, from decision ``first`` on."""
         for before, after, caption in self._moves[first:]:
             for step in range(1, per_decision + 1):
                 scene = interpolated(before, after, step / per_decision, self._road)
                 yield draw(scene, self._road, caption)
 
     def write(self, path: Path, fps: int = 20, rate: float = 2.0) -> int:
-        """Write the video at ``rate`` times real time; returns the number of pictures."""
+        """Write the video at ``rate`` times real time; return the number of pictures."""
         return write_video(path, self.pictures(max(1, round(fps / rate))), fps)
 
 
 def write_video(path: str | os.PathLike[str], frames: Iterable[Picture], fps: float) -> int:
     """Write pictures to an .mp4 or .gif file, and return their number.
 
-    ``frames`` are uint8 arrays of one shape (H, W, 3). The file appears under its name when it is
-    complete. An .mp4 file is written frame by frame (H.264, yuv420p, padded to even sizes). The
-    frames of a .gif file are kept in memory, so the clip should be short.
+    ``frames`` are uint8 arrays, all of one shape (H, W, 3). The file gets its name only when it is
+    complete. An .mp4 file is written frame by frame (H.264, yuv420p, padded to even sizes). A .gif
+    file should be short, because its frames are kept in memory.
 
     Raises:
         RecordingError: the name, the folder or ``fps`` is wrong, there are no frames, or writing
@@ -157,7 +157,10 @@ def _first(frames: Iterator[Picture], path: Path) -> Picture:
 
 
 def _write_mp4(temporary: Path, path: Path, frames: Iterator[Picture], fps: float) -> int:
-    """Write an .mp4 file to ``temporary`` and return the number of frames; errors name ``path``."""
+    """Write an .mp4 file to ``temporary``; return the number of frames.
+
+    Error messages name ``path``, the final name of the file.
+    """
     frame = _even(_first(frames, path))
     height, width = frame.shape[:2]
     with _encoding(path):
@@ -181,7 +184,7 @@ def _write_mp4(temporary: Path, path: Path, frames: Iterator[Picture], fps: floa
 def _encoder(
     temporary: Path, size: tuple[int, int], fps: float
 ) -> Generator[None, Picture | None, None]:
-    """Return an H.264 encoder that accepts frames of ``size`` (width, height) by ``send``."""
+    """Return an H.264 encoder; its method ``send`` takes frames of ``size`` (width, height)."""
     encoder: Generator[None, Picture | None, None] = imageio_ffmpeg.write_frames(
         str(temporary),
         size,
@@ -197,13 +200,16 @@ def _encoder(
 
 
 def _even(frame: Picture) -> Picture:
-    """Return the frame with an even width and height; an odd one repeats its last row or column."""
+    """Return the frame padded to even width and height, by repeating its last row or column."""
     height, width = frame.shape[:2]
     return np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
 
 
 def _write_gif(temporary: Path, path: Path, frames: Iterator[Picture], fps: float) -> int:
-    """Write a .gif file to ``temporary`` and return the number of frames; errors name ``path``."""
+    """Write a .gif file to ``temporary``; return the number of frames.
+
+    Error messages name ``path``, the final name of the file.
+    """
     images = [_indexed(_first(frames, path)), *map(_indexed, frames)]
     with _encoding(path):
         images[0].save(
@@ -217,5 +223,5 @@ def _write_gif(temporary: Path, path: Path, frames: Iterator[Picture], fps: floa
 
 
 def _indexed(frame: Picture) -> Image.Image:
-    """Return the frame as an image of 256 colours, as a .gif file needs it."""
+    """Return the frame as an image of 256 colours, which a .gif file needs."""
     return Image.fromarray(frame).quantize(256, dither=Image.Dither.NONE)

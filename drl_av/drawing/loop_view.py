@@ -21,7 +21,7 @@ _CENTER, _RADIUS, _LANES_PX = (186.0, 548.0), 146.0, 48.0
 
 
 def lay_ring(sheet: Sheet, road: Road) -> None:
-    """Draw the static parts of the loop: lanes, lane markings, barricades and circumference."""
+    """Draw the static parts of the loop: lanes, markings, barricades, and its length as text."""
     lanes = len(road.open_lanes)
     lane_px = _LANES_PX / lanes
     for lane in range(lanes):

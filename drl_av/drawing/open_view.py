@@ -1,4 +1,4 @@
-"""A view of a whole open road from above, from its beginning on the left to its end."""
+"""Draws a whole open road from above, from its beginning at the left to its end at the right."""
 
 from drl_av.drawing.road_view import OVERVIEW
 from drl_av.drawing.sheet import (
@@ -29,7 +29,7 @@ def _y(road: Road, y_m: float) -> float:
 
 
 def lay_open_road(sheet: Sheet, road: Road) -> None:
-    """Draw the static parts of the road: its lanes where they exist, and the end of the way."""
+    """Draw the static parts of the road: each lane where it exists, and where the ego's way ends."""
     parts = [(part.lane, part.begin_m, part.end_m) for part in road.partial_lanes]
     partial = {lane for lane, _, _ in parts}
     whole = [lane for lane in range(len(road.open_lanes)) if lane not in partial]

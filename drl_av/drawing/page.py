@@ -14,7 +14,7 @@ from drl_av.traffic.snapshot import Snapshot
 
 TEMPLATE = Path(__file__).with_name("page.html")
 PLACEHOLDER = "EPISODE"
-"""The text in the template that is replaced by the episode's data."""
+"""The text in the template that the episode's data replace."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class PageDecision:
     executed: int
     """Number of the action after the safety check, 0 to 11."""
     rule: str
-    """The rules of the safety check that changed the action, or ``none``."""
+    """The rules of the safety check that changed the action; ``none`` if no rule did."""
     reward: float
     r_v: float
     r_y: float
@@ -34,7 +34,7 @@ class PageDecision:
     q: list[float] | None
     """The driver's Q-values of the 12 actions; None if the driver has no Q-values."""
     collision: str | None
-    """The kind of the ego's collision in words, or None."""
+    """The kind of the ego's collision in words; None without a collision."""
 
 
 def write_page(
@@ -46,8 +46,8 @@ def write_page(
 ) -> None:
     """Write the HTML page of an episode to ``path`` atomically.
 
-    ``snapshots`` contains the scene at the start and after each decision, so one more than
-    ``decisions``.
+    ``snapshots`` holds the scene at the start and the scene after each decision, so it is longer
+    than ``decisions`` by one.
 
     Raises:
         DrlAvError: the file cannot be written.
@@ -79,7 +79,10 @@ def write_page(
 
 
 def _part(part: PartialLane, road: Road) -> dict[str, float]:
-    """A lane that begins or ends on the way; one without an end goes on beyond the road's end."""
+    """Return the data of a lane that begins or ends on the road.
+
+    A lane without an end is given an end beyond the road's end, because JSON has no infinity.
+    """
     beyond_m = road.end_m + OPEN_LAP_M / 4
     return {
         "lane": part.lane,
@@ -91,7 +94,7 @@ def _part(part: PartialLane, road: Road) -> dict[str, float]:
 
 
 def _sizes(snapshots: Sequence[Snapshot]) -> dict[str, tuple[float, float]]:
-    """Length and width of each vehicle of an episode, by name, the ego first."""
+    """Return the length and width of each vehicle of an episode, m, by name, the ego first."""
     sizes: dict[str, tuple[float, float]] = {}
     for shot in snapshots:
         length, width = _rounded(shot.length_m, shot.width_m)
@@ -100,7 +103,7 @@ def _sizes(snapshots: Sequence[Snapshot]) -> dict[str, tuple[float, float]]:
 
 
 def _frame(snapshot: Snapshot, names: Sequence[str]) -> dict[str, list[float | None]]:
-    """Place and speed of each vehicle; None while it is not on the road."""
+    """Return position and speed of each named vehicle; None while it is not on the road."""
     columns = _rounded(snapshot.s_m, snapshot.y_m, snapshot.speed_m_s)
     found = {}
     for key, column in zip("syv", columns, strict=True):

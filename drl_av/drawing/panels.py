@@ -33,13 +33,13 @@ class Caption:
 
     driver: str = ""
     vehicles: int | None = None
-    """Number of vehicles without the ego; if None, that of the snapshot."""
+    """Number of vehicles besides the ego; None to count those of the snapshot."""
     seed: int | None = None
     decision: int = 0
     proposed: str = ""
     executed: str = ""
     rule: str | None = None
-    """The name of the safety rule that changed the action, or None."""
+    """The name of the safety rule that changed the action; None if no rule changed it."""
     reward: float | None = None
     r_v: float | None = None
     r_y: float | None = None
@@ -47,7 +47,7 @@ class Caption:
     speed_history: tuple[float, ...] = ()
     """The ego's speed after each decision, m/s; the panel shows the last 60 and the mean of all."""
     trigger_history: tuple[bool, ...] = ()
-    """For each of these decisions, whether the safety check changed the action."""
+    """Whether the safety check changed the action, for each decision of ``speed_history``."""
     collision: str = ""
     """The kind of the ego's collision in words; empty without a collision."""
 
@@ -110,7 +110,10 @@ def _draw_field(sheet: Sheet, y: float, label: str, value: str, fill: Color) -> 
 
 
 def _draw_verdict(sheet: Sheet, caption: Caption) -> None:
-    """Draw the safety rule or the collision on a bright background, or "none" on a dark one."""
+    """Draw the safety rule or the collision on a bright background.
+
+    Without a rule or a collision, draw "none" on a dark background.
+    """
     label, words = "SAFETY CHECK", caption.rule or "none"
     if caption.collision:
         label, words = "COLLISION", caption.collision
@@ -151,7 +154,10 @@ def _number(value: float | None) -> str:
 
 
 def draw_history(sheet: Sheet, caption: Caption) -> None:
-    """Draw the last 60 speeds, newest at the right; a red mark is a change by the safety check."""
+    """Draw the last 60 speeds, the newest at the right.
+
+    A red mark shows a decision in which the safety check changed the action.
+    """
     left, right, top, bottom = 878.0, 1240.0, 588.0, 680.0
     sheet.text((844, 574), f"SPEED, m/s, LAST {_HISTORY} DECISIONS", 13, DIM)
     sheet.box((1161, 563, 1164, 577), ALARM)

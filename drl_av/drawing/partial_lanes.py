@@ -1,4 +1,4 @@
-"""The lanes of an open road that begin or end on the way, in the views near the ego."""
+"""Draws the lanes that begin or end on an open road, in the two views of the road near the ego."""
 
 import math
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ FAR_M = 1e6
 
 
 def draw_partial_lanes(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> None:
-    """Draw the edges of the road, and the lanes that begin or end only where they are."""
+    """Draw the edges of the road, and each lane that begins or ends, where it exists."""
     for lane in sorted({part.lane for part in road.partial_lanes}):
         _clear(sheet, band, road, lane, ego_s_m)
     for line in range(len(road.open_lanes) + 1):
@@ -26,9 +26,10 @@ def draw_partial_lanes(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> 
 
 
 def solid_lines(road: Road, line: int) -> Iterator[tuple[float, float, tuple[int, int, int]]]:
-    """Yield where the line to the right of the lane ``line`` is solid: begin, end and colour.
+    """Yield begin, m, end, m, and colour of each solid part of a line along the road.
 
-    It is solid at the edges of the road, and between two lanes that are divided.
+    ``line`` is the index of the lane to the left of the line. The line is solid at the edges of the
+    road, and where the lanes on its two sides are divided.
     """
     parts = [part for part in road.partial_lanes if part.lane in (line - 1, line)]
     ends_m = {-FAR_M, FAR_M}
@@ -87,5 +88,5 @@ def _line(
 
 
 def _column(band: Band, ahead_m: float) -> float:
-    """The column of a place, within the band."""
+    """Return the x coordinate, px, of a point ``ahead_m`` ahead of the ego, limited to the band."""
     return band.x(min(max(ahead_m, -band.behind_m), band.ahead_m))

@@ -30,8 +30,8 @@ def draw(
 ) -> Picture:
     """Draw one scene and return the picture, uint8 of shape (height, width, 3).
 
-    ``size`` is (width, height) in px. The layout is scaled to fit, with bars at its sides if the
-    aspect ratio differs.
+    ``size`` is (width, height) in px. The layout is scaled to fit; if the aspect ratio differs, it
+    gets bars at its sides.
     """
     sheet = Sheet(_background(road).copy())
     for band in (CLOSE_UP, OVERVIEW):
@@ -52,7 +52,7 @@ def draw(
 
 @lru_cache(maxsize=8)
 def _background(road: Road) -> Image.Image:
-    """Return the image of the static parts; callers must copy it before they draw on it."""
+    """Return the image of the static parts. It is cached: copy it before drawing on it."""
     width, height = SHEET_SIZE
     size = (OVERSAMPLING * width, OVERSAMPLING * height)
     sheet = Sheet(Image.new("RGB", size, GROUND))

@@ -1,4 +1,4 @@
-"""The renderer of each render mode of the environment, and the caption of each picture."""
+"""The renderers of the environment's render modes, and the captions of their pictures."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -15,7 +15,7 @@ from drl_av.traffic.snapshot import EGO, Snapshot
 
 
 def next_caption(caption: Caption, reward: float, info: dict[str, Any]) -> Caption:
-    """Return the caption after one more decision, from the step's reward and ``info``."""
+    """Return the caption after the next decision; ``reward`` and ``info`` are those of the step."""
     rule = info["rule"]
     return replace(
         caption,
@@ -34,16 +34,16 @@ def next_caption(caption: Caption, reward: float, info: dict[str, Any]) -> Capti
 
 
 class Renderer:
-    """The renderer of render mode None, which shows nothing, and base class of the others."""
+    """The renderer of render mode None, which shows nothing; the base class of the others."""
 
     def reset(self, snapshot: Snapshot, info: dict[str, Any]) -> None:
         """Begin an episode, with the snapshot and the ``info`` of the environment's ``reset``."""
 
     def step(self, snapshot: Snapshot, reward: float, info: dict[str, Any]) -> None:
-        """Show one more decision, with the snapshot, the reward and the ``info`` after it."""
+        """Show the next decision: the snapshot after it, its reward and its ``info``."""
 
     def render(self) -> Picture | None:
-        """Return the picture of the present scene, or None from a renderer without pictures."""
+        """Return the picture of the present scene; None if the renderer makes no pictures."""
         return None
 
 
@@ -76,7 +76,7 @@ class PictureRenderer(Renderer):
 
 
 class GuiRenderer(Renderer):
-    """The renderer of render mode ``human``: a caption and the film's colours in sumo-gui."""
+    """The renderer of render mode ``human``: sumo-gui, with a caption and the films' colours."""
 
     def __init__(self, show: Callable[[str, Mapping[str, Color]], None]) -> None:
         self._show = show
@@ -93,6 +93,6 @@ class GuiRenderer(Renderer):
 
 
 def vehicle_colors(snapshot: Snapshot) -> dict[str, Color]:
-    """Return the colour of each vehicle by id; the colour shows its speed, except the ego's."""
+    """Return the colour of each vehicle by id; it shows the speed of all vehicles but the ego."""
     colors = map(speed_color, snapshot.speed_m_s.tolist())
     return dict(zip(snapshot.ids, colors, strict=True)) | {snapshot.ids[EGO]: EGO_COLOR}

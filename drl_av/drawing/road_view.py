@@ -84,9 +84,10 @@ def _frame_close_up(sheet: Sheet) -> None:
 
 
 def _every(spacing_m: float, ego_s_m: float, road: Road, band: Band) -> Iterator[float]:
-    """Yield the distances ahead of the ego, metres, of equidistant marks that lie on the loop.
+    """Yield the distance ahead of the ego, m, of each mark in the band.
 
-    ``spacing_m`` is rounded so that the loop contains a whole number of marks.
+    The marks are fixed to the road, about ``spacing_m`` apart; the spacing is rounded so that a
+    loop contains a whole number of marks.
     """
     pitch_m = road.lap_m / max(1, round(road.lap_m / spacing_m))
     mark_m = -band.behind_m - (ego_s_m - band.behind_m) % pitch_m
@@ -96,7 +97,8 @@ def _every(spacing_m: float, ego_s_m: float, road: Road, band: Band) -> Iterator
 
 
 def _draw_markings(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> None:
-    """Draw dashes between the lanes and barricades on closed lanes, fixed to the loop."""
+    """Draw the dashes between lanes and the barricades on closed lanes; they are fixed to the road.
+    """
     thick = 1.5 if band is CLOSE_UP else 1.0
     for boundary in range(1, len(road.open_lanes)):
         y = band.y(road, road.center_m(boundary) - road.lane_width_m / 2)
@@ -109,7 +111,10 @@ def _draw_markings(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> None
 
 
 def _is_dashed(road: Road, boundary: int, from_m: float) -> bool:
-    """Return whether a dash from ``from_m`` on divides lanes between which vehicles may change."""
+    """Return whether vehicles may change lanes across ``boundary`` along the dash from ``from_m``.
+
+    ``boundary`` is the index of the lane to the left of the boundary.
+    """
     return not road.partial_lanes or any(
         road.is_open_at(boundary - 1, s_m) and road.is_beside(boundary - 1, boundary, s_m)
         for s_m in (from_m, from_m + DASH_M)
@@ -136,7 +141,8 @@ def _draw_vehicle(
 ) -> None:
     """Draw a vehicle in its true size, with windscreen, speed and turn signals.
 
-    ``ahead_m`` is the distance of its centre ahead of the ego's.
+    ``row`` is the vehicle's row index in the snapshot arrays. ``ahead_m`` is the distance of its
+    centre ahead of the ego's centre.
     """
     y_m, speed = float(snapshot.y_m[row]), float(snapshot.speed_m_s[row])
     length, width = float(snapshot.length_m[row]), float(snapshot.width_m[row])
@@ -162,7 +168,7 @@ def _draw_vehicle(
 def _draw_signals(
     sheet: Sheet, body: tuple[float, float, float, float], sideways: float, time_s: float
 ) -> None:
-    """Draw lamps at the side to which a vehicle moves, in the first half of each second.
+    """Draw the turn signals of a vehicle that moves sideways, in the first half of each second.
 
     ``body`` is (left, top, right, bottom) in px; ``sideways`` is the lateral velocity, left
     positive.

@@ -42,7 +42,7 @@ OVERSAMPLING = 2
 def speed_color(speed_m_s: float) -> Color:
     """Return the colour of a speed in m/s, from red (slow) to blue (fast).
 
-    Colour-blind people can distinguish the colours too.
+    Colour-blind people can also distinguish the colours.
     """
     share = np.clip((speed_m_s - SLOW_M_S) / (FAST_M_S - SLOW_M_S), 0.0, 1.0)
     knots = np.linspace(0.0, 1.0, len(SPEED_COLORS))
@@ -51,7 +51,7 @@ def speed_color(speed_m_s: float) -> Color:
 
 
 class Sheet:
-    """An oversampled image; its methods draw with coordinates in pixels of the layout."""
+    """An oversampled image; all its methods take coordinates in pixels of the layout."""
 
     def __init__(self, image: Image.Image) -> None:
         self.image = image
@@ -77,7 +77,10 @@ class Sheet:
         self._pen.ellipse((x - r, y - r, x + r, y + r), fill)
 
     def arc(self, center: Point, radius: float, degrees: Point, fill: Color, width: float) -> None:
-        """Draw an arc inside ``radius``; ``degrees`` are its two ends, clockwise from the right."""
+        """Draw an arc with the outer radius ``radius`` and the line width ``width``.
+
+        ``degrees`` holds the angles of its two ends, clockwise from the right.
+        """
         x, y, r = (OVERSAMPLING * v for v in (*center, radius))
         self._pen.arc((x - r, y - r, x + r, y + r), *degrees, fill, round(OVERSAMPLING * width))
 
@@ -99,10 +102,10 @@ class Sheet:
         anchor: str = "ls",
         bold: bool = False,
     ) -> None:
-        """Draw one line of text at ``at``, px of the layout.
+        """Draw one line of text.
 
-        ``anchor`` is Pillow's code for the point of the text at that position; the default "ls" is
-        the left end of the baseline.
+        ``anchor`` is Pillow's code for the point of the text that lies at ``at``; the default "ls"
+        is the left end of the baseline.
         """
         place = (OVERSAMPLING * at[0], OVERSAMPLING * at[1])
         stroke = 0.018 * size * OVERSAMPLING if bold else 0
@@ -113,13 +116,13 @@ class Sheet:
 
 @lru_cache(maxsize=32)
 def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """Return the default font of a size in pixels of the layout."""
+    """Return the default font; ``size`` is in pixels of the layout."""
     return ImageFont.load_default(OVERSAMPLING * size)
 
 
 @lru_cache(maxsize=512)
 def wrapped(text: str, size: int, width: int, most: int) -> tuple[str, ...]:
-    """Return the text as at most ``most`` lines of ``width`` px; dots replace the rest."""
+    """Return the text as at most ``most`` lines of at most ``width`` px; dots replace the rest."""
     font = _font(size)
     lines = [""]
     for word in text.split():
@@ -134,7 +137,7 @@ def wrapped(text: str, size: int, width: int, most: int) -> tuple[str, ...]:
 
 
 def _shortened(line: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> str:
-    """Return a line that fits the width in image pixels; dots replace the end of a long line."""
+    """Return the line; if it is longer than ``width`` image pixels, dots replace its end."""
     if font.getlength(line) <= width:
         return line
     while line and font.getlength(line + "...") > width:
