@@ -29,7 +29,7 @@ def _y(road: Road, y_m: float) -> float:
 
 
 def lay_open_road(sheet: Sheet, road: Road) -> None:
-    """Draw the static parts of the road: each lane where it exists, and where the ego's way ends."""
+    """Draw the static parts of the road: each lane where it exists, and the end of the way."""
     parts = [(part.lane, part.begin_m, part.end_m) for part in road.partial_lanes]
     partial = {lane for lane, _, _ in parts}
     whole = [lane for lane in range(len(road.open_lanes)) if lane not in partial]

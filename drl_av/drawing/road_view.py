@@ -97,8 +97,7 @@ def _every(spacing_m: float, ego_s_m: float, road: Road, band: Band) -> Iterator
 
 
 def _draw_markings(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> None:
-    """Draw the dashes between lanes and the barricades on closed lanes; they are fixed to the road.
-    """
+    """Draw the dashes between lanes, and the barricades on closed lanes, fixed to the road."""
     thick = 1.5 if band is CLOSE_UP else 1.0
     for boundary in range(1, len(road.open_lanes)):
         y = band.y(road, road.center_m(boundary) - road.lane_width_m / 2)
