@@ -4,6 +4,8 @@ from pathlib import Path
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
+from drl_av.traffic.scenario import write_scenario
+from drl_av.traffic.straight import StraightDescription
 
 TOOLS = Path(__file__).parents[1] / "tools"
 
@@ -11,6 +13,33 @@ TOOLS = Path(__file__).parents[1] / "tools"
 def small_env():
     config = Config().updated("traffic", vehicles_min=3, vehicles_max=3)
     return HighwayEnv(config=config.updated("simulation", decisions_per_episode=5))
+
+
+def test_the_long_road_has_500_vehicles_by_its_flow(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(TOOLS))
+    rows = importlib.import_module("benchmark_rows")
+    write_scenario(tmp_path / "long", rows.long_road())
+    config = rows.crowded(rows.ON_STRAIGHT).updated("simulation", scenario=str(tmp_path / "long"))
+    with closing(HighwayEnv(config=config)) as env:
+        assert env.simulation.fleet.usual == rows.ON_STRAIGHT == 500
+    assert "straight" in rows.ROWS
+
+
+def test_bare_libsumo_adds_the_vehicles_that_enter_an_open_road(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(TOOLS))
+    drives = importlib.import_module("benchmark_drives")
+    write_scenario(tmp_path / "busy", StraightDescription(flow_per_h=2000.0, length_m=400.0))
+    config = Config().updated("traffic", vehicles_min=79, vehicles_max=79, truck_share=0.3)
+    config = config.updated("simulation", scenario=str(tmp_path / "busy"))
+    with closing(HighwayEnv(config=config)) as env:
+        calls = drives.recorded_calls(env, {7: [0] * 12})
+        names = [call.func.__name__ for call in calls[7]]
+        # 3 lanes of 2,000 vehicles/h for 12 s are 20 vehicles
+        assert 15 <= names.count("add") <= 25
+        assert 0 < names.count("setShapeClass") < names.count("add")
+        driven = positions(env)
+        drives.step_bare(env, calls)
+        assert positions(env) == driven
 
 
 def positions(env: HighwayEnv) -> list[tuple[float, float]]:

@@ -15,6 +15,8 @@
     processes    two processes that drive at the same time beside one
     scaling      the environment beside bare libsumo at 5 to 240 vehicles, from 30 on at one
                  density; a last row compares the cost of a decision at both ends
+    straight     the environment beside bare libsumo on a straight road of 12 km with some 500
+                 vehicles, of which some enter and leave in each decision
 
 Numbers are per second, medians over rounds in which all rows take turns, after a round of warm-up;
 a ratio is the median of the ratios of the rounds. All rows but ``processes`` run on one core.

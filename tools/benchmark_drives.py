@@ -11,6 +11,11 @@ from drl_av.env.highway import HighwayEnv
 
 COMMANDS = ("setSpeed", "changeSublane", "changeLaneRelative")
 """The functions of ``sumo.vehicle`` with which the environment commands vehicles."""
+ENTERING = (
+    *("add", "moveTo", "setLength", "setWidth", "setShapeClass", "setPreviousSpeed", "setTau"),
+    *("setAccel", "setParameter", "setMaxSpeed"),
+)
+"""Those with which it adds vehicles that enter an open road."""
 STEP = "simulationStep"
 Call = partial[Any]
 
@@ -52,7 +57,7 @@ def recorded_calls(env: HighwayEnv, actions: dict[int, list[int]]) -> dict[int, 
     for seed, row in actions.items():
         start(env, seed)
         sumo = env.simulation._sumo
-        functions = [(sumo.vehicle, name) for name in COMMANDS] + [(sumo, STEP)]
+        functions = [(sumo.vehicle, name) for name in (*COMMANDS, *ENTERING)] + [(sumo, STEP)]
         calls[seed] = []
         with ExitStack() as stack:
             for owner, name in functions:
@@ -63,10 +68,12 @@ def recorded_calls(env: HighwayEnv, actions: dict[int, list[int]]) -> dict[int, 
     return calls
 
 
-def record_call(calls: list[Call], function: Callable[..., Any], *arguments: Any) -> Any:
+def record_call(
+    calls: list[Call], function: Callable[..., Any], *arguments: Any, **named: Any
+) -> Any:
     """Call a function of libsumo, append the call to ``calls``, and return its result."""
-    calls.append(partial(function, *arguments))
-    return function(*arguments)
+    calls.append(partial(function, *arguments, **named))
+    return function(*arguments, **named)
 
 
 def step_bare(env: HighwayEnv, calls: dict[int, list[Call]]) -> float:

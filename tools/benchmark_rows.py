@@ -32,8 +32,10 @@ from drl_av.env.highway import HighwayEnv, Observation
 from drl_av.learning.assembly import make_buffer, make_training
 from drl_av.learning.learner import Learner
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
+from drl_av.traffic.straight import StraightDescription
 
 VEHICLES = 30
+ON_STRAIGHT = 500
 NUMBERS = (5, 10, 30, 60, 120, 240)
 STEPS = 500
 """Number of gradient steps in a round."""
@@ -311,6 +313,26 @@ def even_traffic(number: int) -> ScenarioDescription:
     return ScenarioDescription(circumference_m, vehicles=tuple(vehicles))
 
 
+def straight_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Return the row of decisions per second on a straight road, which vehicles enter and leave."""
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory()), "straight")
+    write_scenario(folder, long_road())
+    config = crowded(ON_STRAIGHT).updated("simulation", scenario=str(folder))
+    env = stack.enter_context(closing(HighwayEnv(config=config)))
+    actions = recorded_actions(env, IdmDriver(config.safety), seeds[:1])
+    ours, bare = partial(drive, env, actions), partial(step_bare, env, recorded_calls(env, actions))
+    return [Row(f"straight road, {ON_STRAIGHT} vehicles | bare libsumo", ours, bare)]
+
+
+def long_road() -> StraightDescription:
+    """Return a straight road whose flow corresponds to ``ON_STRAIGHT`` vehicles.
+
+    1,000 vehicles/h in each of three lanes at 20 m/s are 500 on 12 km. Vehicles are on the road
+    from 300 m behind the ego's start to 250 m beyond the end of its way.
+    """
+    return StraightDescription(flow_per_h=1000.0, length_m=12_000.0 - 300.0 - 250.0)
+
+
 ROWS: dict[str, Callable[[Sequence[int], ExitStack], list[Row]]] = {
     "env": env_rows,
     "step": step_rows,
@@ -318,4 +340,5 @@ ROWS: dict[str, Callable[[Sequence[int], ExitStack], list[Row]]] = {
     "highway-env": highway_env_rows,
     "processes": processes_rows,
     "scaling": scaling_rows,
+    "straight": straight_rows,
 }
