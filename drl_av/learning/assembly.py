@@ -60,7 +60,7 @@ def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
     """Make an empty experience buffer of the kind ``config.replay``.
 
     Raises:
-        ConfigError: the memory that is available cannot hold it once it is full.
+        ConfigError: the available memory is too small for the full buffer.
     """
     capacity = config.safe_capacity + config.collision_capacity
     require_memory(capacity, observation_size)
@@ -94,11 +94,12 @@ def make_store(buffer: Buffer, env: HighwayEnv, rng: np.random.Generator) -> Sto
 
 
 def warm_start(training: Training, policy_file: Path) -> bool:
-    """Load a trained driver into a new training, in place; return whether experience came with it.
+    """Load a trained driver into a new training, in place; return whether experience was loaded.
 
-    If the policy file is the ``policy.safetensors`` of a run with a checkpoint, the training takes
-    over the checkpoint's networks, target networks, Adam moments and experience (returns True).
-    Otherwise both networks are those of the policy and the buffers stay empty (returns False).
+    If the policy file is the ``policy.safetensors`` of a run with a checkpoint, the training gets
+    the checkpoint's networks, target networks, Adam moments and experience (returns True).
+    Otherwise the online and the target networks are copies of the policy's networks, and the
+    buffers stay empty (returns False).
 
     Raises:
         CheckpointError: a file is damaged, or does not fit the settings of this training.

@@ -19,9 +19,10 @@ from drl_av.traffic.snapshot import EGO
 
 
 def require_symmetry(config: Config, road: Road) -> None:
-    """Raise ConfigError if exchanging left and right would change the reward in mirrored learning.
+    """Raise ConfigError if ``learning.mirrored`` is set, but the reward is not symmetric.
 
-    That is so if ``learning.mirrored`` is set and y_des is fixed, but not in the road's middle.
+    The reward is symmetric if exchanging left and right does not change it. It is not symmetric if
+    y_des is fixed at another position than the middle of the road.
     """
     middle_m = road.center_m(len(road.open_lanes) - 1) / 2
     fixed = config.learning.mirrored and config.reward.desired == "fixed"
@@ -52,9 +53,9 @@ def mirror_half(batch: Batch, mirror: Mirror = MIRROR) -> Batch:
 class StoreCounterfactuals:
     """Stores each decision, and computed transitions of some actions that were not taken.
 
-    It draws ``learning.counterfactuals`` of the 12 actions for each decision, and omits the
-    proposed and the executed one. After a collision or a missed exit it stores none: their outcome
-    is unknown.
+    For each decision it draws ``learning.counterfactuals`` of the 12 actions, and omits the
+    proposed and the executed one. After a collision or a missed exit it stores the decision alone,
+    because the outcomes of other actions are unknown.
     """
 
     def __init__(
@@ -79,11 +80,12 @@ def store_counterfactuals(
 ) -> None:
     """Store the transition that each of the actions ``others`` would have caused, if known.
 
-    An action that the check replaces goes into Buf_C, as in line 6 of the paper's Algorithm 1, and
-    so does one that leaves the open lanes. For the rest ``affordances_after`` computes the next
-    state, with the other vehicles moving as they did. With ``learning.unsafe_penalty`` an action
-    that the check replaces has the next state of its replacement. Nothing is stored if
-    ``affordances_after`` cannot compute the next state.
+    - An action that the check replaces (line 6 of the paper's Algorithm 1), or that leaves the open
+      lanes, is stored as terminal with reward r_col.
+    - For every other action ``affordances_after`` computes the next state. It assumes that the
+      other vehicles move as they did. If it returns None, nothing is stored.
+    - With ``learning.unsafe_penalty``, an action that the check replaces is stored like the action
+      that replaces it, but with the penalty subtracted from the reward.
     """
     config, before, s_t = env.config, decision.scene, decision.observation
     after, penalty = decision.next_scene.affordances, config.learning.unsafe_penalty

@@ -1,4 +1,4 @@
-"""Experience buffers: the safe and collision buffers of Algorithm 1 of the paper; a single one."""
+"""Experience buffers: the two of Algorithm 1 of the paper, or one buffer for all transitions."""
 
 from typing import NamedTuple, Protocol
 
@@ -14,7 +14,8 @@ class Batch(NamedTuple):
     """A minibatch of transitions; its arrays are copies, which the caller may change.
 
     The states have shape (rows, observation_size), all other arrays (rows,). ``weights`` multiply
-    the squared errors; None means 1. ``slots`` are the rows' indices in a prioritized buffer.
+    the squared errors; None means 1. ``slots`` are the indices of the rows in a prioritized buffer,
+    and None for other buffers.
     """
 
     s_t: Float32Array
@@ -41,8 +42,9 @@ def batch_of(rows: Float32Array, observation_size: int) -> Batch:
 class Buffer(Protocol):
     """The interface of an experience buffer.
 
-    ``add_safe`` stores a transition, ``add_collision`` a terminal one, ``sample`` draws a
-    minibatch; ``collisions`` is the number of terminal rows.
+    ``add_safe`` stores a transition, ``add_collision`` stores a terminal transition, and ``sample``
+    draws a minibatch. ``collisions`` is the number of terminal transitions. ``state`` and
+    ``restore`` save and load the contents.
     """
 
     def __len__(self) -> int: ...
@@ -66,14 +68,15 @@ class Buffer(Protocol):
         return None
 
     def update_priorities(self, batch: Batch, td_errors: Float32Array) -> None:
-        """Set priorities of a sampled batch from its TD errors, (rows,); by default do nothing."""
+        """Set priorities of a batch from its TD errors, shape (rows,); by default do nothing."""
         return None
 
 
 class TwoBuffers(Buffer):
     """The paper's safe buffer Buf_S and collision buffer Buf_C.
 
-    The share ``collision_fraction`` of each batch comes from Buf_C, if both have rows.
+    The share ``collision_fraction`` of each batch comes from Buf_C. If one of the two is empty, the
+    whole batch comes from the other one.
     """
 
     def __init__(
@@ -116,7 +119,7 @@ class TwoBuffers(Buffer):
         self.collision.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
-        """Draw a minibatch, rows of Buf_S first, then of Buf_C: Algorithm 1 of the paper, line 13.
+        """Draw a minibatch: Algorithm 1 of the paper, line 13. The rows of Buf_S come first.
 
         Raises:
             ValueError: both buffers are empty.

@@ -52,7 +52,7 @@ def restore_rng(rng: np.random.Generator, state: dict[str, Any]) -> None:
     """Set a random generator, in place, to the state that ``rng_to_json`` returned.
 
     Raises:
-        CheckpointError: it is the state of another kind of generator.
+        CheckpointError: ``state`` belongs to another kind of generator.
     """
     try:
         rng.bit_generator.state = state

@@ -14,9 +14,10 @@ Store = Callable[[Decision], None]
 class StoreDecision:
     """Stores a decision as Algorithm 1 of the paper does.
 
-    A proposal that the check replaced and a collision go into Buf_C, terminal with reward r_col; an
-    executed action without a collision goes into Buf_S. Ours: a missed exit counts as a collision,
-    and with ``learning.speed_weight`` the stored reward includes a bonus for speed.
+    Buf_C receives each proposal that the check replaced and each executed action that led to a
+    collision, both as terminal transitions with reward r_col. Buf_S receives all other executed
+    actions. Ours: a missed exit counts as a collision, and with ``learning.speed_weight`` the
+    stored reward includes a bonus for speed.
     """
 
     def __init__(self, buffer: Buffer, config: Config) -> None:
@@ -45,10 +46,11 @@ class StoreDecision:
 
 
 class StoreWithPenalty(StoreDecision):
-    """Stores a proposal that the check replaced with a penalty instead of as terminal (ours).
+    """Stores unsafe proposals with a penalty, instead of as terminal transitions (ours).
 
-    Its next state and reward are those of the executed action, minus ``learning.unsafe_penalty``.
-    It is terminal with reward r_col only if the ego collided.
+    An unsafe proposal is one that the check replaced. It is stored with the next state of the
+    executed action, and with the reward of that action minus ``learning.unsafe_penalty``. Only if
+    the ego collided is it stored as terminal with reward r_col.
     """
 
     def __init__(self, buffer: Buffer, config: Config) -> None:

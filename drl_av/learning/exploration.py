@@ -15,7 +15,7 @@ from drl_av.driving.scene import Scene
 def linear_epsilon(
     episode: int, episodes: int, start: float = 1.0, end: float = 0.2, fraction: float = 0.7
 ) -> float:
-    """Return epsilon, the probability of a random action, in an episode (the first one is 0).
+    """Return epsilon, the probability of a random action, in an episode; the first episode is 0.
 
     Epsilon decreases linearly from ``start`` to ``end`` over the first ``fraction`` of all
     ``episodes``, and is constant afterwards (Sec. IV-C of the paper).
@@ -29,7 +29,7 @@ def epsilon_greedy(
 ) -> int:
     """Return a random action number with probability ``epsilon``, else the result of ``greedy()``.
 
-    ``greedy`` is called only then. Algorithm 1 of the paper, line 5.
+    If the action is random, ``greedy`` is not called. Algorithm 1 of the paper, line 5.
     """
     if rng.random() < epsilon:
         return int(rng.integers(action_size))
@@ -40,7 +40,7 @@ class GreedyDriver(Driver, Protocol):
     """A driver with a method for the greedy action, which Algorithm 1 needs."""
 
     def greedy(self, s_t: Float32Array) -> int:
-        """Return the number of argmax_a Q(s_t, a) for a scaled observation, shape (27,)."""
+        """Return the number of argmax_a Q(s_t, a) of a scaled observation, shape (size,)."""
 
 
 class ExploringDriver:

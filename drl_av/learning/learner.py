@@ -1,6 +1,7 @@
-"""The gradient step of Algorithm 1 of the paper, lines 14 and 15: functions, and their state.
+"""The gradient step of Algorithm 1 of the paper, lines 14 and 15.
 
-The forward and backward passes are written in numpy, because for 64 rows autograd and the calls of
+The functions are pure, except ``backward``; a Learner holds the networks and Adam's moments. The
+forward and backward passes are written in numpy, because for 64 rows autograd and the calls of
 torch cost more time than the arithmetic.
 """
 
@@ -64,10 +65,11 @@ def td_error(target: Float32Array, q_t: Float32Array, a_t: NDArray[np.int64]) ->
 
 
 def q_gradient(weighted_td: Float32Array, a_t: NDArray[np.int64], action_size: int) -> Float32Array:
-    """Return the derivative of the loss, mean (y - Q(s, a))^2, by Q(s, .), (rows, action_size).
+    """Return the gradient of the loss with respect to Q(s, .), shape (rows, action_size).
 
-    It is zero except for the action a. ``weighted_td``, shape (rows,), is each TD error times its
-    weight. Algorithm 1 of the paper, line 15.
+    The loss is mean (y - Q(s, a))^2. The gradient is zero except for the action a.
+    ``weighted_td``, shape (rows,), is each TD error times its weight. Algorithm 1 of the paper,
+    line 15.
     """
     gradient = np.zeros((len(a_t), action_size), weighted_td.dtype)
     gradient[np.arange(len(a_t)), a_t] = weighted_td * (-2.0 / len(a_t))
@@ -79,8 +81,8 @@ def backward(
 ) -> None:
     """Compute the gradient of all weights and biases, and write it into ``gradients``.
 
-    ``entered`` is the first result of ``forward``, the input of each layer; ``dq``, shape (rows,
-    actions), is the derivative of the loss by Q(s, .).
+    ``entered`` holds the input of each layer, the first result of ``forward``. ``dq`` is the
+    gradient of the loss with respect to Q(s, .), shape (rows, actions).
     """
     dz = dq
     for i in reversed(range(len(layers))):
@@ -129,7 +131,7 @@ class Learner:
         return int(self._step)
 
     def update(self, batch: Batch) -> Update:
-        """Make one step of Adam on the mean squared TD error of a batch, and return its result.
+        """Make one step of Adam on the mean squared TD error of a batch; return loss and TD errors.
 
         Algorithm 1 of the paper, lines 14 and 15. ``s_tp1`` of terminal rows (discount 0) is not
         read.

@@ -30,7 +30,7 @@ def importance_weights(probability: Numbers, count: int, exponent: float) -> Flo
 
 
 class SumTree:
-    """One weight for each slot (row index) of a ring; finds slots by their cumulative weight.
+    """Holds one weight for each slot (row index) of a ring; finds slots by cumulative weight.
 
     The tree has two levels, because a numpy call costs more than the sum of a block. The sums
     depend on the current weights alone, not on the order in which they were set.
@@ -71,7 +71,7 @@ class SumTree:
 
 
 def _below(values: Numbers, end: Numbers) -> Numbers:
-    """Limit values to the largest number below ``end``, which rounding may have made them reach."""
+    """Limit values to the largest float below ``end``, which they may have reached by rounding."""
     below: Numbers = np.minimum(values, np.nextafter(end, 0.0))
     return below
 
@@ -125,7 +125,7 @@ class PrioritizedBuffer(UniformBuffer):
         return batch_of(rows, self.ring.observation_size)._replace(weights=weights, slots=slots)
 
     def anneal(self, progress: float) -> None:
-        """Set beta for the training's ``progress``, from 0 to 1: it rises linearly to 1.
+        """Set beta, which rises linearly to 1 with the ``progress`` of the training, from 0 to 1.
 
         Sec. 3.4 of Schaul et al. 2015.
         """

@@ -1,6 +1,7 @@
-"""The ring in which an experience buffer stores transitions, a row each.
+"""The ring buffer in which an experience buffer stores its transitions, one in each row.
 
-The discount of a transition is stored: 0 if it is terminal, with reward r_col, else gamma.
+A row contains the discount of its transition: 0 for a terminal transition, which has the reward
+r_col, and gamma for all others.
 """
 
 from pathlib import Path
@@ -17,7 +18,7 @@ MEMORY = Path("/proc/meminfo")
 
 
 def require_memory(rows: int, observation_size: int) -> None:
-    """Raise ConfigError if the available memory cannot hold so many transitions."""
+    """Raise ConfigError if the available memory cannot hold ``rows`` transitions."""
     needed = rows * row_width(observation_size) * np.dtype(np.float32).itemsize
     try:
         words = MEMORY.read_text(encoding="ascii").split()
@@ -33,7 +34,7 @@ def require_memory(rows: int, observation_size: int) -> None:
 
 
 def row_width(observation_size: int) -> int:
-    """Return how many numbers a transition has."""
+    """Return the number of float32 values in the row of a transition."""
     return 2 * observation_size + 3
 
 
@@ -70,7 +71,7 @@ class Ring:
         discount: float,
         s_tp1: Float32Array | float,
     ) -> int:
-        """Store a transition, over the oldest one if the ring is full; return its row index."""
+        """Store a transition and return its row index; a full ring loses its oldest transition."""
         slot, n = self.next_slot, self.observation_size
         row = self.rows[slot]
         row[:n] = s_t

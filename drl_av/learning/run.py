@@ -1,4 +1,4 @@
-"""Writes and reads the folder of a run: settings, tables, checkpoint, policy; and trains in it."""
+"""Writes and reads the folder of a run (settings, tables, checkpoint, policy); trains in it."""
 
 import csv
 import io
@@ -20,7 +20,7 @@ from drl_av.learning.training import EpisodeRow, EvaluationRow, Training
 
 
 class Progress(NamedTuple):
-    """The table rows of one more training episode."""
+    """The table rows that one training episode has added."""
 
     episode: EpisodeRow
     evaluation: EvaluationRow | None
@@ -43,7 +43,7 @@ class Run:
         self.policy_file = folder / "policy.safetensors"
 
     def create(self, config: Config, training: Training | None = None) -> None:
-        """Create the folder atomically, with a checkpoint and policy of ``training`` if given.
+        """Create the folder atomically, with a checkpoint and policy of ``training`` unless None.
 
         Raises:
             RunError: the folder exists and is not empty, or cannot be created.
@@ -96,10 +96,10 @@ class Run:
             os.close(descriptor)
 
     def restore(self, training: Training) -> None:
-        """Restore a new training from the checkpoint; without one, leave it at its beginning.
+        """Restore a new training from the checkpoint; without a checkpoint it stays new.
 
-        Removes the rows of the tables that were written after the checkpoint; the training will
-        write them again.
+        Rows of the tables that were written after the checkpoint are removed; the training writes
+        them again.
 
         Raises:
             CheckpointError: the checkpoint is damaged or of another config, or rows are missing.
@@ -142,7 +142,7 @@ class Run:
     def _require_rows(self, file: Path, size: int, episodes: int) -> None:
         """Raise CheckpointError unless the first ``size`` bytes of a table are whole rows.
 
-        Those of ``episodes.csv`` must be of the episodes 1 to ``episodes``.
+        The rows of ``episodes.csv`` must be those of the episodes 1 to ``episodes``.
         """
         held = file.read_bytes()[:size] if file.is_file() else b""
         if len(held) < size:
@@ -185,7 +185,7 @@ class Run:
 
 
 def _fits(stored: str, config: Config) -> bool:
-    """Return whether TOML settings equal ``config``; missing ones get their former defaults."""
+    """Return whether TOML settings equal ``config``; a missing setting has its former default."""
     try:
         return from_toml(stored, OLD_DEFAULTS) == config
     except ConfigError:

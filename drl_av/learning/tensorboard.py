@@ -23,11 +23,11 @@ def require_tensorboard() -> None:
 def tensorboard_writer(
     folder: Path | None, episodes_done: int
 ) -> Iterator[Callable[[Progress], None]]:
-    """Yield a function that writes the rows of an episode as scalars; without a folder a no-op.
+    """Yield a function that writes the table rows of an episode as TensorBoard scalars.
 
-    The scalars are ``episode/COLUMN`` and ``evaluation/COLUMN``. TensorBoard discards those of
-    episodes after ``episodes_done``, which a stopped training wrote. Raises RunError if the folder
-    cannot be written.
+    The scalars are ``episode/COLUMN`` and ``evaluation/COLUMN``. If ``folder`` is None, the
+    function does nothing. TensorBoard discards the scalars of episodes after ``episodes_done``,
+    which an interrupted training has written. Raises RunError if the folder cannot be written.
     """
     if folder is None:
         yield lambda progress: None

@@ -26,7 +26,11 @@ EVALUATION_SEEDS = 900_000
 
 @dataclass(frozen=True)
 class EpisodeRow:
-    """A row of ``episodes.csv``: one training episode."""
+    """A row of ``episodes.csv``: one training episode.
+
+    The means are over its decisions, ``mean_loss`` over its gradient steps (0 without any).
+    ``ego_hit`` is true if the ego hit something, false if it was hit or did not collide.
+    """
 
     episode: int
     seed: int
@@ -43,7 +47,11 @@ class EpisodeRow:
 
 @dataclass(frozen=True)
 class EvaluationRow:
-    """A row of ``evaluations.csv``: the greedy driver over a fixed set of evaluation episodes."""
+    """A row of ``evaluations.csv``: the greedy driver in a fixed set of evaluation episodes.
+
+    ``collisions`` and ``ego_hits`` are numbers of episodes; all other results are means over the
+    episodes.
+    """
 
     episode: int
     mean_reward: float
@@ -64,9 +72,9 @@ class Variant(NamedTuple):
     augment: Callable[[Batch], Batch]
     """Changes a minibatch before the gradient step."""
     turns: Sequence[Sequence[Learner]]
-    """Groups of learners; each gradient step trains the next group, each episode from the first."""
+    """Groups of learners; each gradient step trains one group, in turn from the episode's start."""
     traffic_seed: Callable[[int], int]
-    """Returns the traffic seed of an episode, whose numbers begin at 1: line 3."""
+    """Returns the traffic seed of an episode (line 3) from its number; the first episode is 1."""
 
 
 def draw_seed(rng: np.random.Generator, episode: int) -> int:
@@ -92,7 +100,8 @@ class Training:
 
     Args:
         env: The environment; its config holds the schedules.
-        driver: The greedy driver of the learners' networks; training episodes add exploration.
+        driver: The greedy driver of the learners' networks. A training episode adds exploration, an
+            evaluation does not.
         learners: One learner for each network.
         buffer: The experience buffer, which ``variant.store`` fills and the learners sample.
         rng: The source of all random numbers.
@@ -173,15 +182,16 @@ class Training:
         )
 
     def _draw_vehicles(self) -> int | None:
-        """Return how many vehicles an episode begins with; None lets its seed determine it."""
+        """Draw the number of other vehicles at the start of an episode; None: its seed decides."""
         most = self._most_on_open_road
         return None if most is None else int(self._rng.integers(most + 1))
 
     @property
     def _most_on_open_road(self) -> int | None:
-        """Most vehicles at the start of an episode on an open road; None on a loop.
+        """Most other vehicles at the start of an episode on an open road; None on a loop.
 
-        It is twice the number of the flow, so that the driver learns in every density (ours).
+        It is twice the number that corresponds to the inflow, as far as there is room, so that the
+        driver learns in every density (ours).
         """
         fleet = self._env.simulation.fleet
         return None if fleet.usual is None else min(2 * fleet.usual, fleet.capacity)
@@ -205,7 +215,8 @@ class Training:
     def evaluate(self) -> EvaluationRow:
         """Drive the evaluation episodes with the greedy driver, and return their row.
 
-        Each evaluation has the same traffic, from the fewest to the most vehicles.
+        The traffic is the same in each evaluation. The numbers of vehicles are evenly spaced from
+        the fewest to the most.
         """
         traffic, most = self.config.traffic, self._most_on_open_road
         ends = (traffic.vehicles_min, traffic.vehicles_max) if most is None else (0, most)
