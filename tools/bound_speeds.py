@@ -2,9 +2,9 @@
 
     python tools/bound_speeds.py
 
-The bound is the ego's mean speed in the episodes of ``docs/results/density_sweep.csv`` if it
-accelerated at ``ego.accelerate_m_s2`` to ``ego.max_speed_m_s`` on an empty road. The gain of that
-over the best baseline is paired by episode.
+The bound on the mean speed is that of an ego which accelerates at ``ego.accelerate_m_s2`` to
+``ego.max_speed_m_s`` on an empty road, in the episodes of ``docs/results/density_sweep.csv``. The
+gain of this bound over the best baseline is paired by episode.
 """
 
 import argparse

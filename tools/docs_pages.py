@@ -69,7 +69,7 @@ def indicators() -> str:
 
 
 def exported() -> str:
-    """Return the table of an exported driver's inputs and outputs, and what it contains."""
+    """Return the Markdown table of an exported driver's inputs and outputs, and its contents."""
     rows = [
         [kind, f"`{port.name}`", port.dtype, f"({', '.join(map(str, port.shape))})", port.meaning]
         for kind, ports in (("input", INPUTS), ("output", OUTPUTS))
@@ -141,7 +141,7 @@ PAGES: dict[str, Callable[[], str]] = {
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pages made from the code to mkdocs' files (mkdocs calls this)."""
+    """Add the pages of PAGES to mkdocs' files; mkdocs calls this hook."""
     from mkdocs.structure.files import File
 
     for path, make in PAGES.items():
@@ -150,5 +150,5 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Put the tables made from the code into a page (mkdocs calls this)."""
+    """Return a page with the tables of TABLES; mkdocs calls this hook."""
     return re.sub(r"<!-- from code: (\w+) -->", lambda m: TABLES[m[1]](), markdown)

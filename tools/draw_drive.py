@@ -17,7 +17,7 @@ from drl_av.evaluation.replay import watcher_of
 FRAMES_PER_DECISION = 6
 FRAME_MS = 90
 ROAD_PART = (0, 0, 1280, 376)
-"""Part of the picture that is kept, (left, top, right, bottom) in pixels: header and road."""
+"""The part of the picture that the GIF shows, header and road: (left, top, right, bottom), px."""
 WIDTH_PX = 880
 COLOURS = 128
 
@@ -39,7 +39,7 @@ def main() -> None:
 
 
 def overtaking(seed: int, vehicles: int, first: int, last: int) -> list[Image.Image]:
-    """Drive an episode with the shipped driver; return frames of decisions first to last."""
+    """Drive an episode with the shipped driver; return the frames of decisions first to last."""
     choices = find_drivers(["pretrained"])
     config = default_config(choices).updated("simulation", decisions_per_episode=last)
     env = HighwayEnv(config=config)
@@ -56,7 +56,7 @@ def overtaking(seed: int, vehicles: int, first: int, last: int) -> list[Image.Im
 
 
 def with_one_palette(frames: list[Image.Image]) -> list[Image.Image]:
-    """Reduce all frames to the same few colours, so that still parts need no bytes in the file."""
+    """Reduce all frames to the same few colours; unchanged parts then need no bytes in the file."""
     palette = frames[0].quantize(COLOURS, Image.Quantize.MAXCOVERAGE)
     return [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
 

@@ -1,4 +1,4 @@
-"""Executes the notebook of examples/ and keeps its outputs, without the times of its cells.
+"""Executes the notebook of examples/ and stores its outputs, without the cells' times.
 
 python tools/execute_notebook.py examples/tour.ipynb
 """

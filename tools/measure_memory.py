@@ -1,9 +1,9 @@
-"""Measures whether resident memory grows over thousands of resets; exit status 1 if by 5 %.
+"""Measures whether resident memory grows by 5 % over thousands of resets; exit status 1 if so.
 
     python tools/measure_memory.py --resets 5000 --environments 2
 
 The driver ``random`` makes a few decisions after each reset. Growth is measured from the end of
-the first 200 resets, when every cache is full. Linux only, because it reads /proc.
+the first 200 resets, when all caches are full. The program reads /proc and so needs Linux.
 """
 
 import argparse
@@ -31,7 +31,7 @@ def resident_bytes() -> int:
 
 
 def resets(env: HighwayEnv, number: int, vehicles: int, decisions: int) -> Iterator[int]:
-    """Reset ``number`` times with a few random decisions each; yield the resets done so far."""
+    """Reset ``number`` times, each time with some random decisions; yield the number of resets."""
     driver = RandomDriver()
     for done in range(1, number + 1):
         observation, _ = env.reset(seed=SEEDS + done, options={"vehicles": vehicles})

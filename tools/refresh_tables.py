@@ -26,7 +26,7 @@ PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 
 
 def experiment_table(results: Results) -> str:
-    """Return the Markdown table of the experiments: command, meaning, meaning of a row, files."""
+    """Return the Markdown table of the experiments: command, meaning, row meaning, files."""
     lines = []
     for name, each in EXPERIMENTS.items():
         files = [each.table, *each.derived, *(f"{figure}.png" for figure in each.figures)]
@@ -41,7 +41,10 @@ def read(name: str) -> str:
 
 
 def printed(name: str) -> str:
-    """Return what a command printed into a file of docs/results, as Markdown, if it is there."""
+    """Return the output of a command, in a file of docs/results, as Markdown.
+
+    Without the file, return a note that there is no output yet.
+    """
     if not (RESULTS / name).exists():
         return "*This has not been made yet.*"
     return f"```text\n{read(name).rstrip()}\n```"
@@ -64,7 +67,7 @@ for name in (*ramps.SUCCESS, *(f"{kind}_learned" for kind in ramps.SUCCESS), "me
 
 
 def refreshed(page: str, shown: set[str]) -> str:
-    """Return a page's text with all its tables made again; add their names to ``shown``."""
+    """Return a page's text with new tables; add the names of the tables to ``shown``."""
 
     def fresh(match: re.Match[str]) -> str:
         name = match[2]

@@ -3,9 +3,9 @@
     python -m verification.approaches         # 10,000 for each step length, plant and road
     python -m verification.approaches --scenes 100 --step-length 0.1 --plant steering
 
-In an approach, the ego meets one other vehicle; both move at random, and no check protects the
-ego. Each plant, road and step length has approaches of its own. The exit status is 1 if SUMO and
-the simulator disagree on a collision or on a position.
+In an approach, the ego meets one other vehicle. Both move at random, and no safety check is used.
+Each plant, road and step length has its own approaches. The exit status is 1 if SUMO and the
+simulator disagree on a collision or on a position.
 """
 
 import argparse
@@ -32,12 +32,13 @@ from verification.lateral_plants import PLANTS
 STEPS_S = (1.0, 0.5, 0.25)
 DECISIONS = 5
 NEAR_M = 25.0
-"""The other vehicle starts within this distance of the ego."""
+"""Largest distance between the other vehicle and the ego at the start."""
 SIDES = (-1.0, 0.0, 0.0, 1.0)
 APART_M = 1e-5
-"""Positions in SUMO and in the simulator may differ by this with the kinematic plant."""
+"""Largest permitted difference of positions in SUMO and the simulator, with the kinematic plant."""
 IGNORED_M_S = 1e-3
-"""SUMO leaves out slower lateral movements, which the steering plant asks for near standstill."""
+"""SUMO ignores lateral movements below this speed. The steering plant commands such movements near
+standstill."""
 
 
 class Case(NamedTuple):
@@ -52,19 +53,19 @@ class Case(NamedTuple):
 
     @property
     def config(self) -> Config:
-        """The config of these settings, without a check."""
+        """The config with these settings, without a safety check."""
         config = Config().updated("safety", check="permit_all")
         config = config.updated("ego", lateral_plant=self.plant)
         return config.updated("simulation", step_length_s=self.step_s)
 
     @property
     def tolerance_m(self) -> float:
-        """By how much positions in SUMO and in the simulator may differ."""
+        """Largest permitted difference of positions in SUMO and the simulator, m."""
         return APART_M if self.plant == "kinematic" else IGNORED_M_S * self.step_s
 
 
 def start(rng: np.random.Generator) -> World:
-    """Return a scene of the ego and one other vehicle, at random but not in one place."""
+    """Return a random scene of the ego and one other vehicle, which do not overlap."""
     lane, other = rng.integers(0, 3, 2)
     least_m = LENGTH_M + 0.01 if lane == other else 0.0
     ahead_m = rng.choice([-1, 1]) * rng.uniform(least_m, NEAR_M)
@@ -75,17 +76,17 @@ def start(rng: np.random.Generator) -> World:
 
 
 def orders(rng: np.random.Generator) -> Iterator[Orders]:
-    """Yield random commands for both vehicles, decision by decision."""
+    """Yield random commands for both vehicles, for one decision after the other."""
     for _ in range(DECISIONS):
         acceleration = rng.uniform(-4, 2, (1, 1))
         yield Orders(rng.integers(0, 12, 1), acceleration, rng.choice(SIDES, (1, 1)))
 
 
 def compare(case: Case, scenes: int, seed: int) -> dict[str, Any]:
-    """Return how many approaches end in a collision in SUMO, and in how many both disagree.
+    """Return a row with the number of collisions in SUMO and the number of disagreements.
 
-    SUMO and the simulator disagree if they report different collisions, or if a position differs by
-    the tolerance or more.
+    SUMO and the simulator disagree about an approach if they report different collisions, or if a
+    position differs by the tolerance or more.
     """
     sumo, mover = SumoWorld(case.config, case.road), Mover(case.config)
     rng = np.random.default_rng(seed)

@@ -1,7 +1,7 @@
-"""The auditor: which vehicles broke which of the bounds that ``strict`` assumes, and when.
+"""The auditor: records which vehicles break the bounds that ``strict`` assumes, and when.
 
-It compares the positions at the ends of the SUMO steps. Of bound 3 it therefore does not see a
-vehicle that is beside another one only in the middle of a step, as when one passes the other.
+It compares the positions at the ends of the SUMO steps. It therefore misses a breach of bound 3 if
+two vehicles are side by side only in the middle of a step, for example while one passes the other.
 """
 
 import math
@@ -29,7 +29,8 @@ BRAKES = "the ego brakes"
 LEAVES = "it is leaving the lane of the ego"
 BETWEEN = "it begins between the centres of two lanes"
 SOONER = "it kept the bound a SUMO step sooner"
-"""Circumstances of a breach; SOONER: a vehicle moves in a step by the positions before it."""
+"""Circumstances of a breach. SOONER means that the move obeyed the bound at the positions before
+the SUMO step, on which the vehicle's driver decided."""
 
 
 class Breach(NamedTuple):
@@ -39,7 +40,7 @@ class Breach(NamedTuple):
     vehicle: str
     bound: str
     circumstance: str = ""
-    """``BRAKES``, ``SOONER`` or empty."""
+    """One of the circumstances above, such as ``SOONER``, or empty."""
 
 
 class Auditor:
@@ -60,7 +61,7 @@ class Auditor:
         self._lane_s = np.full(len(self._road.open_lanes), np.inf)
 
     def watch(self, after: Snapshot) -> None:
-        """Compare the vehicles with those one SUMO step before; the first call only stores them."""
+        """Compare a snapshot with that of one SUMO step before; the first call only stores it."""
         before, self._before = self._before, after
         if before is None or len(before.ids) == 1:
             return
@@ -77,7 +78,7 @@ class Auditor:
         self._watch_followers(before, after, acceleration)
 
     def explain(self, vehicle: str, since_s: float) -> str:
-        """Return the bounds that a vehicle broke since a time, as text; empty if none."""
+        """Return, as text, the bounds that a vehicle has broken since a time; empty if none."""
         found = {b.bound for b in self.breaches if b.vehicle == vehicle and b.time_s >= since_s}
         return "; ".join(sorted(found))
 
@@ -89,16 +90,17 @@ class Auditor:
             self._record(after, int(row) + 1, bound, circumstance)
 
     def _ahead_m(self, shot: Snapshot) -> FloatArray:
-        """Return each vehicle's distance ahead of the ego round the loop, [0, lap), (vehicles,)."""
+        """Return each vehicle's distance ahead of the ego, m, in [0, lap), shape (1 + others,)."""
         ahead_m: FloatArray = (shot.s_m - shot.s_m[EGO]) % self._road.lap_m
         return ahead_m
 
     def _watch_sides(self, before: Snapshot, after: Snapshot) -> None:
-        """Record each vehicle that began to move into a lane of the ego against bound 3.
+        """Record each vehicle that breaks bound 3 as it begins to move into a lane of the ego.
 
-        Bound 3 is the room that such a vehicle leaves the ego. A lane that the ego leaves in this
-        SUMO step is not the ego's: SUMO moves the vehicles in order, so that those behind the ego
-        already see it free. A vehicle ahead of the ego may move between two lanes of the ego.
+        Bound 3 is the gap that such a vehicle must leave to the ego. The ego's lanes are those that
+        its body overlaps before and after the step. A lane that the ego leaves in the step does not
+        count, because SUMO moves the vehicles behind the ego after the ego. A vehicle ahead of the
+        ego may move from one of the ego's lanes to another.
         """
         step_s, width_m = self._config.simulation.step_length_s, self._road.lane_width_m
         lowest, highest = lanes_under(before.y_m, before.width_m, width_m)
@@ -132,8 +134,8 @@ class Auditor:
     ) -> None:
         """Record a vehicle that moves into the ego's lane with too small a gap.
 
-        ``there`` marks the vehicles that already are in the lane; ``is_met`` says that the vehicle
-        was in another lane of the ego's.
+        ``row`` is the vehicle's row index. ``there`` marks the vehicles that are already in the
+        lane. ``is_met`` says whether the vehicle was in another lane of the ego before.
         """
         ahead_m = self._ahead_m(after)
         gap_m, behind_m = self._gaps(after, row)
@@ -148,13 +150,16 @@ class Auditor:
             self._record(after, row, TOO_FAST, SOONER if sooner else self._between(before, row))
 
     def _gaps(self, shot: Snapshot, row: int) -> tuple[float, float]:
-        """Return the net gaps to a vehicle as one ahead of the ego, and as one behind it, m."""
+        """Return the gap, m, to a vehicle measured ahead of the ego, and measured behind the ego.
+
+        On a loop each vehicle is both ahead of and behind the ego.
+        """
         lengths_m = (shot.length_m[row] + shot.length_m[EGO]) / 2
         ahead_m = self._ahead_m(shot)[row]
         return float(ahead_m - lengths_m), float(self._road.lap_m - ahead_m - lengths_m)
 
     def _between(self, before: Snapshot, row: int) -> str:
-        """Return ``BETWEEN`` for a vehicle that is at the centre of no lane, else nothing."""
+        """Return ``BETWEEN`` for a vehicle between the centres of two lanes, otherwise ""."""
         lane = before.y_m[row] / self._road.lane_width_m
         off_m = abs(lane - round(lane)) * self._road.lane_width_m
         return BETWEEN if off_m > ARRIVED_M else ""
@@ -170,13 +175,16 @@ class Auditor:
             self._record(after, row, CUT_IN, SOONER if sooner else self._between(before, row))
 
     def _cut_in_margin_m(self, shot: Snapshot, row: int, rate: float) -> float:
-        """Return by how much the gap ahead of the ego exceeds the one that a cut-in must leave."""
+        """Return the gap ahead of the ego minus the smallest gap of a permitted cut-in, m."""
         config, speeds = self._config, (shot.speed_m_s[EGO], rate, shot.speed_m_s[row])
         needs_m = cut_in_gap(*speeds, config.strict, config.ego, config.simulation)
         return self._gaps(shot, row)[0] - float(needs_m)
 
     def _must_hit(self, shot: Snapshot, behind_m: FloatArray | float) -> BoolArray:
-        """Return which vehicles could not stop behind the ego if both braked fully from now on."""
+        """Return which vehicles could not stop behind the ego if both braked fully from now on.
+
+        ``behind_m`` is the gap of each vehicle to the ego.
+        """
         strict, step_s = self._config.strict, self._config.simulation.step_length_s
         rolled_m = stopping_distance(shot.speed_m_s, strict.braking_m_s2, step_s)
         hard_m_s2 = self._config.ego.hard_brake_m_s2
@@ -185,9 +193,10 @@ class Auditor:
         return result
 
     def _watch_followers(self, before: Snapshot, after: Snapshot, acceleration: FloatArray) -> None:
-        """Check bound 4: a vehicle behind that braked too little to avoid a hard-braking ego.
+        """Record each vehicle behind the ego that breaks bound 4.
 
-        It shares a lane with the ego before and after the step.
+        Such a vehicle shares a lane with the ego before and after the step. It brakes too little,
+        although it could not stop behind an ego that brakes hard.
         """
         strict, step_s = self._config.strict, self._config.simulation.step_length_s
         theirs, over = self._lanes(before)
@@ -210,7 +219,7 @@ class Auditor:
         self._tell(after, breaks & ~leaves, BEHIND, brakes)
 
     def _lanes(self, shot: Snapshot) -> tuple[BoolArray, BoolArray]:
-        """Return whether the others, (others, lanes), and the ego, (lanes,), are over each lane."""
+        """Return which lanes the others, (others, lanes), and the ego, (lanes,), overlap."""
         lowest, highest = lanes_under(shot.y_m, shot.width_m, self._road.lane_width_m)
         lanes = np.arange(len(self._lane_s))
         over: BoolArray = (lowest[:, None] <= lanes) & (lanes <= highest[:, None])

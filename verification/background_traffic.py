@@ -3,12 +3,12 @@
     python -m verification.background_traffic --episodes 500
     python -m verification.background_traffic --vehicles 30 --mix calm paper --ego idm-mobil sumo
 
-It prints one line for each driver of the ego and each mix, which is a kind of traffic, or the
-shares of the drivers finite-state, level 0 and level 1 (the rest is SUMO's IDM). The line gives
+A mix is a kind of traffic, or the shares of the drivers finite-state, level 0 and level 1 (the rest
+is SUMO's IDM). The program prints one line for each driver of the ego and each mix. The line gives
 episodes, decisions of vehicles, vehicles in a collision according to SUMO, pairs of vehicles whose
 bodies overlap when they are swept through each SUMO step, mean speed, and lane changes per vehicle
-and minute. Collisions of the ego do not count. A line for each kind of overlap follows, with the
-first episode in which it was found.
+and minute. Collisions of the ego do not count. Then it prints a line for each kind of overlap, with
+the first episode in which this kind was found.
 """
 
 import argparse
@@ -43,9 +43,9 @@ SEEDS = 810_000
 
 
 class SweptTally(TrafficTally):
-    """A TrafficTally that also finds vehicles that touch when swept through a SUMO step.
+    """A TrafficTally that also finds vehicles whose bodies touch within a SUMO step.
 
-    It leaves out the collisions of the ego.
+    It sweeps the bodies through the step. It does not count collisions of the ego.
     """
 
     def __init__(self, env: HighwayEnv) -> None:
@@ -74,7 +74,7 @@ class SweptTally(TrafficTally):
         self._before = shot
 
     def _meeting(self, pair: tuple[str, str], shot: Snapshot) -> str:
-        """Return how two vehicles meet: their drivers, and whether both keep to one lane."""
+        """Return the kind of an overlap: the two drivers, and whether both keep to one lane."""
         rows, road = [shot.ids.index(name) for name in pair], self._env.road
         drivers = " and ".join(
             sorted(Kind(self._env.simulation.fleet.kinds[row]).name.lower() for row in rows)
@@ -83,16 +83,17 @@ class SweptTally(TrafficTally):
         return f"{drivers}, {'between lanes' if max(off_m) > CENTERED_M else 'in one lane'}"
 
     def lines(self) -> Iterator[str]:
-        """Yield a line for each kind of overlap: how often it was found, and where first."""
+        """Yield a line for each kind of overlap: how often it occurs, and its first episode."""
         for meeting, times in sorted(Counter(how for how, _ in self.overlaps).items()):
             first = next(where for how, where in self.overlaps if how == meeting)
             yield f"{meeting}: {times} pairs, first in {first}"
 
 
 def check(config: Config, ego: str, episodes: int, vehicles: Sequence[int]) -> SweptTally:
-    """Drive episodes, with the numbers of vehicles in turn, and return their statistics.
+    """Drive episodes, and return their statistics.
 
-    ``ego`` is the driver of the ego, a name of ``drivers.registry``.
+    The episodes have the numbers of ``vehicles`` in turn. ``ego`` is the name of the ego's driver
+    in ``drivers.registry``.
     """
     [driver] = make_drivers(find_drivers([ego]), config).values()
     with closing(HighwayEnv(config=config)) as env:
@@ -103,7 +104,7 @@ def check(config: Config, ego: str, episodes: int, vehicles: Sequence[int]) -> S
 
 
 def with_mix(mix: str) -> Config:
-    """Return the default config with a kind of traffic, or with shares written ``FSM,L0,L1``."""
+    """Return the default config with a mix: a kind of traffic, or shares as ``FSM,L0,L1``."""
     if mix in TRAFFIC_KINDS:
         return Config().with_traffic(mix)
     finite_state, level_0, level_1 = map(float, mix.split(","))
@@ -116,7 +117,7 @@ def with_mix(mix: str) -> Config:
 
 
 def main() -> None:
-    """Drive each mix and print what was found."""
+    """Drive each mix and print its results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
         "--episodes", type=int, default=500, help="for each mix and driver (default: 500)"

@@ -1,7 +1,7 @@
-"""Computes the check ``strict`` for many scenes at once, in arrays, for millions of decisions.
+"""Computes the check ``strict`` for many scenes at once, with arrays, for millions of decisions.
 
-It uses the functions of ``drl_av/safety``, which broadcast. Only the choice of the action is
-implemented a second time; a test compares the results with those of ``strict`` itself.
+The functions of ``drl_av/safety`` broadcast, so this module uses them. Only the choice of the
+action is implemented a second time; a test compares the results with those of ``strict`` itself.
 """
 
 import numpy as np
@@ -56,7 +56,7 @@ class BatchStrict:
         self._rates = np.array([how.acceleration_m_s2(ego) for how in Longitudinal])
 
     def __call__(self, world: World, proposal: IntArray) -> IntArray:
-        """Return the action to execute for each proposed one; both are 0 to 11, shape (scenes,)."""
+        """Return the executed action for each proposed action; both are 0 to 11, (scenes,)."""
         sign, longitudinal = SIGN[proposal // 4], proposal % 4
         neighbors, lane = self._others(world), _lane(world.y_m[:, 0])
         speed, still = world.speed_m_s[:, :1], world.target == NONE
@@ -78,7 +78,10 @@ class BatchStrict:
         return result
 
     def free(self, world: World) -> BoolArray:
-        """Return whether the invariant of ``strict`` holds in each scene: the fallback is free."""
+        """Return whether the invariant of ``strict`` holds in each scene, shape (scenes,).
+
+        The invariant is that the fallback maneuver is free of collisions.
+        """
         ego = self._config.ego
         rolled_m = reach(world.speed_m_s[:, 0], -ego.hard_brake_m_s2, ego, self._config.simulation)
         result: BoolArray = np.asarray(rolled_m) < self._may_reach(world, self._others(world))
@@ -99,9 +102,9 @@ class BatchStrict:
         return self._with_barriers(others, world) if world.road.barriers else others
 
     def _with_barriers(self, others: Others, world: World) -> Others:
-        """Return the vehicles and the barriers as ``reachability.with_barriers`` does.
+        """Add the road's barriers to the vehicles, as ``reachability.with_barriers`` does.
 
-        A barrier that the ego's front has passed gets lateral positions between which nothing is.
+        A barrier that the ego's front has passed gets an empty lateral range.
         """
         s_m, right_m, left_m = np.array(world.road.barriers).T
         gap_m = s_m - (world.x_m[:, :1] + LENGTH_M / 2)
@@ -161,7 +164,7 @@ def _lane(y_m: FloatArray) -> IntArray:
 def _has_lane(world: World, lane: IntArray, target: IntArray) -> BoolArray:
     """Return whether the ego may change from ``lane`` to ``target`` in each scene, (scenes,).
 
-    Both its centre and its front must be where a vehicle may do so.
+    The road must permit this lane change both at the ego's centre and at its front.
     """
     road, result = world.road, (target >= 0) & (target < len(world.road.open_lanes))
     for row in np.flatnonzero(result & (lane != target)) if road.partial_lanes else ():

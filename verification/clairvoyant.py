@@ -1,16 +1,17 @@
-"""Measures how fast a driver is that knows the future: a search in SUMO itself, under the check.
+"""Measures how fast a driver would be that knows the future, by a search in SUMO itself.
 
     python -m verification.clairvoyant --vehicles 10 15 20 25 --episodes 8 --jobs 2
 
-Every other decision the search tries each of ``PLANS`` in a copy of the process, made by ``fork``
-with SUMO inside, so that the other vehicles do there what they will do: their random decisions
-too. A plan is carried out for ``HORIZON`` decisions, and the driver ``gap-mobil`` decides all that
-it leaves open. The plan with the longest way without a hit is begun, or the former one continued if
-none is longer. The program prints the search's mean speed and its gain over the drivers named, in
-the same traffic.
+At every second decision the search tries each of ``PLANS`` in a copy of the process. The copy is
+made by ``fork`` and contains SUMO, so the other vehicles act in it exactly as they will act, even
+where they decide at random. The safety check is used throughout. A plan is tried for ``HORIZON``
+decisions; the driver ``gap-mobil`` decides all that the plan leaves open. The ego then follows the
+plan with the longest distance without a collision, or continues its present plan if none is better.
+The program prints the mean speed of the search, and its gain over the named drivers in the same
+traffic.
 
-The search is no driver, because it knows random numbers that are not drawn yet. It is no upper
-bound either: it compares these plans only, and looks ahead no farther than the horizon.
+The search is not a driver, because it knows random numbers that have not been drawn yet. It is not
+an upper bound either: it compares only these plans, and only up to the horizon.
 """
 
 import argparse
@@ -40,28 +41,28 @@ from drl_av.safety import CHECKS
 from drl_av.traffic.snapshot import EGO
 
 HORIZON = 20
-"""Decisions, of 1 s each, that a plan is tried for."""
+"""Number of decisions, of 1 s each, for which a plan is tried."""
 INTERVAL = 2
-"""Decisions from one search to the next."""
+"""Number of decisions from one search to the next."""
 BASE = "gap-mobil"
 SEARCH = "search"
 SEEDS = 920_000
-"""Traffic seed of the first episode; nothing else uses those after it."""
+"""Traffic seed of the first episode; no other program uses this block of seeds."""
 
 
 class Plan(NamedTuple):
-    """What the ego does before ``BASE`` takes over again; times are decisions."""
+    """What the ego does before the driver ``BASE`` decides alone again."""
 
     wait: int = 0
-    """Decisions for which the ego keeps its lane first."""
+    """Number of decisions for which the ego keeps its lane first."""
     brake: int = 0
-    """Decisions, of those it waits, in which it brakes."""
+    """Number of these decisions in which the ego brakes, from the first on."""
     sides: tuple[int, ...] = ()
-    """The lane changes that follow, one after the other: left +1, right -1."""
+    """The lane changes that follow, in this order: left +1, right -1."""
     yields: bool = False
     """Whether the ego brakes until the check permits the lane change."""
     hold: int = 0
-    """Decisions for which the ego keeps its lane at the end."""
+    """Number of decisions for which the ego keeps its lane after the lane changes."""
 
 
 PLANS = (
@@ -81,7 +82,7 @@ PLANS = (
     ),
     *(Plan(0, 0, (side, side), hold=5) for side in (1, -1)),
 )
-"""The plans; the first one is ``BASE`` alone."""
+"""The plans; with the first plan the driver ``BASE`` decides everything."""
 
 
 class Execution:
@@ -93,7 +94,7 @@ class Execution:
         self._held = 0
 
     def act(self, scene: Scene, usual: Action) -> Action:
-        """Return the action of this decision; ``usual`` is that of ``BASE``."""
+        """Return the action of this decision; ``usual`` is the action of ``BASE``."""
         plan, self._made = self._plan, self._made + 1
         if self._made <= plan.wait:
             brakes = self._made <= plan.brake
@@ -122,7 +123,7 @@ class Search:
         """Distance of the plan chosen last, metres, without any hit."""
 
     def drive(self, seed: int, vehicles: int) -> float:
-        """Drive an episode; return the ego's mean speed after the decisions, m/s."""
+        """Drive an episode; return the mean of the ego's speeds after each decision, m/s."""
         observation, _ = self._env.reset(seed=seed, options={"vehicles": vehicles})
         self._base.start(seed)
         present, over = self.begun(self._plans[0]), False
@@ -148,7 +149,7 @@ class Search:
         return present.act(scene, self._base.act(scene, observation)).number
 
     def choose(self, present: Execution, observation: npt.NDArray[np.float32]) -> Execution:
-        """Return the best of the plans, the present one if none is better."""
+        """Return the best plan's execution; ``present`` if no plan is better."""
         candidates = [present, *map(self.begun, self._plans)]
         ways_m = [in_a_copy(partial(self._way_m, each, observation)) for each in candidates]
         best = int(np.argmax(ways_m))
@@ -156,7 +157,7 @@ class Search:
         return candidates[best]
 
     def _way_m(self, execution: Execution, observation: npt.NDArray[np.float32]) -> float:
-        """Carry out a plan, and return the ego's way within the horizon; -inf after a collision."""
+        """Try a plan; return the distance that the ego drives, m, or -inf if it collides."""
         way_m, road = 0.0, self._env.road
         for _ in range(HORIZON):
             before_m = self._env.scene.snapshot.s_m[EGO]
@@ -170,7 +171,9 @@ class Search:
 
 
 def in_a_copy(function: Callable[[], float]) -> float:
-    """Return what ``function`` returns in a copy of this process, which nothing else notices.
+    """Call ``function`` in a copy of this process, and return its result.
+
+    The call has no effect on this process.
 
     Raises:
         RuntimeError: the copy ended without a result.

@@ -3,12 +3,13 @@
     python -m verification.completeness                # minutes
     python -m verification.completeness --scenes 400 --adversaries 200
 
-The families of scenes are those of ``verification/falsification.py``, and the states are those to
-which its random adversary leads. A refused acceleration counts as safe if the ego, after one
-decision with it, brakes hard without a collision against each adversary tried. A refused maneuver
-counts as safe if the ego completes it without a collision, braking hard or at the speed that the
-check permits. More adversaries find more collisions, so the shares of safe actions are upper
-bounds. The exit status is 1 if in some state no action is permitted.
+The families of scenes are those of ``verification/falsification.py``. The states are those to which
+a random adversary leads. Each refused action is tried against several adversaries. A refused
+acceleration counts as safe if the ego can execute it for one decision and then brake hard, without
+a collision. A refused maneuver counts as safe if the ego can complete it without a collision, while
+it brakes hard or drives as fast as the check permits. More adversaries find more collisions, so the
+shares of safe actions are upper bounds. The exit status is 1 if the check permits no action in some
+state.
 """
 
 import argparse
@@ -39,7 +40,7 @@ from verification.kinematic_simulator import (
 )
 
 DECISIONS = 10
-"""Decisions of a scene: enough for the ego to stop."""
+"""Number of decisions of a scene: enough for the ego to stop."""
 ACCELERATE, HARD_BRAKE = (
     Action(Lateral.KEEP, how).number for how in (Longitudinal.ACCELERATE, Longitudinal.HARD_BRAKE)
 )
@@ -51,12 +52,13 @@ CHANGES = 0.3
 
 
 class Refusals(NamedTuple):
-    """Pairs of a state and an action that the check refuses in it, one pair for each scene."""
+    """Pairs of a state and an action that the check refuses in it; each scene is one pair."""
 
     world: World
     proposal: IntArray
+    """The refused actions, 0 to 11; this field and the next have shape (scenes,)."""
     is_maneuver: BoolArray
-    """Whether the lateral part of the action is refused; if not, only its acceleration is."""
+    """Whether the check refuses the lateral part of the action, or only its acceleration."""
 
     def at(self, rows: IntArray) -> "Refusals":
         """Return copies of the pairs with the indices ``rows``."""
@@ -68,15 +70,15 @@ STATE = ("x_m", "y_m", "speed_m_s", "lateral_m_s", "origin", "target", "lane_s")
 
 
 def rows_of(world: World, rows: IntArray) -> World:
-    """Return a World with copies of the scenes that have the indices ``rows``, shape (R,)."""
+    """Return a World with copies of the R scenes with the indices ``rows``, shape (R,)."""
     arrays: Any = [getattr(world, name)[rows].copy() for name in STATE]
     return World(*arrays)
 
 
 def visited(family: Family, config: Config, scenes: int, seed: int) -> World:
-    """Simulate scenes under ``strict`` with a random adversary; return the states at all decisions.
+    """Simulate scenes under ``strict`` with a random adversary, and return all states.
 
-    Each state is one scene of the returned World.
+    A state is the situation before a decision. Each state is one scene of the returned World.
     """
     rng, judge, mover = np.random.default_rng(seed), BatchStrict(config), Mover(config)
     world = family.start(rng.random((scenes, PLACED * family.others)), config)
@@ -89,7 +91,7 @@ def visited(family: Family, config: Config, scenes: int, seed: int) -> World:
 
 
 def on_road(world: World, proposal: IntArray) -> BoolArray:
-    """Return whether the lane exists to which each proposed action leads; shape (scenes,)."""
+    """Return whether each proposed action leads to a lane that exists; shape (scenes,)."""
     lane = np.round(world.y_m[:, 0] / ROAD.lane_width_m) + SIGN[proposal // 4]
     result: BoolArray = (world.target != NONE) | ((lane >= 0) & (lane < len(ROAD.open_lanes)))
     return result
@@ -98,7 +100,8 @@ def on_road(world: World, proposal: IntArray) -> BoolArray:
 def refusals(world: World, judge: BatchStrict) -> tuple[Refusals, BoolArray]:
     """Ask the check about all 12 actions in each state.
 
-    Returns the refused pairs, and whether the check permits any action in each state, (scenes,).
+    Returns the refused pairs, and whether the check permits at least one action in each state,
+    shape (scenes,).
     """
     scenes, rows, found = np.arange(len(world.x_m)), [], np.zeros(len(world.x_m), dtype=np.bool_)
     for number in range(len(ACTIONS)):
@@ -131,7 +134,8 @@ def adversary(
 
 
 Response = Callable[[World, IntArray], IntArray]
-"""A function from a world and proposed actions to executed actions, 0 to 11; (scenes,)."""
+"""A function from a world and the proposed actions to the executed actions, 0 to 11; the actions
+have shape (scenes,)."""
 
 
 class Forced:
@@ -148,9 +152,9 @@ class Forced:
 
 
 def responses(config: Config, is_maneuver: bool) -> tuple[Response, ...]:
-    """Return the ways in which the ego may go on after a refused action.
+    """Return the ways in which the ego may drive on after a refused action.
 
-    The action counts as safe if at least one of them avoids all collisions.
+    The action counts as safe if at least one of these responses avoids all collisions.
     """
     check = BatchStrict(config)
 
@@ -165,9 +169,10 @@ def responses(config: Config, is_maneuver: bool) -> tuple[Response, ...]:
 
 
 def safe(pairs: Refusals, config: Config, adversaries: int, seed: int) -> BoolArray:
-    """Return whether each refused pair is safe: some response avoids a collision with all tried.
+    """Return whether each refused action is safe, shape (scenes,).
 
-    ``adversaries`` is the number of adversaries to try; the result has shape (scenes,).
+    It is safe if some response avoids a collision with all adversaries. ``adversaries`` is the
+    number of adversaries to try.
     """
     result = np.zeros(len(pairs.proposal), dtype=np.bool_)
     for is_maneuver in (False, True):
@@ -189,7 +194,7 @@ def share(of: BoolArray) -> float | None:
 
 
 def measured(name: str, config: Config, scenes: int, adversaries: int, seed: int) -> dict[str, Any]:
-    """Measure one family, and return its row of the table."""
+    """Measure the family with this name, and return its row of the table."""
     judge, world = BatchStrict(config), visited(FAMILIES[name], config, scenes, seed)
     pairs, found = refusals(world, judge)
     every = [np.full(len(found), number) for number in range(len(ACTIONS))]

@@ -3,10 +3,11 @@
     python -m verification.crash_rate --tests 40000 --jobs 2        # by importance sampling
     python -m verification.crash_rate --people --tests 400000       # by plain sampling
 
-The tests are those of ``crash_tests.py``, the model of the drivers is in ``naturalistic.py``. The
+``crash_tests.py`` defines the tests, ``naturalistic.py`` the model of the human drivers. An
 adversary makes dangerous acts near the ego more frequent; the weights of the tests remove the bias.
-With ``--people`` there is no adversary, and each weight is 1. For each check it prints the crashes
-per test with a 95 % interval, those in which the ego hit a vehicle, and the distance between these.
+With ``--people`` there is no adversary, and each weight is 1. For each check the program prints,
+with 95 % intervals, the crashes per test and the crashes in which the ego hit a vehicle. It also
+prints the distance between the latter.
 The published figures for a three-lane SUMO highway are 4.36e-4 crashes per test for a shield and
 2.22e-4 for a driver (Comparison-DenseLearning-ProvablySafeRL). Its tests differ: drivers follow
 tables of data in SUMO, change lanes within one second, and have other steering and gaps than in
@@ -43,8 +44,8 @@ class Rate(NamedTuple):
 def rate(crashed: FloatArray, weights: FloatArray) -> Rate:
     """Return the weighted share of crashes and its 95 % interval; arrays have shape (tests,).
 
-    If all weights are 1 the interval is exact. Otherwise it is that of the normal distribution, and
-    without a crash its upper end is 3 / n (the rule of three) times the largest weight.
+    If all weights are 1, the interval is exact. Otherwise it is that of the normal distribution; if
+    there is no crash, its upper end is 3 / n (the rule of three) times the largest weight.
     """
     n, weighted = len(crashed), crashed * weights
     if (weights == 1.0).all():
@@ -57,7 +58,7 @@ def rate(crashed: FloatArray, weights: FloatArray) -> Rate:
 
 
 def exact_share(hits: int, tests: int) -> Rate:
-    """Return the share of the tests with a hit, with the 95 % interval of Clopper and Pearson."""
+    """Return the share of tests with a hit, and its 95 % interval by Clopper and Pearson."""
     from scipy import stats
 
     lower = float(stats.beta.ppf(0.025, hits, tests - hits + 1)) if hits else 0.0
@@ -85,11 +86,11 @@ ENTRY = re.compile(
     r"  the ego hits a vehicle (.*), so more than ([\d,]+|inf) km",
     re.MULTILINE,
 )
-"""What ``report`` prints of a check: name, km of a test, crashes, own hits, km between those."""
+"""Matches the report of a check: its name, km per test, crashes, own hits, km between own hits."""
 
 
 def table(printed: str) -> str:
-    """Return the Markdown table of what this program printed; each interval is one of 95 %."""
+    """Return the output of this program as a Markdown table; the intervals are 95 % intervals."""
     names = [
         "careless",
         "check",
@@ -109,7 +110,7 @@ def table(printed: str) -> str:
 
 
 def add_careless(parser: argparse.ArgumentParser) -> None:
-    """Add the option ``--careless``: shares between 0 and 1 of the lane changes."""
+    """Add the option ``--careless``: shares of careless lane changes, each from 0 to 1."""
     parser.add_argument(
         "--careless",
         nargs="+",

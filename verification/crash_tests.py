@@ -1,7 +1,7 @@
-"""Simulates tests of 27 s: the shipped driver under a check, among the people of naturalistic.py.
+"""Simulates tests of 27 s: the shipped driver under a check, among naturalistic.py's human drivers.
 
-The start is that of ``naturalistic.starts``: 800 m at 30 m/s on a three-lane highway, among nine
-vehicles.
+In a test the ego drives about 800 m, at 30 m/s, among nine vehicles on a three-lane highway.
+``naturalistic.starts`` draws the start.
 """
 
 from typing import NamedTuple
@@ -23,14 +23,14 @@ from verification.naturalistic import CARELESS_SHARE, Frequencies, Traffic, Unbo
 SECONDS = 27
 """Number of decisions of a test, one per second."""
 BATCH = 500
-"""Tests that are simulated together."""
+"""Number of tests that are simulated together."""
 CHECKS = {
     "permit_all": "permit_all",
     "paper": "paper",
     "strict": "strict, bounds of our traffic",
     "real": "strict, bounds of real traffic",
 }
-"""What each name of ``settings`` means."""
+"""The meaning of each name that ``settings`` takes."""
 
 
 class Outcome(NamedTuple):
@@ -45,7 +45,7 @@ class Outcome(NamedTuple):
     km: FloatArray
     """Distance that the ego drove."""
     unanswered: FloatArray
-    """Number of decisions in which the check permits no action, not even that of its choice."""
+    """Number of decisions in which the check would refuse even the action of its own choice."""
 
 
 def settings(check: str) -> Config:
@@ -67,11 +67,11 @@ def run(
     """Simulate the tests of one check, and return their results.
 
     Args:
-        config: Names the check.
+        config: The settings, with the check.
         tests: Number of tests.
         frequencies: Probabilities of dangerous acts near the ego.
-        seed: With the same seed, two checks get the same start scenes, apart from gaps that are
-            widened to the size that the check requires.
+        seed: The same seed gives all checks the same start scenes, except that gaps are widened to
+            the size that the check requires.
         careless: Share of the human drivers' lane changes that ignore the vehicle behind.
         people: The class that decides for the other drivers.
         jobs: Number of processes; the results do not depend on it.
@@ -129,7 +129,7 @@ def drive(config: Config, world: World, traffic: Traffic, check: BatchCheck) -> 
 def proposals(world: World, driver: Driver, scale: ObservationScale) -> IntArray:
     """Ask the driver for its action number, 0 to 11, in each scene; shape (scenes,).
 
-    It is 0 in scenes that ended with a collision.
+    The number is 0 in scenes that have ended with a collision.
     """
     proposed = np.zeros(len(world.x_m), np.int64)
     for row in range(len(world.x_m)):

@@ -1,4 +1,4 @@
-"""Searches for collisions under a safety check: an adversary with CMA-ES.
+"""Searches for collisions under a safety check, with an adversary that CMA-ES optimizes.
 
 The adversary chooses the start, the commands of every other vehicle in each decision, and the
 proposed actions of the ego. The simulator limits the other vehicles to the bounds of
@@ -23,27 +23,27 @@ from verification.kinematic_simulator import (
 )
 
 DECISIONS = 14
-"""Decisions of a scene: enough for braking to a standstill, and for two lane changes."""
+"""Number of decisions of a scene: enough to brake to a standstill, and for two lane changes."""
 POPULATION, GENERATIONS = 100, 20
-"""Scenes in a generation of CMA-ES, and generations until it restarts."""
+"""Number of scenes in a generation of CMA-ES, and of generations until it restarts."""
 RATES = 2
-"""Number of genes of each vehicle in each decision; its start has ``PLACED``."""
+"""Number of genes for each vehicle and decision; another ``PLACED`` genes define the start."""
 
 
 CREEPING_M_S = 0.9 * STILL_M_S
-"""A lateral speed at which the check treats a vehicle as not moving sideways, m/s."""
+"""A lateral speed so low that the check treats the vehicle as not moving sideways."""
 
 
 class Tally(NamedTuple):
-    """How many scenes were simulated, and in how many the ego had a collision."""
+    """The numbers of simulated scenes and of scenes with a collision of the ego."""
 
     scenes: int
     ego_hits: int
-    """Scenes in which the ego hit a vehicle."""
+    """Number of scenes in which the ego hit a vehicle."""
     was_hit: int
-    """Scenes in which a vehicle hit the ego."""
+    """Number of scenes in which a vehicle hit the ego."""
     least_m: float
-    """Smallest separation of the ego in all scenes, metres; negative if bodies overlap."""
+    """Smallest separation of the ego from a vehicle, over all scenes; negative after an overlap."""
 
 
 def genes(family: Family) -> int:
@@ -54,14 +54,14 @@ def genes(family: Family) -> int:
 def orders(genome: FloatArray, family: Family, config: Config) -> Iterator[Orders]:
     """Yield the commands of each decision; ``genome``, shape (scenes, genes), encodes them.
 
-    In each decision every vehicle has an acceleration gene and a lateral gene. Both genes of the
-    ego together select its proposed action. For the other vehicles:
+    In each decision every vehicle has an acceleration gene and a lateral gene. For the ego, both
+    genes together select the proposed action. For the other vehicles:
 
     - An acceleration gene of 0 is half-way between the bounds of the acceleration. From 2/3 on it
       is the upper bound, and from -2/3 on the lower one.
-    - The sign of a lateral gene is the direction, left positive. Above 0.7 in size, the vehicle
-      moves at the highest lateral speed; above 0.4 it creeps at ``CREEPING_M_S``, else it keeps its
-      lateral position.
+    - The sign of a lateral gene is the direction, left positive. If its absolute value is above
+      0.7, the vehicle moves at the highest lateral speed; above 0.4 it moves at ``CREEPING_M_S``;
+      otherwise it keeps its lateral position.
     """
     strict, n = config.strict, family.others
     commands = genome[:, PLACED * n :].reshape(len(genome), DECISIONS, RATES, n + 1)
@@ -94,8 +94,8 @@ def play(
 ) -> tuple[FloatArray, IntArray]:
     """Simulate all scenes of ``world``; return the ego's smallest separation, m, and the result.
 
-    Both have shape (scenes,). The result is 0 without a collision, 1 if the ego hit something, 2 if
-    a vehicle hit the ego.
+    Both have shape (scenes,). The result is 0 without a collision, 1 if the ego hit something, and
+    2 if a vehicle hit the ego.
     """
     for order in commands:
         mover.decision(world, check(world, order.proposal), order)

@@ -1,14 +1,14 @@
-"""Searches for scenes in which a safety check lets the ego hit a vehicle that keeps to the bounds.
+"""Searches for scenes in which a safety check lets the ego hit a vehicle that obeys the bounds.
 
     python -m verification.falsify                      # the envelope of the paper's check
     python -m verification.falsify --check strict --scenes 100000   # an adversary that learns
     python -m verification.falsify --check strict --sumo --scenes 50  # the same scenes in SUMO
 
-The envelope uses a scripted adversary for each family of scenes, in the kinematic simulator, by
-closing speed, integration and step length. Its first plant is that of the paper, explicit Euler at
-1 s. The search uses CMA-ES, which chooses the start, the motion of all other vehicles and the
-proposed actions of the ego; it has three more families, on roads whose lanes begin and end. The
-exit status is 1 if the ego had a collision of its own under ``strict``.
+The envelope uses a scripted adversary for each family of scenes, in the kinematic simulator. It
+reports collisions by closing speed, integration method and step length; explicit Euler with 1 s is
+the plant of the paper. The search uses CMA-ES, which chooses the start, the motion of all other
+vehicles and the proposed actions of the ego. It has three more families of scenes, on roads whose
+lanes begin and end. The exit status is 1 if the ego hit something under ``strict``.
 """
 
 import argparse
@@ -47,7 +47,7 @@ SEARCHED = FAMILIES | OPEN_FAMILIES
 
 
 def check_of(config: Config) -> BatchCheck:
-    """Return the safety check that a config names, as a function of many scenes."""
+    """Return the safety check that the config names, as a function of many scenes."""
     strict = config.safety.check == "strict"
     return BatchStrict(config) if strict else one_by_one(named_check(config))
 
@@ -85,7 +85,7 @@ def envelope(config: Config, names: list[str], scenes: int, seed: int) -> list[d
 
 
 def search(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
-    """Search each family with CMA-ES; return one row of results for each."""
+    """Search each named family with CMA-ES; return one row of results for each family."""
     rows = []
     for name in names:
         tallies = list(learn(SEARCHED[name], config, check_of(config), Mover(config), scenes, seed))
@@ -105,9 +105,9 @@ def summed(name: str, tallies: list[Tally]) -> dict[str, Any]:
 
 
 def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
-    """Drive scenes of a random adversary in SUMO and in the kinematic simulator.
+    """Drive scenes with a random adversary in SUMO and in the kinematic simulator.
 
-    Returns one row for each family: collisions, and deviations between both simulators.
+    Returns one row for each family, with the collisions and the deviation between the simulators.
     """
     from verification.in_sumo import SumoWorld
 
@@ -124,7 +124,7 @@ def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[di
             try:
                 ends.append(sumo.play(world, orders(genome, family, config), check, mover))
             except ScenarioError:
-                continue  # two of the others would start in one place
+                continue  # two of the other vehicles would overlap at the start
         rows.append(
             {
                 "family": name,

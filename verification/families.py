@@ -1,4 +1,4 @@
-"""Families of scenes for the falsifier: starts of the ego and of the vehicles around it."""
+"""Families of scenes for the falsifier: they create starts of the ego and of other vehicles."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -11,9 +11,9 @@ from drl_av.traffic.road import FloatArray, Road
 from verification.kinematic_simulator import LENGTH_M, NONE, ROAD, BoolArray, IntArray, World
 
 PLACED = 6
-"""Number of genes for the start of each other vehicle."""
+"""Number of genes that define the start of each other vehicle."""
 BRAKES = 99.0
-"""A braking command, m/s^2, that the simulator reduces to the hardest allowed one."""
+"""A braking command, m/s^2, which the simulator limits to the hardest permitted braking."""
 
 
 class Family(NamedTuple):
@@ -22,18 +22,19 @@ class Family(NamedTuple):
     others: int
     """Number of other vehicles."""
     start: Callable[[FloatArray, Config], World]
-    """Creates the starts from numbers in (0, 1), shape (scenes, PLACED * others)."""
+    """Function that creates the starts from numbers in (0, 1), shape (scenes, PLACED * others)."""
     script: tuple[float, float, int]
-    """The scripted adversary: the others' acceleration, m/s^2, and side; the proposed action."""
+    """The scripted adversary: acceleration, m/s^2, and side of the other vehicles; the proposed
+    action of the ego."""
     road_kind: str = "loop"
     """The kind of the road in SUMO, a key of ``in_sumo.ROADS``."""
 
 
 def needed_gap(speed: FloatArray, other: FloatArray, config: Config) -> FloatArray:
-    """Return the smallest gap, m, to a vehicle ahead that the check's own criterion calls safe.
+    """Return the smallest gap to a vehicle ahead, m, that is safe by the criterion of the check.
 
-    ``speed`` is the ego's, ``other`` that of the vehicle ahead, m/s. The criterion of ``strict`` is
-    a free fallback maneuver; that of the other checks is eq. 2 of the paper.
+    ``speed`` is the speed of the ego, ``other`` that of the vehicle ahead, m/s. The criterion of
+    ``strict`` is a free fallback maneuver. The criterion of the other checks is eq. 2 of the paper.
     """
     if config.safety.check == "strict":
         strict, sim = config.strict, config.simulation
@@ -56,8 +57,9 @@ def placed(
 ) -> World:
     """Return a World of vehicles in the centres of their lanes.
 
-    ``x_m``, ``lane`` and ``speed`` of the other vehicles have shape (scenes, others); ``x_m`` is
-    how far their centres are ahead of the ego's, which is at ``at_m`` along the road.
+    ``x_m``, ``lane`` and ``speed`` describe the other vehicles and have shape (scenes, others).
+    ``x_m`` is the distance of their centres ahead of the ego's centre; ``at_m`` is the ego's
+    position along the road.
     """
     scenes = len(ego_speed)
     return World(
@@ -73,7 +75,10 @@ def placed(
 
 
 def ahead(u: FloatArray, ego: FloatArray, speed: FloatArray, config: Config) -> FloatArray:
-    """Return how far ahead of the ego a vehicle starts, m: its gap is safe, up to 60 m larger."""
+    """Return the distance of a vehicle ahead of the ego, m, from the numbers ``u`` in (0, 1).
+
+    The gap exceeds the smallest safe gap by up to 60 m.
+    """
     return LENGTH_M + needed_gap(ego, speed, config) + 60.0 * u**3
 
 
@@ -93,9 +98,9 @@ def cut_in(u: FloatArray, config: Config) -> World:
 
 
 def both_sides(u: FloatArray, config: Config) -> World:
-    """Create scenes with the ego in the right lane and a vehicle near it in the left lane.
+    """Create scenes with the ego in the right lane, and a vehicle near it in the left lane.
 
-    Both can change to the middle lane. Another vehicle is ahead in the ego's lane.
+    Both can change to the middle lane. A third vehicle is ahead in the ego's lane.
     """
     ego, speed = 30.0 * u[:, 0], np.column_stack([40.0 * u[:, 1], 40.0 * u[:, 2]])
     zero = np.zeros(len(u), dtype=np.int64)
@@ -112,7 +117,7 @@ def standing(u: FloatArray, config: Config) -> World:
 
 
 def overtaker(u: FloatArray, config: Config) -> World:
-    """Create scenes with a fast vehicle behind in the next lane, and one ahead in the own lane."""
+    """Create scenes with a fast vehicle behind in the next lane, and a vehicle ahead of the ego."""
     ego, zero = 30.0 * u[:, 0], np.zeros(len(u), dtype=np.int64)
     speed = np.column_stack([20.0 + 20.0 * u[:, 1], 40.0 * u[:, 2]])
     x_m = np.column_stack([-150.0 * u[:, 3], ahead(u[:, 4], ego, speed[:, 1], config)])
@@ -120,7 +125,7 @@ def overtaker(u: FloatArray, config: Config) -> World:
 
 
 def anything(u: FloatArray, config: Config) -> World:
-    """Create scenes with four vehicles anywhere; those in the ego's lane have safe gaps to it."""
+    """Create scenes with four vehicles anywhere; in the ego's lane their gaps to it are safe."""
     ego_lane = np.floor(3 * u[:, 20]).astype(np.int64)
     lane, speed = np.floor(3 * u[:, 4:8]), 40.0 * u[:, 8:12]
     ego = 30.0 * u[:, 21]
@@ -137,10 +142,11 @@ def with_safe_gaps(
     speed: FloatArray,
     config: Config,
 ) -> FloatArray:
-    """Return ``x_m``, shape (scenes, others), changed to safe gaps in the ego's lane, metres.
+    """Return ``x_m``, shape (scenes, others), with safe gaps in the ego's lane, m.
 
-    There, which ``own`` marks, a vehicle ahead moves to ``far_m``, and one behind so far back that
-    it can stop behind the ego. ``ego``, shape (scenes,), and ``speed`` are speeds, m/s.
+    ``own`` marks the vehicles in the ego's lane. A vehicle ahead is placed at ``far_m``. A vehicle
+    behind is placed so far back that it can stop behind the ego. ``ego``, shape (scenes,), and
+    ``speed``, shape (scenes, others), are speeds, m/s.
     """
     step_s = config.simulation.step_length_s
     stops_m = [
@@ -159,4 +165,4 @@ FAMILIES: dict[str, Family] = {
     "anything": Family(4, anything, (-BRAKES, 1, 9)),
 }
 CONSTANT_SPEED = Family(1, lead_brakes, (0.0, 0, 0))
-"""The simplest family: the vehicle ahead keeps its speed, and the proposed action is maintain."""
+"""The simplest family: the vehicle ahead keeps its speed, and the ego's action is to maintain."""

@@ -30,7 +30,7 @@ ROADS = {
     "merge": MERGE,
     "exit": EXIT,
 }
-"""The roads by the name of their kind; on each of them a scene ends long before the road does."""
+"""The roads, by name. They are so long that each scene ends before the ego reaches their end."""
 HALF_M = LENGTH_M / 2
 
 
@@ -52,10 +52,12 @@ class SumoWorld:
     ) -> tuple[Collision | None, Collision | None, float]:
         """Drive a world of one scene to its first collision or its end.
 
-        It also ends when a vehicle reaches the end of the road, and when another one than the ego
-        drives on beyond the end of its lane, as it cannot in SUMO.
-        Returns the ego's collision in SUMO, its collision in the simulator (None without one), and
-        the largest deviation between the vehicles' positions in both, metres.
+        The scene also ends when a vehicle reaches the end of the road, and when another vehicle
+        than the ego drives beyond the end of its lane, which is impossible in SUMO.
+
+        Returns:
+            The ego's collision in SUMO; its collision in the simulator (both None without one); and
+            the largest deviation between the vehicles' positions in both, m.
         """
         simulation = self._start(world)
         apart_m, to_s_m = 0.0, self._to_s_m(world)
@@ -77,14 +79,15 @@ class SumoWorld:
         return None, None, apart_m
 
     def _to_s_m(self, world: World) -> float:
-        """Return what must be added to a position in a world for that along the road in SUMO."""
+        """Return the position along SUMO's road minus the position in the world, m."""
         shift_m = START_M - HALF_M - float(world.x_m[0, 0])
         return 0.0 if self._scenario.road.partial_lanes else shift_m
 
     def _on_road(self, s_m: np.ndarray, y_m: np.ndarray) -> bool:
-        """Return whether all vehicles are before the road's end, and the others on their lanes.
+        """Return whether all vehicles are before the road's end, and the others on existing lanes.
 
-        The positions along and across the road, of shape (1 + others,), are of their centres.
+        ``s_m`` and ``y_m`` are the positions of the centres along and across the road, shape
+        (1 + others,).
         """
         road, fronts_m = self._scenario.road, s_m + HALF_M
         others = zip(y_m[1:].tolist(), fronts_m[1:].tolist(), strict=True)
@@ -94,8 +97,8 @@ class SumoWorld:
     def _start(self, world: World) -> Simulation:
         """Start SUMO with the vehicles of a world; return the simulation.
 
-        SUMO places vehicles in the centres of lanes. They start a step earlier where one is beside
-        its centre, and reach their places in that step.
+        SUMO places vehicles only at the centres of lanes. If a vehicle of the world is beside a
+        centre, SUMO starts one step earlier, and the vehicles reach their positions in this step.
         """
         lane = np.round(world.y_m[0] / 3.8)
         beside = bool(np.abs(world.y_m[0] - 3.8 * lane).max() > 0)

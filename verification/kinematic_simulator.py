@@ -1,8 +1,8 @@
 """Simulates many scenes at once without SUMO: an ego under a check, and other vehicles.
 
-An adversary commands the other vehicles, which obey within the bounds of ``safety/strict.py``. They
-may drive on beyond the end of a lane; the ego may not. Arrays have shape (scenes,) for the ego and
-(scenes, others) for the other vehicles.
+An adversary commands the other vehicles, within the bounds of ``safety/strict.py``. They may drive
+beyond the end of a lane; the ego may not. Arrays have shape (scenes,) for the ego and (scenes,
+others) for the other vehicles.
 """
 
 from collections.abc import Callable, Iterator
@@ -31,7 +31,7 @@ NONE = -9
 """Value of ``origin`` and ``target`` in a scene whose ego is not changing lanes."""
 FASTEST_M_S = 40.0
 TOUCHING_M = 1e-9
-"""Largest overlap of bodies that counts as a rounding error."""
+"""Largest overlap of two bodies that counts as a rounding error, not as a collision."""
 SIGN = np.array([0, -1, 1])
 """Direction of a lateral action, by its number: keep 0, right -1, left +1."""
 
@@ -41,19 +41,19 @@ class World:
     """The state of all vehicles in many scenes; the simulator changes it in place."""
 
     x_m: FloatArray
-    """Centres along the road; shape (scenes, 1 + others) as the next three, the ego's first."""
+    """Centres along the road; shape (scenes, 1 + others) like the next three, the ego first."""
     y_m: FloatArray
     speed_m_s: FloatArray
     lateral_m_s: FloatArray
     """Lateral speed, left positive."""
     origin: IntArray
-    """Lane that the ego's lane change comes from, or NONE; shape (scenes,)."""
+    """Lane in which the ego's lane change begins, or NONE; shape (scenes,)."""
     target: IntArray
-    """Lane that the ego's lane change goes to, or NONE; shape (scenes,)."""
+    """Lane in which the ego's lane change ends, or NONE; shape (scenes,)."""
     lane_s: FloatArray
     """Time for which the ego's body has overlapped each lane, seconds; shape (scenes, lanes)."""
     collisions: dict[int, Collision] = field(default_factory=dict)
-    """The ego's collision; the key is the index of the scene, which has then ended."""
+    """The ego's collision, by index of the scene; such a scene has ended."""
     road: Road = ROAD
     """A road of three lanes that are as wide as those of ``ROAD``."""
 
@@ -69,7 +69,7 @@ class World:
         """
 
     def scene(self, row: int) -> Scene:
-        """Return one scene as it is now, as the input of a safety check; ``row`` is its index."""
+        """Return the present state of the scene with index ``row``, as a safety check takes it."""
         names = tuple(f"vehicle{other}" for other in range(1, self.x_m.shape[1]))
         size = np.ones(self.x_m.shape[1])
         shot = Snapshot(
@@ -96,11 +96,11 @@ class Orders(NamedTuple):
     acceleration_m_s2: FloatArray
     """Acceleration of the other vehicles; shape (scenes, others)."""
     side: FloatArray
-    """Lateral speed of the others as a fraction of its bound: -1 is to the right, 1 to the left."""
+    """Lateral speed of the others as a fraction of its bound, from -1 (right) to 1 (left)."""
 
 
 BatchCheck = Callable[[World, IntArray], IntArray]
-"""A function from a world and proposed actions to the executed actions, 0 to 11; (scenes,)."""
+"""A function from a world and the proposed actions to the executed actions, 0 to 11, (scenes,)."""
 
 
 class Mover:
@@ -123,7 +123,7 @@ class Mover:
     def steps(
         self, world: World, executed: IntArray, orders: Orders
     ) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Advance as ``decision``, and yield speeds and lateral positions after each step.
+        """Advance as ``decision`` does, and yield speeds and lateral positions after each step.
 
         Both arrays have shape (scenes, 1 + others), the ego first.
         """
@@ -173,7 +173,7 @@ class Mover:
     ) -> None:
         """Record the ego's collisions of a step, given the positions before it.
 
-        If the ego leaves its lanes in the same step, the scene's collision is that with the edge.
+        If the ego also leaves its lanes in this step, the collision with the edge is recorded.
         """
         sizes_m, places = (LENGTH_M, WIDTH_M), (world.x_m, world.y_m)
         least_m = swept_separation((from_x_m, from_y_m), places, *sizes_m)
@@ -192,10 +192,10 @@ class Mover:
     def _permitted_side(
         self, world: World, side: FloatArray, rate: FloatArray, from_x_m: FloatArray
     ) -> FloatArray:
-        """Return the sides that the others command, 0 where bound 3 of ``strict`` forbids them.
+        """Return the other vehicles' sides, with 0 where bound 3 of ``strict`` forbids a side.
 
         A vehicle may begin a lane change only if no vehicle is beside it at any time of the step,
-        which begins at the positions ``from_x_m``. Otherwise a fast lane change would touch a
+        which begins at the positions ``from_x_m``. Otherwise a fast lane change could touch a
         vehicle that passes within the step.
         """
         strict, ego = self._config.strict, self._config.ego
@@ -208,7 +208,7 @@ class Mover:
         goes_on &= _bound_for(earlier_m, side) == lane
         goes_on &= np.abs(world.lateral_m_s[:, 1:]) > STILL_M_S
         is_in = (lowest[:, 1:] <= lane) & (lane <= highest[:, 1:])
-        # each vehicle (axis 1) that is in the lane which another one (axis 2) would move into
+        # there[:, a, b]: vehicle a is in the lane that vehicle b would move into
         there = (lowest[:, :, None] <= lane[:, None]) & (lane[:, None] <= highest[:, :, None])
         n = y_m.shape[1]
         there[:, np.arange(1, n + 1), np.arange(n)] = False
@@ -238,9 +238,9 @@ class Mover:
         return np.where(permitted, side, 0.0)
 
     def _creeps_in_lane(self, y_m: FloatArray, side: FloatArray) -> BoolArray:
-        """Return whether the others move so slowly sideways that the check sees them stand still.
+        """Return which vehicles move sideways so slowly that the check ignores their motion.
 
-        They must also stay in the lanes that their bodies overlap.
+        Such a vehicle must also stay in the lanes that its body overlaps.
         """
         lateral_m_s = side * self._config.strict.lateral_speed_m_s
         after_m = y_m + lateral_m_s * self.step_s
@@ -251,9 +251,9 @@ class Mover:
         return result
 
     def _staying_behind(self, world: World, wanted: FloatArray) -> FloatArray:
-        """Return the others' accelerations ``wanted``, reduced where bound 4 of ``strict`` demands.
+        """Return the accelerations ``wanted``, reduced where bound 4 of ``strict`` demands it.
 
-        A vehicle behind the ego then brakes so that it stays behind.
+        Bound 4 makes a vehicle behind the ego brake so that it does not hit the ego.
         """
         strict, ego = self._config.strict, self._config.ego
         gap_m = world.x_m[:, :1] - world.x_m[:, 1:] - LENGTH_M
@@ -269,9 +269,9 @@ class Mover:
         return result
 
     def _shared_s(self, world: World) -> FloatArray:
-        """Return how long the ego has been in a lane that each other vehicle is in or moves into.
+        """Return for how long the ego has shared a lane with each other vehicle, (scenes, others).
 
-        The time, s, shape (scenes, others), includes this step; it is -1 if they share no lane.
+        The time, s, includes this step, or is -1. A vehicle has the lanes it is in or moves into.
         """
         lowest, highest = lanes_under(world.y_m[:, :1], WIDTH_M, ROAD.lane_width_m)
         lanes = np.arange(len(ROAD.open_lanes))
@@ -307,9 +307,9 @@ class Mover:
 
 
 def _bound_for(y_m: FloatArray, side: FloatArray) -> FloatArray:
-    """Return the lane to whose centre a vehicle at ``y_m`` moves: left (side > 0) or right (< 0).
+    """Return the lane whose centre a vehicle reaches next, left (side > 0) or right (side < 0).
 
-    A vehicle on a centre moves to that of the next lane; for side 0 it is the nearest lane.
+    From the centre of a lane this is the next lane; for side 0 it is the nearest lane.
     """
     place = y_m / ROAD.lane_width_m
     right, left = np.ceil(place - 1e-6) - 1, np.floor(place + 1e-6) + 1
@@ -318,7 +318,7 @@ def _bound_for(y_m: FloatArray, side: FloatArray) -> FloatArray:
 
 
 def _going(world: World) -> BoolArray:
-    """Return which scenes have not had a collision yet, shape (scenes,)."""
+    """Return which scenes have had no collision yet, shape (scenes,)."""
     going = np.ones(len(world.x_m), dtype=np.bool_)
     going[list(world.collisions)] = False
     return going

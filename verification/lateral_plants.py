@@ -1,6 +1,6 @@
 """The ego's lateral plants for many scenes at once: its lateral motion in one SUMO step.
 
-The steering law is that of ``drl_av/driving/steering.py``; collisions are decided elsewhere. All
+The steering law is that of ``drl_av/driving/steering.py``. This module detects no collisions. All
 arrays have shape (scenes,).
 """
 
@@ -29,11 +29,12 @@ class Aside(NamedTuple):
 
 
 class Lanes(NamedTuple):
-    """The lane changes of a step: which scenes have one, and where it leads."""
+    """The lane changes in a step."""
 
     changing: BoolArray
+    """Whether the ego changes lanes in each scene."""
     target_m: FloatArray
-    """Centre of the target lane; any number in a scene without a lane change."""
+    """Lateral position of the target lane's centre; arbitrary without a lane change."""
     width_m: float
     """Width of each lane."""
 
@@ -43,7 +44,7 @@ def kinematic(
 ) -> tuple[Aside, BoolArray]:
     """Move the ego at constant lateral speed (eq. 5 of the paper); ``speed_m_s`` has no effect.
 
-    Returns the state after the step, and in which scenes the ego arrives at the target lane.
+    Returns the state after the step, and whether the ego arrives at the target lane.
     """
     stride_m = lanes.width_m / ego.lane_change_duration_s * step_s
     left_m = lanes.target_m - at.y_m
@@ -56,9 +57,9 @@ def kinematic(
 def steering(
     at: Aside, lanes: Lanes, speed_m_s: FloatArray, ego: EgoConfig, step_s: float
 ) -> tuple[Aside, BoolArray]:
-    """Steer the ego as the vehicle of Sec. III of the paper; ``speed_m_s`` is that of the step.
+    """Steer the ego like the vehicle of Sec. III of the paper; its speed in the step is given.
 
-    Returns the state after the step, and in which scenes the ego arrives at the target lane.
+    Returns the state after the step, and whether the ego arrives at the target lane.
     """
     y_m, lateral_m_s, heading_rad = at.y_m.copy(), np.zeros(len(at.y_m)), at.heading_rad.copy()
     arrives = np.zeros(len(y_m), dtype=np.bool_)

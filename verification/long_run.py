@@ -1,11 +1,11 @@
-"""Drive the random driver under ``strict`` for a million decisions, and explain each collision.
+"""Runs the random driver under ``strict`` for a million decisions, and explains each collision.
 
     python -m verification.long_run --episodes 5000 --out long_run.csv
     python -m verification.long_run --episodes 200 --traffic naturalistic --out naturalistic.csv
 
-Each episode appends a row. The same command continues after an interruption; ``--first`` and
-``--episodes`` divide the work. The exit status is 1 if the ego hit something, or was hit by a
-vehicle that broke no bound.
+Each episode appends a row to the table. After an interruption, the same command continues.
+``--first`` and ``--episodes`` select episodes, to divide the work. The exit status is 1 if the ego
+hit something, or if a vehicle that broke no bound hit the ego.
 """
 
 import argparse
@@ -60,15 +60,15 @@ CAUSES = {
     BETWEEN: "SUMO resumes or turns round a lane change that was cut short",
     SOONER: "its driver decided on the positions a SUMO step sooner, when it was right",
 }
-"""The cause of a broken bound in its circumstance."""
+"""The cause of a breach, by its circumstance."""
 APPROACH_S = 2.0
-"""Breaches of a vehicle that are farther apart in time belong to different approaches."""
+"""Two breaches of a vehicle belong to different approaches if more time lies between them."""
 BLAME_S = 10.0
-"""A bound broken up to this long before a collision explains it."""
+"""A breach explains a collision that follows within this time."""
 
 
 class Watched:
-    """An environment with an auditor of every SUMO step."""
+    """An environment whose SUMO steps an auditor watches; a random driver drives the ego."""
 
     def __init__(self, config: Config) -> None:
         self.env = HighwayEnv(config=config)
@@ -77,7 +77,7 @@ class Watched:
         self._driver = RandomDriver()
 
     def start(self, seed: int) -> None:
-        """Begin an episode of the driver and of the auditor."""
+        """Prepare the driver and the auditor for an episode."""
         self._driver.start(seed)
         self.auditor.start()
         self.auditor.watch(self.env.scene.snapshot)
@@ -181,7 +181,8 @@ def main() -> int:
 def report(rows: list[dict[str, str]]) -> int:
     """Print a summary of the rows, and return the exit status.
 
-    It is 1 if the ego hit something, or a collision or a breach is not explained; else 0.
+    The status is 1 if the ego hit something, or if a collision or a breach has no explanation, and
+    otherwise 0.
     """
     decisions = sum(int(row["decisions"]) for row in rows)
     margins = [float(row["least_cut_in_margin_m"]) for row in rows if row["least_cut_in_margin_m"]]
@@ -229,7 +230,7 @@ def approaches(cell: str) -> list[Approach]:
 
 
 def report_breaches(rows: list[dict[str, str]]) -> bool:
-    """Print the broken bounds by cause; return whether one has no known cause."""
+    """Print the number of breaches by cause; return whether a breach has no known cause."""
     every = [approach for row in rows for approach in approaches(row["all_breaches"])]
     episodes = sum(bool(row["all_breaches"]) for row in rows)
     print(f"bounds broken {sum(a.breaches for a in every)} times, in {episodes} episodes:")

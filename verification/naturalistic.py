@@ -1,12 +1,11 @@
 """Models human drivers around the ego in the kinematic simulator, and an adversary among them.
 
-Each vehicle decides once a second. It follows the intelligent driver model with the calibration of
-highD (Zhang and Sun) and noise; at random it brakes hard or changes lanes. The frequencies are
-those of the naturalistic driving data in Comparison-DenseLearning-ProvablySafeRL at 30 m/s; the
-starts have the speeds and ranges of the SPMD and IVBSS studies. A range within which the model
-would brake hard at once is widened, because the people of these studies do not. The adversary makes
-dangerous acts near the ego more frequent, and each scene has an importance weight that removes this
-bias.
+Each vehicle decides once a second. It follows the intelligent driver model (IDM), calibrated to
+highD (Zhang and Sun), with noise; at random it brakes hard or changes lanes. The frequencies are
+those of the naturalistic driving data in Comparison-DenseLearning-ProvablySafeRL at 30 m/s. Speeds
+and ranges at the start are those of the SPMD and IVBSS studies. If the model would brake hard at
+once, the range is widened, because people in these studies do not brake so. The adversary makes
+dangerous acts near the ego more frequent; the importance weight of each scene removes this bias.
 """
 
 from typing import NamedTuple
@@ -30,21 +29,22 @@ from verification.kinematic_simulator import (
 HIGHD = Idm(1.17, 3.22, 1.46, 2.40)
 """IDM of highD, population means: headway, standstill gap, acceleration, comfortable braking."""
 SPEED_M_S, SPEED_SD_M_S, RELATIVE_SD_M_S = 30.05, 3.48, 1.3
-"""Speed, and relative speed of two vehicles: SPMD and IVBSS."""
+"""Speed (mean, standard deviation) and relative speed of two vehicles, in SPMD and IVBSS."""
 RANGE_M, RANGE_LOG_SD = 34.0, 0.57
-"""Range to the vehicle ahead: a lognormal through 18, 34 and 77 m at 10, 50 and 90 percent."""
+"""Range to the vehicle ahead: a lognormal distribution with the percentiles 18, 34 and 77 m at 10,
+50 and 90 percent."""
 NOISE_M_S2 = 0.38
 """Standard deviation of the acceleration on a free road at 30 m/s."""
 HARD_BRAKES_PER_S, HARD_BRAKE_M_S2 = 4e-3, (3.0, 4.0)
-"""Frequency and strength of braking that no vehicle ahead explains."""
+"""Frequency and strength of hard braking without a reason ahead."""
 LANE_CHANGES_PER_S = 1.25e-3
 """Frequency of lane changes to each side."""
 CARELESS_SHARE = 0.01
-"""Share of the lane changes whose driver ignores the vehicle behind in the new lane (ours)."""
+"""Share of careless lane changes, which ignore the vehicle behind in the new lane (ours)."""
 SAFE_BRAKING_M_S2 = 3.0
 """Hardest braking that a careful lane change may require of others, as in D2RL's MOBIL."""
 LATERAL_M_S, LATERAL_SD_M_S, LATERAL_LIMITS_M_S = 1.2, 0.35, (0.5, 2.6)
-"""Lateral speed of a lane change: exiD, cars."""
+"""Lateral speed of a lane change: mean, standard deviation and limits, for cars in exiD."""
 EMERGENCY_BRAKING_M_S2 = 9.0
 PER_LANE = 3
 """Number of vehicles in each lane."""
@@ -56,15 +56,16 @@ class Frequencies(NamedTuple):
     hard_brake: float
     """The vehicle ahead of the ego brakes hard."""
     lane_change: float
-    """A vehicle beside or ahead of the ego changes into its lane."""
+    """A vehicle beside or ahead of the ego changes into the ego's lane."""
     careless: float
-    """Share of such lane changes that are careless."""
+    """Share (no probability per second) of these lane changes that are careless."""
 
 
 PEOPLE = Frequencies(HARD_BRAKES_PER_S, LANE_CHANGES_PER_S, CARELESS_SHARE)
 ADVERSARY = Frequencies(0.03, 0.02, 0.5)
 NEAR_M = (-6.0, 30.0)
-"""A lane change into the ego's lane is dangerous if its centre is so far ahead of the ego's, m."""
+"""A lane change into the ego's lane is dangerous if the vehicle's centre is ahead of the ego's
+centre by a distance in this interval."""
 
 
 class UnboundedMover(Mover):
@@ -87,8 +88,8 @@ class UnboundedMover(Mover):
 def starts(scenes: int, config: Config, rng: np.random.Generator) -> World:
     """Draw scenes with three vehicles in each of three lanes around the ego.
 
-    The two vehicles ahead of the ego are at least as far away as the ego's check requires, because
-    the start is not the ego's decision. Each other vehicle has a gap of ``unhurried_gap`` or more.
+    The ego does not choose the start. The gaps to the two vehicles ahead of it are therefore at
+    least as large as its check requires. All other gaps are at least ``unhurried_gap``.
     """
     flow = np.clip(rng.normal(SPEED_M_S, SPEED_SD_M_S, (scenes, 1)), 20.0, 40.0)
     lanes = np.repeat(np.arange(3), PER_LANE)
@@ -121,8 +122,8 @@ class Traffic:
 
     Args:
         world: The scenes at their start.
-        frequencies: Probabilities of dangerous acts near the ego; with ``PEOPLE`` all weights are
-            1.
+        frequencies: Probabilities of dangerous acts near the ego. With ``PEOPLE`` there is no
+            adversary, and all weights are 1.
         rng: The source of all random numbers.
         careless: Share of careless lane changes among the human drivers.
     """
@@ -144,7 +145,7 @@ class Traffic:
         self._lateral_m_s = np.clip(drawn, *LATERAL_LIMITS_M_S)
 
     def decide(self, world: World, proposal: IntArray) -> Orders:
-        """Decide for the next second; return the commands of the others with the ego's action."""
+        """Decide for the next second; return all commands, with the ego's action ``proposal``."""
         gap_m, leader = _leaders(world, self._target)
         acceleration = self._following(world, gap_m, leader)
         ahead = _ahead_of_ego(leader, gap_m, world)
@@ -168,7 +169,7 @@ class Traffic:
         return result
 
     def _change_lanes(self, world: World) -> None:
-        """Draw which vehicles begin a lane change; they complete it to the centre of the lane."""
+        """Draw which vehicles begin a lane change; they complete it."""
         often = self._frequencies
         lane = np.round(world.y_m / ROAD.lane_width_m).astype(np.int64)
         still = np.abs(world.y_m[:, 1:] - self._target * ROAD.lane_width_m) < 1e-3
@@ -189,7 +190,7 @@ class Traffic:
     def _attempts(
         self, world: World, side: int, possible: BoolArray, dangerous: BoolArray
     ) -> BoolArray:
-        """Draw which vehicles try to change lanes to a side: right -1, left 1."""
+        """Draw which vehicles try to change lanes to ``side``: right -1, left 1."""
         frequency = np.where(dangerous, self._frequencies.lane_change, LANE_CHANGES_PER_S)
         return possible & self._happens(frequency, LANE_CHANGES_PER_S, possible)
 
@@ -198,8 +199,9 @@ class Traffic:
     ) -> BoolArray:
         """Draw events with the probabilities ``frequency``, shape (scenes, others); return them.
 
-        Multiplies each scene's weight by the ratios of ``among_people`` to these probabilities.
-        Only events with ``counts`` happen and change the weight; None means all.
+        The weight of each scene is multiplied by the ratio of the probability ``among_people`` to
+        the probability drawn from. Only the events in ``counts`` happen and change the weight; None
+        means all events.
         """
         happens = self._rng.random(frequency.shape) < frequency
         ratio = np.where(happens, among_people / frequency, (1 - among_people) / (1 - frequency))
@@ -222,7 +224,7 @@ def _idm(
 
 
 def _wanted_gap(speed: FloatArray, closing: FloatArray) -> FloatArray:
-    """Return the gap that the IDM aims for, metres."""
+    """Return the gap that the IDM desires, m."""
     spread = 2 * np.sqrt(HIGHD.acceleration_m_s2 * HIGHD.comfortable_braking_m_s2)
     result: FloatArray = HIGHD.standstill_gap_m + np.maximum(
         0.0, speed * HIGHD.headway_s + speed * closing / spread
@@ -231,10 +233,10 @@ def _wanted_gap(speed: FloatArray, closing: FloatArray) -> FloatArray:
 
 
 def unhurried_gap(speed: FloatArray, ahead: FloatArray) -> FloatArray:
-    """Return the smallest gap at which the IDM does not brake hard, metres.
+    """Return the smallest gap at which the IDM does not brake hard, m.
 
-    ``speed`` is the driver's, ``ahead`` that of the vehicle ahead, m/s. The driver wants to be at
-    least 1 m/s faster, as each one does in ``Traffic``.
+    ``speed`` is the driver's speed, ``ahead`` that of the vehicle ahead, m/s. The desired speed is
+    at least 1 m/s higher than ``speed``, as it is in ``Traffic``.
     """
     free = 1 - (speed / (speed + 1.0)) ** 4
     braking = HARD_BRAKE_M_S2[0] / HIGHD.acceleration_m_s2
@@ -246,8 +248,8 @@ def _leaders(world: World, target: IntArray) -> tuple[FloatArray, IntArray]:
     """Return each vehicle's gap to the vehicle ahead, m, and the column of that vehicle.
 
     Without a vehicle ahead these are inf and -1. Both have shape (scenes, 1 + others), the ego in
-    column 0. A vehicle is in the lane of its centre and in the lane that it moves into: for the
-    others that is ``target``, shape (scenes, others), and their own lane without a lane change.
+    column 0. A vehicle is in the lane of its centre and in the lane that it moves into. For the
+    other vehicles the latter is ``target``, shape (scenes, others), or their own lane.
     """
     lane = np.round(world.y_m / ROAD.lane_width_m).astype(np.int64)
     own = np.where(world.target < 0, lane[:, 0], world.target)
@@ -262,7 +264,7 @@ def _leaders(world: World, target: IntArray) -> tuple[FloatArray, IntArray]:
 
 
 def _ahead_of_ego(leader: IntArray, gap_m: FloatArray, world: World) -> BoolArray:
-    """Return which other vehicle is the one ahead of the ego, if near; shape (scenes, others)."""
+    """Return which vehicle is near ahead of the ego in its lane; shape (scenes, others)."""
     columns = np.arange(1, world.x_m.shape[1])
     result: BoolArray = (leader[:, :1] == columns) & (gap_m[:, :1] < RANGE_M)
     return result
@@ -271,8 +273,9 @@ def _ahead_of_ego(leader: IntArray, gap_m: FloatArray, world: World) -> BoolArra
 def _room(world: World, target: IntArray, into: IntArray) -> tuple[BoolArray, BoolArray]:
     """Return whether each vehicle can change to the lane ``into``, and whether that is careful.
 
-    It can if no vehicle is beside it there and it need not brake hard for the vehicle ahead. The
-    change is careful if the vehicle behind need not brake hard either. Shapes: (scenes, others).
+    A vehicle can change if no vehicle is beside it in that lane, and if it need not brake hard for
+    the vehicle ahead. The lane change is careful if the vehicle behind need not brake hard either.
+    Both arrays have shape (scenes, others).
     """
     lane = np.round(world.y_m / ROAD.lane_width_m).astype(np.int64)
     own = np.where(world.target < 0, lane[:, 0], world.target)

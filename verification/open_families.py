@@ -1,8 +1,8 @@
 """Families of scenes on open roads, for the falsifier: a lane that ends, a merge, and an exit.
 
 The roads are those of the scenario kinds ``merge`` and ``exit``. Lane 0 is the acceleration or the
-deceleration lane; lanes 1 and 2 lead through. A collision with the end of a lane, or with the point
-at which two lanes part, counts as the ego's.
+deceleration lane; lanes 1 and 2 are the through lanes. If the ego collides with the end of a lane,
+or with the point at which two lanes part, this counts as a hit by the ego.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ HALF_M = LENGTH_M / 2
 
 
 def lane_end(u: FloatArray, config: Config) -> World:
-    """Create scenes with the ego in a lane that ends, and three vehicles near it in the others."""
+    """Create scenes with the ego in a lane that ends, and three vehicles in the through lanes."""
     scenes, ego, speed = len(u), 30.0 * u[:, 0], 40.0 * u[:, 2:5]
     to_end_m = needed_gap(ego, np.zeros(scenes), config) + 60.0 * u[:, 1] ** 3
     lane, x_m = np.broadcast_to([1.0, 1.0, 2.0], (scenes, 3)), 160.0 * u[:, 5:8] - 80.0
@@ -31,9 +31,9 @@ def lane_end(u: FloatArray, config: Config) -> World:
 
 
 def merging(u: FloatArray, config: Config) -> World:
-    """Create scenes with two vehicles in a lane that ends; the ego is beside them, behind a third.
+    """Create scenes with two vehicles in a lane that ends, up to 200 m ahead of the ego.
 
-    The end of the lane is up to 200 m ahead of the ego.
+    The ego is beside them in a through lane, behind a third vehicle.
     """
     scenes, ego, speed = len(u), 30.0 * u[:, 0], 40.0 * u[:, 2:5]
     at_m, one = RAMP.end_m - HALF_M - 200.0 * u[:, 1], np.ones(len(u), np.int64)
@@ -45,9 +45,9 @@ def merging(u: FloatArray, config: Config) -> World:
 
 
 def leaving(u: FloatArray, config: Config) -> World:
-    """Create scenes with the ego in a through lane before an exit, up to 400 m from it.
+    """Create scenes with the ego in a through lane, up to 400 m before an exit.
 
-    One vehicle is in the deceleration lane, and one near the ego in each of the through lanes.
+    One vehicle is in the deceleration lane, and one in each through lane, near the ego.
     """
     scenes, ego, speed = len(u), 30.0 * u[:, 0], 40.0 * u[:, 3:6]
     ego_lane = 1 + np.floor(2 * u[:, 1]).astype(np.int64)

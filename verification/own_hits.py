@@ -1,18 +1,19 @@
-"""Bounds how often the ego under ``strict`` hits a vehicle among people who may break the bounds.
+"""Bounds how often the ego under ``strict`` hits a vehicle, among drivers who may break the bounds.
 
     python -m verification.own_hits --tests 120000 --jobs 2
 
 The tests are those of ``crash_tests.py`` with the bounds of real traffic. By the proof (``make
-prove``) the ego hits nothing unless a vehicle breaks bound 1, 2 or 3. Bound 1 is never broken,
-because these people brake at most as hard as it says; bounds 2 and 3 are broken only by a vehicle
-that begins a lane change towards the ego. In most tests no vehicle tries to: each of the nine
-vehicles tries with a known probability each second. The program therefore draws tests among those
-in which at least one tries. Everything else is as likely as among people, so that no weights are
-needed. The hits per test are the share of these tests among all, times the share of them in which
-the ego hits a vehicle, with the 95 % interval of Clopper and Pearson.
+prove``) the ego hits nothing unless a vehicle breaks bound 1, 2 or 3. These drivers never break
+bound 1, because they brake no harder than it permits. Only a vehicle that begins a lane change
+towards the ego can break bound 2 or 3. Each of the nine vehicles tries such a lane change with a
+known probability each second, so that in most tests no vehicle tries one. The program therefore
+draws only tests in which at least one vehicle tries. All else is as likely as among human drivers,
+so no weights are needed. The number of hits per test is the share of such tests among all tests,
+times the share of such tests with a hit. The 95 % interval is that of Clopper and Pearson.
 
-A control drives tests in which no vehicle tries, with frequent hard braking ahead of the ego: the
-exit status is 1 if the ego hits a vehicle there, which the proof excludes.
+A control consists of tests in which no vehicle tries a lane change towards the ego, with frequent
+hard braking ahead of the ego. The proof excludes that the ego hits a vehicle in these tests; the
+exit status is 1 if it does.
 """
 
 import argparse
@@ -38,15 +39,18 @@ from verification.naturalistic import (
 )
 
 CHANCES = SECONDS * PER_LANE * len(ROAD.open_lanes)
-"""Number of draws in a test that decide who tries to change lanes towards the ego, and when."""
+"""Number of random draws in a test: each decides whether one vehicle tries to change lanes towards
+the ego in one second."""
 SHARE = 1.0 - (1.0 - LANE_CHANGES_PER_S) ** CHANCES
-"""Share of the tests in which at least one vehicle tries."""
+"""Share of the tests in which at least one vehicle tries to change lanes towards the ego."""
 
 
 def tries(tests: int, rng: np.random.Generator) -> BoolArray:
-    """Draw who tries, shape (tests, ``CHANCES``), given that at least one does in each test.
+    """Draw which chances are taken, at least one in each test; shape (tests, ``CHANCES``).
 
-    The first one is drawn by its distribution function, those after it as among people.
+    A chance is one vehicle's chance to try a lane change in one second. The first chance taken is
+    drawn by inverting its distribution function; each later chance is taken with the probability
+    among human drivers.
     """
     drawn = rng.random((tests, CHANCES)) < LANE_CHANGES_PER_S
     never = np.log1p(-SHARE * rng.random(tests))
@@ -57,7 +61,7 @@ def tries(tests: int, rng: np.random.Generator) -> BoolArray:
 
 
 class Approaching(Traffic):
-    """People of whom at least one tries to change lanes towards the ego in each test."""
+    """Human drivers; in each test at least one tries to change lanes towards the ego."""
 
     def __init__(
         self,
@@ -86,16 +90,16 @@ class Approaching(Traffic):
 
 
 class Keeping(Approaching):
-    """People of whom none tries to change lanes towards the ego."""
+    """Human drivers; none tries to change lanes towards the ego."""
 
     def _drawn(self, tests: int) -> BoolArray:
         return np.zeros((tests, CHANCES), np.bool_)
 
 
 def hits(hit: FloatArray) -> Rate:
-    """Return the hits per test of all tests, given 1 or 0 for each test in which a vehicle tries.
+    """Return the number of hits per test, over all tests, with its interval.
 
-    ``hit`` has shape (tests,).
+    ``hit``, shape (tests,), is 1 for a hit and 0 for none, for each test in which a vehicle tries.
     """
     found = exact_share(int(hit.sum()), len(hit))
     return Rate(*(SHARE * end for end in found))

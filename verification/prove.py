@@ -3,9 +3,9 @@
     python -m verification.prove                      # the default settings
     python -m verification.prove --config FILE.toml   # other settings
 
-The argument is stated in ``drl_av/safety/strict.py``. Z3 proves each lemma over exact reals, for
-every speed and gap; a last step bounds the effect of rounding. The exit status is 1 if a lemma
-fails, so that the argument does not cover these settings.
+``drl_av/safety/strict.py`` states the argument. Z3 proves each lemma over exact real numbers, for
+every speed and gap. A last step bounds the effect of rounding. The exit status is 1 if a lemma
+fails; the argument then does not cover these settings.
 """
 
 import argparse
@@ -34,7 +34,7 @@ class Result(NamedTuple):
     """The lemma in words."""
     seconds: float
     model: Model | None
-    """A counterexample, or None if the lemma is proved."""
+    """A counterexample; None if the lemma is proved."""
 
     def __str__(self) -> str:
         verdict = "proved " if self.model is None else "REFUTED"
@@ -42,7 +42,7 @@ class Result(NamedTuple):
 
 
 def prove(config: Config) -> Iterator[Result]:
-    """Check each lemma with Z3, in order, then the rounding; yield each result.
+    """Check each lemma with Z3, and then the effect of rounding; yield each result.
 
     Raises:
         ConfigError: the lemmas do not apply to these settings.
@@ -59,7 +59,7 @@ def prove(config: Config) -> Iterator[Result]:
 def refuted(lemma: Lemma, numbers: Argument) -> Model | None:
     """Return a counterexample to a lemma, or None if Z3 proves all its claims.
 
-    Raises UndecidedError, which names the lemma, if Z3 refutes no claim and leaves one open.
+    Raises UndecidedError, which names the lemma, if Z3 refutes no claim but cannot decide one.
     """
     undecided = None
     for claim in lemma.claims(numbers):

@@ -1,10 +1,10 @@
-"""Draws what ``verification.ramps`` printed, against the flow.
+"""Draws the results that ``verification.ramps`` printed, against the flow.
 
     python -m verification.ramps_figure docs/results
 
-It reads ``merge.txt``, ``exit.txt`` and ``ramp_to_ramp.txt`` in that folder, and the same names
-with ``_learned`` if they are there, and writes ``ramps.png`` beside them. Bars are intervals of
-95 %.
+The program reads ``merge.txt``, ``exit.txt`` and ``ramp_to_ramp.txt`` in this folder, and, if they
+exist, ``merge_learned.txt`` and so on. It writes ``ramps.png`` into the folder. Error bars are 95 %
+intervals.
 """
 
 import argparse
@@ -43,7 +43,7 @@ class Point(NamedTuple):
 def points(text: str, measure: str) -> dict[str, list[Point]]:
     """Return the points of each driver in the text that ``verification.ramps`` printed.
 
-    A time lost has no interval. One that is unknown has no point.
+    The measure of the time lost has no interval; an unknown time lost has no point.
     """
     found: dict[str, list[Point]] = defaultdict(list)
     for each in PRINTED.finditer(text):

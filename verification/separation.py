@@ -1,6 +1,6 @@
 """Computes the smallest separation from the ego on straight paths, for many scenes.
 
-The method differs from that of ``traffic/collisions.py``, so that each can check the other.
+The method differs from that of ``traffic/collisions.py``, so a test can compare the two.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,8 @@ from drl_av.traffic.road import Barrier, FloatArray, Road
 from drl_av.traffic.snapshot import Collision
 
 Places = tuple[FloatArray, FloatArray]
-"""(x, y): the centres along and across the road, m; the last axis is the vehicle, ego first."""
+"""The pair (x, y): the centres along and across the road, m. The last axis is the vehicle, the ego
+first."""
 STRAIGHT = Road(1e9, 1.0, (True,))
 """A road so long that a scene never reaches its end."""
 
@@ -20,9 +21,10 @@ STRAIGHT = Road(1e9, 1.0, (True,))
 def swept_separation(starts: Places, ends: Places, length_m: float, width_m: float) -> FloatArray:
     """Return the smallest separation of each vehicle from the ego, m, shape (scenes, others).
 
-    All vehicles move on straight paths from ``starts`` to ``ends``. Separation is the larger of the
-    gaps along and across the road, negative if bodies overlap. Over time it is the maximum of four
-    linear functions, so its minimum is at an intersection of two of them, at the start or the end.
+    All vehicles move on straight paths from ``starts`` to ``ends``. The separation is the larger of
+    the gaps along and across the road; it is negative if the bodies overlap. As a function of time
+    it is the maximum of four linear functions. Its minimum is therefore at the start, at the end,
+    or where two of these functions intersect.
     """
     ahead_m, left_m = (at[:, 1:] - at[:, :1] for at in starts)
     forward_m, aside_m = (
@@ -61,7 +63,10 @@ def barrier_separation(
 
 
 def first_collision(starts: Places, ends: Places, length_m: float, width_m: float) -> Collision:
-    """Return the ego's first collision in a scene that has one; arrays of shape (1 + others,)."""
+    """Return the ego's first collision in a scene with a collision.
+
+    The arrays have shape (1 + others,).
+    """
     (x_m, y_m), (to_x_m, to_y_m) = starts, ends
     columns = (values.tolist() for values in (x_m, y_m, to_x_m - x_m, to_y_m - y_m))
     ego, *others = zip(*columns, strict=True)

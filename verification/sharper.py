@@ -1,14 +1,15 @@
-"""Estimates how much faster the shipped driver would be under a check sharper than ``strict``.
+"""Estimates how much faster the shipped driver would be under a sharper check than ``strict``.
 
     python -m verification.sharper
 
-An optimistic check drives in the same traffic as ``strict``, among the people of
-``naturalistic.py``. It executes each action that ``strict`` permits, and each other one after which
-a search finds no collision, as in ``completeness.py``. No argument for the same bounds can permit
-an action after which there is a collision, and the search misses some of these: the gain is an
-upper bound of what a sharper argument gives this driver in this traffic. ``nothing`` executes every
-action. For each check it prints the mean speed, the gain on ``strict`` in percent with its 95 %
-interval, paired by test, and the collisions, for our bounds (strict) and those of real traffic.
+An optimistic check is compared with ``strict`` in the same traffic, among the human drivers of
+``naturalistic.py``. It permits each action that ``strict`` permits, and each other action after
+which a search finds no collision, as in ``completeness.py``. A check with a safety argument for the
+same bounds cannot permit an action after which a collision is possible, and the search misses some
+of these. The gain is therefore an upper bound of what a sharper argument can give this driver in
+this traffic. The check ``nothing`` permits every action. For each check, under our bounds
+(``strict``) and those of real traffic (``real``), the program prints the mean speed, the gain over
+``strict`` in percent with its 95 % interval, paired by test, and the collisions.
 """
 
 import argparse
@@ -31,9 +32,9 @@ from verification.naturalistic import PEOPLE, Traffic, starts
 
 
 class Optimist:
-    """A check that permits what ``strict`` permits, and what a search finds to be safe.
+    """A BatchCheck that permits what ``strict`` permits, and what a search finds to be safe.
 
-    It is a BatchCheck. Args: the config; the number of adversaries of the search, and their seed.
+    Its arguments are the config, the number of adversaries of the search, and their seed.
     """
 
     def __init__(self, config: Config, adversaries: int, seed: int) -> None:
@@ -41,7 +42,7 @@ class Optimist:
         self._strict = BatchStrict(config)
 
     def __call__(self, world: World, proposal: IntArray) -> IntArray:
-        """Return the action to execute for each proposed one; both are 0 to 11, shape (scenes,)."""
+        """Return the executed action for each proposed action; both are 0 to 11, (scenes,)."""
         executed = self._strict(world, proposal)
         going = np.array([row not in world.collisions for row in range(len(proposal))])
         refused = np.flatnonzero((executed != proposal) & on_road(world, proposal) & going)
@@ -59,9 +60,9 @@ def nothing(world: World, proposal: IntArray) -> IntArray:
 
 
 def driven(config: Config, check: BatchCheck, tests: int, seed: int) -> Outcome:
-    """Drive tests under a check from the starts that ``strict`` requires; return the results.
+    """Drive tests under a check, with starts that are safe under ``strict``; return the results.
 
-    The same seed gives the same starts and the same acts of the others for every check.
+    The same seed gives every check the same starts and the same random acts of the other vehicles.
     """
     rng = np.random.default_rng(seed)
     world = starts(tests, config, rng)
@@ -82,9 +83,9 @@ def compared(bounds: str, tests: int, adversaries: int, seed: int) -> list[dict[
 
 
 def row(bounds: str, name: str, found: Outcome, base_km: np.ndarray) -> dict[str, Any]:
-    """Return the row of one check; ``base_km``, (tests,), is how far the ego drove under strict.
+    """Return the row of one check; ``base_km`` is the distance under ``strict``, km, (tests,).
 
-    Tests with a collision, which ends them early, do not count for the speed.
+    The speed does not include tests with a collision, because a collision ends a test early.
     """
     whole_tests = found.ego_hit + found.was_hit == 0
     gain = mean_with_interval(100 * (found.km - base_km)[whole_tests] / base_km.mean())

@@ -1,4 +1,4 @@
-"""Compares by training three ways to put a safety check between an agent and the road.
+"""Compares three ways to use a safety check in the training of an agent.
 
     python -m verification.shielding --seeds 10 --out docs/results/shielding.csv
 
@@ -7,10 +7,10 @@ replacement              the check replaces a refused action by another one
 replacement and penalty  the same, and each refused action reduces the reward
 
 The agent is PPO of sb3-contrib with its default settings, the check is ``strict``, the environment
-``drl_av/Highway-v0``; the comparison is that of Krasowski et al., arXiv:2205.06750. A training
-writes its rows when it is complete, and the same command makes only the trainings that the table
-lacks. Each draws the traffic of its episodes from its own seed; the final policy is evaluated,
-greedily, in the same traffic for all trainings.
+is ``drl_av/Highway-v0``. The comparison follows Krasowski et al., arXiv:2205.06750. A training
+writes its rows when it is complete. If the command is repeated, it does only the trainings that the
+table lacks. Each training draws the traffic of its episodes from its own seed. Its final greedy
+policy is evaluated in traffic that is the same for all trainings.
 """
 
 import argparse
@@ -37,20 +37,20 @@ from drl_av.files import append_rows, read_table
 from verification.shielding_report import COLUMNS, FINAL, METHODS, TRAINING, figure, table
 
 PENALTY = 0.5
-"""Reward that a refused action loses in the method with a penalty."""
+"""Amount by which a refused action reduces the reward, in the method with a penalty."""
 BIN = 5_000
-"""Number of decisions of a training over which a row of the table has its means."""
+"""Each row of a training holds means over this number of decisions."""
 SETTINGS: dict[str, Any] = {}
 """Settings of the agent that differ from the defaults of sb3-contrib: none."""
 EVALUATION_SEED = 930_000
-"""First traffic seed of the evaluation; no other table and no choice uses this block."""
+"""First traffic seed of the evaluation; no other table, and no tuning, uses this block of seeds."""
 
 
 class Decided(NamedTuple):
     """One decision of a training."""
 
     reward: float
-    """The reward of the paper, without a penalty."""
+    """The paper's reward, without a penalty."""
     speed_m_s: float
     refused: bool
     ego_hit: bool
@@ -72,7 +72,7 @@ class PenalizedReward:
 
 
 class Agent:
-    """Makes a greedy driver of a trained agent; with ``masking`` it chooses a permitted action."""
+    """The greedy driver of a trained agent; with ``masking`` it chooses only permitted actions."""
 
     def __init__(self, model: Any, env: HighwayEnv, masking: bool) -> None:
         self._model, self._env, self._masking = model, env, masking
@@ -124,7 +124,7 @@ def trained(method: str, seed: int, steps: int, episodes: int) -> Iterator[dict[
 
 
 def means(decided: list[Decided]) -> dict[str, float]:
-    """Return the means over some decisions, and their collisions, by column of the table."""
+    """Return the means over some decisions, and their number of collisions, by table column."""
     return {
         "mean_reward": float(np.mean([each.reward for each in decided])),
         "mean_speed_m_s": float(np.mean([each.speed_m_s for each in decided])),

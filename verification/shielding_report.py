@@ -14,17 +14,21 @@ COLUMNS = (
     *("method", "seed", "stage", "step"),
     *("mean_reward", "mean_speed_m_s", "refused_share", "ego_hits"),
 )
-"""Columns; ``step`` is a training row's last decision, or an evaluation row's vehicle number."""
+"""The columns of the table. In a row of a training, ``step`` is the last decision; in a row of an
+evaluation, it is the number of vehicles."""
 CURVES = {
     "mean_reward": ("reward per decision", 1.0),
     "mean_speed_m_s": ("mean speed, m/s", 1.0),
     "refused_share": ("refused actions, %", 100.0),
 }
-"""The columns in the figure, each with its label and the factor to its unit."""
+"""The columns in the figure, each with its label and the factor that converts it to its unit."""
 
 
 def over_seeds(rows: list[Row], column: str) -> Mean:
-    """Return the mean over the trainings of each one's mean of a column, with its 95 % interval."""
+    """Return the mean of a column over trainings, with its 95 % interval.
+
+    For each training the mean over its rows is computed first.
+    """
     by_seed: dict[str, list[float]] = {}
     for row in rows:
         by_seed.setdefault(row["seed"], []).append(float(row[column]))
@@ -32,7 +36,7 @@ def over_seeds(rows: list[Row], column: str) -> Mean:
 
 
 def table(rows: list[Row]) -> str:
-    """Return the Markdown table of each method, while it learns and after that.
+    """Return the Markdown table of each method, during the trainings and in the evaluation.
 
     The values are means over the trainings with 95 % intervals.
     """
@@ -54,7 +58,7 @@ def table(rows: list[Row]) -> str:
 
 
 def section(results: Results) -> str:
-    """Return the table and the figure of ``shielding.csv`` as Markdown, as far as there are any."""
+    """Return the table and the figure of ``shielding.csv`` as Markdown, or a note without rows."""
     rows = results.rows("shielding.csv")
     if not rows:
         return "*The trainings have not been made yet.*"

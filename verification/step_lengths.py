@@ -3,8 +3,9 @@
     python -m verification.step_lengths --out docs/results/step_length.csv
 
 The driver ``idm`` drives the same seeded episodes with 30 vehicles for each step length. The table
-holds the mean speed of the traffic, its lane changes per vehicle and minute, the vehicles that SUMO
-reports in a collision, and the decisions per second. Integration is semi-implicit Euler.
+holds the mean speed of the traffic, the lane changes per vehicle and minute, the number of vehicles
+that SUMO reports in a collision, and the decisions per second. SUMO integrates by semi-implicit
+Euler.
 """
 
 import argparse

@@ -2,9 +2,10 @@
 
     python -m verification.stories --out docs/results/stories.csv
 
-A story places every vehicle, and no vehicle changes lanes at random here, so an episode does not
-depend on its seed, and one episode of each tells all. It ends at the end of the road, with a
-collision of the ego, or after a minute. SUMO's drivers have no check and are driven once.
+A story fixes the start of every vehicle, and no vehicle changes lanes at random. An episode
+therefore does not depend on its seed, and each driver drives one episode of each story under each
+check. It ends at the end of the road, with a collision of the ego, or after a minute. SUMO's own
+drivers drive once, without a check.
 """
 
 import argparse
@@ -67,7 +68,7 @@ def row(story: str, result: EpisodeResult) -> dict[str, Any]:
 def table(rows: Sequence[Row]) -> str:
     """Return the Markdown table: a row for each driver and check, a column for each story.
 
-    A cell holds the ego's mean speed, or what it collided with and after how many seconds.
+    A cell holds the ego's mean speed, or the kind and the time, s, of its collision.
     """
     cells: dict[tuple[str, str], dict[str, str]] = {}
     for each in rows:
@@ -84,13 +85,13 @@ def lines(cells: dict[tuple[str, str], dict[str, str]]) -> Iterable[list[str]]:
 
 
 def order(driver: str, check: str) -> tuple[int, int]:
-    """Return the place of a driver and a check in the table."""
+    """Return the sort key of a driver and a check in the table."""
     checks = (*CHECKS, "none")
     return (*DRIVERS, *SUMO_DRIVERS).index(driver), checks.index(check)
 
 
 def cell(each: Row) -> str:
-    """Return what a cell says of an episode."""
+    """Return the text of an episode's cell."""
     if each["collision"]:
         return f"{each['collision']}, {each['decisions']} s"
     return f"{float(each['mean_speed_m_s']):.1f} m/s"

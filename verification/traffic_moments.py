@@ -1,10 +1,10 @@
-"""Measures how the background traffic drives, beside published measurements of real highways.
+"""Measures the background traffic, and compares it with published measurements of real highways.
 
     python -m verification.traffic_moments --traffic calm naturalistic
 
-SUMO also drives the ego, which does not count. The statistics are over all other vehicles at all
-decisions after the first 30 s: speed; and for vehicles with a leader in their lane at most 120 m
-ahead, the range (net gap), the time gap (range / speed) and the relative speed.
+SUMO also drives the ego, which is not included. The statistics are over all other vehicles at all
+decisions after the first 30 s. They are the speed and, for vehicles with a leader in their lane at
+most 120 m ahead, the range (net gap), the time gap (range / speed) and the relative speed.
 """
 
 import argparse
@@ -34,7 +34,7 @@ IGNORED = Command(0.0, 0.0, 0.0)
 
 
 class Moments(NamedTuple):
-    """Statistics of the traffic of some episodes, or of a data set; NaN if it gives no number."""
+    """Statistics of simulated traffic or of a data set; NaN where there is no number."""
 
     speed_m_s: float = math.nan
     speed_sd_m_s: float = math.nan
@@ -48,7 +48,7 @@ class Moments(NamedTuple):
 
 
 US_NATURALISTIC = Moments(30.05, 3.48, 1.12, 0.59, 18, 34, 77, 1.3)
-"""Highway driving of the Safety Pilot Model Deployment and IVBSS studies, Michigan."""
+"""Highway driving in the studies Safety Pilot Model Deployment and IVBSS, Michigan."""
 HIGHD = Moments(lane_changes_per_km=0.12)
 """The highD data set, Germany."""
 
@@ -62,7 +62,7 @@ class Following(NamedTuple):
 
 
 def following(shot: Snapshot, road: Road) -> Following:
-    """Find the vehicles that follow a leader in the same lane; the ego does not count as one.
+    """Find the vehicles besides the ego that follow a leader in the same lane.
 
     A vehicle is in the lane that contains its centre.
     """
@@ -87,7 +87,7 @@ def lanes(shot: Snapshot, road: Road) -> FloatArray:
 
 
 def moments(config: Config, episodes: int, vehicles: Sequence[int] = VEHICLES) -> Moments:
-    """Drive episodes, with the numbers of vehicles in turn; return the traffic's statistics."""
+    """Drive episodes with the numbers of ``vehicles`` in turn; return the traffic's statistics."""
     shots = [drive(config, SEEDS + n, vehicles[n % len(vehicles)]) for n in range(episodes)]
     road = load_scenario(find_scenario(config.simulation.scenario)).road
     speed = np.concatenate([shot.speed_m_s[1:] for episode in shots for shot in episode])
@@ -113,7 +113,7 @@ def moments(config: Config, episodes: int, vehicles: Sequence[int] = VEHICLES) -
 
 
 def drive(config: Config, seed: int, vehicles: int) -> list[Snapshot]:
-    """Drive an episode; return the snapshot after each decision but the first 30."""
+    """Drive an episode; return the snapshots after each decision, without the first 30."""
     scenario = load_scenario(find_scenario(config.simulation.scenario))
     level_1 = load_level_1(scenario.road) if config.traffic.level_1_share else None
     drivers = TrafficDrivers(config, scenario.road, scenario.vehicle_types, level_1)
@@ -133,7 +133,7 @@ def drive(config: Config, seed: int, vehicles: int) -> list[Snapshot]:
 def table(columns: dict[str, Moments]) -> str:
     """Return the table as text: a row for each statistic, a column for each traffic or data set.
 
-    A ``*`` marks a value within 10 % of a measured one.
+    A ``*`` marks a value within 10 % of that of a data set.
     """
     measured = {"US naturalistic": US_NATURALISTIC, "highD": HIGHD}
     lines = ["".join(f"{word:>22}" for word in ("", *columns, *measured))]
@@ -146,7 +146,7 @@ def table(columns: dict[str, Moments]) -> str:
 
 
 def mark(name: str, value: float) -> str:
-    """Return ``*`` if a statistic is within 10 % of that of either data set, else a blank."""
+    """Return ``*`` if the value is within 10 % of that of a data set, otherwise a blank."""
     known = [getattr(one, name) for one in (US_NATURALISTIC, HIGHD)]
     near = any(abs(value - one) <= TOLERANCE * one for one in known if not math.isnan(one))
     return "*" if near else " "

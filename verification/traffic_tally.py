@@ -1,4 +1,4 @@
-"""Counts speed, lane changes and collisions of the background traffic over episodes."""
+"""Measures speed, lane changes and collisions of the background traffic over episodes."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from verification.traffic_moments import lanes
 
 
 class TrafficTally:
-    """Statistics of the background traffic, without the ego, over the episodes that it drives."""
+    """Drives episodes, and collects statistics of the background traffic, without the ego."""
 
     def __init__(self, env: HighwayEnv) -> None:
         self._env = env
@@ -23,7 +23,7 @@ class TrafficTally:
         """Vehicles that SUMO reports in a collision with each other, each once per episode."""
 
     def drive(self, driver: Driver, seed: int, vehicles: int) -> None:
-        """Drive an episode and add it to the statistics."""
+        """Drive an episode and update the statistics."""
         self._colliding: set[str] = set()
         scenes: list[Snapshot] = []
         for decision in rollout(self._env, driver, seed, vehicles):

@@ -1,1 +1,1 @@
-"""States the safety argument of ``drl_av/safety/strict.py`` as lemmas over exact reals for Z3."""
+"""The safety argument of ``drl_av/safety/strict.py`` as lemmas over exact real numbers, for Z3."""

@@ -14,19 +14,19 @@ from drl_av.traffic.scenario import find_scenario, load_scenario
 class Argument:
     """The numbers of the safety argument of ``strict``, as exact fractions in SI units.
 
-    Fields without a default are what the check assumes. Those with one describe what the vehicles
-    really do; the tests change them, and the proof must then fail.
+    The fields without a default are the assumptions of the check. The fields with a default
+    describe what the vehicles really do; if a test changes them, the proof must fail.
     """
 
     step_s: Fraction
     steps: int
-    """SUMO steps in a decision."""
+    """Number of SUMO steps in a decision."""
     most_m_s: Fraction
-    """The ego's highest speed."""
+    """The ego's maximum speed."""
     rates_m_s2: tuple[Fraction, ...]
     """Accelerations of the four longitudinal actions, in the order of ``Longitudinal``."""
     by_number: bool
-    """True if the action alone sets the ego's acceleration, False with a car-following model."""
+    """Whether the action alone sets the ego's acceleration; False with a car-following model."""
     hard_m_s2: Fraction
     braking_m_s2: Fraction
     acceleration_m_s2: Fraction
@@ -44,11 +44,11 @@ class Argument:
     lead_braking_m_s2: Fraction = Fraction(0)
     """Hardest braking of a vehicle ahead."""
     response_steps: int = 0
-    """SUMO steps after which a vehicle behind brakes for the ego in its lane."""
+    """Number of SUMO steps after which a vehicle behind brakes for the ego in its lane."""
     cut_in_steps: int = 0
-    """SUMO steps for which the ego keeps its acceleration after a vehicle begins to cut in."""
+    """Number of SUMO steps for which the ego keeps its acceleration after a cut-in begins."""
     abort_decisions: int = 1
-    """Decisions until the ego reacts to a vehicle that enters its target lane."""
+    """Number of decisions until the ego reacts to a vehicle that enters its target lane."""
 
     @property
     def decision_s(self) -> Fraction:
@@ -61,12 +61,12 @@ class Argument:
 
 
 def exact(number: float) -> Fraction:
-    """Return the decimal number that a float is written as: 1/10 for 0.1."""
+    """Return the decimal number that Python prints for a float: 1/10 for 0.1."""
     return Fraction(repr(number))
 
 
 def argument(config: Config) -> Argument:
-    """Return the numbers of a config and its scenario.
+    """Return the numbers that follow from a config and its scenario.
 
     Raises:
         ConfigError: ``ego.lateral_plant`` is not ``kinematic``, which the lemmas describe.

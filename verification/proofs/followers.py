@@ -21,11 +21,11 @@ from verification.proofs.motion import (
 
 
 def response_claims(a: Argument) -> Iterator[Claim]:
-    """Yield the claims that the follower in the lane which the ego enters stays behind it.
+    """Yield the claims that the follower in the lane which the ego enters stays behind the ego.
 
-    There are two for each start position and action with which the ego crosses the line within one
-    decision, and two for each number of steps until the follower brakes. With the claims of the
-    lemma ``hand-over`` they are an induction over the steps, so that each has few cases.
+    There are two claims for each start position and action with which the ego crosses the line
+    within one decision, and two claims for each number of steps until the follower brakes. Together
+    with the lemma ``hand-over`` they form an induction over the steps, so each claim has few cases.
     """
     longest = 0
     for y_m in places(a):
@@ -46,7 +46,7 @@ def response_claims(a: Argument) -> Iterator[Claim]:
 def seconds_to_line(y_m: Fraction, a: Argument) -> Fraction:
     """Return the time until the ego's body is over the lane marking, s, as the check computes it.
 
-    It is 0 if that is not within this decision.
+    The time is 0 if the body does not reach the marking within this decision.
     """
     steps = ceil(((a.lane_m - a.width_m) / 2 + LINE - y_m) / (a.stride_m / a.steps))
     return (steps if 0 < steps <= a.steps else 0) * a.step_s
@@ -63,7 +63,7 @@ def pair(p: Problem, a: Argument) -> tuple[Term, Term, Term]:
 def until_standstill(p: Problem, follower: Term, left: int, a: Argument) -> Term:
     """Return the longest distance that a vehicle behind can cover until it stands, m.
 
-    It accelerates for ``left`` more SUMO steps and then brakes as the check expects.
+    The vehicle accelerates for ``left`` more SUMO steps, and then brakes as the check expects.
     """
     time_s = left * a.step_s
     faster = follower + a.acceleration_m_s2 * time_s
@@ -71,10 +71,10 @@ def until_standstill(p: Problem, follower: Term, left: int, a: Argument) -> Term
 
 
 def permitted(a: Argument, rate: Fraction, responds: int, delay_s: Fraction) -> Claim:
-    """Claim that the vehicle behind can stop behind the ego where the check permits the action.
+    """Claim that the vehicle behind can stop behind the ego if the check permits the action.
 
-    That vehicle brakes after ``responds`` steps; the check expects this after ``delay_s``. The ego
-    drives with the acceleration ``rate`` for the decision and then brakes hard.
+    The vehicle brakes after ``responds`` steps; the check expects it to brake after ``delay_s``.
+    The ego drives with the acceleration ``rate`` for the decision, and then brakes hard.
     """
     p = Problem()
     speed, follower, gap_m = pair(p, a)
@@ -87,8 +87,9 @@ def permitted(a: Argument, rate: Fraction, responds: int, delay_s: Fraction) -> 
 def crossing(a: Argument, rate: Fraction, over: int, crosses_s: Fraction) -> Claim:
     """Claim that the vehicle behind does not touch the ego in the decision that crosses the line.
 
-    The ego's body is over the line after ``over`` steps of the acceleration ``rate``. The check
-    compares the distances of all steps if it finds that time, ``crosses_s``, not to be 0.
+    The ego's body is over the line after ``over`` steps of the acceleration ``rate``. If the time
+    ``crosses_s`` that the check computes for this is not 0, the check compares the distances at all
+    steps.
     """
     p = Problem()
     speed, follower, gap_m = pair(p, a)
@@ -106,9 +107,10 @@ def crossing(a: Argument, rate: Fraction, over: int, crosses_s: Fraction) -> Cla
 
 
 def rolling(a: Argument, left: int) -> Claim:
-    """Claim that a vehicle which can stop within a distance can stop within the rest after a step.
+    """Claim that a vehicle which can stop within a distance still can after a step.
 
-    The vehicle may accelerate for ``left`` more steps, this one included, and then brakes.
+    After the step, the distance is shorter by what the vehicle drove in the step. The vehicle may
+    accelerate for ``left`` more steps, including this one, and then brakes.
     """
     p = Problem()
     follower, distance_m = p.unknown("follower_speed", 0, a.others_most_m_s), p.unknown("distance")
@@ -120,9 +122,10 @@ def rolling(a: Argument, left: int) -> Claim:
 
 
 def farther(a: Argument, left: int) -> Claim:
-    """Claim that a vehicle behind which is no slower than the ego needs no less distance to stop.
+    """Claim that a vehicle behind, if it is at least as fast as the ego, stops no sooner.
 
-    It accelerates for ``left`` more steps and then brakes; the ego brakes hard.
+    The vehicle accelerates for ``left`` more steps and then brakes; the ego brakes hard. The claim
+    compares the distances until both stand.
     """
     p = Problem()
     ego, follower, _ = pair(p, a)
@@ -131,9 +134,9 @@ def farther(a: Argument, left: int) -> Claim:
 
 
 def slowing(a: Argument) -> Claim:
-    """Claim that hard braking gives the ego its shortest distance to standstill.
+    """Claim that the ego's distance to standstill is shortest if it brakes hard.
 
-    If the ego does anything else in one step and then brakes hard, it covers at least as much.
+    If the ego does anything else in one step and then brakes hard, the distance is no shorter.
     """
     p = Problem()
     ego = p.unknown("ego_speed", 0, a.most_m_s)
@@ -143,10 +146,10 @@ def slowing(a: Argument) -> Claim:
 
 
 def waiting(a: Argument) -> Claim:
-    """Claim that the gap stays open in a step, whether the vehicle behind brakes or not.
+    """Claim that the gap stays positive in a step, whether the vehicle behind brakes or not.
 
-    About the distances to standstill of both, it assumes only what the claims ``rolling``,
-    ``farther`` and ``slowing`` state. It therefore holds at each step.
+    About the distances to standstill of the two vehicles, the claim assumes only what the claims
+    ``rolling``, ``farther`` and ``slowing`` state. It therefore holds at each step.
     """
     p = Problem()
     names = ("ego_stopping", "ego_stopping_then", "follower_stopping", "follower_stopping_then")
@@ -160,7 +163,7 @@ def waiting(a: Argument) -> Claim:
 
 
 def any_speed(p: Problem, before: Term, step: int, a: Argument) -> Term:
-    """Add and return the ego's speed after a step: any that hard braking or less can give."""
+    """Add and return the ego's speed after a step: any that is possible without harder braking."""
     speed = p.unknown(f"ego_speed_{step}", 0, a.most_m_s)
     p.assume(speed >= before - a.hard_m_s2 * a.step_s)
     return speed
@@ -169,7 +172,7 @@ def any_speed(p: Problem, before: Term, step: int, a: Argument) -> Term:
 def any_faster(p: Problem, before: Term, step: int, a: Argument) -> Term:
     """Add and return the speed of a vehicle behind after a step without braking for the ego.
 
-    It may be any speed that the highest acceleration allows.
+    The speed may be any that is possible with at most the highest acceleration.
     """
     speed = p.unknown(f"follower_speed_{step}", 0, a.others_most_m_s)
     p.assume(speed <= before + a.acceleration_m_s2 * a.step_s)

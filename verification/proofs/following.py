@@ -1,9 +1,9 @@
 """Lemmas on the vehicle ahead: the ego follows it, it cuts in, or it is the end of a lane.
 
-All use the lemma ``following``, which is about a single SUMO step: it assumes a distance within
+All lemmas use the lemma ``following`` on a single SUMO step. This lemma assumes a distance within
 which the ego can complete the step and then brake hard to standstill. The lemma ``decision`` shows
-that at each step of a decision the rest of its ``reach`` is such a distance. The proof therefore
-holds for any number of steps and decisions.
+that at each step of a decision the rest of the ego's ``reach`` is such a distance. The proof
+therefore holds for any number of steps and decisions.
 """
 
 from collections.abc import Iterator
@@ -27,9 +27,10 @@ from verification.proofs.motion import (
 def stopping_claims(a: Argument) -> Iterator[Claim]:
     """Yield the claims that ``stopping_distance`` computes the stopping distance.
 
-    It selects one of the linear pieces by rounding down (see ``motion.lines``). The claims say that
-    this piece is the largest one at the given speed, and that it equals the distance of one braking
-    step plus the stopping distance after that step. There is one for each braking rate.
+    ``stopping_distance`` selects one of the linear pieces of ``motion.lines`` by rounding down. A
+    claim says that this piece is the largest at the given speed, and that it equals the distance
+    of one braking step plus the stopping distance after this step. There is one claim for each
+    braking rate.
     """
     brakes = [(a.hard_m_s2, a.most_m_s), (a.braking_m_s2, a.others_most_m_s)]
     for braking, most in [*brakes, (a.follower_m_s2, a.others_most_m_s)]:
@@ -65,10 +66,10 @@ def following(p: Problem, a: Argument, stands: bool = False) -> tuple[Term, ...]
 def step_claims(a: Argument, stands: bool = False) -> Iterator[Claim]:
     """Yield the claims that an ego which can stop behind the vehicle ahead keeps this ability.
 
-    They are about one SUMO step. Before it, the ego can complete the step at its speed and then
-    brake hard to standstill behind the vehicle ahead. The claims are that it does not touch this
-    vehicle within the step, and that it can still stop behind it afterwards. If ``stands`` is true,
-    the vehicle ahead stands still.
+    The claims are about one SUMO step. They assume that the ego can complete the step at its speed
+    and then brake hard to standstill behind the vehicle ahead. They state that the ego does not
+    touch this vehicle within the step, and that it can still stop behind this vehicle afterwards.
+    If ``stands`` is true, the vehicle ahead stands still.
     """
     p = Problem()
     ego, gap_m, other, after = following(p, a, stands)
@@ -96,11 +97,11 @@ def between() -> Claim:
 
 
 def decision_claims(a: Argument) -> Iterator[Claim]:
-    """Yield the claims that an ego within its plan for a decision can stop within its reach.
+    """Yield the claims that the ego can stop within its reach at each step of a decision.
 
-    There is one claim for each longitudinal action and SUMO step. The rest of the reach before the
-    step is at least the distance that the ego covers if it completes the step, at most at the
-    planned speed, and then brakes hard to standstill.
+    There is one claim for each longitudinal action and SUMO step. In the step the ego drives at
+    most at the planned speed, and then it brakes hard to standstill. The claim says that the
+    distance which it covers is at most the rest of the reach before the step.
     """
     for rate in a.rates_m_s2:
         for step in range(a.steps):
@@ -114,7 +115,7 @@ def decision_claims(a: Argument) -> Iterator[Claim]:
 
 
 def fallback_claims(a: Argument) -> Iterator[Claim]:
-    """Yield the claim that a decision of hard braking reaches as far as hard braking alone."""
+    """Yield the claim that the reach of the action hard brake is the ego's stopping distance."""
     p = Problem()
     speed = p.unknown("ego_speed", 0, a.most_m_s)
     hard = a.rates_m_s2[Longitudinal.HARD_BRAKE]
@@ -122,10 +123,10 @@ def fallback_claims(a: Argument) -> Iterator[Claim]:
 
 
 def cut_in_claims(a: Argument) -> Iterator[Claim]:
-    """Yield one claim for each action and step at which a vehicle begins to cut in.
+    """Yield one claim for each action and each step at which a vehicle begins to cut in.
 
-    It says that the rest of the ego's reach ends before that vehicle. With a car-following model
-    the acceleration before may be any that is not above the action's.
+    The claim says that the rest of the ego's reach ends behind the vehicle that cuts in. With a
+    car-following model, the acceleration before the cut-in may be any up to that of the action.
     """
     for planned in a.rates_m_s2:
         for steps in range(a.steps + 1 if a.by_number else a.steps):
@@ -141,7 +142,7 @@ def cut_in_claims(a: Argument) -> Iterator[Claim]:
 def between_two_claims(a: Argument) -> Iterator[Claim]:
     """Yield the claim on a vehicle that cuts in ahead of the vehicle that the ego follows.
 
-    If the vehicle that the ego follows can stop behind the one that cuts in, the ego can too.
+    If the vehicle that the ego follows can stop behind the vehicle that cuts in, so can the ego.
     """
     p = Problem()
     gap_m, beyond_m, length_m = p.unknown("gap", 0), p.unknown("beyond"), p.unknown("length", 0)
@@ -157,7 +158,7 @@ def lane_end_claims(a: Argument) -> Iterator[Claim]:
     """Yield the claims that the ego stops before the end of its lane.
 
     The end counts as a vehicle that stands there. The claims are those of ``step_claims`` for a
-    vehicle that stands, and one that an ego at rest keeps its clearance.
+    standing vehicle, and the claim that an ego at rest keeps its clearance.
     """
     yield from step_claims(a, stands=True)
     p = Problem()

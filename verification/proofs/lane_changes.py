@@ -23,17 +23,18 @@ SIDES = (-1, 1)
 
 
 class Way(NamedTuple):
-    """A case of the lemmas: an ego anywhere between lane 0 and the lane beside it on ``side``."""
+    """A case of the lemmas: an ego anywhere between lane 0 and a neighbouring lane."""
 
     p: Problem
     y_m: Term
     side: int
+    """Side of lane 0 on which the neighbouring lane is: left +1, right -1."""
     end: int
     """The lane in which the lane change ends."""
     sign: int
     """Direction of the lane change: left +1, right -1."""
     back: int
-    """The lane in which the fallback from the next decision ends."""
+    """The lane in which a fallback maneuver that begins at the next decision ends."""
     after_m: Term
     """The ego's lateral position at the next decision."""
 
@@ -51,14 +52,14 @@ def ways(a: Argument) -> Iterator[Way]:
 
 
 def between(start_m: Term, y_m: Term, end_m: Term) -> Term:
-    """Return the fact that a position lies between two others, or on one of them."""
+    """Return the fact that ``y_m`` lies between two other positions, or on one of them."""
     return z3.Or(z3.And(start_m <= y_m, y_m <= end_m), z3.And(end_m <= y_m, y_m <= start_m))
 
 
 def corridor_claims(a: Argument) -> Iterator[Claim]:
     """Yield the claims that the ego stays in its corridor, and touches no vehicle outside it.
 
-    They cover the decision and the fallback after it.
+    The claims cover the decision and the fallback maneuver after it.
     """
     for toward in (-1, 0, 1):
         for p, y_m, _, end, sign, back, after_m in ways(a):
@@ -77,9 +78,9 @@ def corridor_claims(a: Argument) -> Iterator[Claim]:
 
 
 def fallback_corridor_claims(a: Argument) -> Iterator[Claim]:
-    """Yield the claims that the fallback's corridor at the next decision is within this one.
+    """Yield the claims that the fallback's corridor at the next decision is within this corridor.
 
-    The lane change is then still in progress, or completed.
+    At the next decision the lane change is still in progress, or completed.
     """
     for p, y_m, side, end, sign, back, after_m in ways(a):
         way = corridor(p, y_m, end, sign, a)
@@ -94,7 +95,7 @@ def fallback_corridor_claims(a: Argument) -> Iterator[Claim]:
 def own_lane_claims(a: Argument) -> Iterator[Claim]:
     """Yield the claims that the ego's body overlaps the lane that contains its centre.
 
-    On the marking between two lanes the centre counts to both.
+    If the centre is on the marking between two lanes, both lanes contain it.
     """
     for lane in (-1, 0, 1):
         p = Problem()
@@ -107,8 +108,8 @@ def own_lane_claims(a: Argument) -> Iterator[Claim]:
 def places(a: Argument) -> list[Fraction]:
     """Return the ego's lateral positions at decisions of a lane change from lane 0 to lane 1.
 
-    They are whole decisions away from the centre of lane 0, or of lane 1 after an abort; the body
-    is still within lane 0.
+    They are those at which the ego's body is still within lane 0. The ego reaches each of them in a
+    whole number of decisions from the centre of lane 0 or, after an abort, of lane 1.
     """
     seconds = range(ceil(a.lane_m / a.stride_m))
     found = {k * a.stride_m for k in seconds} | {a.lane_m - k * a.stride_m for k in seconds}
@@ -123,7 +124,7 @@ def is_over(y_m: Fraction, a: Argument) -> bool:
 def going(y_m: Fraction, lane: int, steps: int | None, a: Argument) -> list[Fraction]:
     """Return the lateral positions after each SUMO step on the way from ``y_m`` to a lane's centre.
 
-    There are at most ``steps`` of them; None means all.
+    The result ends after ``steps`` steps; if ``steps`` is None, it ends at the centre.
     """
     found, end_m, stride_m = [y_m], lane * a.lane_m, a.stride_m / a.steps
     while found[-1] != end_m and (steps is None or len(found) <= steps):
@@ -133,10 +134,10 @@ def going(y_m: Fraction, lane: int, steps: int | None, a: Argument) -> list[Frac
 
 
 def entering_claims(a: Argument) -> Iterator[Claim]:
-    """Yield the claims on a vehicle that enters the ego's target lane, lane 1, from its other side.
+    """Yield the claims on a vehicle that enters the ego's target lane, lane 1, from lane 2.
 
-    There is one for each position of the ego at which bound 3 of ``strict`` still permits this. The
-    vehicle moves at most to the centre of lane 1.
+    There is one claim for each position of the ego at which bound 3 of ``strict`` still permits the
+    vehicle to enter. The vehicle moves at most to the centre of lane 1.
     """
     for start_m in places(a):
         seen = going(start_m, 1, a.abort_decisions * a.steps, a)
@@ -146,9 +147,10 @@ def entering_claims(a: Argument) -> Iterator[Claim]:
 
 
 def entered(a: Argument, start_m: Fraction, path: list[Fraction]) -> Claim:
-    """Claim that the ego, on a path to its end, does not touch a vehicle that enters lane 1.
+    """Claim that the ego does not touch a vehicle that enters lane 1.
 
-    The vehicle begins at the start of the decision, in which the ego is at ``start_m``.
+    The ego moves along ``path``, its lateral positions after each step, to the end of the path. The
+    vehicle begins to move at the start of the decision, when the ego is at ``start_m``.
     """
     p = Problem()
     y_m, other_m = p.unknown("y", start_m, start_m), p.unknown("other_y", a.lane_m)

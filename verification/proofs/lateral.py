@@ -17,7 +17,7 @@ LINE, ON_LINE, CENTERED = exact(LINE_M), exact(ON_LINE_M), exact(ARRIVED_M)
 
 
 class Span(NamedTuple):
-    """A range of lateral positions, from its right to its left end, metres."""
+    """A range of lateral positions."""
 
     right_m: Term
     left_m: Term
@@ -31,9 +31,9 @@ def lanes_under(p: Problem, y_m: Term, a: Argument) -> tuple[Term, Term]:
 
 
 def lanes_about(p: Problem, y_m: Term, a: Argument) -> tuple[Term, Term]:
-    """Return the right and the left lane that contain a position; usually they are equal.
+    """Return the rightmost and the leftmost lane that contain a position.
 
-    They differ if the position is on the marking between two lanes.
+    The lanes differ only if the position is on the marking between two lanes.
     """
     half = z3.Q(1, 2)
     right, left = (y_m - ON_LINE) / a.lane_m, (y_m + ON_LINE) / a.lane_m
@@ -41,15 +41,16 @@ def lanes_about(p: Problem, y_m: Term, a: Argument) -> tuple[Term, Term]:
 
 
 def lies_in(y_m: Term, lane: int, a: Argument) -> Term:
-    """Return the fact that a position lies in a lane or on its marking."""
+    """Return the fact that a position lies in a lane or on one of its markings."""
     aside_m = y_m - lane * a.lane_m
     return z3.And(aside_m <= a.lane_m / 2 + ON_LINE, aside_m >= -a.lane_m / 2 - ON_LINE)
 
 
 def next_position(p: Problem, y_m: Term, end: int, sign: int, a: Argument) -> Term:
-    """Return the ego's position one decision later in a lane change right (-1) or left (1).
+    """Return the ego's lateral position one decision later in a lane change.
 
-    ``end`` is the lane in which the lane change ends.
+    ``sign`` is the direction of the lane change, left +1, right -1; ``end`` is the lane in which it
+    ends.
     """
     return y_m + sign * p.smallest([sign * (end * a.lane_m - y_m), a.stride_m + 0 * y_m])
 
@@ -57,8 +58,8 @@ def next_position(p: Problem, y_m: Term, end: int, sign: int, a: Argument) -> Te
 def corridor(p: Problem, y_m: Term, end: int, sign: int, a: Argument) -> Span:
     """Return the lateral range that the ego's body may use in a lane change.
 
-    It is the range that ``drl_av.safety.strict.corridor`` computes. The ego is at ``y_m`` and moves
-    right (-1) or left (1), by ``sign``, to the centre of the lane ``end``.
+    ``drl_av.safety.strict.corridor`` computes the same range. The ego is at ``y_m`` and moves in
+    the direction ``sign``, left +1, right -1, to the centre of the lane ``end``.
     """
     after_m = next_position(p, y_m, end, sign, a)
     lanes = [*lanes_under(p, y_m, a), *lanes_about(p, after_m, a)]
@@ -69,8 +70,8 @@ def corridor(p: Problem, y_m: Term, end: int, sign: int, a: Argument) -> Span:
 def extent(p: Problem, y_m: Term, toward: int, a: Argument) -> Span:
     """Return the lateral range that another vehicle's body may occupy.
 
-    It is the range that ``drl_av.safety.reachability.lateral_extent`` computes. ``toward`` is the
-    sign of the vehicle's lateral speed: left +1, right -1, none 0.
+    ``drl_av.safety.reachability.lateral_extent`` computes the same range. ``toward`` is the sign of
+    the vehicle's lateral speed: left +1, right -1, none 0.
     """
     lowest, highest = lanes_under(p, y_m, a)
     below, above = p.floor(y_m / a.lane_m), p.ceil(y_m / a.lane_m)

@@ -19,30 +19,30 @@ class UndecidedError(DrlAvError):
 
 
 class Claim(NamedTuple):
-    """A statement for Z3 to prove: the goal follows from what is known."""
+    """A statement for Z3 to prove: ``goal`` follows from the facts ``known``."""
 
     known: list[Term]
     goal: Term
     names: dict[str, Term]
-    """The unknowns by name, whose values a counterexample gives."""
+    """The unknown numbers by name; a counterexample gives their values."""
 
 
 class Problem:
-    """Collects unknown numbers, and facts that are known about them, for a claim."""
+    """Collects the unknown numbers of a claim, and the known facts about them."""
 
     def __init__(self) -> None:
         self._known: list[Term] = []
         self._names: dict[str, Term] = {}
 
     def unknown(self, name: str, low: Term = None, high: Term = None) -> Term:
-        """Add an unknown real number, within inclusive bounds if given, and return it."""
+        """Add an unknown real number and return it; the bounds, if given, are inclusive."""
         term = self._names[name] = z3.Real(name)
         self.assume(*([] if low is None else [term >= low]))
         self.assume(*([] if high is None else [term <= high]))
         return term
 
     def assume(self, *facts: Term) -> None:
-        """Add facts to what is known."""
+        """Add known facts."""
         self._known.extend(facts)
 
     def largest(self, terms: Sequence[Term]) -> Term:
@@ -66,7 +66,7 @@ class Problem:
         return -self.floor(-number)
 
     def follows(self, *goals: Term) -> Claim:
-        """Return the claim that all ``goals`` follow from what is known so far."""
+        """Return the claim that all ``goals`` follow from the facts added so far."""
         return Claim(list(self._known), z3.And(*goals), dict(self._names))
 
 
@@ -77,7 +77,7 @@ class Lemma(NamedTuple):
     says: str
     """The statement in one sentence."""
     claims: Callable[[Argument], Iterator[Claim]]
-    """Returns the claims that together prove the lemma for given numbers."""
+    """Function that returns the claims which together prove the lemma for given numbers."""
 
 
 Model = dict[str, Fraction]
@@ -87,7 +87,7 @@ Model = dict[str, Fraction]
 def counterexample(claim: Claim, *also: Term) -> Model | None:
     """Let Z3 search for numbers with which the known facts and ``also`` hold, but not the goal.
 
-    Returns None if there are none, so that the claim is proved.
+    Returns None if there are no such numbers; the claim is then proved.
 
     Raises:
         UndecidedError: Z3 finds neither a proof nor a counterexample in TIMEOUT_S seconds.

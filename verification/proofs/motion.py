@@ -3,7 +3,7 @@
 The distances are those that ``drl_av/safety/stopping.py`` computes.
 
 The functions work on terms of Z3, on fractions and on arrays; their argument ``largest`` is the
-function that takes the largest of such numbers. Distances are in metres, speeds in m/s.
+function that returns the largest of several such numbers. Distances are in m, speeds in m/s.
 """
 
 from collections.abc import Callable, Sequence
@@ -68,7 +68,7 @@ def speeds(
 def reach(largest: Largest, speed: Number, rate: Number, steps: int, argument: Argument) -> Number:
     """Return the distance that the ego covers until it stands, m.
 
-    It drives ``steps`` SUMO steps with the acceleration ``rate``, and then brakes hard.
+    The ego drives ``steps`` SUMO steps with the acceleration ``rate``, and then brakes hard.
     """
     after = speeds(largest, speed, rate, steps, argument)
     return sum(argument.step_s * each for each in after[1:]) + ego_stops(
@@ -82,7 +82,7 @@ def ego_stops(largest: Largest, speed: Number, argument: Argument) -> Number:
 
 
 def lead_stops(largest: Largest, speed: Number, argument: Argument) -> Number:
-    """Return the shortest distance in which bound 1 of ``strict`` lets a vehicle ahead stop, m."""
+    """Return the shortest stopping distance of a vehicle ahead by bound 1 of ``strict``, m."""
     return stopping(
         largest, speed, argument.braking_m_s2, argument.others_most_m_s, argument.step_s
     )
@@ -102,9 +102,9 @@ def may_reach(largest: Largest, gap_m: Number, speed: Number, argument: Argument
 def must_reach(
     largest: Largest, gap_m: Number, speed: Number, delay_s: Fraction, argument: Argument
 ) -> Number:
-    """Return the distance that the ego must exceed so that a vehicle behind stops behind it, m.
+    """Return the distance that the ego must exceed so that a vehicle behind can stop behind it, m.
 
-    That vehicle accelerates as hard as it can for ``delay_s`` and then brakes.
+    The vehicle behind accelerates as hard as possible for ``delay_s``, and then brakes.
     """
     faster = speed + argument.acceleration_m_s2 * delay_s
     stops_m = follower_stops(largest, faster, argument)
@@ -122,7 +122,7 @@ def cut_in_gap(
 ) -> Number:
     """Return the gap above which a vehicle may begin to cut in ahead of the ego, m.
 
-    ``other_m`` is the shortest distance in which that vehicle can come to rest.
+    ``other_m`` is the shortest distance in which this vehicle can come to rest.
     """
     rate = rate if argument.by_number else max(argument.rates_m_s2)
     rolled_m = reach(largest, speed, rate, argument.cut_in_steps, argument)

@@ -1,8 +1,8 @@
 """Bounds the effect of rounding on the distances of the check ``strict``, by interval arithmetic.
 
-The functions of ``drl_av/safety`` run on ``Rounded`` numbers instead of floats. Each is a range of
-exact numbers and a bound of the error of the float in its place. An operation of IEEE 754 has an
-error of at most ``UNIT`` times its result. All bounds are exact fractions.
+The functions of ``drl_av/safety`` run on ``Rounded`` numbers instead of floats. A Rounded number is
+a range of exact numbers, with a bound on the error of the float that stands for them. An operation
+of IEEE 754 has an error of at most ``UNIT`` times its result. All bounds are exact fractions.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ POSITION_M = Fraction(1, 10**9)
 FLOOR = Fraction(1, 10**9)
 """Largest error of a number that is rounded down."""
 PICKS = 3
-"""Largest number of results that rounding down a range may have: one, and its neighbours."""
+"""Largest number of possible results of rounding down: the exact one and its two neighbours."""
 
 
 @dataclass(frozen=True)
 class Rounded:
-    """A float that stands for an exact number in [low, high], and differs from it by an error."""
+    """A float that stands for an exact number in [low, high], with a bound on its error."""
 
     low: Fraction
     high: Fraction
     error: Fraction = Fraction(0)
     """Largest difference between the float and the exact number."""
     pick: int = 0
-    """Index of the result, among those possible, that rounding down returns."""
+    """Index of the possible result that rounding down returns."""
 
     @property
     def ends(self) -> tuple[Fraction, Fraction]:
@@ -104,7 +104,7 @@ def rounded(number: Any) -> Rounded:
 def _computed(ends: list[Fraction], error: Fraction, a: Rounded, b: Rounded) -> Rounded:
     """Return the result of an operation with its rounding error added.
 
-    ``ends`` holds the possible exact results, ``error`` the error that comes from a and b.
+    ``ends`` holds the extreme exact results; ``error`` is the error that a and b contribute.
     """
     low, high = min(ends), max(ends)
     error += UNIT * (max(abs(low), abs(high)) + error)
@@ -138,9 +138,10 @@ UFUNCS: dict[str, Callable[..., Rounded]] = {
 
 
 def slices(most: Fraction, pace: Fraction, gained: Fraction) -> Iterator[Any]:
-    """Yield ranges of speeds that together cover [0, most], each PICKS times.
+    """Yield ranges of speeds that together cover [0, most]; each range occurs PICKS times.
 
-    Within a range, (speed + gained) / pace rounds down to one number, except for rounding errors.
+    Within a range, (speed + gained) / pace rounds down to the same number, except for rounding
+    errors.
     """
     steps = range(floor((most + abs(gained)) / pace) + 2)
     ends = {k * pace - gained for k in steps} | {Fraction(0), most, most - gained, -gained}
@@ -153,8 +154,9 @@ def slices(most: Fraction, pace: Fraction, gained: Fraction) -> Iterator[Any]:
 def rounding_m(config: Config, a: Argument) -> Fraction:
     """Return the largest effect of rounding on a comparison of the check, metres.
 
-    It is the sum of the errors of both sides: the ego's reach, and how far it may or must roll. A
-    wrong rounding down selects the next linear piece, which there has almost the same value.
+    The check compares the ego's reach with the distance that the ego may or must cover; the result
+    is the sum of the errors of both. If rounding down is wrong by one, it selects the neighbouring
+    linear piece, which has almost the same value there.
     """
     strict, ego, step_s = config.strict, config.ego, config.simulation.step_length_s
     gap_m: Any = Rounded(Fraction(1, 1000), Fraction(50_000), POSITION_M)
