@@ -1,10 +1,10 @@
-"""Computes the gain over the best baseline that no driver can exceed.
+"""Computes the gain over the best rule-based driver that no driver can exceed.
 
     python tools/bound_speeds.py
 
 The bound on the mean speed is that of an ego which accelerates at ``ego.accelerate_m_s2`` to
 ``ego.max_speed_m_s`` on an empty road, in the episodes of ``docs/results/density_sweep.csv``. The
-gain of this bound over the best baseline is paired by episode.
+gain of this bound over the best of the table's rule-based drivers is paired by episode.
 """
 
 import argparse
@@ -17,7 +17,7 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.evaluation.paired import Speed, paired
-from drl_av.experiments.density_sweep import BASELINES, TABLE
+from drl_av.experiments.density_sweep import OPPONENTS, TABLE
 from drl_av.experiments.provenance import made_by
 from drl_av.files import read_rows
 
@@ -35,16 +35,16 @@ def main() -> None:
     episodes = [
         episode
         for episode in read_rows(RESULTS / TABLE, Speed)
-        if episode.vehicles in VEHICLES and episode.driver in BASELINES
+        if episode.vehicles in VEHICLES and episode.driver in OPPONENTS
     ]
     with closing(HighwayEnv(config=Config())) as env:
         bounds = [
             episode._replace(driver=BOUND, mean_speed_m_s=fastest_m_s(env, episode))
             for episode in episodes
-            if episode.driver == BASELINES[0]
+            if episode.driver == OPPONENTS[0]
         ]
     print(f"{'vehicles':>8}{'best by rule':>16}{'most to gain, m/s':>24}")
-    for gain in paired([*episodes, *bounds], BOUND, BASELINES):
+    for gain in paired([*episodes, *bounds], BOUND, OPPONENTS):
         if gain.best:
             mean, half_width = gain.difference_m_s
             most = f"{mean:.4f} ± {half_width:.4f}"

@@ -26,13 +26,13 @@ def figures(options: argparse.Namespace) -> int:
     Returns the exit status 0.
     """
     from drl_av.experiments.canvas import save_figure
-    from drl_av.experiments.density_sweep import speed_figure
     from drl_av.experiments.experiment import draw_results
     from drl_av.experiments.figures import (
         EPISODE_COLUMNS,
         learning_figure,
         profile_figure,
         reward_figure,
+        speed_figure,
     )
     from drl_av.experiments.lane_change_figure import lane_change_figure
     from drl_av.experiments.registry import EXPERIMENTS

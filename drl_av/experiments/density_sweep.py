@@ -1,25 +1,24 @@
 """The experiment ``density_sweep``: mean speed against the number of vehicles.
 
-It corresponds to Fig. 8 of the paper, and goes on to densities at which the drivers are equally
-fast.
+It corresponds to Fig. 8 of the paper, and goes on to densities at which the shipped driver and the
+paper's baselines are equally fast. Stronger opponents (ours) drive the same traffic.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
-from itertools import cycle
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from drl_av.config import Config
 from drl_av.drivers.registry import default_config, find_drivers
-from drl_av.errors import DrlAvError, counted
+from drl_av.errors import counted
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.paired import Paired, Speed, paired
-from drl_av.evaluation.statistics import Mean, mean_with_interval
-from drl_av.experiments.canvas import legend_of_names, one_panel
+from drl_av.evaluation.statistics import Mean, mean_difference
+from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.figures import curves_by_density, speed_figure
 from drl_av.experiments.markdown import (
     PAPER_VEHICLES,
     by_density,
@@ -38,41 +37,42 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DRIVER, BASELINES = "pretrained", ("idm", "idm-mobil", "idm-sumo")
+"""The shipped driver, and the drivers that follow by the paper's IDM rule."""
 DRIVERS = (DRIVER, *BASELINES)
-MOST_DRIVERS = 50
-"""Largest number of drivers in the figure."""
+GAP_RULES = ("gap-mobil", "gap-mobil-1.3")
+STRONGER = (*GAP_RULES, "sumo", "sumo-tuned")
+"""Stronger rule-based opponents (ours)."""
+OPPONENTS = (*BASELINES, *STRONGER)
+SWEPT = (DRIVER, *OPPONENTS)
+"""All drivers of the table, in the order of its rows."""
 STEP = 5
 """Increase of the number of vehicles from one density to the next, beyond DENSITIES."""
-STYLES = {
-    "pretrained": ("#d55e00", "o"),
-    "idm": ("#000000", "s"),
-    "idm-mobil": ("#009e73", "v"),
-    "idm-sumo": ("#0072b2", "^"),
-    "random": ("#999999", "x"),
-}
-"""Colour and marker of each driver's curve; colour-blind readers can distinguish them."""
-OTHER_COLORS = ("#e69f00", "#cc79a7", "#56b4e9", "#f0e442")
-BESIDE = 0.15
-"""Horizontal offset between two drivers' markers, in vehicles, so that error bars stay apart."""
+UNDER_ACC = ("idm-mobil", "idm-sumo")
+"""Baselines that the tables also show under adaptive cruise control, from ``reference_acc.csv``."""
 
 
 def sweep_plan(options: ReproduceOptions) -> Plan:
     """Plan to evaluate all drivers at the published densities, then at higher and higher ones.
 
     The sweep stops when the learned driver's mean speed is not significantly above that of the best
-    baseline (95 %), or when no more vehicles fit on the road.
+    of ``BASELINES`` (95 %), or when no more vehicles fit on the road. A cell holds one driver.
     """
     config = options.laid_over(default_config(find_drivers(DRIVERS)))
 
-    def cell(vehicles: int) -> Drives:
-        return Drives(config, DRIVERS, vehicles, options.drives)
+    def cell(vehicles: int, driver: str) -> Drives:
+        named = (("driver", driver),)
+        return Drives(config, (driver,), vehicles, options.drives, named=named)
 
     def next_cell(rows: list[Row], last: Cell) -> Drives | None:
-        vehicles = int(last.key["vehicles"]) + STEP
-        significant = all(gain.lower_m_s > 0 for gain in gains_of(rows, last) if gain.best)
-        return cell(vehicles) if significant and vehicles <= _capacity(config) else None
+        vehicles, place = int(last.key["vehicles"]), SWEPT.index(last.key["driver"]) + 1
+        if place < len(SWEPT):
+            return cell(vehicles, SWEPT[place])
+        gains = gains_of(rows, last, BASELINES)
+        significant = all(gain.lower_m_s > 0 for gain in gains if gain.best)
+        more = significant and vehicles + STEP <= _capacity(config)
+        return cell(vehicles + STEP, DRIVER) if more else None
 
-    cells = [cell(vehicles) for vehicles in DENSITIES]
+    cells = [cell(vehicles, driver) for vehicles in DENSITIES for driver in SWEPT]
     return Plan(driven_with(config, DRIVERS), [cells], _place, next_cell, _line)
 
 
@@ -84,27 +84,39 @@ def _capacity(config: Config) -> int:
 
 
 def _place(row: Row) -> tuple[int, int, int]:
-    return int(row["vehicles"]), int(row["seed"]), DRIVERS.index(row["driver"])
+    return int(row["vehicles"]), int(row["seed"]), SWEPT.index(row["driver"])
 
 
-def gains_of(rows: Iterable[Row], cell: Cell) -> list[Paired]:
-    """Compute the learned driver's gain over each baseline at the cell's number of vehicles."""
+def gains_of(rows: Iterable[Row], cell: Cell, opponents: Sequence[str]) -> list[Paired]:
+    """Compute the learned driver's gain over each opponent at the cell's number of vehicles."""
     own = [row for row in rows if row["vehicles"] == cell.key["vehicles"]]
-    return paired(map(speed_of, own), DRIVER, BASELINES)
+    return paired(map(speed_of, own), DRIVER, opponents)
 
 
 def _line(rows: list[Row], cell: Cell) -> str:
-    gains = gains_of(rows, cell)
+    if cell.key["driver"] != SWEPT[-1]:
+        return ""
+    gains = gains_of(rows, cell, OPPONENTS)
     cells = [f"{g.difference_m_s} over {g.baseline}{' (best)' if g.best else ''}" for g in gains]
     return f"{counted(gains[0].vehicles, 'vehicle')}: {DRIVER} gains {', '.join(cells)}, m/s"
 
 
 def paired_rows(rows: Iterable[Row]) -> list[Row]:
-    """Compute ``paired.csv``, the learned driver's gain over each baseline at each density.
+    """Compute ``paired.csv``, the learned driver's gain over each opponent at each density.
+
+    An opponent that has not yet driven as many episodes of a density is left out there.
 
     Raises ValueError or LookupError if a row is damaged.
     """
-    return [gain.row() for gain in paired(map(speed_of, rows), DRIVER, BASELINES)]
+    densities: dict[int, list[Speed]] = {}
+    for row in rows:
+        densities.setdefault(int(row["vehicles"]), []).append(speed_of(row))
+    gains: list[Paired] = []
+    for episodes in densities.values():
+        driven = Counter(episode.driver for episode in episodes)
+        complete = [name for name in OPPONENTS if driven[name] == driven[DRIVER]]
+        gains += paired(episodes, DRIVER, complete)
+    return [gain.row() for gain in gains]
 
 
 def speed_of(row: Row) -> Speed:
@@ -113,14 +125,23 @@ def speed_of(row: Row) -> Speed:
     return Speed(row["driver"], int(vehicles), int(seed), float(speed_m_s))
 
 
+def rows_with_acc(results: Results) -> list[Row]:
+    """Read the rows of the sweep, then those of ``UNDER_ACC`` under adaptive cruise control.
+
+    The latter name their driver "idm-mobil, acc".
+    """
+    acc = [row for row in results.rows("reference_acc.csv") if row["driver"] in UNDER_ACC]
+    return results.rows(TABLE) + [row | {"driver": f"{row['driver']}, acc"} for row in acc]
+
+
 def speed_table(results: Results) -> str:
     """Return the Markdown table of each driver's mean speed at each density, m/s."""
-    return by_density(results.rows(TABLE), "driver", mean_speed)
+    return by_density(rows_with_acc(results), "driver", mean_speed)
 
 
 def collision_table(results: Results) -> str:
     """Return the Markdown table of the episodes in which the ego hit something / was hit."""
-    return by_density(results.rows(TABLE), "driver", collisions_cell)
+    return by_density(rows_with_acc(results), "driver", collisions_cell)
 
 
 def driving_table(results: Results) -> str:
@@ -149,66 +170,61 @@ def driving_table(results: Results) -> str:
     return markdown_table(names, lines)
 
 
+def gains_over_all(rows: Iterable[Row]) -> dict[str, Mean]:
+    """Compute the shipped driver's mean gain over each other driver in these rows, m/s.
+
+    The gains are paired by traffic. Raises DrlAvError if a driver did not drive the same traffic.
+    """
+    found: dict[str, dict[tuple[str, str], float]] = {}
+    for row in rows:
+        own = found.setdefault(row["driver"], {})
+        own[row["vehicles"], row["seed"]] = float(row["mean_speed_m_s"])
+    ours = found.pop(DRIVER)
+    return {
+        name: mean_difference(ours, theirs, f"{DRIVER} and {name}")
+        for name, theirs in found.items()
+    }
+
+
 def gain_table(results: Results) -> str:
-    """Return the Markdown table of the shipped driver's gain over each baseline, m/s.
+    """Return the Markdown table of the shipped driver's gain over each opponent, m/s.
 
-    The gain over the fastest baseline of each density is bold.
+    The smallest gain of each density, over the fastest opponent, is bold; a cell is empty if the
+    opponent has not driven there. The last column is over all densities up to 30 vehicles.
     """
-    rows = results.rows("paired.csv")
-    lines = [
-        [f"over `{baseline}`", *(_gain(row) for row in rows if row["baseline"] == baseline)]
-        for baseline in dict.fromkeys(row["baseline"] for row in rows)
-    ]
-    return markdown_table(["vehicles", *map(str, densities_of(rows))], lines)
+    rows = rows_with_acc(results)
+    densities = densities_of(rows)
+    columns = [[row for row in rows if int(row["vehicles"]) == density] for density in densities]
+    columns.append([row for row in rows if int(row["vehicles"]) <= PAPER_VEHICLES])
+    gains = [gains_over_all(column) for column in columns]
+    lines = [[f"over `{name}`", *(_gain(name, each) for each in gains)] for name in gains[0]]
+    return markdown_table(["vehicles", *map(str, densities), f"up to {PAPER_VEHICLES}"], lines)
 
 
-def _gain(row: Row) -> str:
-    gain = str(Mean(float(row["difference_m_s"]), float(row["ci95_half_width_m_s"])))
-    return f"**{gain}**" if row["best"] == "True" else gain
+def _gain(name: str, gains: Mapping[str, Mean]) -> str:
+    if name not in gains:
+        return ""
+    best = name == min(gains, key=lambda other: gains[other].value)
+    return f"**{gains[name]}**" if best else str(gains[name])
 
 
-def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
-    """Draw mean speed against the number of vehicles, with 95 % intervals (Fig. 8 of the paper).
-
-    There is one curve for each driver. The rows need at least the columns ``driver``, ``vehicles``
-    and ``mean_speed_m_s``.
-
-    Raises:
-        DrlAvError: there are more than ``MOST_DRIVERS`` drivers.
-    """
-    figure, axes = one_panel("vehicles on the loop", "mean speed of the ego, m/s")
-    drivers = list(dict.fromkeys(row["driver"] for row in rows))
-    if len(drivers) > MOST_DRIVERS:
-        raise DrlAvError(
-            f"The tables hold {len(drivers)} drivers, but a figure shows at most {MOST_DRIVERS}: "
-            "draw some of them."
-        )
-    other_colors, curves = cycle(OTHER_COLORS), {}
-    for place, driver in enumerate(drivers):
-        speeds: dict[int, list[float]] = {}
-        for row in rows:
-            if row["driver"] == driver:
-                speeds.setdefault(int(row["vehicles"]), []).append(float(row["mean_speed_m_s"]))
-        means = {number: mean_with_interval(speeds[number]) for number in sorted(speeds)}
-        color, mark = STYLES[driver] if driver in STYLES else (next(other_colors), "D")
-        aside = BESIDE * (place - (len(drivers) - 1) / 2)
-        curves[driver] = axes.errorbar(
-            [number + aside for number in means],
-            [mean.value for mean in means.values()],
-            yerr=[m.half_width if np.isfinite(m.half_width) else 0.0 for m in means.values()],
-            color=color,
-            marker=mark,
-            capsize=3,
-        )
-        curves[driver].set_label(driver)
-    legend_of_names(axes, curves)
+def gain_figure(rows: Sequence[Row]) -> "Figure":
+    """Draw the shipped driver's gain over each opponent, with 95 % intervals, by density."""
+    figure, axes = one_panel("vehicles on the loop", f"gain of {DRIVER} over each opponent, m/s")
+    axes.axhline(0.0, color="#999999", linewidth=1)
+    gains: dict[str, dict[int, Mean]] = {}
+    for density in densities_of(rows):
+        column = [row for row in rows if int(row["vehicles"]) == density]
+        for name, gain in gains_over_all(column).items():
+            gains.setdefault(name, {})[density] = gain
+    curves_by_density(axes, gains)
     return figure
 
 
 DENSITY_SWEEP = Experiment(
     name="density_sweep",
-    meaning="mean speed against the number of vehicles, up to where the drivers meet",
-    row="an episode of the shipped driver or of a baseline, under the check paper",
+    meaning="mean speed against the number of vehicles, up to where the baselines catch up",
+    row="an episode of the shipped driver under the check paper, or of an opponent",
     plan=sweep_plan,
     derived={"paired.csv": paired_rows},
     summaries={
@@ -217,6 +233,6 @@ DENSITY_SWEEP = Experiment(
         "driving": driving_table,
         "collisions": collision_table,
     },
-    figures={"mean_speed": speed_figure},
+    figures={"mean_speed": speed_figure, "gain": gain_figure},
 )
 TABLE = DENSITY_SWEEP.table

@@ -1,6 +1,7 @@
-"""Draws the reward functions of a config, the learning curves of runs, and speed profiles."""
+"""Draws the reward functions of a config, learning curves, speeds and speed profiles."""
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,17 +9,37 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.env.reward import gap_reward, lateral_reward, safe_gap, speed_reward
+from drl_av.errors import DrlAvError
 from drl_av.evaluation.aggregates import performance_profile
+from drl_av.evaluation.statistics import Mean, mean_with_interval
 from drl_av.experiments.canvas import legend_of_names, one_panel, panels
 from drl_av.files import PlainNumber, read_table
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 EPISODE_COLUMNS = {"driver": str, "vehicles": PlainNumber, "mean_speed_m_s": PlainNumber}
 EVALUATION_COLUMNS = {"episode": PlainNumber, "mean_reward": PlainNumber}
 SMOOTHED_OVER = 20
 """Number of training episodes in the moving mean of a learning curve."""
+MOST_DRIVERS = 50
+"""Largest number of drivers in ``speed_figure``."""
+STYLES = {
+    "pretrained": ("#d55e00", "o"),
+    "idm": ("#000000", "s"),
+    "idm-mobil": ("#009e73", "v"),
+    "idm-sumo": ("#0072b2", "^"),
+    "gap-mobil": ("#cc79a7", "D"),
+    "gap-mobil-1.3": ("#882255", "d"),
+    "sumo": ("#56b4e9", "<"),
+    "sumo-tuned": ("#332288", ">"),
+    "random": ("#999999", "x"),
+}
+"""Colour and marker of each driver's curve; colour-blind readers can distinguish them."""
+OTHER_COLORS = ("#e69f00", "#f0e442", "#999933", "#aa4499")
+BESIDE = 0.15
+"""Horizontal offset between two drivers' markers, in vehicles, so that error bars stay apart."""
 
 
 def learning_figure(runs: Sequence[Path]) -> "Figure":
@@ -88,3 +109,54 @@ def profile_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
         [curves[driver]] = axes.step(thresholds, profile, where="post")
     legend_of_names(axes, curves)
     return figure
+
+
+def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
+    """Draw mean speed against the number of vehicles, with 95 % intervals (Fig. 8 of the paper).
+
+    There is one curve for each driver. The rows need at least the columns ``driver``, ``vehicles``
+    and ``mean_speed_m_s``.
+
+    Raises:
+        DrlAvError: there are more than ``MOST_DRIVERS`` drivers.
+    """
+    drivers = list(dict.fromkeys(row["driver"] for row in rows))
+    if len(drivers) > MOST_DRIVERS:
+        raise DrlAvError(
+            f"The tables hold {len(drivers)} drivers, but a figure shows at most {MOST_DRIVERS}: "
+            "draw some of them."
+        )
+    means = {}
+    for driver in drivers:
+        speeds: dict[int, list[float]] = {}
+        for row in rows:
+            if row["driver"] == driver:
+                speeds.setdefault(int(row["vehicles"]), []).append(float(row["mean_speed_m_s"]))
+        means[driver] = {number: mean_with_interval(own) for number, own in sorted(speeds.items())}
+    figure, axes = one_panel("vehicles on the loop", "mean speed of the ego, m/s")
+    curves_by_density(axes, means)
+    return figure
+
+
+def curves_by_density(axes: "Axes", means: Mapping[str, Mapping[int, Mean]]) -> None:
+    """Draw a curve for each driver with its 95 % intervals, and a legend of the drivers.
+
+    ``means`` holds the values by driver and by number of vehicles; an infinite interval is left
+    out.
+    """
+    other_colors, curves = cycle(OTHER_COLORS), {}
+    for place, (driver, own) in enumerate(means.items()):
+        color, mark = STYLES[driver] if driver in STYLES else (next(other_colors), "D")
+        aside = BESIDE * (place - (len(means) - 1) / 2)
+        curves[driver] = axes.errorbar(
+            [number + aside for number in own],
+            [mean.value for mean in own.values()],
+            yerr=[m.half_width if np.isfinite(m.half_width) else 0.0 for m in own.values()],
+            color=color,
+            marker=mark,
+            markersize=4,
+            linewidth=1.2,
+            capsize=2,
+        )
+        curves[driver].set_label(driver)
+    legend_of_names(axes, curves)

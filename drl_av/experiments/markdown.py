@@ -20,18 +20,14 @@ def by_density(rows: Sequence[Row], column: str, cell: Callable[[list[Row]], str
     """Return a Markdown table: a row for each value of ``column``, a column for each density.
 
     ``cell`` computes the text of a cell from the rows with its value and its number of vehicles.
+    Without such rows the cell is empty.
     """
     densities = densities_of(rows)
-    lines = [
-        [
-            f"`{value}`",
-            *(
-                cell([r for r in rows if r[column] == value and int(r["vehicles"]) == density])
-                for density in densities
-            ),
-        ]
-        for value in dict.fromkeys(row[column] for row in rows)
-    ]
+    lines = []
+    for value in dict.fromkeys(row[column] for row in rows):
+        own = [row for row in rows if row[column] == value]
+        found = [[row for row in own if int(row["vehicles"]) == density] for density in densities]
+        lines.append([f"`{value}`", *(cell(each) if each else "" for each in found)])
     return markdown_table(["vehicles", *map(str, densities)], lines)
 
 

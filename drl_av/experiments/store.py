@@ -118,12 +118,16 @@ class ResultStore:
         self.save_derived()
 
     def save_derived(self) -> None:
-        """Write the tables that derive from this one; raises DrlAvError if that fails."""
+        """Write the tables that derive from this one, unless they have no rows yet.
+
+        Raises DrlAvError if that fails.
+        """
         if self.rows:
             with report_corrupt_table(self.path):
                 derived = self._derive()
             for path, rows in derived.items():
-                write_table(path, rows[0], rows)
+                if rows:
+                    write_table(path, rows[0], rows)
 
     def _derive(self) -> dict[Path, list[Row]]:
         return {path: derive(self.rows) for path, derive in self._derived.items()}

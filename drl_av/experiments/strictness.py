@@ -20,7 +20,6 @@ from drl_av.experiments.markdown import (
     densities_of,
     markdown_table,
     mean_of,
-    mean_speed,
 )
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
@@ -118,21 +117,26 @@ def strict_table(results: Results) -> str:
 def summary_table(results: Results) -> str:
     """Return the Markdown table of each driver's results over all densities up to 30 vehicles.
 
-    The shipped driver has a second row, under ``strict``.
+    The shipped driver has a second row, under ``strict``. The gain is that of the shipped driver
+    under ``paper`` over the driver of the row, paired by traffic.
     """
-    driven: dict[tuple[str, str], list[Row]] = {}
-    for row in results.rows(density_sweep.TABLE):
+    strict = [row for row in results.rows("strict.csv") if row["check"] == "strict"]
+    strict = [row | {"driver": f"{DRIVER}, strict"} for row in strict if not row["bound"]]
+    driven: dict[str, list[Row]] = {DRIVER: [], f"{DRIVER}, strict": strict}
+    for row in density_sweep.rows_with_acc(results):
         if int(row["vehicles"]) <= PAPER_VEHICLES:
-            driven.setdefault((row["driver"], row["safety_check"]), []).append(row)
-    strict = [row for row in results.rows("strict.csv") if not row["bound"]]
-    driven[DRIVER, "strict"] = [row for row in strict if row["check"] == "strict"]
-    lines = []
-    for (driver, check), rows in sorted(driven.items(), key=lambda of: of[0][0] != DRIVER):
-        known = "mean_reward" in rows[0]
-        reward = f"{mean_of(rows, 'mean_reward'):.3f}" if known else "not recorded"
-        hits = f"{count(rows, 'ego_hit')} of {len(rows)}"
-        lines.append([f"`{driver}`", f"`{check}`", mean_speed(rows), reward, hits])
-    names = ("driver", "safety check", "mean speed, m/s", "reward per decision", "ego hit")
+            driven.setdefault(row["driver"], []).append(row)
+    gains = density_sweep.gains_over_all(row for rows in driven.values() for row in rows)
+    lines = [
+        [
+            f"`{name}`",
+            f"{mean_of(rows, 'mean_speed_m_s'):.2f}",
+            str(gains.get(name, "")),
+            f"{count(rows, 'ego_hit')}/{len(rows)}",
+        ]
+        for name, rows in driven.items()
+    ]
+    names = ("driver", "mean speed, m/s", f"gain of `{DRIVER}`, m/s", "ego hit")
     return markdown_table(names, lines)
 
 

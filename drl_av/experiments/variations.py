@@ -9,7 +9,7 @@ from drl_av.evaluation import DENSITIES
 from drl_av.experiments import density_sweep
 from drl_av.experiments.barricade import SCENARIO, TRAINED_VEHICLES
 from drl_av.experiments.cells import Drives, driven_with
-from drl_av.experiments.density_sweep import DRIVER, DRIVERS
+from drl_av.experiments.density_sweep import DRIVER, DRIVERS, GAP_RULES
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import (
     PAPER_VEHICLES,
@@ -83,7 +83,7 @@ def reference_table(results: Results) -> str:
         "`acc` as reference": results.rows(REFERENCE_ACC.table),
     }
     lines = []
-    for driver in DRIVERS:
+    for driver in (*DRIVERS, *GAP_RULES):
         for settings, rows in tables.items():
             own = [row for row in rows if row["driver"] == driver]
             own = [row for row in own if int(row["vehicles"]) <= PAPER_VEHICLES]

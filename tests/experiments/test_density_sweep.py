@@ -11,9 +11,10 @@ from drl_av.errors import DrlAvError
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.paired import Paired
 from drl_av.experiments import cells, density_sweep
-from drl_av.experiments.density_sweep import DENSITY_SWEEP
+from drl_av.experiments.density_sweep import DENSITY_SWEEP, STRONGER, paired_rows, sweep_plan
 from drl_av.experiments.experiment import Results, reproduce
 from drl_av.experiments.options import Progress, ReproduceOptions
+from drl_av.files import Row
 
 SETTINGS = """
 [simulation]
@@ -52,9 +53,9 @@ def test_continues_to_a_full_road_while_the_gain_is_significant(
     steps = sweep(options)
     assert densities(options) == densities(options, "paired.csv") == ["1", "30", "35", "40"]
     rows = Results(options.out).rows("density_sweep.csv")
-    assert len({(r["driver"], r["vehicles"], r["seed"]) for r in rows}) == len(rows) == 4 * 4 * 2
+    assert len({(r["driver"], r["vehicles"], r["seed"]) for r in rows}) == len(rows) == 4 * 8 * 2
     [*_, last] = [step for step in steps if "gains" in step.line]
-    assert (last.done, last.total) == (32, 32)
+    assert (last.done, last.total) == (64, 64)
     assert "40 vehicles: pretrained gains" in last.line
     assert (options.out / "mean_speed.png").exists()
 
@@ -76,10 +77,64 @@ def test_stops_where_the_drivers_meet_and_drives_nothing_twice(
     sweep(options)
     assert not counts
     sweep(options._replace(drives=3))
-    assert counts == [4, 4]  # four drivers on the third seed
+    assert counts == [1] * 16  # eight drivers on the third seed, among 1 and 30 vehicles
     sweep(options)  # fewer are there already
-    assert counts == [4, 4]
+    assert counts == [1] * 16
     assert json.loads((options.out / "density_sweep.json").read_text())["seeds"] == "0 to 2"
+
+
+def test_a_table_without_the_stronger_opponents_gets_their_rows_alone(
+    options: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drivers_gain(monkeypatch, 0.0)
+    sweep(options)
+    table = options.out / "density_sweep.csv"
+    whole = table.read_bytes()
+    heading, *rows = whole.decode().splitlines(keepends=True)
+    older = [row for row in rows if row.startswith(("pretrained", "idm"))]
+    assert len(older) == 4 * 2 * 2
+    table.write_text("".join([heading, *older]))
+    assert [step.done for step in sweep(options) if step.label] == [*range(1, 17)]
+    assert table.read_bytes() == whole
+
+
+def speeds(**drivers: tuple[float, ...]) -> list[Row]:
+    """The episodes of these drivers among 30 vehicles; the place of a speed is its seed."""
+    return [
+        {"driver": name.replace("_", "-"), "vehicles": "30", "seed": str(seed)}
+        | {"mean_speed_m_s": str(speed)}
+        for name, own in drivers.items()
+        for seed, speed in enumerate(own)
+    ]
+
+
+def test_the_sweep_stops_by_the_baselines_of_the_paper_alone(options: ReproduceOptions) -> None:
+    plan = sweep_plan(options)
+    last = plan.stages[0][-1]
+    assert last.key == {"driver": "sumo-tuned", "vehicles": "30"}
+    rows = speeds(
+        pretrained=(20.0, 21.0, 22.0),
+        idm=(18.0, 19.1, 20.0),
+        idm_mobil=(19.0, 20.1, 21.0),
+        idm_sumo=(18.0, 19.1, 20.0),
+    )
+    rows += [row | {"driver": name} for name in STRONGER for row in speeds(any=(29.0,) * 3)]
+    following = plan.next_cell(rows, last)  # 1 m/s over idm-mobil, though 8 below gap-mobil
+    assert following is not None
+    assert following.key == {"driver": "pretrained", "vehicles": "35"}
+    equal = [row | {"mean_speed_m_s": "20"} for row in rows]
+    assert plan.next_cell(equal, last) is None
+
+
+def test_an_opponent_is_compared_once_it_has_driven_as_many_episodes() -> None:
+    rows = speeds(pretrained=(20.0, 22.0), idm=(19.0, 20.0), gap_mobil=(25.0,), sumo=(20.0, 23.0))
+    found = paired_rows(rows)
+    # gains of 1 and 2 over idm; of 0 and -1 over sumo, which is the fastest that has driven both
+    assert [(row["baseline"], row["best"], row["difference_m_s"]) for row in found] == [
+        ("idm", "False", "1.5"),
+        ("sumo", "True", "-0.5"),
+    ]
+    assert paired_rows(speeds(pretrained=(20.0, 22.0))) == []
 
 
 def test_episodes_of_another_policy_are_not_mixed(

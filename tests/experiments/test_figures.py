@@ -12,9 +12,13 @@ from drl_av.experiments import experiment
 from drl_av.experiments.adaptation import adaptation_figure, moving_average
 from drl_av.experiments.canvas import save_figure
 from drl_av.experiments.curves import check_figure, replay_figure
-from drl_av.experiments.density_sweep import speed_figure
 from drl_av.experiments.experiment import draw_results
-from drl_av.experiments.figures import learning_figure, profile_figure, reward_figure
+from drl_av.experiments.figures import (
+    learning_figure,
+    profile_figure,
+    reward_figure,
+    speed_figure,
+)
 from drl_av.experiments.registry import EXPERIMENTS
 from drl_av.files import Row
 

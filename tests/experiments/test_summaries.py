@@ -5,17 +5,21 @@ from pathlib import Path
 
 import pytest
 
+from drl_av.errors import DrlAvError
 from drl_av.experiments.adaptation import adaptation_table
 from drl_av.experiments.curves import cost_table
 from drl_av.experiments.density_sweep import (
     collision_table,
     driving_table,
+    gain_figure,
     gain_table,
+    gains_over_all,
     speed_table,
 )
 from drl_av.experiments.experiment import Results
 from drl_av.experiments.fast import fast_table
 from drl_av.experiments.final_policies import final_table
+from drl_av.experiments.strictness import summary_table
 
 
 def results(folder: Path, **tables: str) -> Results:
@@ -61,16 +65,72 @@ def test_the_driving_of_the_shipped_driver_is_summed_up_to_30_vehicles(tmp_path:
     ]
 
 
-def test_the_gain_over_the_best_baseline_is_bold(tmp_path: Path) -> None:
+SWEPT = """driver,vehicles,seed,mean_speed_m_s,ego_hit
+    pretrained,5,0,25,False pretrained,5,1,27,False pretrained,35,0,15,False pretrained,35,1,17,True
+    idm-mobil,5,0,20,True idm-mobil,5,1,20,True idm-mobil,35,0,18,False idm-mobil,35,1,19,False
+    gap-mobil,5,0,26,False gap-mobil,5,1,28,False gap-mobil,35,0,14,True gap-mobil,35,1,16,False"""
+"""Speeds of three drivers on two seeds, among 5 and among 35 vehicles."""
+ACC = """driver,vehicles,seed,mean_speed_m_s,ego_hit
+    pretrained,5,0,1,True idm,5,0,1,True
+    idm-mobil,5,0,23,False idm-mobil,5,1,25,False"""
+"""Speeds under adaptive cruise control; those of ``pretrained`` and ``idm`` are not shown."""
+
+
+def test_the_gain_over_the_fastest_opponent_is_bold(tmp_path: Path) -> None:
+    found = results(tmp_path, density_sweep=SWEPT, reference_acc=ACC)
+    # differences 5 and 7: standard error 1, t(0.975, 1) = 12.706; up to 30 are the 5 alone
+    assert body(gain_table(found)) == [
+        "over `idm-mobil` | 6.00 ± 12.71 | **-2.50 ± 6.35** | 6.00 ± 12.71",
+        "over `gap-mobil` | **-1.00 ± 0.00** | 1.00 ± 0.00 | **-1.00 ± 0.00**",
+        "over `idm-mobil, acc` | 2.00 ± 0.00 |  | 2.00 ± 0.00",
+    ]
+    assert speed_table(found).splitlines()[-1] == "| `idm-mobil, acc` | 24.00 ± 12.71 |  |"
+
+
+def test_the_summary_has_the_shipped_driver_under_both_checks_beside_all_opponents(
+    tmp_path: Path,
+) -> None:
     found = results(
         tmp_path,
-        paired="""vehicles,baseline,best,difference_m_s,ci95_half_width_m_s
-        5,idm,False,3,0.5 5,idm-mobil,True,1,0.25 10,idm,True,2,0.5 10,idm-mobil,False,4,0.5""",
+        density_sweep=SWEPT,
+        reference_acc=ACC,
+        strict="""check,bound,driver,vehicles,seed,mean_speed_m_s,ego_hit
+        strict,,pretrained,5,0,24,False strict,,pretrained,5,1,26,True
+        paper,,pretrained,5,0,9,True strict,clearance_m,pretrained,5,0,9,True""",
     )
-    assert body(gain_table(found)) == [
-        "over `idm` | 3.00 ± 0.50 | **2.00 ± 0.50**",
-        "over `idm-mobil` | **1.00 ± 0.25** | 4.00 ± 0.50",
+    assert body(summary_table(found)) == [
+        "`pretrained` | 26.00 |  | 0/2",
+        "`pretrained, strict` | 25.00 | 1.00 ± 0.00 | 1/2",
+        "`idm-mobil` | 20.00 | 6.00 ± 12.71 | 2/2",
+        "`gap-mobil` | 27.00 | -1.00 ± 0.00 | 0/2",
+        "`idm-mobil, acc` | 24.00 | 2.00 ± 0.00 | 0/2",
     ]
+
+
+def test_the_figure_of_gains_has_a_curve_for_each_opponent() -> None:
+    names, *lines = (line.split(",") for line in SWEPT.split())
+    rows = [dict(zip(names, line, strict=True)) for line in lines]
+    [axes] = gain_figure(rows).axes
+    curves = {c.get_label(): c.lines[0].get_ydata().tolist() for c in axes.containers}
+    assert curves == {"idm-mobil": [6.0, -2.5], "gap-mobil": [-1.0, 1.0]}
+
+
+def test_a_seed_among_more_vehicles_is_other_traffic() -> None:
+    rows = [
+        {"driver": driver, "vehicles": vehicles, "seed": "0", "mean_speed_m_s": speed}
+        for driver, speeds in (("pretrained", ("30", "20")), ("idm", ("29", "17")))
+        for vehicles, speed in zip(("5", "10"), speeds, strict=True)
+    ]
+    assert gains_over_all(rows)["idm"].value == 2.0
+
+
+def test_a_driver_of_other_traffic_is_not_compared() -> None:
+    rows = [
+        {"driver": driver, "vehicles": "5", "seed": seed, "mean_speed_m_s": "20"}
+        for driver, seed in (("pretrained", "0"), ("idm", "1"))
+    ]
+    with pytest.raises(DrlAvError, match="pretrained and idm did not drive the same traffic"):
+        gains_over_all(rows)
 
 
 def test_the_cost_is_that_of_the_longest_trainings_alone(tmp_path: Path) -> None:
