@@ -41,7 +41,7 @@ def read_layout(network: ET.Element, description: ScenarioDescription, name: str
 
 
 def additional(description: ScenarioDescription) -> dict[str, ET.Element]:
-    """Return the file that draws the barricaded lanes, by file name; empty without such lanes."""
+    """Return the root element of the file that draws barricaded lanes, by file name, if any."""
     return {BARRICADES_FILE: _barricades(description)} if description.barricaded_lanes else {}
 
 
@@ -78,7 +78,7 @@ def _polygon(root: ET.Element, name: str, color: str, layer: str, shape: str) ->
 
 
 def demo_vehicles(description: ScenarioDescription) -> tuple[PlacedVehicle, ...]:
-    """Return the vehicles that the scenario places, or demo vehicles evenly over its open lanes."""
+    """Return the vehicles that the scenario places, or else evenly spaced demo vehicles."""
     if description.vehicles:
         return description.vehicles
     lanes = [lane for lane, is_open in enumerate(description.open_lanes) if is_open]

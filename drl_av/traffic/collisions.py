@@ -52,8 +52,9 @@ def first_contact(
     """Return the first contact of two bodies in a SUMO step, or None if they do not touch.
 
     ``length_m`` and ``width_m`` are the means of the two bodies' lengths and widths. If the bodies
-    begin to overlap along the road after they overlap across it, the faster body hits the other
-    one. Otherwise the ego hits the other body if it moves towards it sideways, else it is hit.
+    already overlap sideways when they begin to overlap along the road, the faster body hits the
+    slower one from behind. Otherwise they touch side by side: the ego hits the other body if the
+    ego moves sideways towards it, and is hit if it does not.
     """
     left_m, moved_m = other[1] - ego[1], other[3] - ego[3]
     if _stays_apart(left_m, moved_m, width_m):
@@ -80,9 +81,9 @@ def first_contact(
 
 
 def _stays_apart(distance_m: float, moved_m: float, size_m: float) -> bool:
-    """Return whether a signed distance stays at least ``size_m`` on the same side during a move.
+    """Return whether a signed distance keeps its sign and stays at least ``size_m`` in size.
 
-    ``distance_m`` is the distance before the move, ``moved_m`` its change.
+    ``distance_m`` is the distance before the SUMO step, ``moved_m`` its change in the step.
     """
     if distance_m < 0.0:
         distance_m, moved_m = -distance_m, -moved_m
@@ -90,7 +91,7 @@ def _stays_apart(distance_m: float, moved_m: float, size_m: float) -> bool:
 
 
 def _overlap(distance_m: float, moved_m: float, size_m: float) -> tuple[float, float]:
-    """Return when the absolute value of a linearly changing distance is below ``size_m``.
+    """Return the time span in which a linearly changing distance is below ``size_m`` in size.
 
     The result is (start, end) in fractions of the SUMO step; 0 is the beginning of the step. It is
     (-inf, inf) if the distance is always below the size, and (inf, inf) if it never is.
@@ -128,8 +129,9 @@ class Bodies:
         """Return the rows of all vehicles that can touch the ego during its commands, ascending.
 
         A row is an index into the sequences, which hold each vehicle's state before the first
-        command. A vehicle may stop at once, accelerate with ``ACCELERATION_M_S2``, or move sideways
-        at ``lateral_speed_m_s``. Each command takes one SUMO step of ``step_s`` seconds.
+        command. The method assumes that a vehicle can stop at once, accelerate with
+        ``ACCELERATION_M_S2``, and move sideways at ``lateral_speed_m_s``. Each command takes one
+        SUMO step of ``step_s`` seconds.
         """
         time_s, (length_m, aside_m) = step_s * len(commands), self._largest_m
         aside_m += self.lateral_speed_m_s * time_s
@@ -156,7 +158,7 @@ class Bodies:
     def ego_collision(self, moves: Mapping[int, Motion]) -> Collision | None:
         """Return the ego's first collision in a SUMO step with a vehicle in ``moves``, or None.
 
-        ``moves`` holds motions by row index, that of the ego included.
+        ``moves`` holds the motions of the ego and of some vehicles, by row index.
         """
         first, collision, ego = 1.0, None, moves[EGO]
         for row, move in moves.items():

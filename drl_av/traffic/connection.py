@@ -60,9 +60,10 @@ def connection(gui: bool) -> ModuleType:
 
 
 def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[[str], Any]]:
-    """Return the functions ``sumo.vehicle.<name>``; for libsumo without SWIG's Python wrappers.
+    """Return the function ``sumo.vehicle.<name>`` for each name.
 
-    A wrapper takes a quarter to a third of the time of a call.
+    For libsumo these are the C functions themselves: SWIG's Python wrapper around each of them
+    takes a quarter to a third of the time of a call.
     """
     within = getattr(sumo, "_libsumo", None)
     return [getattr(within, f"vehicle_{name}", getattr(sumo.vehicle, name)) for name in names]
@@ -72,8 +73,9 @@ def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[[str], Any]
 def short_names(files: Sequence[Path]) -> Iterator[list[str]]:
     """Yield short names of files for libsumo, which are valid inside the ``with`` block.
 
-    The names are under /dev/fd if /proc/self/fd exists, else the paths themselves. libsumo leaks
-    about seven copies of each path at each start, and replaces ``${HOME}`` in a path.
+    libsumo leaks about seven copies of each path at each start, and replaces ``${HOME}`` in a path.
+    The short names are paths in /dev/fd. On a system without /proc/self/fd they are the paths of
+    the files.
     """
     if not Path("/proc/self/fd").is_dir():
         yield [str(file) for file in files]
@@ -113,9 +115,10 @@ def start(
     config: Config,
     view: Path | None = None,
 ) -> None:
-    """Start libsumo, or sumo-gui through traci if ``view`` is the path of its view settings.
+    """Start libsumo if ``view`` is None; otherwise start sumo-gui through traci.
 
-    SUMO must not be running in ``sumo`` yet; the first of ``files`` is the network file.
+    ``sumo`` is the module libsumo or traci, in which SUMO must not be running yet. ``view`` is the
+    path of the view settings. The first of ``files`` is the network file.
     """
     if view is None:
         with short_names(files) as names:

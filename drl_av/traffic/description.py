@@ -51,8 +51,8 @@ class PlacedVehicle:
     desired_speed_m_s: float
     """Speed on a free road, from 0.1 to 100 m/s; the ego's matters in plain SUMO only."""
     lane_changes: tuple[TimedChange, ...] = ()
-    """Pairs of a time, seconds since the start, and the lane to which the vehicle then changes, as
-    soon as SUMO considers it safe within 5 s. Plain SUMO does not know them."""
+    """Pairs of a time, seconds since the start, and a lane. From this time on, for 5 s, the vehicle
+    changes to the lane as soon as SUMO considers it safe. Plain SUMO ignores lane changes."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.id, str) or not VEHICLE_NAME.fullmatch(self.id):
@@ -86,7 +86,7 @@ class ScenarioDescription:
     )
     vehicles: tuple[PlacedVehicle, ...] = ()
     vehicle_types: tuple[OwnVehicleType, ...] = ()
-    """Types of vehicles that are drawn by their shares; the rest has the size above."""
+    """The user's own vehicle types and their shares; all other vehicles have the size above."""
     limits_vary: ClassVar[bool] = False
     """Whether the speed limit may be higher on parts of the road than ``speed_limit_m_s``."""
 

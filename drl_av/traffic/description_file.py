@@ -54,7 +54,7 @@ TABLES: dict[str, tuple[type[Any], str]] = {
     "vehicles": (PlacedVehicle, "a placed vehicle"),
     TYPES: (OwnVehicleType, "a vehicle type"),
 }
-"""The keys that hold tables, the class of each table, and what it is."""
+"""For each key that holds tables: the class of a table, and its name in error messages."""
 NET = "net"
 """The key of the path of a network file."""
 
@@ -75,7 +75,7 @@ def _from_tables(tables: Any, key: str, made: type[Described], what: str) -> tup
     """Convert the tables ``[[key]]`` to objects of the class ``made``.
 
     Raises:
-        ScenarioError: they are no tables, or a key or value of one is wrong.
+        ScenarioError: ``tables`` are not tables, or a key or a value in a table is wrong.
     """
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ScenarioError(f"The {key} must be tables, each written under [[{key}]].")

@@ -80,11 +80,11 @@ class Fleet:
 
     @property
     def usual(self) -> int | None:
-        """Number of vehicles besides the ego at the start that the scenario implies, or None.
+        """Default number of vehicles besides the ego at the start, or None if there is no default.
 
-        It is the number of placed vehicles, or on an open road the number that corresponds to its
-        inflow. In the second case an episode may use another number, and the inflow changes with
-        it.
+        If the scenario places its vehicles, it is their number. On another open road it is the
+        number that corresponds to the inflow. An episode may use another number there; its inflow
+        then changes in proportion. On another loop there is no default.
         """
         if self._start is None or self.placed is not None:
             return self.placed
@@ -134,10 +134,11 @@ class Fleet:
             yield [(row, 1 if draws[1, row] < 0.5 else -1) for row in rows if row != EGO]
 
     def lane_changes(self, time_s: float, y_m: Sequence[float]) -> list[tuple[int, int]]:
-        """Return the lane changes of the next decision, as pairs (row, lanes to the left).
+        """Return the lane changes of the next decision, as pairs (row, number of lanes).
 
-        They are those that the scenario sets for this time, and random ones. ``time_s`` is the time
-        since the reset, and ``y_m`` holds the lateral position of each row.
+        The number is positive to the left and negative to the right. The lane changes are random
+        ones, and those that the scenario sets for this time. ``time_s`` is the time since the
+        reset, and ``y_m`` holds the lateral position of each row.
         """
         changes, due = self.random_lane_changes(y_m), self._timed_changes.due(time_s)
         if not due:
@@ -171,7 +172,8 @@ class Fleet:
         ``time_s`` is the time since the reset; the sequences hold the state of each vehicle.
 
         Returns:
-            The number of vehicles that enter, which are the last rows; None if nothing changes.
+            The number of vehicles that enter; they become the last rows. None if no vehicle enters
+            or leaves.
         """
         start, inflow = self._start, self._inflow
         if start is None:
@@ -196,7 +198,7 @@ class Fleet:
         y_m: Sequence[float],
         speed_m_s: Sequence[float],
     ) -> dict[int, Last]:
-        """Return the vehicle nearest to the start of each lane, by lane index.
+        """Return the last vehicle of each lane, by lane index: its rear is nearest to the start.
 
         A vehicle is in all lanes that its body overlaps.
         """

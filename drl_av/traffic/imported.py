@@ -27,7 +27,7 @@ from drl_av.traffic.open_road import BEYOND_M, RUN_OUT_M, START_M, OpenDescripti
 from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
 
 SHORTEST_M, LONGEST_M = 600.0, 50_000.0
-"""The shortest route, on which the ego drives 300 m, and the longest."""
+"""Lengths of the shortest and the longest route; on the shortest the ego drives 300 m."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,8 @@ class ImportedDescription(OpenDescription):
 
     Raises:
         ScenarioError: the route cannot be read (``net_route.read_route``), is too short or too
-            long, no lane leads along all of it, or it is too slow for the inflow.
+            long, or has no lane along its whole length; or its speed limit is too low for the
+            inflow.
     """
 
     lanes: int = field(init=False)
@@ -157,9 +158,9 @@ class ImportedDescription(OpenDescription):
                 )
 
     def _check_flow(self) -> None:
-        """Raise ScenarioError if more vehicles are to enter than can follow each other (ours).
+        """Raise ScenarioError if the inflow exceeds the capacity of a lane (ours).
 
-        At speed v a lane takes v / (length + standstill gap + headway v) vehicles per second.
+        At speed v the capacity is v / (length + standstill gap + headway v) vehicles per second.
         """
         usual = TrafficConfig()
         speed_m_s = min(usual.desired_speed_min_m_s, self.speed_limit_m_s)
@@ -174,9 +175,9 @@ class ImportedDescription(OpenDescription):
 
 
 def partial_lanes(sections: Sequence[Section]) -> tuple[PartialLane, ...]:
-    """Return the lanes that begin or end on a route, from its beginning to its end.
+    """Return the lanes that begin or end on a route, in the order in which they begin.
 
-    The last section's lanes do not end.
+    The lanes of the last section have no end: their ``end_m`` is inf.
     """
     begun = dict.fromkeys(sections[0].lanes, 0.0)
     found = []
@@ -202,7 +203,7 @@ def read_layout(network: ET.Element, description: ImportedDescription, name: str
     """Return the layout of a network file; ``network`` is its root element, ``name`` its path.
 
     Raises:
-        ScenarioError: the description is of another file, or the road is not the described one.
+        ScenarioError: the description names another network file, or the road differs from it.
     """
     if Path(description.net) != Path(name):
         raise ScenarioError(

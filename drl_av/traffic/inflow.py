@@ -19,11 +19,12 @@ SUPPLY = 64
 
 
 def flow_speed(start: OpenStart, traffic: TrafficConfig) -> float:
-    """Return the mean speed at which the traffic on an open road is assumed to flow, m/s.
+    """Return the mean speed of the traffic on an open road, m/s (an assumption).
 
-    The flow in a lane is this speed times the density. The speed is the lowest desired speed,
-    because vehicles follow the slowest one of their lane, but at least 1 m/s; where the speed limit
-    is lower, it is the limit.
+    It relates the flow in a lane to the density: flow = speed x density. Vehicles follow the
+    slowest one of their lane, so each part of the road has the lowest desired speed, at least
+    1 m/s, or its speed limit if that is lower. The mean is the length of the road divided by the
+    travel time.
     """
     wanted_m_s = max(traffic.desired_speed_min_m_s, 1.0)
     if not start.speed_limits:
@@ -34,7 +35,7 @@ def flow_speed(start: OpenStart, traffic: TrafficConfig) -> float:
 
 
 def speed_limit(start: OpenStart, front_m: float | FloatArray) -> FloatArray:
-    """Return the speed limit at positions along the road, m/s, inf without limits; same shape."""
+    """Return the speed limit, m/s, at each position ``front_m``; inf on a road without limits."""
     ends_m, limits = np.array(start.speed_limits or [(np.inf, np.inf)]).T
     found: FloatArray = limits[np.searchsorted(ends_m[:-1], front_m, side="right")]
     return found
@@ -100,15 +101,16 @@ class Last(NamedTuple):
     """The last vehicle in a lane, behind which the next vehicle enters."""
 
     rear_m: float
-    """Position of its rear bumper; inf without a vehicle."""
+    """Position of its rear bumper; inf if there is no vehicle in the lane."""
     speed_m_s: float
 
 
 class Inflow:
     """The vehicles that enter an open road during an episode, drawn from its seed.
 
-    In each lane the time between two entries has a shifted exponential distribution, whose mean
-    keeps the number of vehicles on the road. A vehicle waits until there is room for it.
+    In each lane the time between two entries has a shifted exponential distribution. Its mean is
+    chosen so that the number of vehicles on the road stays about constant. A vehicle whose time has
+    come waits until there is room for it.
     """
 
     def __init__(
@@ -140,7 +142,7 @@ class Inflow:
         )
 
     def entering(self, time_s: float, last: Mapping[int, Last]) -> Population | None:
-        """Return the vehicles that enter at ``time_s``, or None without any.
+        """Return the vehicles that enter at ``time_s``, or None if no vehicle enters.
 
         ``last`` holds the last vehicle of each lane, by lane index; a lane without vehicles is
         missing.

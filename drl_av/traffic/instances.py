@@ -36,7 +36,7 @@ class Instance:
     """One simulation of this process, with a lock for its exclusive use.
 
     Attributes:
-        sumo: The module that controls it: libsumo, a copy of libsumo, or traci.
+        sumo: The module that controls the simulation: libsumo, a copy of libsumo, or traci.
     """
 
     sumo: ModuleType
@@ -45,7 +45,7 @@ class Instance:
     def take(self) -> bool:
         """Reserve the instance if it is free, and return whether it was free.
 
-        It is not free if it is reserved, or if the user's own program runs SUMO in it.
+        It is not free if it is already reserved, or if the user's own program runs SUMO in it.
         """
         if not self._taken.acquire(blocking=False):
             return False

@@ -26,8 +26,8 @@ class OpenStart(NamedTuple):
     ego_speed_m_s: float | None = None
     """Speed of the ego at the start; None is a safe speed behind the vehicle ahead."""
     speed_limits: tuple[tuple[float, float], ...] = ()
-    """Pairs of the end of a part of the road, metres, and the speed limit on it, m/s, in driving
-    order; empty if the settings of the traffic cannot exceed the limits."""
+    """One pair for each part of the road, in driving order: the position of its end, metres, and
+    its speed limit, m/s. Empty if no setting of the traffic can exceed the limits."""
 
 
 class Edge(NamedTuple):
@@ -39,11 +39,11 @@ class Edge(NamedTuple):
     lanes: range
     """Indices of its lanes on the road, rightmost first."""
     drawn_aside_m: tuple[float, float] = (0.0, 0.0)
-    """Distance to the right at which its beginning and its end are drawn in sumo-gui."""
+    """Shift to the right of its beginning and of its end in the picture of sumo-gui, metres."""
     speed_limit_m_s: float | None = None
     """None is the speed limit of the description."""
     shape: tuple[Point, ...] = ()
-    """The line along which it is drawn in sumo-gui; without points it is straight."""
+    """Points of the line along which sumo-gui draws the edge; empty for a straight edge."""
     spread: str = "right"
     """SUMO's spreadType: how its lanes lie about ``shape``."""
 
@@ -51,10 +51,10 @@ class Edge(NamedTuple):
 class OpenPlan(NamedTuple):
     """An open road: its edges and routes in SUMO, and the same road as the simulation needs it.
 
-    Each lane continues in the lane of the same index on every edge that begins where its edge ends,
-    unless ``road`` says that it ends there. SUMO's road goes on after the end of the ego's way: by
-    edges that begin there, else the last edges are extended. The first route is the way of the
-    traffic, and that of an ego that has missed its exit; the last route is the way of the ego.
+    Where an edge ends, each lane continues in the lane of the same index on every edge that begins
+    there, unless the lane ends there in ``road``. SUMO needs a road beyond the end of the ego's
+    way: if no edge begins there, the last edges are extended. The last route is the way of the ego.
+    The first route is the way of the traffic, and of an ego that has missed its exit.
     """
 
     edges: tuple[Edge, ...]
@@ -70,16 +70,16 @@ class Layout(NamedTuple):
     routes: dict[str, tuple[str, ...]]
     """The SUMO edge ids of each route, in driving order; the key is the name of the route."""
     lane_positions: dict[str, tuple[int, float]]
-    """By SUMO lane id: index of the lane, and position of its start along the road, metres."""
+    """By SUMO lane id: the index of the lane on the road, and the position of its start, metres."""
     start: OpenStart | None = None
     """None on a loop, on which the vehicles may start at any position."""
 
 
 def route_on(routes: Mapping[str, tuple[str, ...]], edge: str, is_way: bool) -> str:
-    """Return the name of a route that contains an edge: the first, or with ``is_way`` the last.
+    """Return the name of the first route that contains ``edge``; with ``is_way`` of the last one.
 
-    The ego takes the last route, and so does each vehicle that starts in a lane that begins or ends
-    on the way: it may lead nowhere else.
+    ``is_way`` is true for the ego, and for each vehicle that starts in a partial lane, because the
+    other routes may not lead through such a lane.
     """
     names = [name for name, edges in routes.items() if edge in edges]
     return names[-1 if is_way else 0]
@@ -88,9 +88,8 @@ def route_on(routes: Mapping[str, tuple[str, ...]], edge: str, is_way: bool) -> 
 class ScenarioKind(NamedTuple):
     """A kind of scenario: its description, and the functions that write and read its files.
 
-    Each function takes a description. ``read`` takes the root element of the network file, the
-    description and the name of the file, and raises ScenarioError if the network is not the
-    described one.
+    All functions take a description. ``read`` takes (root element of the network file, description,
+    name of the file), and raises ScenarioError if the network differs from the description.
     """
 
     meaning: str

@@ -1,4 +1,4 @@
-"""Reads a network file of the user's own by sumolib; SUMO itself never opens the file."""
+"""Reads a network file of the user with sumolib; SUMO itself never opens the file."""
 
 import importlib
 import math
@@ -35,7 +35,7 @@ class _Elements:
         self._spreads: dict[str, str] = {}
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
-        """Pass the beginning of an element on."""
+        """Pass the start of an element to sumolib; raise ValueError if it is not allowed."""
         self._depth += 1
         if self._depth > MAX_DEPTH:
             raise ValueError(f"it nests elements more than {MAX_DEPTH} deep")
@@ -53,7 +53,7 @@ class _Elements:
             raise ValueError(f"its <{tag}> lacks or misstates {error}") from error
 
     def end(self, tag: str) -> None:
-        """Pass the end of an element on."""
+        """Pass the end of an element to sumolib."""
         self._depth -= 1
         self._reader.endElement(tag)
 

@@ -1,4 +1,4 @@
-"""Finds a route in a network of the user's own, and follows its lanes from edge to edge."""
+"""Finds a route in a network of the user, and follows its lanes from edge to edge."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -14,11 +14,11 @@ from drl_av.traffic.network import PRECISION
 CARS = "passenger"
 """SUMO's class of vehicles that the lanes must admit."""
 PRIORITY = ("M", "Z")
-"""SUMO's states of a connection over which no other traffic has priority: major, and zipper."""
+"""SUMO's states of a connection that need not give way to other traffic: major, and zipper."""
 TOLERANCE_M = 0.01
 """Largest difference between the lengths of the lanes of an edge; SUMO rounds to centimetres."""
 SHORTEST_M = 0.1
-"""SUMO's shortest edge."""
+"""Length of SUMO's shortest edge."""
 MOST_EDGES = 1000
 """Largest number of edges of a route."""
 FARTHEST_M = 1e7
@@ -37,14 +37,14 @@ class Section(NamedTuple):
     lanes: range
     """Indices of its lanes on the road, rightmost first."""
     leading_on: range
-    """The lanes of ``lanes`` that lead on to the next edge of the route."""
+    """Indices of those ``lanes`` that continue on the next edge of the route."""
     shape: tuple[Point, ...]
     spread: str
     """SUMO's spreadType: how the lanes lie about the shape."""
 
 
 class Route(NamedTuple):
-    """A route through a network, whose lanes lead on side by side from edge to edge."""
+    """A route through a network, whose lanes continue side by side from edge to edge."""
 
     sections: tuple[Section, ...]
     lane_width_m: float
@@ -69,9 +69,9 @@ class _Step(NamedTuple):
 def read_route(path: Path, from_edge: str, to_edge: str) -> Route:
     """Return the shortest route for cars from one edge to another in a network file.
 
-    The length of a lane inside a junction counts to the edge before the junction. Where the number
-    of lanes changes, the connections say which lanes lead on; all others begin or end there. Where
-    a lane leads to two lanes, most lanes keep their place.
+    The length of a lane inside a junction counts as part of the edge before the junction. Where the
+    number of lanes changes, SUMO's connections determine which lanes continue; all others begin or
+    end there. If a lane has two successors, the one is chosen with which most lanes continue.
 
     Raises:
         ScenarioError: the file is no network of SUMO, there is no such route, or the route is no
@@ -156,8 +156,8 @@ def _step(net: Any, edge: Any, following: Any) -> _Step:
     """Return the way from an edge to the following one.
 
     Raises:
-        ScenarioError: its lanes do not lead on side by side, or traffic from elsewhere may have
-            priority over it.
+        ScenarioError: the lanes that continue are not adjacent, or other traffic may have priority
+            over the route.
     """
     ways = {
         (way.getFromLane().getIndex(), way.getToLane().getIndex()): way

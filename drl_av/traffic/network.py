@@ -51,10 +51,10 @@ def xml_text(root: ET.Element) -> str:
 def vehicle_element(
     root: ET.Element, vehicle: PlacedVehicle, speed_limit_m_s: float, **place: str
 ) -> None:
-    """Add a vehicle to the root element of a route file; ``place`` holds the attributes of where.
+    """Add a vehicle to ``root``, the root element of a route file with demo traffic.
 
-    SUMO alone refuses a vehicle that departs faster than it wants to drive, so that in the demo
-    traffic such a vehicle departs at its desired speed.
+    ``place`` holds the route and the attributes of the start position. A vehicle departs at most at
+    its desired speed, because SUMO alone refuses vehicles that depart faster.
     """
     departs_m_s = min(vehicle.speed_m_s, vehicle.desired_speed_m_s)
     ET.SubElement(

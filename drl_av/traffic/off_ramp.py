@@ -1,4 +1,4 @@
-"""An off-ramp, which parts from an open highway as its deceleration lane; the ego leaves by it."""
+"""A deceleration lane that becomes an off-ramp, by which the ego leaves an open highway."""
 
 import math
 from dataclasses import dataclass, replace
@@ -23,8 +23,8 @@ class OffRamp(OpenDescription):
     """A highway with a deceleration lane, which is lane 0 and becomes the off-ramp.
 
     Raises:
-        ScenarioError: the deceleration lane is longer than the way to its end, or this way is too
-            short for the lane changes to the exit.
+        ScenarioError: ``approach_m`` is too short for the deceleration lane, or too short for the
+            lane changes to the exit.
     """
 
     approach_m: float = setting(

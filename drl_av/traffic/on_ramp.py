@@ -33,14 +33,14 @@ class OnRamp(OpenDescription):
 
     @property
     def on_ramp(self) -> PartialLane:
-        """The ramp and its acceleration lane, which is joined to the highway up to its end."""
+        """The ramp and its acceleration lane; only from the latter can vehicles change lanes."""
         begin_m = GORE_M - self.ramp_m - longest_m(self)
         end_m = GORE_M + self.acceleration_lane_m
         return PartialLane(0, begin_m, end_m, GORE_M, end_m)
 
     @property
     def entrance_edges(self) -> tuple[Edge, ...]:
-        """The highway before the ramp joins it, the ramp, and both up to the end of its lane."""
+        """The highway before the ramp joins it, the ramp, and the highway with the ramp's lane."""
         ramp, through = self.on_ramp, range(1, self.lanes + 1)
         return (
             Edge("before", 0.0, GORE_M, through),

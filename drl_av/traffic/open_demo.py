@@ -9,7 +9,7 @@ from drl_av.traffic.network import DEMO_END_S, vehicle_element
 from drl_av.traffic.population import EGO_ID
 
 EGO_DEPARTS_S = 60
-"""Time at which the ego enters among an inflow."""
+"""Time at which the ego enters if the other vehicles come as an inflow."""
 
 
 def traffic(description: Any) -> ET.Element:

@@ -29,11 +29,11 @@ from drl_av.traffic.road import Road
 from drl_av.traffic.timed_changes import check_changes
 
 START_M = 300.0
-"""Position at which the ego starts on the highway: all followers in its range are on the road."""
+"""Position at which the ego starts on the highway, farther from the beginning than its range."""
 BEYOND_M = 250.0
 """Length of road with other vehicles beyond the end of the ego's way; it is the ego's range."""
 RUN_OUT_M = 500.0
-"""Length of SUMO's road beyond that end. Vehicles leave the fleet before they reach SUMO's end."""
+"""Length of SUMO's road beyond the end of the ego's way; vehicles are removed before its end."""
 TOLERANCE = 1e-6
 __all__ = ["BEYOND_M", "START_M", "Edge", "OpenDescription", "OpenPlan", "open_kind", "xml_text"]
 
@@ -57,7 +57,7 @@ class OpenDescription(ABC):
     )
     vehicles: tuple[PlacedVehicle, ...] = ()
     vehicle_types: tuple[OwnVehicleType, ...] = ()
-    """Types of vehicles that are drawn by their shares; the rest has the size above."""
+    """The user's own vehicle types and their shares; all other vehicles have the size above."""
     limits_vary: ClassVar[bool] = False
     """Whether the speed limit may be higher on parts of the road than ``speed_limit_m_s``."""
 

@@ -1,4 +1,4 @@
-"""Vehicle types of the user's own among the traffic, each with its share (ours)."""
+"""The user's own vehicle types, each for a share of the traffic (ours)."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
 
 CAR_FOLLOWING_MODELS: dict[str, dict[str, str]] = {"IDM": {}, "Krauss": {"sigma": "0"}, "ACC": {}}
-"""SUMO's models that need no random numbers, and further attributes that make them so."""
+"""The allowed models of SUMO, with the attributes that make each of them deterministic."""
 BOUNDS = {"share": (0.0, 1.0), "length_m": (1.0, 25.0), "width_m": (0.5, 5.0)}
 COLOR = "150,170,200"
 
@@ -58,7 +58,7 @@ class OwnVehicleType:
             )
 
     def attributes(self, traffic: dict[str, str]) -> dict[str, str]:
-        """Return the SUMO attributes of this type, which are otherwise those of ``traffic``."""
+        """Return the SUMO attributes of this type; those that it does not set are ``traffic``'s."""
         return traffic | {
             "id": self.id,
             "color": COLOR,
@@ -94,7 +94,7 @@ def check_own_types(description: Any) -> None:
 
 
 def draw_types(seed: int, own: Sequence[OwnVehicleType]) -> Iterator[str]:
-    """Yield the type of each vehicle of an episode, drawn by the shares; the first is the ego.
+    """Yield the type id of each vehicle of an episode, drawn by the shares; the ego is the first.
 
     The vehicles of the start come first, then those that enter an open road later. The types have a
     random stream of their own, so the shares do not change other parameters.

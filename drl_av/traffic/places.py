@@ -29,8 +29,9 @@ def random_lanes(
 ) -> npt.NDArray[np.intp]:
     """Draw the lane index of each of ``n`` vehicles, row 0 is the ego; shape (n,).
 
-    Each open lane has the same chance for the ego, and a random chance in this episode for the
-    other vehicles. ``room`` is the number of vehicles that fit on all open lanes.
+    The ego is in each open lane with the same probability. For the other vehicles the probabilities
+    of the lanes are drawn once, from a Dirichlet distribution with the parameter ``evenness``.
+    ``room`` is the number of vehicles that fit on all open lanes together; no lane is overfilled.
     """
     open_lanes = np.flatnonzero(road.open_lanes)
     berths = np.full(len(open_lanes), room // len(open_lanes))
@@ -72,10 +73,10 @@ def ring_places(
 def safe_speeds(
     desired: FloatArray, headway: FloatArray, gap_m: FloatArray, leader: npt.NDArray[np.intp]
 ) -> FloatArray:
-    """Return the largest speeds at which each vehicle keeps its headway and can stop in time, m/s.
+    """Return the largest safe start speed of each vehicle, m/s; all arrays have shape (n,).
 
-    Each vehicle is at most as fast as desired, and can stop behind the vehicle ahead, which is row
-    ``leader``, with comfortable braking of both.
+    A vehicle does not exceed its desired speed, and keeps its headway. It can stop behind the
+    vehicle ahead, in row ``leader``, if both brake with ``COMFORTABLE_BRAKING_M_S2``.
     """
     free_m = np.maximum(gap_m - STANDSTILL_GAP_M, 0.0)
     speed = np.minimum(desired, free_m / headway)

@@ -19,7 +19,8 @@ SPREAD_M = 250.0
 DECISIONS_AT_ONCE = 256
 """Number of decisions whose random lane changes are drawn at once."""
 STANDING_M_S = 0.1
-"""Speed of standing vehicles; SUMO's models react to them, but not to vehicles that SUMO stops."""
+"""Desired speed of standing vehicles. They creep, because SUMO's models do not react to vehicles
+that SUMO has stopped."""
 
 
 class Kind(IntEnum):
@@ -57,7 +58,7 @@ class Population:
         return Population(ids=tuple(self.ids[row] for row in kept), **arrays)
 
     def joined(self, other: "Population") -> "Population":
-        """Return the population of both; the rows of ``other`` come last."""
+        """Return this population followed by the rows of ``other``."""
         arrays = {
             item.name: np.concatenate((getattr(self, item.name), getattr(other, item.name)))
             for item in fields(self)[1:]
@@ -173,8 +174,8 @@ def with_drivers(
 ) -> Population:
     """Return the population at these positions, with random parameters of each driver.
 
-    ``streams`` are the random streams of the unusual vehicles and of the trucks; ``rng`` is for the
-    rest.
+    ``streams`` are the random streams of the unusual vehicles and of the trucks; ``rng`` draws all
+    other parameters.
     """
     n, (unusual, trucks) = len(is_truck), streams
     desired = rng.uniform(traffic.desired_speed_min_m_s, traffic.desired_speed_max_m_s, n)

@@ -29,8 +29,8 @@ def leave_to_commands(vehicle: Any, name: str) -> None:
 def is_centered(vehicle: Any, name: str) -> bool:
     """Whether the vehicle ``name`` is so near its lane's centre that it may request a lane change.
 
-    If another vehicle has interrupted a lane change, a new request makes SUMO continue it, even
-    into that vehicle.
+    Away from the centre, another vehicle may have interrupted a lane change. A new request would
+    make SUMO continue it, even into that vehicle.
     """
     return bool(abs(vehicle.getLateralLanePosition(name)) <= CENTERED_M)
 
@@ -58,10 +58,10 @@ def ask_for_speeds(
 ) -> None:
     """Request the speeds of ``traffic_commands`` for the end of the next SUMO step.
 
-    SUMO itself brakes harder if it must. The requested speed is at most ``stoppable_speed``,
-    because if the vehicle ahead brakes fully, as level-0 drivers do, SUMO's IDM alone would need
-    harder braking than the vehicle has. Therefore the speeds of SUMO's own drivers in such traffic,
-    or with ``keep_stopping_distance``, are limited too.
+    SUMO itself brakes harder if it must. The requested speed is at most ``stoppable_speed``: behind
+    a vehicle that brakes fully, as level-0 drivers do, SUMO's IDM would need harder braking than
+    the vehicle has. If there are traffic commands, or with ``traffic.keep_stopping_distance``, the
+    same limit applies to the vehicles that SUMO drives.
     """
     step_s = config.simulation.step_length_s
     if traffic_commands or config.traffic.keep_stopping_distance:

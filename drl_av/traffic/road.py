@@ -36,10 +36,9 @@ class PartialLane:
     begin_m: float
     end_m: float
     joined_from_m: float
-    """Start of the part in which vehicles may change between it and the lane to its left, if any.
-    """
+    """Start of the part in which vehicles may change between this lane and the lane to its left."""
     joined_to_m: float
-    """End of that part. All positions are metres along the road."""
+    """End of the part that begins at ``joined_from_m``."""
 
 
 class Barrier(NamedTuple):
@@ -52,7 +51,7 @@ class Barrier(NamedTuple):
 
 
 UNHURRIED_M = 400.0
-"""Distance along the road for each mandatory lane change from which on it is not urgent (ours)."""
+"""Mandatory lane changes are urgent if less than this distance, metres, is left for each (ours)."""
 
 
 class MandatoryChange(NamedTuple):
@@ -99,7 +98,7 @@ class Road:
         return self.end_m == math.inf
 
     def lane_of(self, y_m: float) -> int:
-        """Return the index of the lane that contains ``y_m``; no such lane may exist."""
+        """Return the index of the lane that contains ``y_m``; the road may not have this lane."""
         return math.floor(y_m / self.lane_width_m + 0.5)
 
     def center_m(self, lane: int) -> float:
@@ -121,7 +120,7 @@ class Road:
         )
 
     def is_beside(self, lane: int, other: int, s_m: float) -> bool:
-        """Whether a vehicle at position ``s_m`` may change from ``lane`` to ``other`` beside it."""
+        """Whether a vehicle at ``s_m`` may change from ``lane`` to the adjacent lane ``other``."""
         right = min(lane, other)
         part = self._part(right, s_m)
         joined = part is None or part.joined_from_m <= s_m < part.joined_to_m
@@ -135,8 +134,8 @@ class Road:
     def mandatory_change(self, lane: int, s_m: float) -> MandatoryChange:
         """Return the lane changes that the ego must make from ``lane`` at the position ``s_m``.
 
-        It leaves a lane that ends before the ego's way does, to the nearest lane that goes on
-        there, and reaches lane 0 before its exit.
+        If the lane ends before the ego's way does, the ego must change to the nearest lane that
+        continues there. Otherwise, if the road has an exit, it must reach lane 0 before the exit.
         """
         end_m = self.lane_end_m(lane, s_m)
         if end_m < min(self.end_m, self.exit_m):
@@ -160,9 +159,10 @@ class Road:
         )
 
     def exit_outcome(self, lane: int, s_m: float) -> str:
-        """Return "taken" or "missed" for a vehicle in ``lane`` after the exit; "" before it.
+        """Return "taken" or "missed": whether a vehicle in ``lane`` has taken its exit.
 
-        ``s_m`` is the position of its front bumper. Without an exit the result is "".
+        ``s_m`` is the position of its front bumper. Before the exit, and on a road without an exit,
+        the result is "".
         """
         if s_m < self.exit_m:
             return ""

@@ -138,7 +138,8 @@ def read_description(path: Path, remedy: str = WRITE_AGAIN) -> Any:
     """Return the description of a scenario in a TOML file.
 
     Raises:
-        ScenarioError: the file cannot be read, with ``remedy`` as what to do, or is wrong.
+        ScenarioError: the file cannot be read, or its contents are wrong. If it cannot be read, the
+            message ends with ``remedy``, which says what the user can do.
     """
     described = {kind: KINDS[kind].description for kind in KINDS}
     return from_toml(_text(path, remedy), str(path), described)
@@ -210,10 +211,12 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
 
 
 def find_description(name_or_path: str) -> Path:
-    """Return the file that describes a scenario, from its path, a folder or a shipped name.
+    """Return the TOML file that describes a scenario.
+
+    ``name_or_path`` is the path of this file or of its folder, or the name of a shipped scenario.
 
     Raises:
-        ScenarioError: it is no TOML file, no folder and no shipped scenario.
+        ScenarioError: ``name_or_path`` is none of these.
     """
     path = Path(name_or_path)
     if path.suffix == ".toml" or (path.exists() and not path.is_dir()):
@@ -222,7 +225,7 @@ def find_description(name_or_path: str) -> Path:
 
 
 def _text(path: Path, remedy: str = WRITE_AGAIN) -> str:
-    """Return the text of a UTF-8 file; raise ScenarioError, which advises ``remedy``."""
+    """Return the text of a UTF-8 file; a ScenarioError ends with the advice ``remedy``."""
     try:
         return read_regular_file(path, remedy).decode("utf-8-sig")
     except UnicodeDecodeError as error:

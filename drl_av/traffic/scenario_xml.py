@@ -76,9 +76,9 @@ def read_xml(path: Path, elements: Mapping[str, str], remedy: str) -> ET.Element
 
 
 def parse_xml(path: Path, target: Any, remedy: str) -> Any:
-    """Return what the parser target ``target`` makes of an XML file.
+    """Parse an XML file with the parser target ``target``; return the result of its ``close``.
 
-    The target may refuse an element by a ValueError, whose message says what the file has.
+    The target may refuse an element with a ValueError; its message says what is wrong in the file.
 
     Raises:
         ScenarioError: the file is missing, not a regular file, too large or damaged, or the target

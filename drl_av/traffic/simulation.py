@@ -60,8 +60,9 @@ class Simulation:
         """Remove all vehicles, and place the ego and ``vehicles`` others drawn with ``seed``.
 
         The episode depends on (scenario, config, seed, vehicles) and the commands alone, whatever
-        ran in this process before. With an unchanged scenario nothing depends on SUMO's clock and
-        random numbers, so SUMO continues to run. With a changed scenario SUMO starts again.
+        ran in this process before. If the files of the scenario are as they were written, nothing
+        depends on SUMO's clock and random numbers, so SUMO continues to run. Otherwise SUMO starts
+        again at each reset.
 
         Raises:
             ScenarioError: the vehicles do not fit on the road.

@@ -1,4 +1,4 @@
-"""Lane changes at set times of the vehicles that a scenario places (ours)."""
+"""Lane changes at fixed times, by vehicles that a scenario places (ours)."""
 
 from collections.abc import Collection, Sequence
 from typing import Any
@@ -16,8 +16,8 @@ def read_changes(changes: Any, vehicle: str, lane: int) -> tuple[TimedChange, ..
     ``vehicle`` is its id, ``lane`` the lane in which it starts.
 
     Raises:
-        ScenarioError: they are no pairs of a time and a lane, the vehicle is the ego, a time does
-            not come after the one before, or a lane is not beside the one before.
+        ScenarioError: ``changes`` are not pairs of a time and a lane, the vehicle is the ego, the
+            times do not increase, or a change does not lead to an adjacent lane.
     """
     if not isinstance(changes, list | tuple) or not all(map(_is_change, changes)):
         raise ScenarioError(
@@ -61,7 +61,7 @@ def check_changes(vehicle: Any, lanes: Collection[int]) -> None:
 
 
 class TimedChanges:
-    """The lane changes of an episode that have not come yet."""
+    """The lane changes that placed vehicles have still to begin in an episode."""
 
     def __init__(self, placed: Sequence[Any]) -> None:
         self._waiting = [
@@ -69,7 +69,7 @@ class TimedChanges:
         ]
 
     def due(self, time_s: float) -> list[tuple[str, int]]:
-        """Return the vehicle and the lane of each change whose time has come since the last call.
+        """Return (vehicle id, lane) of each change whose time has come since the last call.
 
         ``time_s`` is the time since the start of the episode, seconds.
         """

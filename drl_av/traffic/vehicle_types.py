@@ -66,7 +66,7 @@ NUMBERS = {
 
 @dataclass(frozen=True)
 class VehicleTypes:
-    """The vehicle types of a scenario: the ego's, that of other vehicles, and the user's own."""
+    """The vehicle types of a scenario: two of ours, and any number of the user's own."""
 
     traffic: VehicleType
     ego: VehicleType
@@ -85,17 +85,17 @@ class VehicleTypes:
 
     @property
     def longest_m(self) -> float:
-        """The largest length."""
+        """Length of the longest type, metres."""
         return max(kind.length_m for kind in self.by_id.values())
 
     @property
     def widest_m(self) -> float:
-        """The largest width."""
+        """Width of the widest type, metres."""
         return max(kind.width_m for kind in self.by_id.values())
 
 
 def type_attributes(length_m: float, width_m: float) -> list[dict[str, str]]:
-    """Return the SUMO attributes of both types of a new scenario; all vehicles have one size."""
+    """Return the SUMO attributes of the types "traffic" and "ego", which have the same size."""
     size = {"length": repr(length_m), "width": repr(width_m)}
     return [
         {"id": name, "color": COLORS[name]} | size | model | VEHICLE

@@ -14,7 +14,7 @@ VIEW = "View #0"
 AHEAD_M, BEHIND_M = 200.0, 50.0
 """The road that the window shows ahead of the ego and behind it, along the road."""
 BESIDE_M = 9.0
-"""Distance between this road and the edge of the window, at least."""
+"""Smallest distance between this road and the edge of the window."""
 CAPTION = "caption"
 CAPTION_SHARE = 0.12
 """Share of the view's height, at its lower edge, that is left for the caption."""
@@ -78,7 +78,7 @@ class Window:
 
 
 def _center_line(sumo: Any, layout: Layout) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return positions along the road, and x and y of a lane there that exists on all of it."""
+    """Return positions along the road, with x and y of a lane that extends along all of it."""
     lanes = range(len(layout.road.open_lanes))
     whole = next(lane for lane in lanes if not layout.road.is_partial(lane))
     at_m, points = [], []
