@@ -29,7 +29,7 @@ ADDED_LATER = {
 
 
 def load_stored(path: Path) -> Config:
-    """Read the ``config.toml`` of a run; it must contain all settings but those in ``ADDED_LATER``.
+    """Read the ``config.toml`` of a run; all settings but ``ADDED_LATER`` must be there.
 
     Raises:
         ConfigError: the file cannot be read, is not a valid config, is truncated, or lacks a

@@ -54,9 +54,9 @@ def column_types(row_type: type) -> dict[str, Any]:
 
 
 def table_bytes(columns: Columns, rows: Iterable[Any] = (), *, header: bool = True) -> bytes:
-    """Return a CSV table as UTF-8 text, with a first line of column names if ``header`` is true.
+    """Return a CSV table as UTF-8 text; its first line has the column names if ``header`` is true.
 
-    Each row is a dataclass, a NamedTuple, or a mapping from columns to values.
+    Each row is an object of a dataclass or NamedTuple, or a mapping from columns to values.
 
     Raises:
         ValueError: a row has a column that the table does not have.

@@ -72,7 +72,7 @@ class Variant(NamedTuple):
     augment: Callable[[Batch], Batch]
     """Changes a minibatch before the gradient step."""
     turns: Sequence[Sequence[Learner]]
-    """Groups of learners; each gradient step trains one group, in turn from the episode's start."""
+    """Groups of learners. Gradient steps train them in turn; an episode begins with the first."""
     traffic_seed: Callable[[int], int]
     """Returns the traffic seed of an episode (line 3) from its number; the first episode is 1."""
 

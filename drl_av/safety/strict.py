@@ -121,7 +121,7 @@ ORDER = (
     Longitudinal.HARD_BRAKE,
 )
 ROUNDING = 1e-6
-"""Largest rounding error of a number of SUMO steps."""
+"""Largest rounding error of a computed number of SUMO steps."""
 
 
 def seconds_to_line(

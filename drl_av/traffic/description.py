@@ -46,13 +46,13 @@ class PlacedVehicle:
     position_m: float
     """Position of the front bumper along the road."""
     speed_m_s: float
-    """Speed at the start: at most the scenario's speed limit, for the ego also at most
-    ``ego.max_speed_m_s``. In plain SUMO a vehicle starts at most at its desired speed."""
+    """Speed at the start. The scenario's speed limit bounds it, and for the ego also
+    ``ego.max_speed_m_s``. In SUMO without drl-av the desired speed bounds it, too."""
     desired_speed_m_s: float
-    """Speed on a free road, from 0.1 to 100 m/s; the ego's matters in plain SUMO only."""
+    """Speed on a free road, from 0.1 to 100 m/s. For the ego it has no effect in drl-av."""
     lane_changes: tuple[TimedChange, ...] = ()
     """Pairs of a time, seconds since the start, and a lane. From this time on, for 5 s, the vehicle
-    changes to the lane as soon as SUMO considers it safe. Plain SUMO ignores lane changes."""
+    changes to the lane as soon as SUMO considers it safe. SUMO without drl-av ignores them."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.id, str) or not VEHICLE_NAME.fullmatch(self.id):

@@ -79,7 +79,7 @@ class ImportedDescription(OpenDescription):
         self._check_flow()
 
     def plan(self) -> OpenPlan:
-        """Return the road: the edges of the route, and a straight one beyond its end."""
+        """Return the road: the edges of the route, and a straight edge beyond its end."""
         edges = [*map(self._edge, self.route.sections)]
         end_m = edges[-1].end_m
         parts, through = partial_lanes(self.route.sections), self._through()
@@ -110,7 +110,7 @@ class ImportedDescription(OpenDescription):
         )
 
     def to_toml(self) -> str:
-        """Return the description as TOML text; the network is that of the scenario's folder."""
+        """Return the description as TOML text; ``net`` is the file in the scenario's folder."""
         return toml_text(self, net=NETWORK_FILE)
 
     def _speed_limit(self, section: Section) -> float:

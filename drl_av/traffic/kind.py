@@ -18,7 +18,7 @@ class OpenStart(NamedTuple):
     span_m: float
     """The other vehicles start between 0 and this position, and leave the road beyond it."""
     flow_per_h: float
-    """Inflow of each of these lanes, vehicles per hour."""
+    """Inflow of each lane in ``lanes``, vehicles per hour."""
     ego_lane: int | None
     """Index of the lane in which the ego starts; None chooses one of ``lanes`` at random."""
     ego_front_m: float

@@ -1,4 +1,4 @@
-"""Reads a network file of the user with sumolib; SUMO itself never opens the file."""
+"""Reads the user's network file, by means of sumolib; SUMO itself never opens the file."""
 
 import importlib
 import math

@@ -71,7 +71,7 @@ def read_route(path: Path, from_edge: str, to_edge: str) -> Route:
 
     The length of a lane inside a junction counts as part of the edge before the junction. Where the
     number of lanes changes, SUMO's connections determine which lanes continue; all others begin or
-    end there. If a lane has two successors, the one is chosen with which most lanes continue.
+    end there. If a lane has two successors, drl-av chooses so that most lanes continue.
 
     Raises:
         ScenarioError: the file is no network of SUMO, there is no such route, or the route is no

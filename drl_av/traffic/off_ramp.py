@@ -69,7 +69,7 @@ class OffRamp(OpenDescription):
         )
 
     def road_to_exit(self, *partial_lanes: PartialLane) -> Road:
-        """Return the road on which the ego's way leads over the last of these lanes."""
+        """Return the road with these partial lanes; the last one is the off-ramp of the ego."""
         exit_m = partial_lanes[-1].joined_to_m
         lanes, end_m = (True,) * (self.lanes + 1), exit_m + AFTER_M
         return Road(OPEN_LAP_M, self.lane_width_m, lanes, end_m, partial_lanes, exit_m)

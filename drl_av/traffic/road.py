@@ -58,7 +58,7 @@ class MandatoryChange(NamedTuple):
     """The lane changes without which the ego cannot stay on its way."""
 
     lanes: int
-    """The number of lane changes to the left, or if negative to the right; 0 if none is needed."""
+    """Number of lane changes, positive to the left, negative to the right; 0 if none is needed."""
     within_m: float
     """Distance along the road within which they must be complete, metres; inf if none is needed."""
 

@@ -191,12 +191,12 @@ def shipped_scenarios() -> dict[str, Path]:
 
 
 def find_scenario(name_or_path: str | Path | None = None) -> Path:
-    """Return the folder of a scenario, from its path or the name of a shipped one.
+    """Return the folder of a scenario, from its path or from the name of a shipped scenario.
 
-    None stands for the default scenario.
+    None returns the folder of the default scenario.
 
     Raises:
-        ScenarioError: no folder and no shipped scenario has that name.
+        ScenarioError: ``name_or_path`` is neither a folder nor a shipped scenario.
     """
     name = DEFAULT_SCENARIO if name_or_path is None else str(name_or_path)
     shipped = shipped_scenarios()

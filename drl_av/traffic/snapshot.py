@@ -31,7 +31,7 @@ class CollisionKind(Enum):
 
 @dataclass(frozen=True)
 class Collision:
-    """A collision of the ego with the vehicle ``other``, or with the road's edge (None)."""
+    """A collision of the ego; ``other`` is the other vehicle's id, or None for the road's edge."""
 
     kind: CollisionKind
     other: str | None

@@ -12,7 +12,7 @@ from drl_av.traffic.road import FloatArray
 
 VIEW = "View #0"
 AHEAD_M, BEHIND_M = 200.0, 50.0
-"""The road that the window shows ahead of the ego and behind it, along the road."""
+"""Lengths of the road that the window shows ahead of the ego and behind it."""
 BESIDE_M = 9.0
 """Smallest distance between this road and the edge of the window."""
 CAPTION = "caption"
@@ -24,10 +24,10 @@ Color = tuple[int, int, int]
 class Window:
     """The window of sumo-gui, which is turned so that the ego always drives to the right.
 
-    It is as wide as the road from ``BEHIND_M`` behind the ego to ``AHEAD_M`` ahead of it needs, and
-    never becomes narrower within an episode. The caption is a SUMO point of interest below that
-    road. sumo-gui draws only the edges that touch the window before it is turned: on loops of more
-    than about 600 m the road may end nearer than ``AHEAD_M``.
+    It shows at least the road from ``BEHIND_M`` behind the ego to ``AHEAD_M`` ahead of it, and the
+    shown width never decreases within an episode. The caption is a SUMO point of interest below
+    that road. sumo-gui draws only the edges that touch the window before it is turned: on loops of
+    more than about 600 m the road may end nearer than ``AHEAD_M``.
     """
 
     def __init__(self, sumo: Any, layout: Layout) -> None:
