@@ -79,12 +79,13 @@ def require_speed_limit(config: Config, description: ScenarioDescription) -> Non
             fastest["traffic.truck_speed_max_m_s"] = config.traffic.truck_speed_max_m_s
         if config.traffic.fast_share:
             fastest["traffic.fast_speed_m_s"] = config.traffic.fast_speed_m_s
+    option = " by --lowest-limit-m-s" if description.limits_vary else ""
     for name, speed in fastest.items():
         if speed > description.speed_limit_m_s:
             raise ConfigError(
                 f"{name} is {speed:g}, but the scenario's speed_limit_m_s is "
                 f"{description.speed_limit_m_s:g}: lower the setting, or write a scenario with a "
-                "higher limit."
+                f"higher limit{option}."
             )
     for vehicle in description.vehicles:
         if vehicle.id == EGO_ID and vehicle.speed_m_s > config.ego.max_speed_m_s:
