@@ -269,9 +269,9 @@ class Mover:
         return result
 
     def _shared_s(self, world: World) -> FloatArray:
-        """Return for how long the ego has shared a lane with each other vehicle, (scenes, others).
+        """Return the time, s, that the ego has spent in a lane which each vehicle is in or enters.
 
-        The time, s, includes this step, or is -1. A vehicle has the lanes it is in or moves into.
+        The time includes this step. It is -1 without such a lane. The shape is (scenes, others).
         """
         lowest, highest = lanes_under(world.y_m[:, :1], WIDTH_M, ROAD.lane_width_m)
         lanes = np.arange(len(ROAD.open_lanes))

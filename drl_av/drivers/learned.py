@@ -88,9 +88,9 @@ class LearnedDriver:
         return int(self.values(s_t).argmax())
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Return the action argmax_a Q(s, a), with the margin subtracted from lane changes' Q.
+        """Return the action with the greatest Q(s, a), less the margin for each lane change action.
 
-        The margin is not subtracted while a lane change is in progress.
+        While a lane change is in progress, the margin is not subtracted.
         """
         values = self.values(observation)
         if scene.lane_change is None:

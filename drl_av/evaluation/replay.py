@@ -91,7 +91,7 @@ class ReplaySession:
     name: str
     seed: int
     vehicles: int | None
-    """Number of vehicles around the ego; None for the number of the scenario, or 15 without one."""
+    """Number of vehicles around the ego; None for the scenario's number, or 15 if it has none."""
     recording: Recording | None = None
     """The recording that the episode must repeat exactly; None for a new episode."""
 

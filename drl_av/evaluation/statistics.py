@@ -134,8 +134,9 @@ class Overall(NamedTuple):
     over: str | None
     """The fastest baseline; None without a baseline, or if this driver is the fastest baseline."""
     share_faster_than_m_s: dict[int, float]
-    """Performance profile: for each whole speed, the share of episodes with a higher mean speed. It
-    ends at the first share of 0."""
+    """Performance profile: the share of episodes with a higher mean speed, by speed in whole m/s.
+
+    The profile ends at the first speed that no episode exceeds."""
 
 
 def overall(rows: Sequence[EpisodeResult], baselines: Iterable[str]) -> list[Overall]:

@@ -157,9 +157,10 @@ def _place(row: Row) -> tuple[int, int, int, int]:
 
 
 def barricade_figure(rows: list[Row]) -> "Figure":
-    """Draw the collisions with the barricade in the trainings, and the trained drivers' proposals.
+    """Draw two panels on the closed lane, each with and without the safety check.
 
-    The proposals are those to enter the closed lane.
+    The left panel shows the collisions with the barricade in the trainings. The right panel shows
+    how often the trained drivers propose to enter the closed lane.
     """
     figure, (learning, trained) = panels((9, 3.8), 1, 2, width_ratios=(3, 2))
     for place, check in enumerate(dict.fromkeys(row["safety_check"] for row in rows)):

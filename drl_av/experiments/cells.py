@@ -122,7 +122,7 @@ class TrainingRows:
         return self.rows_of(self.training)
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Raise DrlAvError: only ``reported`` returns rows, and some of its rows are missing."""
+        """Raise DrlAvError: the training has ended, but its folder lacks some of its rows."""
         raise DrlAvError(
             f"{self.training.folder} lacks rows of its training up to episode "
             f"{self.training.last_row}: put back its files, or give --runs a folder that all "

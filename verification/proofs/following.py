@@ -140,9 +140,9 @@ def cut_in_claims(a: Argument) -> Iterator[Claim]:
 
 
 def between_two_claims(a: Argument) -> Iterator[Claim]:
-    """Yield the claim on a vehicle that cuts in ahead of the vehicle that the ego follows.
+    """Yield the claim on a vehicle A that cuts in ahead of a vehicle B, which the ego follows.
 
-    If the vehicle that the ego follows can stop behind the vehicle that cuts in, so can the ego.
+    If B can stop behind A, the ego can also stop behind A.
     """
     p = Problem()
     gap_m, beyond_m, length_m = p.unknown("gap", 0), p.unknown("beyond"), p.unknown("length", 0)

@@ -152,11 +152,11 @@ def slices(most: Fraction, pace: Fraction, gained: Fraction) -> Iterator[Any]:
 
 
 def rounding_m(config: Config, a: Argument) -> Fraction:
-    """Return the largest effect of rounding on a comparison of the check, metres.
+    """Return the largest effect of rounding errors on a comparison that the check makes, m.
 
-    The check compares the ego's reach with the distance that the ego may or must cover; the result
-    is the sum of the errors of both. If rounding down is wrong by one, it selects the neighbouring
-    linear piece, which has almost the same value there.
+    The check compares the ego's reach with the distance that the ego may or must cover. The effect
+    is the sum of the errors of these two distances. An error in rounding down selects a
+    neighbouring linear piece of the stopping distance, which has almost the same value there.
     """
     strict, ego, step_s = config.strict, config.ego, config.simulation.step_length_s
     gap_m: Any = Rounded(Fraction(1, 1000), Fraction(50_000), POSITION_M)

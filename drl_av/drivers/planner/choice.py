@@ -18,8 +18,8 @@ from drl_av.traffic.road import FloatArray
 SHORT_HEADWAY_S = 1.0
 """The ego brakes if the time-gap law with this headway demands braking."""
 LONG_HEADWAY_S = 1.4
-"""The ego accelerates if the time-gap law with this headway demands acceleration; if neither law
-applies, it maintains its speed."""
+"""The ego accelerates if the time-gap law with this headway demands acceleration. If the ego need
+neither brake nor accelerate, it maintains its speed."""
 BRAKES_FROM = 0.7
 """The ego brakes if it needs more than this share of an action's deceleration to reach the speed of
 the vehicle ahead in the gap."""

@@ -37,7 +37,8 @@ class Prices(NamedTuple):
     short_headway: float = 1.5
     """Price per second for each second by which the headway is below 1 s."""
     forced_braking: float = 2.0
-    """Price per second for each m/s^2 by which a vehicle behind must brake harder than 2 m/s^2."""
+    """Price per second and m/s^2 of forced braking: the braking of a vehicle behind the ego, less
+    2 m/s^2."""
     lane_change: float = 4.0
     aborted_lane_change: float = 12.0
     reversal: float = 1.0

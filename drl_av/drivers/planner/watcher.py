@@ -14,7 +14,7 @@ from drl_av.drivers.planner.others import (
 from drl_av.traffic.road import FloatArray
 
 USUAL_SPEED_M_S = 26.0
-"""The first estimate of a vehicle's desired speed, if the vehicle is not already faster."""
+"""First estimate of a vehicle's desired speed; for a faster vehicle it is its present speed."""
 USUAL_HEADWAY_S = 1.1
 FASTEST_M_S = 40.0
 HEADWAYS_S = (0.4, 2.0)
