@@ -125,9 +125,9 @@ class PrioritizedBuffer(UniformBuffer):
         return batch_of(rows, self.ring.observation_size)._replace(weights=weights, slots=slots)
 
     def anneal(self, progress: float) -> None:
-        """Set beta, which rises linearly to 1 with the ``progress`` of the training, from 0 to 1.
+        """Set the exponent beta for the training's ``progress``, from 0 to 1.
 
-        Sec. 3.4 of Schaul et al. 2015.
+        Beta rises linearly to 1 (Sec. 3.4 of Schaul et al. 2015).
         """
         start = self.importance_exponent_start
         self.importance_exponent = start + (1.0 - start) * progress

@@ -69,7 +69,7 @@ class Others(NamedTuple):
 
     right_m: FloatArray
     left_m: FloatArray
-    """The check assumes that each vehicle's body stays between these two lateral positions."""
+    """The check assumes that each vehicle's body stays between ``right_m`` and ``left_m``."""
     gap_m: FloatArray
     """Net gap to the ego along the road; 0 or less for a vehicle beside the ego."""
     is_ahead: npt.NDArray[np.bool_]

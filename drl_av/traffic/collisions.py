@@ -60,7 +60,7 @@ def first_contact(
     if _stays_apart(left_m, moved_m, width_m):
         return None
     ahead_m, faster_m = other[0] - ego[0], other[2] - ego[2]
-    if faster_m < 0.0:  # on a loop the ego approaches it from behind
+    if faster_m < 0.0:  # on a loop the ego approaches the other body from behind
         ahead_m = (ahead_m + length_m) % road.lap_m - length_m
     else:
         ahead_m = length_m - (length_m - ahead_m) % road.lap_m

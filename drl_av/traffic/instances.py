@@ -70,9 +70,9 @@ _numbers = itertools.count()
 def acquire(gui: bool) -> Instance:
     """Reserve a free instance of this process: the installed libsumo first, then a copy of it.
 
-    If ``gui`` is true, reserve the only instance of sumo-gui. The function is thread-safe. A forked
-    process inherits the free instances of its parent: the only shared state is the lock of each
-    instance, which no thread waits for, and a list that only grows.
+    If ``gui`` is true, reserve the only instance of sumo-gui. The function is thread-safe, and a
+    forked process can use the free instances of its parent. Both hold because the shared state is
+    only a list that grows, and the lock of each instance, for which no thread waits.
 
     Raises:
         SimulationError: sumo-gui is open already, or libsumo is in use and cannot be copied.
@@ -122,7 +122,7 @@ def _copied_package(number: int) -> ModuleType:
     package._libsumo = library  # type: ignore[attr-defined]
     sys.modules.update({name: package, library.__name__: library})
     proxies = importlib.import_module(f"{name}.libsumo")
-    for error in SHARED_ERRORS:  # before the package passes them to traci
+    for error in SHARED_ERRORS:  # before exec_module, which passes them to traci
         setattr(proxies, error, getattr(libsumo, error))
     spec.loader.exec_module(package)
     if package.isLoaded():
@@ -146,7 +146,7 @@ def _copied_library(name: str, library: Path, number: int) -> ModuleType:
                 assert spec is not None
                 module = importlib.util.module_from_spec(spec)
                 loader.exec_module(module)
-            # the copy has no name, and its descriptor will be that of another file
+            # the copy has no name, and its descriptor will belong to another file later
             module.__file__ = spec.origin = str(library)
         except (OSError, ImportError) as error:
             reason = " ".join(str(error).split()).rstrip(".")

@@ -33,7 +33,7 @@ class OnRamp(OpenDescription):
 
     @property
     def on_ramp(self) -> PartialLane:
-        """The ramp and its acceleration lane; only from the latter can vehicles change lanes."""
+        """The ramp and its acceleration lane; vehicles can change lanes only on the latter."""
         begin_m = GORE_M - self.ramp_m - longest_m(self)
         end_m = GORE_M + self.acceleration_lane_m
         return PartialLane(0, begin_m, end_m, GORE_M, end_m)

@@ -48,7 +48,7 @@ class Simulation:
         self._config = config
         self._gui = gui
         library = connection(gui)
-        # not its exceptions: those are traci's classes, and libsumo raises one of its own
+        # not library.exceptions: its classes are traci's, but libsumo raises a class of its own
         self._errors = (library.TraCIException, library.FatalTraCIError)
         self._release: weakref.finalize[..., Simulation] | None = None
         self.after_step: Callable[[Snapshot], None] | None = None
@@ -73,7 +73,7 @@ class Simulation:
         try:
             self._put_on_the_road(seed)
         except BaseException as error:
-            self.close()  # an interrupt (Ctrl-C), too, would leave some of the vehicles
+            self.close()  # after an interrupt (Ctrl-C), too: SUMO may have some vehicles only
             if not isinstance(error, (*self._errors, OSError)):
                 raise
             raise SimulationError(

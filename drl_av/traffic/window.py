@@ -14,7 +14,7 @@ VIEW = "View #0"
 AHEAD_M, BEHIND_M = 200.0, 50.0
 """Lengths of the road that the window shows ahead of the ego and behind it."""
 BESIDE_M = 9.0
-"""Smallest distance between this road and the edge of the window."""
+"""Smallest distance between the shown road and the edge of the window."""
 CAPTION = "caption"
 CAPTION_SHARE = 0.12
 """Share of the view's height, at its lower edge, that is left for the caption."""
