@@ -45,7 +45,7 @@ ACCELERATE, HARD_BRAKE = (
     Action(Lateral.KEEP, how).number for how in (Longitudinal.ACCELERATE, Longitudinal.HARD_BRAKE)
 )
 RATES_M_S2, SIDES = (-4.0, 0.0, 2.0), (-1.0, 0.0, 1.0)
-"""Accelerations and sides (-1 right, 1 left) that an adversary commands other vehicles."""
+"""The accelerations and sides (-1 right, 1 left) among which an adversary's commands are chosen."""
 SCRIPTS = np.array([(rate, side) for rate in RATES_M_S2 for side in SIDES])
 CHANGES = 0.3
 """Probability that a vehicle's command changes at a decision."""

@@ -7,7 +7,7 @@
 adversary makes dangerous acts near the ego more frequent; the weights of the tests remove the bias.
 With ``--people`` there is no adversary, and each weight is 1. For each check the program prints,
 with 95 % intervals, the crashes per test and the crashes in which the ego hit a vehicle. It also
-prints the distance between the latter.
+prints a lower bound of the mean distance between two hits by the ego.
 The published figures for a three-lane SUMO highway are 4.36e-4 crashes per test for a shield and
 2.22e-4 for a driver (Comparison-DenseLearning-ProvablySafeRL). Its tests differ: drivers follow
 tables of data in SUMO, change lanes within one second, and have other steering and gaps than in
@@ -86,7 +86,7 @@ ENTRY = re.compile(
     r"  the ego hits a vehicle (.*), so more than ([\d,]+|inf) km",
     re.MULTILINE,
 )
-"""Matches the report of a check: its name, km per test, crashes, own hits, km between own hits."""
+"""Matches the report of a check: name, km per test, crashes, hits by the ego, km between these."""
 
 
 def table(printed: str) -> str:

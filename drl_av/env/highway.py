@@ -180,7 +180,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.ego_model = model
 
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Execute one decision: the given action, or the action that the safety check puts instead.
+        """Execute one decision; the safety check may replace the action by another one.
 
         Returns:
             The observation, the reward, whether the episode terminated, whether it was truncated,

@@ -1,8 +1,8 @@
 """What the check ``strict`` costs in speed if its bounds are those of real traffic.
 
-In real traffic a vehicle brakes with up to 9 m/s^2 and moves sideways at up to 2.1 m/s. The latter
-is the mean maximum in the data set exiD, plus two standard deviations. All else is ours. The check
-is measured with the shipped driver, and with drivers that were trained under these bounds.
+In real traffic a vehicle brakes with up to 9 m/s^2 and moves sideways at up to 2.1 m/s. This speed
+is the mean maximum in the data set exiD, plus two standard deviations. All else is ours. The cost
+is measured for the shipped driver, and for drivers that were trained under these bounds.
 """
 
 from collections.abc import Iterable
