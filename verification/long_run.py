@@ -25,13 +25,8 @@ from drl_av.env.highway import HighwayEnv, Observation
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import rollout
 from drl_av.errors import DrlAvError
-from drl_av.experiments.provenance import made_by, provenance
-from drl_av.experiments.store import (
-    read_sidecar,
-    settings_mismatch,
-    stored_config,
-    write_sidecar,
-)
+from drl_av.experiments.provenance import made_by, provenance, read_sidecar, write_sidecar
+from drl_av.experiments.store import settings_mismatch, stored_config
 from drl_av.files import append_rows, read_table
 from drl_av.safety import CHECKS
 from drl_av.traffic.population import Kind

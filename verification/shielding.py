@@ -31,8 +31,7 @@ from drl_av.env.reward import Transition
 from drl_av.env.rollout import drive
 from drl_av.errors import DrlAvError
 from drl_av.evaluation import DENSITIES
-from drl_av.experiments.provenance import made_by, provenance
-from drl_av.experiments.store import read_sidecar, write_sidecar
+from drl_av.experiments.provenance import made_by, provenance, read_sidecar, write_sidecar
 from drl_av.files import append_rows, read_table
 from verification.shielding_report import COLUMNS, FINAL, METHODS, TRAINING, figure, table
 

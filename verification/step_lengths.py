@@ -17,8 +17,7 @@ from drl_av.config import Config
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.experiments.provenance import provenance
-from drl_av.experiments.store import write_sidecar
+from drl_av.experiments.provenance import provenance, write_sidecar
 from drl_av.files import write_table
 from verification.traffic_tally import TrafficTally
 

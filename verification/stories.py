@@ -18,8 +18,7 @@ from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.evaluate import evaluate
 from drl_av.experiments.experiment import Results
 from drl_av.experiments.markdown import markdown_table
-from drl_av.experiments.provenance import provenance
-from drl_av.experiments.store import write_sidecar
+from drl_av.experiments.provenance import provenance, write_sidecar
 from drl_av.files import Row, write_table
 
 STORIES = (

@@ -25,6 +25,7 @@ from drl_av.experiments.experiment import Experiment
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
 from drl_av.experiments.store import MadeWith
+from drl_av.experiments.values import require_numbers
 from drl_av.files import Row
 from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import CollisionKind
@@ -110,10 +111,15 @@ class BarricadeTraining:
 
         Raises ValueError if only some of the rows exist.
         """
-        size = self.config.learning.episodes + self.trained_episodes
-        if rows and len(rows) != size:
-            raise ValueError(f"{len(rows)} of {size} rows of a training")
-        return size - len(rows)
+        driven = (self.config.learning.episodes, self.trained_episodes)
+        places = [
+            (phase, episode)
+            for phase, count in zip(PHASES, driven, strict=True)
+            for episode in range(1, count + 1)
+        ]
+        if rows and [(row["phase"], int(row["episode"])) for row in rows] != places:
+            raise ValueError(f"{len(rows)} of {len(places)} rows of a training")
+        return len(places) - len(rows)
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
         """Train a driver, then evaluate it; yield one row for each episode of both."""
@@ -152,8 +158,9 @@ def barricade_plan(options: ReproduceOptions) -> Plan:
 
 
 def _place(row: Row) -> tuple[int, int, int, int]:
+    require_numbers(row, ("decisions", "barricade_proposals"))
     check, phase = CHECKS.index(row["safety_check"]), PHASES.index(row["phase"])
-    return int(row["seed"]), check, phase, int(row["episode"])
+    return SEEDS.index(int(row["seed"])), check, phase, int(row["episode"])
 
 
 def barricade_figure(rows: list[Row]) -> "Figure":

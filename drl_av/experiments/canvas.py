@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drl_av.errors import DrlAvError
-from drl_av.files import write_whole
+from drl_av.files import make_folder, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,13 +53,7 @@ def legend_of_names(axes: "Axes", curves: Mapping[str, Any]) -> None:
 
 def save_figure(figure: "Figure", path: Path) -> None:
     """Write a figure as a PNG file atomically; raises DrlAvError if the write fails."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DrlAvError(
-            f"The folder {path.parent} cannot be made ({error.strerror}): choose another one with "
-            "--out."
-        ) from error
+    make_folder(path.parent, "--out")
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=150, metadata={"Software": None})
     write_whole(path, data.getvalue())

@@ -16,6 +16,7 @@ from drl_av.experiments.plan import Plan
 from drl_av.experiments.provenance import checksum
 from drl_av.experiments.store import MadeWith, seeds_held
 from drl_av.experiments.training_jobs import TrainingJob
+from drl_av.experiments.values import require_numbers
 from drl_av.files import Row
 
 
@@ -113,8 +114,15 @@ class TrainingRows:
         self.training.require_same_settings()
 
     def missing(self, rows: Sequence[Row]) -> int:
-        """Return the number of training episodes that the existing ``rows`` do not cover."""
-        held = int(rows[-1]["episode"]) if rows else 0
+        """Return the number of training episodes that the existing ``rows`` do not cover.
+
+        Raises ValueError if a row in between is missing.
+        """
+        episodes, every = [int(row["episode"]) for row in rows], self.training.every
+        held = episodes[-1] if episodes else 0
+        last = [held] if held == self.training.config.learning.episodes else []
+        if episodes != [*dict.fromkeys([*range(every, held + 1, every), *last])]:
+            raise ValueError(f"{self.training.name} lacks a row before episode {held}")
         return max(0, self.training.last_row - held, int(self.training.last_row < 1))
 
     def reported(self) -> list[Row]:
@@ -146,10 +154,11 @@ def training_plan(
     variants = list(configs)
 
     def place(row: Row) -> tuple[int, int, int]:
+        require_numbers(row, [name for name in row if name != "variant"])
         return variants.index(row["variant"]), int(row["seed"]), int(row["episode"])
 
     stages = [[TrainingRows(job, rows_of) for job in jobs] for jobs in rounds]
-    return Plan(MadeWith(configs), stages, place)
+    return Plan(MadeWith(configs), stages, place, named="variant")
 
 
 def driven_with(config: Config, drivers: Sequence[str]) -> MadeWith:
@@ -185,10 +194,11 @@ def trained_drives(
     ]
     settings = {job.name: job.config for job in jobs}
     made_with = MadeWith(settings, {}, {job.name: job.stop for job in jobs})
-    return Plan(made_with, [cells], _place)
+    return Plan(made_with, [cells], _place, named="training")
 
 
 def _place(row: Row) -> tuple[bool, str, int, int, int]:
     """Return the sort key of a row: the variant "paper" first, then variant, seed and vehicles."""
     variant, _, number = row["training"].rpartition("-")
-    return variant != "paper", variant, int(number), int(row["vehicles"]), int(row["seed"])
+    vehicles = DENSITIES.index(int(row["vehicles"]))
+    return variant != "paper", variant, int(number), vehicles, int(row["seed"])

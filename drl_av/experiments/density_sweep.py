@@ -84,7 +84,11 @@ def _capacity(config: Config) -> int:
 
 
 def _place(row: Row) -> tuple[int, int, int]:
-    return int(row["vehicles"]), int(row["seed"]), SWEPT.index(row["driver"])
+    """Return the sort key of a row; raise ValueError if there is no such cell."""
+    vehicles, beyond = int(row["vehicles"]), int(row["vehicles"]) - DENSITIES[-1]
+    if vehicles not in DENSITIES and (beyond <= 0 or beyond % STEP):
+        raise ValueError(f"vehicles is {vehicles}")
+    return vehicles, int(row["seed"]), SWEPT.index(row["driver"])
 
 
 def gains_of(rows: Iterable[Row], cell: Cell, opponents: Sequence[str]) -> list[Paired]:

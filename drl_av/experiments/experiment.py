@@ -5,24 +5,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
 from drl_av.experiments.options import Progress, ReproduceOptions
 from drl_av.experiments.plan import Plan
+from drl_av.experiments.provenance import read_sidecar
 from drl_av.experiments.store import (
     Derived,
     ResultStore,
     read_rows,
-    read_sidecar,
     report_corrupt_table,
 )
-from drl_av.files import LARGEST, PossiblyInfinite, Row, column_types
+from drl_av.experiments.values import require_values
+from drl_av.files import Row, require_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-UNBOUNDED = {name for name, kind in column_types(EpisodeResult).items() if kind is PossiblyInfinite}
-"""The columns of results that may hold any number, such as a time to collision."""
 
 
 class Results:
@@ -76,25 +73,10 @@ class Experiment:
         """
         with report_corrupt_table(folder / self.table):
             rows = read_rows(folder / self.table)
-            _require_plain(rows)
+            require_values(rows)
             for name, drawing in self.figures.items():
                 if rows and (figure := drawing(rows)) is not None:
                     yield name, figure
-
-
-def _require_plain(rows: list[Row]) -> None:
-    """Raise ValueError if a number is larger than ``LARGEST``, infinite or NaN.
-
-    The columns ``UNBOUNDED`` may hold any number.
-    """
-    for row in rows:
-        for column in row.keys() - UNBOUNDED:
-            try:
-                number = float(row[column])
-            except ValueError:
-                continue
-            if not abs(number) <= LARGEST:
-                raise ValueError(f"{column} is {row[column][:60]}")
 
 
 def reproduce(experiment: Experiment, options: ReproduceOptions) -> Generator[Progress, None, None]:
@@ -109,7 +91,8 @@ def reproduce(experiment: Experiment, options: ReproduceOptions) -> Generator[Pr
     """
     plan = experiment.plan(options)
     path = options.out / experiment.table
-    store = ResultStore(path, plan.made_with, plan.order, experiment.derived)
+    store = ResultStore(path, plan.made_with, plan.order, experiment.derived, plan.named)
+    require_writable(*(_figure_file(options.out, name) for name in experiment.figures))
     yield from plan.make(store, options)
     store.save_derived()
     if store.rows:
@@ -120,8 +103,12 @@ def _draw(experiment: Experiment, folder: Path) -> Iterator[Progress]:
     from drl_av.experiments.canvas import save_figure
 
     for name, figure in experiment.draw(folder):
-        save_figure(figure, folder / f"{name}.png")
-        yield Progress(1, 1, line=str(folder / f"{name}.png"))
+        save_figure(figure, _figure_file(folder, name))
+        yield Progress(1, 1, line=str(_figure_file(folder, name)))
+
+
+def _figure_file(folder: Path, name: str) -> Path:
+    return folder / f"{name}.png"
 
 
 def draw_results(

@@ -83,7 +83,8 @@ def opponents_plan(options: ReproduceOptions) -> Plan:
 
 def _place(row: Row) -> tuple[int, int, int, int]:
     driver = PLACES.index((row["variant"], row["driver"]))
-    return KINDS.index(row["traffic"]), int(row["vehicles"]), int(row["seed"]), driver
+    vehicles = VEHICLES.index(int(row["vehicles"]))
+    return KINDS.index(row["traffic"]), vehicles, int(row["seed"]), driver
 
 
 def label(row: Row) -> str:

@@ -11,7 +11,7 @@ from drl_av.experiments.options import Progress, ReproduceOptions
 from drl_av.experiments.provenance import checksum
 from drl_av.experiments.store import MadeWith, ResultStore, report_corrupt_table
 from drl_av.experiments.training_jobs import TrainingJob, train_job
-from drl_av.files import Row
+from drl_av.files import Row, make_folder
 
 
 class Cell(Protocol):
@@ -58,6 +58,8 @@ class Plan:
     plan."""
     line: Callable[[list[Row], Cell], str] = lambda rows, cell: ""
     """Function that returns the line to print when a cell is complete; "" prints none."""
+    named: str = ""
+    """The column with the name of a row's settings in ``made_with``; empty if there is none."""
     empty: str = ""
     """The line to print if there are no cells."""
 
@@ -77,8 +79,10 @@ class Plan:
         cells = [cell for stage in self.stages for cell in stage]
         if not cells:
             yield Progress(1, 1, line=self.empty)
-        for cell in _incomplete(cells, store):
+        for cell in (incomplete := _incomplete(cells, store)):
             cell.check()
+        if any(cell.training for cell in incomplete):
+            make_folder(options.runs, "--runs")
         for stage in self.stages:
             yield from _train(stage, store, options)
             yield from self._drive(stage, store, options)
@@ -151,7 +155,7 @@ def _train(
     total = sum(job.stop for job in (*origins, *jobs))
     try:
         for batch in filter(None, (origins, jobs)):
-            batch[0].folder.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(batch[0].folder.parent, "--runs")
             with closing(ENGINES[options.engine](train_job, batch, options.jobs)) as engine:
                 for ended in engine:
                     if ended:

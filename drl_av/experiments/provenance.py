@@ -1,5 +1,9 @@
-"""Describes how results were made: the command, versions, SUMO's steps and the machine."""
+"""Describes how results were made: the command, versions, SUMO's steps and the machine.
 
+The description of a table of results is a JSON file beside it.
+"""
+
+import json
 import os
 import platform
 import shlex
@@ -13,7 +17,11 @@ from threadpoolctl import threadpool_info
 
 from drl_av.config import Config
 from drl_av.drivers import policy_file
+from drl_av.errors import DrlAvError
+from drl_av.files import write_whole
 
+MAX_BYTES = 64_000_000
+"""The largest provenance that is read."""
 PACKAGES = ("drl-av", "eclipse-sumo", "torch", "numpy", "gymnasium")
 INTEGRATION = "semi-implicit Euler"
 """SUMO's integration method: its default, which no setting changes."""
@@ -99,3 +107,42 @@ def blas() -> str:
         for info in libraries
     ]
     return ", ".join(dict.fromkeys(found)) or "unknown"
+
+
+def sidecar(table: Path) -> Path:
+    """Return the path of the JSON file with a table's provenance: curves.json for curves.csv."""
+    return table.with_suffix(".json")
+
+
+def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
+    """Write the provenance of a table atomically; raises DrlAvError if the write fails."""
+    write_whole(sidecar(table), json.dumps(facts, indent=2).encode() + b"\n")
+
+
+def read_sidecar(table: Path) -> dict[str, Any]:
+    """Read how a table was made from the JSON file beside it; {} if neither file exists.
+
+    Raises:
+        DrlAvError: the file is missing beside a table, cannot be read, or holds no JSON object.
+        TypeError: settings, policies or episodes in it are not JSON objects.
+    """
+    path = sidecar(table)
+    if not path.exists() and not table.exists():
+        return {}
+    if not path.exists():
+        raise DrlAvError(
+            f"{table} has no {path.name} beside it that says what made it: put that back, or move "
+            "the table away to make it again."
+        )
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ValueError(f"it is larger than {MAX_BYTES // 10**6} MB")
+        facts = json.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DrlAvError(f"{path} cannot be read ({error}): put back what was there.") from error
+    if not isinstance(facts, dict):
+        raise DrlAvError(f"{path} holds no provenance: put back what was there.")
+    for name in ("settings", "policies_sha256", "episodes"):
+        if not isinstance(facts.get(name, {}), dict):
+            raise TypeError(f"{name} in {path.name} has no names")
+    return facts

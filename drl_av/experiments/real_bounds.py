@@ -83,17 +83,19 @@ def real_bounds_plan(options: ReproduceOptions) -> Plan:
         for name, bounds, driver, own, job in drivers
         for vehicles in DENSITIES
     ]
-    order = [(name, bounds) for name, bounds, *_ in drivers]
+    order = [(DRIVER, bounds) for bounds in ("paper", "strict", "real")]
+    order += [(f"real_bounds-{seed}", "real") for seed in range(TRAININGS)]
 
     def place(row: Row) -> tuple[int, int, int]:
-        return order.index((row["driver"], row["bounds"])), int(row["vehicles"]), int(row["seed"])
+        vehicles = DENSITIES.index(int(row["vehicles"]))
+        return order.index((row["driver"], row["bounds"])), vehicles, int(row["seed"])
 
     made_with = MadeWith(
         {DRIVER: config} | {job.name: job.config for job in jobs},
         {DRIVER: checksum(find_policy(shipped.run))} if shipped.run else {},
         {job.name: job.stop for job in jobs},
     )
-    return Plan(made_with, [cells], place)
+    return Plan(made_with, [cells], place, named="driver")
 
 
 def driven(rows: Iterable[Row], kind: str, bounds: str, vehicles: int) -> list[list[Row]]:

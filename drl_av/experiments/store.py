@@ -1,6 +1,5 @@
 """Stores results as a CSV table, and its provenance (how it was made) as a JSON file beside it."""
 
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -11,10 +10,18 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from drl_av.config import OLD_DEFAULTS, Config, from_toml
-from drl_av.errors import DrlAvError
+from drl_av.errors import ConfigError, DrlAvError
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.provenance import provenance
-from drl_av.files import Row, read_table, require_writable, write_table, write_whole
+from drl_av.experiments.provenance import provenance, read_sidecar, sidecar, write_sidecar
+from drl_av.experiments.values import SHOWN, require_values
+from drl_av.files import (
+    LARGEST,
+    Row,
+    make_folder,
+    read_table,
+    require_writable,
+    write_table,
+)
 
 Derived = Mapping[str, Callable[[list[Row]], list[Row]]]
 """Functions that compute further tables from a table's rows, by the further table's file name."""
@@ -56,6 +63,8 @@ class MadeWith(NamedTuple):
 class ResultStore:
     """A results table on disk, to which missing rows are added; ``order(row)`` is the sort key.
 
+    ``named`` is the column with the name of a row's settings, or "" if there is none.
+
     Raises:
         DrlAvError: the table was made with other settings or another driver, is damaged, or cannot
             be written.
@@ -67,20 +76,24 @@ class ResultStore:
         made_with: MadeWith,
         order: Callable[[Row], Any],
         derived: Derived | None = None,
+        named: str = "",
     ) -> None:
         self.path, self._order = path, order
         self._derived = {path.with_name(name): derive for name, derive in (derived or {}).items()}
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent, "--out")
         require_writable(path, sidecar(path), *self._derived)
         with report_corrupt_table(path):
             facts = read_sidecar(path)
-            self.rows = sorted(read_rows(path), key=order)
+            rows = read_rows(path)
+            require_values(rows)
+            self.rows = sorted(rows, key=order)
             places = [order(row) for row in self.rows]
             if twice := [a for a, b in pairwise(places) if a == b]:
                 raise ValueError(f"the row {twice[0]} is there twice")
             if self.rows:
                 self._derive()
-            self._made_with = _stored(facts, path) if facts else made_with
+            self._made_with = _stored(facts, path) if self.rows or facts else made_with
+            _require_settings(self.rows, named, self._made_with)
             self.seconds = _seconds(facts)
         self.require(made_with)
 
@@ -130,7 +143,10 @@ class ResultStore:
                     write_table(path, rows[0], rows)
 
     def _derive(self) -> dict[Path, list[Row]]:
-        return {path: derive(self.rows) for path, derive in self._derived.items()}
+        try:
+            return {path: derive(self.rows) for path, derive in self._derived.items()}
+        except DrlAvError as error:
+            raise ValueError(str(error)) from error
 
     def _facts(self, options: ReproduceOptions) -> dict[str, Any]:
         settings, policies, episodes = self._made_with
@@ -159,17 +175,31 @@ def _stored(facts: dict[str, Any], table: Path) -> MadeWith:
     Damaged facts cause errors that ``report_corrupt_table`` converts to DrlAvError.
     """
     settings, name = facts["settings"], str(sidecar(table))
-    if "simulation" in settings:
-        config = stored_config(settings, name)
-        return MadeWith({"": config}, {"": facts.get("policy_sha256")})
-    configs = {training: stored_config(each, name) for training, each in settings.items()}
+    try:
+        if "simulation" in settings:
+            config = stored_config(settings, name)
+            return MadeWith({"": config}, {"": facts.get("policy_sha256")})
+        configs = {training: stored_config(each, name) for training, each in settings.items()}
+    except ConfigError as error:
+        raise ValueError(str(error)) from error
     return MadeWith(configs, facts.get("policies_sha256", {}), facts.get("episodes", {}))
+
+
+def _require_settings(rows: Sequence[Row], named: str, made_with: MadeWith) -> None:
+    """Raise LookupError if a row has no settings; the column ``named`` has their name."""
+    names = {row[named] for row in rows} if named else set()
+    if missing := sorted(names - made_with.settings.keys()):
+        raise LookupError(f"no settings of {missing[0]}")
+    if rows and not made_with.settings:
+        raise LookupError("no settings")
 
 
 def _seconds(facts: dict[str, Any]) -> dict[str, float]:
     """Return the wall times in ``facts``, s, by name of training; the name "" means all rows."""
     times = facts["wall_time_s"] if facts else {}
     named: dict[str, Any] = times if isinstance(times, dict) else {"": times}
+    if not all(0 <= float(seconds) <= LARGEST for seconds in named.values()):
+        raise ValueError(f"wall_time_s is {str(times)[:SHOWN]}")
     return {name: float(seconds) for name, seconds in named.items()}
 
 
@@ -226,40 +256,3 @@ def seeds_held(rows: Iterable[Row], drivers: int = 1, first: int = 0) -> int:
     if seeds != sorted([*range(first, first + count)] * drivers):
         raise ValueError("a seed is missing, or there twice")
     return count
-
-
-def sidecar(table: Path) -> Path:
-    """Return the path of the JSON file with a table's provenance: curves.json for curves.csv."""
-    return table.with_suffix(".json")
-
-
-def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
-    """Write the provenance of a table atomically; raises DrlAvError if the write fails."""
-    write_whole(sidecar(table), json.dumps(facts, indent=2).encode() + b"\n")
-
-
-def read_sidecar(table: Path) -> dict[str, Any]:
-    """Read how a table was made from the JSON file beside it; {} if neither file exists.
-
-    Raises:
-        DrlAvError: the file is missing beside a table, cannot be read, or holds no JSON object.
-        TypeError: settings, policies or episodes in it are not JSON objects.
-    """
-    path = sidecar(table)
-    if not path.exists() and not table.exists():
-        return {}
-    if not path.exists():
-        raise DrlAvError(
-            f"{table} has no {path.name} beside it that says what made it: put that back, or move "
-            "the table away to make it again."
-        )
-    try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise DrlAvError(f"{path} cannot be read ({error}): put back what was there.") from error
-    if not isinstance(facts, dict):
-        raise DrlAvError(f"{path} holds no provenance: put back what was there.")
-    for name in ("settings", "policies_sha256", "episodes"):
-        if not isinstance(facts.get(name, {}), dict):
-            raise TypeError(f"{name} in {path.name} has no names")
-    return facts

@@ -48,7 +48,8 @@ def varied(
     cells = [Drives(config, drivers, vehicles, options.drives) for vehicles in numbers]
 
     def place(row: Row) -> tuple[int, int, int]:
-        return int(row["vehicles"]), int(row["seed"]), drivers.index(row["driver"])
+        place = numbers.index(int(row["vehicles"]))
+        return place, int(row["seed"]), drivers.index(row["driver"])
 
     return Plan(driven_with(config, drivers), [cells], place)
 

@@ -7,12 +7,20 @@ from drl_av.files.table import (
     Row,
     append_rows,
     column_types,
+    parse_cell,
     read_rows,
     read_table,
     table_bytes,
     write_table,
 )
-from drl_av.files.whole import append, replacing, require_suffix, require_writable, write_whole
+from drl_av.files.whole import (
+    append,
+    make_folder,
+    replacing,
+    require_suffix,
+    require_writable,
+    write_whole,
+)
 
 __all__ = [
     "LARGEST",
@@ -22,6 +30,8 @@ __all__ = [
     "append",
     "append_rows",
     "column_types",
+    "make_folder",
+    "parse_cell",
     "read_rows",
     "read_table",
     "replacing",

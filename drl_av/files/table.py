@@ -229,16 +229,17 @@ def _value(place: str, column: str, cell: str, kind: Any) -> Any:
             return None
         kind = optional[0]
     try:
-        return _parsed(cell, kind)
+        return parse_cell(cell, kind)
     except ValueError as error:
         raise DrlAvError(
             f"{place}: {column} is {cell[:SHOWN]!r}, but must be {_KINDS[kind]}: {_REMEDY}."
         ) from error
 
 
-def _parsed(cell: str, kind: Any) -> Any:
-    """Convert a cell to str, int, bool or float; raise ValueError if it is not of this type.
+def parse_cell(cell: str, kind: Any) -> Any:
+    """Convert a cell to str, int, bool or float, and return it.
 
+    Raises ValueError if the cell is not of the type ``kind``, one of those of ``read_table``.
     NaN is never allowed, and inf is allowed only for PossiblyInfinite. A PlainNumber is at most
     ``LARGEST`` in absolute value.
     """

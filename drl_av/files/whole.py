@@ -16,6 +16,8 @@ OF_A_RUN = {
     *("episodes.csv", "evaluations.csv"),
 }
 """Files of a training's run folder, which no other command may overwrite."""
+LEAST_BYTES = 4096
+"""Free space without which a long computation is not begun."""
 
 
 @contextmanager
@@ -94,6 +96,21 @@ def remove_cut_line(path: Path, error: type[DrlAvError] = DrlAvError) -> None:
         raise _refused(path, refusal, error) from refusal
 
 
+def make_folder(folder: Path, option: str) -> None:
+    """Make a folder and its parents if they do not exist; ``option`` names it on the command line.
+
+    Raises:
+        DrlAvError: the folder cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DrlAvError(
+            f"The folder {folder} cannot be made ({error.strerror}): choose another one with "
+            f"{option}."
+        ) from error
+
+
 def require_writable(*paths: Path | None, inputs: Iterable[str | Path | None] = ()) -> None:
     """Check before a long computation that ``write_whole`` can write to the given paths.
 
@@ -113,7 +130,7 @@ def require_writable(*paths: Path | None, inputs: Iterable[str | Path | None] = 
 
 
 def _try(path: Path) -> None:
-    """Raise DrlAvError unless ``write_whole`` can write to ``path``."""
+    """Raise DrlAvError unless ``write_whole`` can write as much to ``path`` as it holds now."""
     if path.is_dir():
         raise DrlAvError(f"{path} is a folder: name a file in it.")
     if path.exists() and not path.is_file():
@@ -124,7 +141,8 @@ def _try(path: Path) -> None:
     probe = _unfinished(target)
     try:
         try:
-            probe.touch()
+            held = target.stat().st_size if target.exists() else 0
+            probe.write_bytes(bytes(max(held, LEAST_BYTES)))
         finally:
             probe.unlink(missing_ok=True)
     except OSError as error:

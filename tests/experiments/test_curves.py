@@ -173,17 +173,17 @@ def table(*rows: tuple[str, int, int, str]) -> list[dict[str, str]]:
 def test_each_training_is_taken_from_the_side_that_got_further(tmp_path: Path) -> None:
     plan = training_plan({"paper": TINY, "permit_all": TINY}, [], lambda job: [])
     store = ResultStore(tmp_path / "curves.csv", plan.made_with, plan.order)
-    store.put({"variant": "paper", "seed": "10"}, table(("paper", 10, 100, "stored")))
-    two = table(("paper", 2, 100, "stored"), ("paper", 2, 200, "stored"))
+    store.put({"variant": "paper", "seed": "10"}, table(("paper", 10, 100, "-0.5")))
+    two = table(("paper", 2, 100, "-0.5"), ("paper", 2, 200, "-0.5"))
     store.put({"variant": "paper", "seed": "2"}, two)
-    store.put({"variant": "permit_all", "seed": "2"}, table(("permit_all", 2, 100, "stored")))
-    same = table(("permit_all", 2, 100, "found"))
+    store.put({"variant": "permit_all", "seed": "2"}, table(("permit_all", 2, 100, "-0.5")))
+    same = table(("permit_all", 2, 100, "-0.25"))
     assert not store.put({"variant": "permit_all", "seed": "2"}, same)
-    restarted = table(("paper", 2, 100, "found"))  # not as far: no mixture of the two
+    restarted = table(("paper", 2, 100, "-0.25"))  # not as far: no mixture of the two
     assert not store.put({"variant": "paper", "seed": "2"}, restarted)
-    further = table(("paper", 10, 100, "found"), ("paper", 10, 200, "found"))
+    further = table(("paper", 10, 100, "-0.25"), ("paper", 10, 200, "-0.25"))
     assert store.put({"variant": "paper", "seed": "10"}, further)
-    assert store.rows == [*two, *further, *table(("permit_all", 2, 100, "stored"))]
+    assert store.rows == [*two, *further, *table(("permit_all", 2, 100, "-0.5"))]
 
 
 @pytest.mark.parametrize(

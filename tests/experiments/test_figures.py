@@ -8,7 +8,6 @@ import pytest
 from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.errors import DrlAvError
-from drl_av.experiments import experiment
 from drl_av.experiments.adaptation import adaptation_figure, moving_average
 from drl_av.experiments.canvas import save_figure
 from drl_av.experiments.curves import check_figure, replay_figure
@@ -20,6 +19,7 @@ from drl_av.experiments.figures import (
     speed_figure,
 )
 from drl_av.experiments.registry import EXPERIMENTS
+from drl_av.experiments.values import require_values
 from drl_av.files import Row
 
 HEADER = "driver,vehicles,mean_speed_m_s\n"
@@ -130,14 +130,16 @@ def test_a_number_of_the_results_that_cannot_be_drawn_is_one_sentence(
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert "curves.csv, or the file beside it, is damaged or of another version" in message
-    assert f"(ValueError('{column} is" in message
+    assert f"(ValueError('line 2: {column} is" in message
     assert len(message) < 300 + len(str(tmp_path))
 
 
-def test_a_time_to_collision_of_the_results_may_be_infinite() -> None:
-    experiment._require_plain([{"min_ttc_s": "inf", "mean_speed_m_s": "1e9"}])
-    with pytest.raises(ValueError, match="mean_speed_m_s is inf"):
-        experiment._require_plain([{"min_ttc_s": "3", "mean_speed_m_s": "inf"}])
+def test_a_time_to_collision_of_the_results_may_be_infinite_and_no_other_number() -> None:
+    fits = {"min_ttc_s": "inf", "mean_speed_m_s": "1e9", "ego_hit": "True", "mine": "nothing"}
+    require_values([fits])
+    for column, cell in (("mean_speed_m_s", "inf"), ("min_ttc_s", "nan"), ("ego_hit", "no")):
+        with pytest.raises(ValueError, match=f"line 3: {column} is {cell}"):
+            require_values([fits, fits | {column: cell}])
 
 
 def test_a_long_name_is_shortened_in_the_legend_and_51_drivers_are_too_many(tmp_path: Path) -> None:

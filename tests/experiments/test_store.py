@@ -7,7 +7,8 @@ import pytest
 from drl_av.config import Config
 from drl_av.errors import DrlAvError
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.store import MadeWith, ResultStore, read_sidecar
+from drl_av.experiments.provenance import read_sidecar
+from drl_av.experiments.store import MadeWith, ResultStore
 
 
 def opened(folder: Path) -> ResultStore:
