@@ -54,7 +54,7 @@ class Auditor:
         """Clear the records before a new episode."""
         self.breaches: list[Breach] = []
         self.cut_ins_m: list[float] = []
-        """For each cut-in ahead of the ego, its gap minus the gap that it had to leave."""
+        """For each cut-in ahead of the ego, its gap minus the smallest permitted gap."""
         self._before: Snapshot | None = None
         self._ego_m_s2 = (0.0, 0.0)
         """The ego's acceleration in the step before this one, and in this one."""

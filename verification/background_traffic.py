@@ -51,7 +51,7 @@ class SweptTally(TrafficTally):
     def __init__(self, env: HighwayEnv) -> None:
         super().__init__(env)
         self.overlaps: list[tuple[str, str]] = []
-        """For each pair of vehicles that overlap in an episode: how they meet, and the episode."""
+        """The kind of each overlap, and where it was found; a pair counts once in an episode."""
 
     def drive(self, driver: Driver, seed: int, vehicles: int) -> None:
         """Drive an episode and add it to the statistics."""

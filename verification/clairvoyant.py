@@ -120,7 +120,7 @@ class Search:
     def __init__(self, env: HighwayEnv, base: Driver, plans: Sequence[Plan] = PLANS) -> None:
         self._env, self._base, self._plans = env, base, plans
         self.found_m: float = 0.0
-        """Distance of the plan chosen last, metres, without any hit."""
+        """Distance that the ego drives in the trial of the plan chosen last, m."""
 
     def drive(self, seed: int, vehicles: int) -> float:
         """Drive an episode; return the mean of the ego's speeds after each decision, m/s."""

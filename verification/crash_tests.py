@@ -45,7 +45,7 @@ class Outcome(NamedTuple):
     km: FloatArray
     """Distance that the ego drove."""
     unanswered: FloatArray
-    """Number of decisions in which the check would refuse even the action of its own choice."""
+    """Number of decisions in which the check permits no action, not even the one it executes."""
 
 
 def settings(check: str) -> Config:

@@ -59,7 +59,7 @@ class World:
 
     def __post_init__(self) -> None:
         self.heading_rad = np.zeros(len(self.x_m))
-        """Angle between the ego and its lane, left positive; steering plant only; (scenes,)."""
+        """Angle of the ego to its lane, left positive, (scenes,); 0 with the kinematic plant."""
         obstacles = self.x_m.shape[1] - 1 + len(self.road.barriers)
         self.least_m = np.full((len(self.x_m), obstacles), np.inf)
         """The smallest separation of each other vehicle, and then of each barrier, from the ego.

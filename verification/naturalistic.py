@@ -137,7 +137,8 @@ class Traffic:
     ) -> None:
         shape = world.x_m[:, 1:].shape
         self.weights = np.ones(shape[0])
-        """Importance weights, (scenes,): probability of the acts so far without/with adversary."""
+        """Importance weights, (scenes,): the probability of all acts so far without the adversary,
+        divided by their probability with the adversary."""
         self._frequencies, self._rng, self._careless = frequencies, rng, careless
         self._desired_m_s = world.speed_m_s[:, 1:] + np.abs(rng.normal(0, 2.0, shape)) + 1.0
         self._target = np.round(world.y_m[:, 1:] / ROAD.lane_width_m).astype(np.int64)

@@ -20,7 +20,7 @@ class TrafficTally:
         self.speeds_m_s: list[float] = []
         """Mean speed of the vehicles after each reset and after each decision."""
         self.colliding = 0
-        """Vehicles that SUMO reports in a collision with each other, each once per episode."""
+        """Number of vehicles that SUMO reports in a collision; each counts once per episode."""
 
     def drive(self, driver: Driver, seed: int, vehicles: int) -> None:
         """Drive an episode and update the statistics."""

@@ -21,14 +21,14 @@ class Judgement(NamedTuple):
     ego_hits: int
     """Number of episodes in which the ego hit something."""
     fewest_ego_hits: int
-    """The same number of the rule-based driver that has the fewest."""
+    """Smallest number of episodes in which the ego hit something, of any rule-based driver."""
     hard_brakes_per_km: float
     their_hard_brakes_per_km: float
-    """The same number of the driver ``over``."""
+    """Number of hard brakes per kilometre of the driver ``over``."""
     comfortable_percent: float | None
     """Share of decisions within nuPlan's bounds of comfort; None without ``--criticality``."""
     their_comfortable_percent: float | None
-    """The same share of the driver ``over``."""
+    """Share of the decisions of the driver ``over`` within nuPlan's bounds of comfort, or None."""
     failures: tuple[str, ...]
     """The conditions that the driver does not meet: ``speed``, ``collisions``, ``way``,
     ``comfort``."""
@@ -38,7 +38,7 @@ class Judgement(NamedTuple):
     """Number of episodes in which the ego missed its exit or did not merge; None on a road without
     an exit or a merge."""
     fewest_missed: int | None = None
-    """The same number of the rule-based driver that has the fewest."""
+    """Smallest number of such episodes of any rule-based driver; None like ``missed``."""
 
     def __str__(self) -> str:
         gain = f"{self.gain_m_s} m/s"

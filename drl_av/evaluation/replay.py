@@ -27,7 +27,7 @@ Watcher = Callable[[Decision], None]
 
 
 class Pacer:
-    """Slows an episode in sumo-gui down to ``rate`` times real time: 1 / rate s a decision."""
+    """Slows an episode in sumo-gui to ``rate`` times real time: a decision takes 1 / rate s."""
 
     def __init__(self, rate: float) -> None:
         self._pause_s = 1.0 / rate

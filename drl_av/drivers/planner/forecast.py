@@ -74,7 +74,10 @@ class Forecaster:
         self._mandatory = mandatory
 
     def around(self, ego: Ego, x_m: FloatArray, speed: FloatArray) -> Surroundings:
-        """Return the other vehicles relative to the ego, at ``x_m`` and ``speed``, shape (P, N)."""
+        """Return the other vehicles as the ego sees them.
+
+        ``x_m`` and ``speed``, shape (P, N), are the vehicles' positions, m, and speeds, m/s.
+        """
         ahead_m = x_m - ego.x_m[:, None]
         ahead_m -= self._lap_m * np.round(ahead_m / self._lap_m)
         return Surroundings(ahead_m, speed, self._others.half_m)
