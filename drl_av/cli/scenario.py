@@ -12,7 +12,7 @@ from drl_av.errors import ScenarioError
 from drl_av.traffic.kinds import KINDS, kind_name
 
 FLAGS = {"barricaded_lanes": "--barricade"}
-"""The options whose name differs from that of the setting, by setting."""
+"""Maps a setting to its option, if the option does not have the name of the setting."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -170,9 +170,9 @@ def any_speed(p: Problem, before: Term, step: int, a: Argument) -> Term:
 
 
 def any_faster(p: Problem, before: Term, step: int, a: Argument) -> Term:
-    """Add and return the speed of a vehicle behind after a step without braking for the ego.
+    """Add and return the speed, after a step, of a vehicle behind that does not respond to the ego.
 
-    The speed may be any that is possible with at most the highest acceleration.
+    Any speed is possible that the vehicle reaches with at most its highest acceleration.
     """
     speed = p.unknown(f"follower_speed_{step}", 0, a.others_most_m_s)
     p.assume(speed <= before + a.acceleration_m_s2 * a.step_s)

@@ -20,7 +20,7 @@ class Intent(IntEnum):
     LEFT = 2
     RIGHT = 3
     LEFT_YIELDING = 4
-    """Brake until the lane change to the left is permitted, to change behind a vehicle there."""
+    """Change to the left, and brake until this is permitted, to let a vehicle there pass first."""
     RIGHT_YIELDING = 5
 
 
