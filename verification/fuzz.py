@@ -24,9 +24,11 @@ from drl_av.drivers.policy_file import PRETRAINED, load_policy
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.recording import Recording, load_recording
 from drl_av.experiments.figures import EPISODE_COLUMNS
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.store import MadeWith, ResultStore
 from drl_av.files import read_table
 from drl_av.traffic.imported import ImportedDescription
-from drl_av.traffic.scenario import find_scenario, load_scenario
+from drl_av.traffic.scenario import find_scenario, load_scenario, read_description
 from verification.fuzz_driving import Attempt, apart, driven_config, driven_scenario, route
 
 ABSURD = (b"nan", b"inf", b"-1", b"1e400", b"9" * 5000, b"\0", b"\xff\xfe", b"[" * 3000, b"'", b"$")
@@ -82,7 +84,8 @@ def _network(rng: random.Random, folder: Path) -> None:
 
 def _policy(rng: random.Random, folder: Path) -> None:
     file = folder / "policy.safetensors"
-    file.write_bytes(mutated((PRETRAINED / file.name).read_bytes(), rng))
+    shipped = PRETRAINED / rng.choice((".", "merge", "exit", "ramp_to_ramp"))
+    file.write_bytes(mutated((shipped / file.name).read_bytes(), rng))
     networks, _ = load_policy(file)
     assert all(np.isfinite(network.flat).all() for network in networks)
 
@@ -102,6 +105,31 @@ def _table(rng: random.Random, folder: Path) -> None:
         assert np.isfinite([row["vehicles"], row["mean_speed_m_s"]]).all()
 
 
+def _description(rng: random.Random, folder: Path) -> None:
+    file = folder / "own.toml"
+    shipped = rng.choice(("merge", "exit", "ramp_to_ramp", "straight"))
+    file.write_bytes(mutated((find_scenario(shipped) / "scenario.toml").read_bytes(), rng))
+    found = read_description(file)
+    assert 1 <= found.speed_limit_m_s <= 100
+    assert 2 <= found.lane_width_m <= 10
+
+
+def _store(rng: random.Random, folder: Path) -> None:
+    store, config = folder / "mine.csv", Config()
+    made_with = MadeWith({"": config})
+    rows = [{"seed": str(seed), "mean_speed_m_s": str(20.5 + seed)} for seed in range(9)]
+    whole = ResultStore(store, made_with, lambda row: int(row["seed"]))
+    whole.put({}, rows)
+    whole.save(ReproduceOptions())
+    file = rng.choice((store, store.with_suffix(".json")))
+    file.write_bytes(mutated(file.read_bytes(), rng))
+    before = file.read_bytes()
+    found = ResultStore(store, made_with, lambda row: int(row["seed"]))
+    assert file.read_bytes() == before
+    found.require_columns(rows[0])
+    assert np.isfinite([float(row["mean_speed_m_s"]) for row in found.rows]).all()
+
+
 def _command_line(rng: random.Random, folder: Path) -> None:
     words = [rng.choice(WORDS) for _ in range(rng.randint(0, 5))]
     said = io.StringIO()
@@ -118,9 +146,11 @@ KINDS: dict[str, Attempt] = {
     "config": _config,
     "scenario": _scenario,
     "network": _network,
+    "description": _description,
     "policy": _policy,
     "recording": _recording,
     "table": _table,
+    "store": _store,
     "command line": _command_line,
     "driven config": apart(driven_config),
     "driven scenario": apart(driven_scenario),
