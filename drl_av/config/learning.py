@@ -139,6 +139,12 @@ class LearningConfig(Section):
         low=0,
         high=1000,
     )
+    permitted_only: bool = setting(
+        False,
+        "ours",
+        "whether the trained driver proposes only actions that the safety check permits; the "
+        "training explores all actions",
+    )
     evaluate_every: int = setting(100, "Sec. IV-C", "episodes between evaluations", low=1)
     evaluation_episodes: int = setting(10, "ours", "episodes of an evaluation", low=1, high=10_000)
     checkpoint_every: int = setting(50, "ours", "episodes between checkpoints", low=1)

@@ -35,6 +35,7 @@ _FAST_ON_RAMPS = {
     "evaluate_every": 80,
     "target_update_episodes": 8,
     "unsafe_penalty": 0.1,
+    "permitted_only": True,
 }
 """Settings of the preset ``fast`` on roads with ramps.
 

@@ -13,6 +13,7 @@ from drl_av.errors import ConfigError
 
 ADDED_LATER = {
     ("traffic", "overtake_right"),
+    ("learning", "permitted_only"),
     ("traffic", "keep_stopping_distance"),
     *(("traffic", f"truck_{name}") for name in ("share", "length_m", "width_m")),
     *(("traffic", f"truck_speed_{end}_m_s") for end in ("min", "max")),

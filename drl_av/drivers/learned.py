@@ -11,6 +11,7 @@ from drl_av.driving.actions import ACTIONS, Action, Lateral
 from drl_av.driving.affordances import observed_indicators
 from drl_av.driving.mirror import MIRROR, Mirror, mirror_of, mirrored_observations
 from drl_av.driving.scene import Scene
+from drl_av.safety.check import SafetyCheck, permits
 
 Values = Callable[[Float32Array], Float32Array]
 """A function of an observation, shape (27,), that returns Q(s, .), a new array of shape (12,)."""
@@ -67,15 +68,26 @@ class LearnedDriver:
     Where two lanes are equally good, small errors of the networks can start a lane change and abort
     it at the next decision. The driver therefore starts a lane change only if the Q-value of the
     lane change exceeds that of the best action without one by more than the margin.
+
+    Args:
+        values: The function from an observation to the Q-values.
+        lane_change_margin: The margin, a difference of Q-values.
+        check: If given, the driver chooses only among the actions that this safety check permits.
     """
 
-    def __init__(self, values: Values, lane_change_margin: float = 0.0) -> None:
+    def __init__(
+        self, values: Values, lane_change_margin: float = 0.0, check: SafetyCheck | None = None
+    ) -> None:
         self.values = values
-        self._margin = lane_change_margin
+        self._margin, self._check = lane_change_margin, check
 
     def with_margin(self, lane_change_margin: float) -> "LearnedDriver":
-        """Return a driver with the same Q-values and another margin for lane changes."""
-        return LearnedDriver(self.values, lane_change_margin)
+        """Return a driver with the same Q-values and check, and another margin for lane changes."""
+        return LearnedDriver(self.values, lane_change_margin, self._check)
+
+    def permitted_by(self, check: SafetyCheck) -> "LearnedDriver":
+        """Return a driver that chooses only among the actions that a safety check permits."""
+        return LearnedDriver(self.values, self._margin, check)
 
     def start(self, seed: int) -> None:
         """Do nothing: the driver has no state and draws no random numbers."""
@@ -90,12 +102,21 @@ class LearnedDriver:
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the action with the greatest Q(s, a), less the margin for each lane change action.
 
+<<<<<<< HEAD
         While a lane change is in progress, the margin is not subtracted.
+=======
+        The margin is not subtracted while a lane change is in progress. With a check, the maximum
+        is over the permitted actions, or over all actions if the check permits none.
+>>>>>>> a9fee24 (On roads with ramps the trained driver proposes only actions that the check permits, so it begins no lane change that is taken back)
         """
         values = self.values(observation)
         if scene.lane_change is None:
             values[CHANGES_LANE] -= np.float32(self._margin)
-        return ACTIONS[values.argmax()]
+        best = ACTIONS[values.argmax()]
+        if self._check is None:
+            return best
+        ranked = (ACTIONS[number] for number in np.argsort(-values, kind="stable"))
+        return next((one for one in ranked if permits(self._check, scene, one)), best)
 
 
 def learned_driver(networks: Sequence[QNetwork], config: Config) -> LearnedDriver:

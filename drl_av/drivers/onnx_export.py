@@ -51,9 +51,15 @@ def export(
     The module ``onnx_interface`` describes the file's inputs, outputs and metadata.
 
     Raises:
-        DrlAvError: onnx is not installed, ``observation.way`` is on (not supported), or the file
-            cannot be written.
+        DrlAvError: onnx is not installed, ``observation.way`` or ``learning.permitted_only`` is on
+            (not supported), or the file cannot be written.
     """
+    if config.learning.permitted_only and not config.observation.way:
+        raise DrlAvError(
+            "A driver that was trained with learning.permitted_only cannot be exported, because "
+            "the file has no inputs for the safety check: train one without, or drive it with "
+            "drl-av."
+        )
     if config.observation.way:
         raise DrlAvError(
             "A driver that was trained with observation.way cannot be exported, because the file "

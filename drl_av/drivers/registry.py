@@ -24,6 +24,7 @@ from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.drivers.sumo import TUNED, SumoDriver
 from drl_av.driving.affordances import INDICATORS
 from drl_av.errors import ConfigError, RunError
+from drl_av.safety import named_check
 from drl_av.traffic.ego_model import EgoModel
 
 RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
@@ -163,6 +164,8 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
             drivers[name] = LOADERS[run.suffix](run)
             continue
         driver, own = learned[name]
+        if own.learning.permitted_only:
+            driver = driver.permitted_by(named_check(config))
         drivers[name] = driver if margin == margins[0] else driver.with_margin(margin)
         if _observed_by(own) != _observed_by(config):
             raise RunError(
@@ -233,4 +236,7 @@ def load_learned(path: Path) -> tuple[LearnedDriver, Config]:
         CheckpointError: the policy file is damaged, or its config differs from the folder's.
     """
     networks, config = policy_file.load_run(path)
-    return learned_driver(networks, config), config
+    driver = learned_driver(networks, config)
+    if config.learning.permitted_only:
+        driver = driver.permitted_by(named_check(config))
+    return driver, config

@@ -53,7 +53,10 @@ def make_training(env: HighwayEnv) -> Training:
         if config.traffic_by_episode
         else partial(draw_seed, rng),
     )
-    return Training(env, learned_driver(networks, env.config), learners, buffer, rng, variant)
+    driver = learned_driver(networks, env.config)
+    if config.permitted_only:
+        driver = driver.permitted_by(env.safety_check)
+    return Training(env, driver, learners, buffer, rng, variant)
 
 
 def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:

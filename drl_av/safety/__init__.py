@@ -12,7 +12,7 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 from drl_av.safety.assumptions import ROAD_AS_WRITTEN, require_assumptions
-from drl_av.safety.check import SafetyCheck, judged, permit_all
+from drl_av.safety.check import SafetyCheck, permit_all, permits
 from drl_av.safety.paper import paper
 from drl_av.safety.strict import Strict
 from drl_av.traffic.road import Road
@@ -76,4 +76,4 @@ def action_mask(check: SafetyCheck, scene: Scene) -> ActionMask:
     The argument ``mask`` of ``gymnasium.spaces.Discrete.sample`` accepts it. All entries are 0 if
     the check replaces every action.
     """
-    return np.array([judged(check, scene, action).action == action for action in ACTIONS], np.int8)
+    return np.array([permits(check, scene, action) for action in ACTIONS], np.int8)

@@ -56,6 +56,11 @@ def judged(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
     return verdict
 
 
+def permits(check: SafetyCheck, scene: Scene, proposed: Action) -> bool:
+    """Return whether the ego would execute the proposed action unchanged under the check."""
+    return judged(check, scene, proposed).action == proposed
+
+
 def permit_all(scene: Scene, proposed: Action) -> Verdict:
     """Return every action as proposed, without a check (the ablation in the paper)."""
     return Verdict(proposed, Rule.NONE)

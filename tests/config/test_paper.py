@@ -47,6 +47,7 @@ PAPER = {
         "learning.gradient_steps": 1,
         "learning.counterfactuals": 0,
         "learning.mirrored": False,
+        "learning.permitted_only": False,
         "learning.speed_weight": 0.0,
         "learning.unsafe_penalty": 0.0,
         "learning.collisions_to_start": 0,

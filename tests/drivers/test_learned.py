@@ -18,9 +18,10 @@ from drl_av.drivers.learned import (
     network_values,
 )
 from drl_av.drivers.network import QNetwork
-from drl_av.driving.actions import ACTIONS, Lateral
+from drl_av.driving.actions import ACTIONS, Action, Lateral
 from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
 from drl_av.driving.scene import Scene
+from drl_av.safety.check import Rule, Verdict, permit_all
 
 MAINTAIN, ACCELERATE = 0, 1
 MAINTAIN_RIGHT, ACCELERATE_LEFT = 4, 9
@@ -58,6 +59,33 @@ def test_what_has_begun_continues_or_back_by_value_alone() -> None:
     assert decided(back, 0.2, UNDER_WAY) == MAINTAIN_RIGHT
     assert decided(on, 0.2, UNDER_WAY) == ACCELERATE_LEFT
     assert decided(back, 0.2) == decided(on, 0.2) == ACCELERATE
+
+
+@pytest.mark.parametrize(
+    ("refused", "expected"),
+    [
+        ((), ACCELERATE_LEFT),
+        ((ACCELERATE_LEFT,), ACCELERATE),
+        ((ACCELERATE_LEFT, ACCELERATE), MAINTAIN),  # not 9's neighbour 8, which is worth less
+        (tuple(range(12)), ACCELERATE_LEFT),  # the check replaces it
+    ],
+)
+def test_a_driver_with_a_check_takes_the_best_action_that_it_permits(refused, expected) -> None:
+    def check(scene: Scene, proposed: Action) -> Verdict:
+        if proposed.number in refused:
+            return Verdict(ACTIONS[(proposed.number + 1) % 12], Rule.IN_LANE)
+        return Verdict(proposed, Rule.NONE)
+
+    values = {MAINTAIN: 0.3, ACCELERATE: 0.5, ACCELERATE_LEFT: 0.9}
+    driver = LearnedDriver(stated(values)).permitted_by(check)
+    assert driver.act(ALONE, S_T).number == expected
+
+
+def test_the_margin_counts_before_the_check() -> None:
+    values = {ACCELERATE: 0.5, ACCELERATE_LEFT: 0.9}
+    driver = LearnedDriver(stated(values)).permitted_by(permit_all)
+    assert driver.with_margin(0.3).act(ALONE, S_T).number == ACCELERATE_LEFT
+    assert driver.with_margin(0.5).act(ALONE, S_T).number == ACCELERATE
 
 
 @given(

@@ -12,8 +12,9 @@ from worlds import ROAD, scene
 
 from drl_av.cli import main
 from drl_av.config import from_toml
+from drl_av.drivers.onnx_export import export
 from drl_av.drivers.onnx_interface import described
-from drl_av.drivers.policy_file import PRETRAINED
+from drl_av.drivers.policy_file import PRETRAINED, load_run
 from drl_av.drivers.registry import find_drivers, load_learned, make_drivers
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS, SLOTS, ObservationScale
@@ -21,6 +22,7 @@ from drl_av.driving.scene import LaneChange
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive, rollout
+from drl_av.errors import DrlAvError
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +121,15 @@ def test_what_cannot_be_exported_is_named_with_what_can(
     assert "pretrained" in said
     assert "leave the run out" not in said
     assert not Path("out.onnx").exists()
+
+
+def test_a_driver_that_asks_the_check_is_not_exported(tmp_path: Path) -> None:
+    networks, config = load_run(PRETRAINED)
+    config = config.updated("learning", permitted_only=True)
+    scale = ObservationScale(config.observation, config.ego.max_speed_m_s, ROAD)
+    with pytest.raises(DrlAvError, match="has no inputs for the safety check"):
+        export(tmp_path / "driver.onnx", networks, config, scale)
+    assert not any(tmp_path.iterdir())
 
 
 def test_a_lane_change_begins_only_above_the_margin_and_continues_without_one(

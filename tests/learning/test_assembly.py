@@ -12,10 +12,11 @@ from worlds import ALONE
 from drl_av.config import Config
 from drl_av.drivers.learned import network_values
 from drl_av.drivers.policy_file import load
-from drl_av.drivers.registry import load_learned
+from drl_av.drivers.registry import find_drivers, load_learned, make_drivers
 from drl_av.driving.mirror import MIRROR, mirrored_observations
 from drl_av.env.episode import TRAINING_SEEDS
 from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import rollout
 from drl_av.errors import CheckpointError
 from drl_av.learning.assembly import make_training, warm_start
 from drl_av.learning.checkpoint import save_policy
@@ -176,3 +177,20 @@ def test_it_continues_with_as_many_as_it_has(name: str, env: HighwayEnv, tmp_pat
     message = "was trained with learning.networks = 3: continue with as many, not 1"
     with pytest.raises(CheckpointError, match=message):
         warm_start(make_training(env), run.folder / name)
+
+
+@pytest.mark.parametrize("permitted_only", [False, True])
+def test_an_untrained_driver_that_asks_the_check_triggers_no_rule(
+    permitted_only: bool, env: HighwayEnv, tmp_path: Path
+) -> None:
+    config = TOGETHER.updated("learning", permitted_only=permitted_only, seed=3)
+    env.config = config
+    training = make_training(env)
+    file = tmp_path / "policy.safetensors"
+    save_policy(file, training.networks, config)
+    read = make_drivers(find_drivers([str(file)]), config)
+    triggers = [
+        sum(decision.triggered for decision in rollout(env, driver, 7, 3))
+        for driver in (training.driver, *read.values())
+    ]
+    assert triggers == [0, 0] if permitted_only else min(triggers) > 0
