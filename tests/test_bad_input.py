@@ -126,6 +126,15 @@ def test_a_config_file_is_settings_or_one_sentence(text: bytes, tmp_path: Path) 
         assert from_toml(config.to_toml()) == config
 
 
+def test_a_config_file_of_three_gigabytes_is_refused_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    with path.open("wb") as file:
+        file.truncate(3_000_000_000)
+    with pytest.raises(ConfigError, match="more than 1000000 characters") as error:
+        load_config(path)
+    sentence(error.value, str(path))
+
+
 def test_a_file_that_windows_wrote_is_read(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_bytes(b"\xef\xbb\xbf[learning]\r\nseed = 3\r\n")

@@ -173,21 +173,31 @@ def located(config: Config) -> Config:
     return config.updated("simulation", scenario=str(folder.absolute()))
 
 
+MOST_CHARACTERS = 1_000_000
+"""The longest config file that is read."""
+
+
 def load_config(path: str | Path | None, base: Config | None = None) -> Config:
     """Return a copy of ``base`` with the settings of a TOML file, or ``base`` if ``path`` is None.
 
     The default of ``base`` is the paper's config.
 
     Raises:
-        ConfigError: the file cannot be read or is not valid TOML, a section or key is unknown, or a
-            value has a wrong type or is out of bounds; the message contains the path.
+        ConfigError: the file cannot be read, is too large or not valid TOML, a section or key is
+            unknown, or a value has a wrong type or is out of bounds; the message contains the path.
     """
     if path is None:
         return base or Config()
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        with Path(path).open(encoding="utf-8-sig") as file:
+            text = file.read(MOST_CHARACTERS + 1)
     except (OSError, UnicodeDecodeError, TypeError) as error:
         raise ConfigError(f"The config file {path} cannot be read: {error}.") from error
+    if len(text) > MOST_CHARACTERS:
+        raise ConfigError(
+            f"The config file {path} has more than {MOST_CHARACTERS} characters: name a TOML file "
+            "of settings."
+        )
     try:
         return from_toml(text, base, str(path))
     except ConfigError as error:

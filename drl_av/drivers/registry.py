@@ -79,6 +79,10 @@ def baselines(names: Iterable[str]) -> list[str]:
     return [name for name in dict.fromkeys(names) if name in RULE_DRIVERS and name != "planner"]
 
 
+MAX_BYTES = 1_000_000_000
+"""The largest zip or ONNX file that is read as a driver."""
+
+
 def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
     """Find the driver that each word names; a repeated word counts once.
 
@@ -87,7 +91,7 @@ def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
     named after the last part of its path, or after the whole path if two would share a name.
 
     Raises:
-        ConfigError: a word names no driver; the message may suggest a similar name.
+        ConfigError: a word names no driver, or a zip or ONNX file that is no regular file.
     """
     runs: dict[str, Path | None] = {}
     for word in dict.fromkeys(words):
@@ -96,7 +100,7 @@ def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
         elif word in policy_file.SHIPPED:
             runs[word] = policy_file.SHIPPED[word]
         elif Path(word).exists():
-            runs[word] = Path(word)
+            runs[word] = _existing(Path(word))
         elif is_factory(word):
             runs[word] = None
         else:
@@ -108,6 +112,20 @@ def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
         DriverSpec(short[word] if count[short[word]] == 1 else word, run)
         for word, run in runs.items()
     )
+
+
+def _existing(path: Path) -> Path:
+    """Return the path of a driver.
+
+    Raises ConfigError if a folder or pipe has the suffix of a file, or the file is too large.
+    """
+    if path.suffix in LOADERS and not path.is_file():
+        raise ConfigError(f"The driver {path} is no regular file: name a file, or rename it.")
+    if path.suffix in LOADERS and path.stat().st_size > MAX_BYTES:
+        raise ConfigError(
+            f"The driver {path} is larger than {MAX_BYTES // 10**6} MB: name the file of a network."
+        )
+    return path
 
 
 def _unknown(word: str) -> ConfigError:

@@ -1,7 +1,9 @@
 """Drivers of the user's own, by a factory, a stable-baselines3 zip or an ONNX file."""
 
 import csv
+import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.drivers.external import OnnxDriver, driver_of_agent, driver_of_factory, is_factory
 from drl_av.drivers.policy_file import PRETRAINED
+from drl_av.drivers.registry import find_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError
 
@@ -82,6 +85,25 @@ def test_replay_takes_each_form_of_driver_that_its_help_names(
         shown = " ".join(capsys.readouterr().out.split())
         forms = ("folder of a run", ".safetensors", ".zip", ".onnx", "module:factory", "pretrained")
         assert all(form in shown for form in forms)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="named pipes")
+@pytest.mark.parametrize("make", [os.mkdir, os.mkfifo], ids=["folder", "pipe"])
+@pytest.mark.parametrize("name", ["own.zip", "own.onnx"])
+def test_a_folder_or_pipe_in_place_of_a_file_is_one_sentence_and_not_waited_for(
+    name: str, make: Callable[[Path], None], tmp_path: Path
+) -> None:
+    make(tmp_path / name)
+    with pytest.raises(ConfigError, match=rf"{name} is no regular file: name a file, or rename"):
+        find_drivers([str(tmp_path / name)])
+
+
+@pytest.mark.parametrize("name", ["own.zip", "own.onnx"])
+def test_a_driver_of_more_than_a_gigabyte_is_one_sentence(name: str, tmp_path: Path) -> None:
+    with (tmp_path / name).open("wb") as file:
+        file.truncate(1_000_000_001)
+    with pytest.raises(ConfigError, match=rf"{name} is larger than 1000 MB: name the file of a"):
+        find_drivers([str(tmp_path / name)])
 
 
 @pytest.mark.parametrize("name", ["absent.zip", "absent.onnx", "absent.safetensors", "absent.npz"])
