@@ -102,12 +102,8 @@ class LearnedDriver:
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the action with the greatest Q(s, a), less the margin for each lane change action.
 
-<<<<<<< HEAD
-        While a lane change is in progress, the margin is not subtracted.
-=======
         The margin is not subtracted while a lane change is in progress. With a check, the maximum
         is over the permitted actions, or over all actions if the check permits none.
->>>>>>> a9fee24 (On roads with ramps the trained driver proposes only actions that the check permits, so it begins no lane change that is taken back)
         """
         values = self.values(observation)
         if scene.lane_change is None:
