@@ -8,6 +8,11 @@ from drl_av.config import Config, from_sections, load_config
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ConfigError
 
+LITERAL: dict[str, dict[str, Any]] = {
+    "safety": {"printed_rule_1": True, "printed_rule_3": True, "printed_idm": True},
+    "reward": {"desired": "best-lane", "speed_tolerance_m_s": 0.0},
+}
+"""The settings of the preset ``literal``: the paper as printed, see ``docs/choices.md``."""
 PRESETS: dict[str, Config] = {
     "paper": Config(),
     "fast": Config().updated(
@@ -29,6 +34,7 @@ PRESETS: dict[str, Config] = {
         unsafe_penalty=0.5,
         lane_change_margin=0.02,
     ),
+    "literal": from_sections(LITERAL),
 }
 _FAST_ON_RAMPS = {
     "episodes": 800,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from drl_av.config.schema import Section, setting
 
-DESIRED_VALUES = ("traffic", "fixed")
+DESIRED_VALUES = ("traffic", "best-lane", "fixed")
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,8 @@ class RewardConfig(Section):
     desired: str = setting(
         "traffic",
         "Sec. IV-C",
-        "v_des and y_des: computed from the traffic around the ego (traffic), or constant (fixed)",
+        "v_des and y_des: computed from the traffic, v_des for the ego's lane (traffic) or for the "
+        "best lane nearby (best-lane), or constant (fixed)",
         choices=DESIRED_VALUES,
     )
     desired_speed_m_s: float = setting(

@@ -39,6 +39,22 @@ class SafetyConfig(Section):
     minimum_gap_m: float = setting(
         15.0, "Table I", "d_TVmin of eq. 2, smallest safe gap", low=0, high=250
     )
+    printed_rule_1: bool = setting(
+        False,
+        "ours",
+        "rule 1 of the check paper as printed: it replaces a harder brake than eq. 3 demands, too",
+    )
+    printed_rule_3: bool = setting(
+        False,
+        "ours",
+        "rule 3 of the check paper as printed: an unsafe lane change is reversed even if the way "
+        "back is unsafe",
+    )
+    printed_idm: bool = setting(
+        False,
+        "ours",
+        "the paper's IDM rule as printed: it accelerates above T_A even where eq. 2 does not hold",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -25,6 +25,7 @@ ADDED_LATER = {
     ("traffic", "hard_brake_s"),
     ("ego", "overtake_right"),
     ("observation", "way"),
+    *(("safety", f"printed_{rule}") for rule in ("rule_1", "rule_3", "idm")),
 }
 """(section, key) of each setting that older versions lack; their files get the default value."""
 

@@ -16,14 +16,15 @@ def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
     T_C is the time to collision with the vehicle ahead, infinite without a vehicle, and T_A is
     ``config.accelerate_ttc_s``. We add one condition to the paper's rule: it accelerates only if
     eq. 2, the gap condition, holds, too. At equal speeds T_C is infinite at any gap, so the paper's
-    rule would accelerate into the vehicle ahead.
+    rule would accelerate into the vehicle ahead; with ``config.printed_idm`` it does.
     """
     front = affordances.own_front
     if front is None:
         return Longitudinal.ACCELERATE
     closing = closing_speed(front)
     ttc_s = time_to_collision(front.gap_m, closing)
-    if ttc_s > config.accelerate_ttc_s and gap_condition(front.gap_m, closing, config):
+    may_close_in = config.printed_idm or gap_condition(front.gap_m, closing, config)
+    if ttc_s > config.accelerate_ttc_s and may_close_in:
         return Longitudinal.ACCELERATE
     return safe_action(ttc_s, config)
 

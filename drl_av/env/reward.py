@@ -142,18 +142,30 @@ def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig
       direction, or of the ego's lane until the next lane begins. y_des is the centre of the lane
       that the ego reaches by these lane changes.
     - Otherwise v_des is that of the ego's lane, and y_des the centre of the best lane
-      (``faster_side``).
+      (``faster_side``). With "best-lane" v_des is that of the fastest lane (``best_speed``).
     """
     if config.desired == "fixed":
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)
     lanes, side = due_changes(affordances.mandatory), affordances.mandatory.side
     next_lane = side if lanes and affordances.has_lane(side) else 0
     speed_m_s = attainable_speed(affordances, next_lane, config, safety.minimum_gap_m)
-    lanes = lanes or faster_side(affordances, speed_m_s, config, safety)
+    if not lanes:
+        lanes = faster_side(affordances, speed_m_s, config, safety)
+        if config.desired == "best-lane":
+            speed_m_s = best_speed(affordances, config, safety.minimum_gap_m)
     return Desired(
         tolerated_speed(affordances.ego_speed_m_s, speed_m_s, config),
         affordances.lane_center_m + lanes * affordances.lane_width_m,
     )
+
+
+def best_speed(affordances: Affordances, config: RewardConfig, minimum_gap_m: float) -> float:
+    """Return the highest ``attainable_speed`` of the ego's lane and those beside it, m/s (ours).
+
+    Whether rule 3 permits a lane change now does not matter.
+    """
+    sides = [0, *(side for side in (1, -1) if affordances.has_lane(side))]
+    return max(attainable_speed(affordances, side, config, minimum_gap_m) for side in sides)
 
 
 def due_changes(mandatory: MandatoryChange) -> int:

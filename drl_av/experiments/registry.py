@@ -7,6 +7,7 @@ from drl_av.experiments.density_sweep import DENSITY_SWEEP
 from drl_av.experiments.experiment import Experiment
 from drl_av.experiments.fast import FAST
 from drl_av.experiments.final_policies import FINAL_POLICIES
+from drl_av.experiments.literal import LITERAL_PAPER
 from drl_av.experiments.opponents import OPPONENTS_SWEEP
 from drl_av.experiments.real_bounds import REAL_BOUNDS
 from drl_av.experiments.strictness import STRICT
@@ -30,6 +31,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         CHECK_PERMIT_ALL,
         REFERENCE_ACC,
         EXACT_SPEED,
+        LITERAL_PAPER,
         BARRICADE_PRETRAINED,
         STRICT,
         REAL_BOUNDS,

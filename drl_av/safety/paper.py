@@ -75,7 +75,8 @@ def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
 
     The ego may still collide: see docs/safety.md. The paper leaves two cases open. Ours: a proposal
     that brakes at least as hard as eq. 3 demands is safe. If rule 3 permits neither to continue nor
-    to abort a lane change, the ego moves to the lane that contains its centre.
+    to abort a lane change, the ego moves to the lane that contains its centre. The settings
+    ``printed_rule_1`` and ``printed_rule_3`` follow the paper's words instead.
     """
     longitudinal, in_lane = _checked_longitudinal(scene, proposed.longitudinal, config)
     lateral, across = _checked_lateral(scene, proposed.lateral, config)
@@ -95,7 +96,9 @@ def _checked_longitudinal(
         return proposed, Rule.NONE
     safe = safe_action(time_to_collision(front.gap_m, closing), config)
     brakes_enough = proposed != Longitudinal.ACCELERATE and proposed >= safe
-    return (proposed, Rule.NONE) if brakes_enough else (safe, Rule.IN_LANE)
+    if proposed == safe or (brakes_enough and not config.printed_rule_1):
+        return proposed, Rule.NONE
+    return safe, Rule.IN_LANE
 
 
 def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> tuple[Lateral, Rule]:
@@ -111,7 +114,9 @@ def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> t
     if scene.lane_change is None:
         return Lateral.KEEP, Rule.LANE_CHANGE
     goes_back = (
-        lane_is_clear(affordances, wanted.origin, config) or wanted.origin == affordances.lane
+        config.printed_rule_3
+        or lane_is_clear(affordances, wanted.origin, config)
+        or wanted.origin == affordances.lane
     )
     return (toward(-wanted.sign), Rule.LANE_CHANGE) if goes_back else (proposed, Rule.NONE)
 

@@ -49,6 +49,22 @@ def test_idm_brakes_by_time_to_collision_and_accelerates_above_8_s(
     assert act(IdmDriver(CONFIG), world) == Action(Lateral.KEEP, how)
 
 
+@pytest.mark.parametrize(
+    ("gap", "closing_m_s", "how"),
+    [
+        (0.1, 0.0, ACCELERATE),  # T_C is infinite at equal speeds
+        (17.0, 1.0, ACCELERATE),  # 17 s
+        (40.0, 5.0, MAINTAIN),  # 8 s
+        (15.0, 5.0, BRAKE),
+    ],
+)
+def test_as_printed_idm_accelerates_above_8_s_at_any_gap(
+    gap: float, closing_m_s: float, how: Longitudinal
+) -> None:
+    world = scene(ahead(gap, CENTER, 20.0 - closing_m_s))
+    assert act(IdmDriver(SafetyConfig(printed_idm=True)), world) == Action(Lateral.KEEP, how)
+
+
 def test_idm_alone_accelerates_in_its_lane() -> None:
     assert act(IdmDriver(CONFIG), ALONE) == Action(Lateral.KEEP, ACCELERATE)
 

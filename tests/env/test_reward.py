@@ -1,5 +1,6 @@
 """The three terms of the reward, as printed, and what they are measured against."""
 
+import dataclasses
 import math
 from math import exp
 
@@ -266,6 +267,34 @@ def test_the_best_lane_is_wanted_and_the_speed_of_the_own_one_until_the_ego_is_t
     right: float, own: float, left: float, lane: float
 ) -> None:
     assert wanted_by(in_three_lanes(right, own, left)) == pytest.approx((own, lane))
+
+
+@pytest.mark.parametrize(
+    ("right", "own", "left", "speed", "lane"),
+    [
+        (12, 20, 15, 20, CENTER),
+        (12, 20, 20.9, 20.9, CENTER),  # the speed of a lane that is not worth a lane change
+        (25, 20, 22, 25, RIGHT),
+    ],
+)
+def test_the_speed_of_the_best_lane_can_be_wanted_at_once(
+    right: float, own: float, left: float, speed: float, lane: float
+) -> None:
+    config = dataclasses.replace(TRAFFIC, desired="best-lane")
+    found = desired(in_three_lanes(right, own, left).affordances, config, SAFETY)
+    assert tuple(found) == pytest.approx((speed, lane))
+
+
+def test_the_speed_of_the_best_lane_is_wanted_where_rule_3_bars_it_but_not_of_a_closed_one() -> (
+    None
+):
+    config = dataclasses.replace(TRAFFIC, desired="best-lane")
+    # one alongside at the left, which is otherwise free; the right lane is free, or closed
+    others = (ahead(26, CENTER, 20.0), behind(1, LEFT, 20.0))
+    slow_right = scene(*others, ahead(26, RIGHT, 20.0))
+    assert tuple(desired(slow_right.affordances, config, SAFETY)) == pytest.approx((30.0, CENTER))
+    closed = scene(ahead(26, CENTER, 20.0), ahead(26, LEFT, 20.0), road=BARRICADED_ROAD)
+    assert tuple(desired(closed.affordances, config, SAFETY)) == pytest.approx((20.0, CENTER))
 
 
 def test_the_tolerance_is_for_the_speed_and_never_for_the_lane() -> None:

@@ -294,6 +294,41 @@ def test_both_rules_can_fire_at_once_and_both_are_reported() -> None:
     assert str(checked(ALONE).rule) == "none"
 
 
+# The rules as the paper prints them
+
+
+PRINTED = SafetyConfig(printed_rule_1=True, printed_rule_3=True)
+
+
+@pytest.mark.parametrize(
+    ("gap", "proposed", "executed"),
+    [
+        (15.0, HARD_BRAKE, BRAKE),  # T_C is 3 s, for which eq. 3 demands brake
+        (30.0, BRAKE, MAINTAIN),
+        (30.1, BRAKE, BRAKE),  # eq. 2 holds
+        (10.0, HARD_BRAKE, HARD_BRAKE),
+    ],
+)
+def test_as_printed_rule_1_also_replaces_a_harder_brake(
+    gap: float, proposed: Longitudinal, executed: Longitudinal
+) -> None:
+    verdict = paper(closing(gap, 5.0), Action(KEEP, proposed), PRINTED)
+    assert verdict.action == Action(KEEP, executed)
+    assert verdict.rule is (Rule.NONE if executed == proposed else Rule.IN_LANE)
+    assert paper(closing(gap, 5.0), Action(KEEP, proposed), CONFIG).rule is Rule.NONE
+
+
+def test_as_printed_rule_3_turns_the_ego_round_each_second_where_neither_side_is_clear() -> None:
+    others = (behind(5, LEFT), behind(5, CENTER))
+    there = changing(*others, origin=1, target=2, seconds=3)
+    back = changing(*others, origin=2, target=1, seconds=2)
+    for world, way in ((there, TO_RIGHT), (back, TO_LEFT)):
+        verdict = paper(world, Action(KEEP, ACCELERATE), PRINTED)
+        assert verdict == Verdict(Action(way, ACCELERATE), Rule.LANE_CHANGE)
+    # ours: on to the left lane, in which the centre is after 3 s
+    assert checked(there).rule is Rule.NONE
+
+
 # What holds in every scene
 
 

@@ -1,0 +1,100 @@
+"""The experiment ``literal``: what each point in which drl-av deviates from the paper changes."""
+
+from collections.abc import Iterable, Mapping
+from itertools import product
+from typing import Any
+
+from drl_av.config import Config
+from drl_av.config.presets import LITERAL
+from drl_av.drivers.registry import default_config, find_drivers
+from drl_av.evaluation import DENSITIES
+from drl_av.evaluation.statistics import mean_difference
+from drl_av.experiments.cells import Drives, driven_with
+from drl_av.experiments.density_sweep import DRIVER
+from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.markdown import count, markdown_table, mean_of
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.plan import Plan
+from drl_av.experiments.store import MadeWith
+from drl_av.files import Row
+
+DRIVERS = (DRIVER, "idm", "idm-mobil")
+EPISODES = 15
+"""Largest number of episodes of each driver at each number of vehicles with each variant."""
+Settings = Mapping[str, Mapping[str, Any]]
+EXACT = {"speed_tolerance_m_s": 0.0}
+VARIANTS: dict[str, Settings] = {
+    "ours": {},
+    "rule 1": {"safety": {"printed_rule_1": True}},
+    "rule 3": {"safety": {"printed_rule_3": True}},
+    "IDM rule": {"safety": {"printed_idm": True}},
+    "exact v_des": {"reward": EXACT},
+    "v_des of the best lane": {"reward": {**EXACT, "desired": "best-lane"}},
+    "literal": LITERAL,
+}
+"""The settings of each variant, by section; all others are the driver's own."""
+
+
+def literal_plan(options: ReproduceOptions) -> Plan:
+    """Return the plan: every driver on the same traffic seeds with each variant's settings."""
+    base = options.laid_over(default_config(find_drivers([DRIVER])))
+    configs = {name: changed(base, settings) for name, settings in VARIANTS.items()}
+    seeds = min(options.drives, EPISODES)
+    cells = [
+        Drives(config, DRIVERS, vehicles, seeds, named=(("variant", name),))
+        for vehicles in DENSITIES
+        for name, config in configs.items()
+    ]
+    names = list(VARIANTS)
+
+    def place(row: Row) -> tuple[int, int, int, int]:
+        driver = DRIVERS.index(row["driver"])
+        return int(row["vehicles"]), int(row["seed"]), names.index(row["variant"]), driver
+
+    policies = {DRIVER: driven_with(base, [DRIVER]).policies[""]}
+    return Plan(MadeWith(configs, policies), [cells], place)
+
+
+def changed(config: Config, settings: Settings) -> Config:
+    """Return the config with the settings of a variant."""
+    for section, values in settings.items():
+        config = config.updated(section, **values)
+    return config
+
+
+def literal_table(results: Results) -> str:
+    """Return the Markdown table of each driver's results with each variant, over all densities.
+
+    The change of the speed from the first variant is paired by traffic, with its 95 % interval.
+    """
+    driven: dict[tuple[str, str], list[Row]] = {}
+    for row in results.rows(LITERAL_PAPER.table):
+        driven.setdefault((row["driver"], row["variant"]), []).append(row)
+    lines = []
+    for driver, variant in product(DRIVERS, VARIANTS):
+        rows = driven[driver, variant]
+        plain = speeds(driven[driver, next(iter(VARIANTS))])
+        cells = [
+            f"{mean_of(rows, 'mean_speed_m_s'):.2f}",
+            str(mean_difference(speeds(rows), plain, f"{driver} with {variant} and without")),
+            f"{mean_of(rows, 'mean_reward'):.3f}",
+            f"{mean_of(rows, 'safety_triggers'):.1f}",
+            f"{count(rows, 'ego_hit')} of {len(rows)}",
+        ]
+        lines.append([f"`{driver}`", variant, *cells])
+    names = ("driver", "as printed", "mean speed, m/s", "change, m/s", "reward per decision")
+    return markdown_table([*names, "actions replaced", "ego hit something"], lines)
+
+
+def speeds(rows: Iterable[Row]) -> dict[tuple[str, str], float]:
+    """Return the mean speed in each traffic, m/s; the keys are the number of vehicles and seed."""
+    return {(row["vehicles"], row["seed"]): float(row["mean_speed_m_s"]) for row in rows}
+
+
+LITERAL_PAPER = Experiment(
+    name="literal",
+    meaning="the shipped driver and two baselines with each point of the paper as printed",
+    row="an episode of a driver with a variant of the settings",
+    plan=literal_plan,
+    summaries={"literal": literal_table},
+)

@@ -1,0 +1,62 @@
+"""The paper as printed: each point alone and all together, on the same traffic."""
+
+from pathlib import Path
+
+import pytest
+
+from drl_av.config.presets import preset
+from drl_av.experiments import literal
+from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.literal import LITERAL_PAPER, VARIANTS, changed, literal_table
+from drl_av.experiments.options import ReproduceOptions
+
+
+def test_each_variant_is_driven_on_the_same_traffic_with_its_own_settings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(literal, "DENSITIES", (2,))
+    (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 5\n")
+    options = ReproduceOptions(drives=2, jobs=1, out=tmp_path, config=str(tmp_path / "short.toml"))
+    list(reproduce(LITERAL_PAPER, options))
+    rows = Results(tmp_path).rows("literal.csv")
+    assert len(rows) == 3 * 7 * 2
+    for variant in VARIANTS:
+        own = [(row["driver"], row["seed"]) for row in rows if row["variant"] == variant]
+        assert own == [(driver, seed) for seed in "01" for driver in literal.DRIVERS]
+    settings = Results(tmp_path).made_by("literal.csv")["settings"]
+    switched = {
+        variant: [rule for rule in ("rule_1", "rule_3", "idm") if own["safety"][f"printed_{rule}"]]
+        for variant, own in settings.items()
+    }
+    assert switched == {
+        "ours": [],
+        "rule 1": ["rule_1"],
+        "rule 3": ["rule_3"],
+        "IDM rule": ["idm"],
+        "exact v_des": [],
+        "v_des of the best lane": [],
+        "literal": ["rule_1", "rule_3", "idm"],
+    }
+    assert settings["literal"]["reward"]["desired"] == "best-lane"
+    assert list(reproduce(LITERAL_PAPER, options)) == []
+
+
+def test_the_preset_literal_is_the_paper_with_all_of_them() -> None:
+    assert preset("literal") == changed(preset("paper"), VARIANTS["literal"]) != preset("paper")
+
+
+def test_the_table_has_the_change_from_ours_paired_by_traffic(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(literal, "DRIVERS", ("idm",))
+    monkeypatch.setattr(literal, "VARIANTS", {"ours": {}, "rule 1": {}})
+    (tmp_path / "literal.csv").write_text(
+        "variant,driver,vehicles,seed,mean_speed_m_s,mean_reward,safety_triggers,ego_hit\n"
+        "ours,idm,5,0,21,-0.2,0,True\nours,idm,30,0,11,-0.4,1,False\n"
+        "rule 1,idm,30,0,10,-0.1,4,False\nrule 1,idm,5,0,20,-0.1,5,True\n"
+    )
+    _, _, *lines = literal_table(Results(tmp_path)).splitlines()
+    assert lines == [
+        "| `idm` | ours | 16.00 | 0.00 ± 0.00 | -0.300 | 0.5 | 1 of 2 |",
+        "| `idm` | rule 1 | 15.00 | -1.00 ± 0.00 | -0.100 | 4.5 | 1 of 2 |",
+    ]
