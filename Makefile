@@ -80,6 +80,7 @@ results: setup
 	$(call text,speed_bound.txt,tools/bound_speeds.py)
 	$(call text,background_traffic.txt,-m verification.background_traffic --episodes 150 --mix calm paper overtaking naturalistic hazards --ego sumo idm-mobil pretrained random)
 	$(call text,traffic_moments.txt,-m verification.traffic_moments --episodes 18)
+	$(call text,rl_zoo3.txt,tools/tune_rl_zoo3.py --trials 15 --trainings 2)
 	$(call text,memory.txt,tools/measure_memory.py)
 	$(call text,memory_four.txt,tools/measure_memory.py --environments 4)
 	$(call text,long_run.txt,-m verification.long_run --episodes 5000 --out runs/long_run.csv)
