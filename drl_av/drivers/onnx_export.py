@@ -54,16 +54,15 @@ def export(
         DrlAvError: onnx is not installed, ``observation.way`` or ``learning.permitted_only`` is on
             (not supported), or the file cannot be written.
     """
-    if config.learning.permitted_only and not config.observation.way:
+    lacking = {
+        "observation.way": config.observation.way and "its way",
+        "learning.permitted_only": config.learning.permitted_only and "the safety check",
+    }
+    if used := {setting: inputs for setting, inputs in lacking.items() if inputs}:
         raise DrlAvError(
-            "A driver that was trained with learning.permitted_only cannot be exported, because "
-            "the file has no inputs for the safety check: train one without, or drive it with "
-            "drl-av."
-        )
-    if config.observation.way:
-        raise DrlAvError(
-            "A driver that was trained with observation.way cannot be exported, because the file "
-            "has no inputs for its way: train one without, or drive it with drl-av."
+            f"A driver that was trained with {' and '.join(used)} cannot be exported, because the "
+            f"file has no inputs for {' and '.join(used.values())}: train one without, or drive "
+            "it with drl-av."
         )
     try:
         import onnx

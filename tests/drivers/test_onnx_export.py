@@ -123,11 +123,27 @@ def test_what_cannot_be_exported_is_named_with_what_can(
     assert not Path("out.onnx").exists()
 
 
-def test_a_driver_that_asks_the_check_is_not_exported(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("way", "permitted_only", "message"),
+    [
+        (True, False, "with observation.way cannot .* no inputs for its way: train one without"),
+        (False, True, "with learning.permitted_only cannot .* no inputs for the safety check: "),
+        (
+            True,
+            True,
+            "with observation.way and learning.permitted_only cannot .* no inputs for its way and "
+            "the safety check: ",
+        ),
+    ],
+)
+def test_a_driver_whose_inputs_the_file_lacks_is_not_exported(
+    way: bool, permitted_only: bool, message: str, tmp_path: Path
+) -> None:
     networks, config = load_run(PRETRAINED)
-    config = config.updated("learning", permitted_only=True)
+    config = config.updated("learning", permitted_only=permitted_only)
+    config = config.updated("observation", way=way)
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, ROAD)
-    with pytest.raises(DrlAvError, match="has no inputs for the safety check"):
+    with pytest.raises(DrlAvError, match=message):
         export(tmp_path / "driver.onnx", networks, config, scale)
     assert not any(tmp_path.iterdir())
 
