@@ -89,5 +89,6 @@ def test_it_cannot_be_exported_and_nothing_is_written(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["export", str(run), str(tmp_path / "way.onnx")]) == 1
-    assert "was trained with observation.way cannot be exported" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "observation.way and learning.permitted_only cannot be exported" in said
     assert not (tmp_path / "way.onnx").exists()
