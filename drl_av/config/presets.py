@@ -46,8 +46,9 @@ _FAST_ON_RAMPS = {
 """Settings of the preset ``fast`` on roads with ramps.
 
 They have four times as many episodes, because an episode there has about a quarter of the decisions
-of an episode on the loop; ``fast-exit`` has 2,000, because its way demands three lane changes. The penalty is smaller, because the check often refuses a lane change
-that the ego's way demands, and the driver has to propose it again.
+of an episode on the loop; ``fast-exit`` has 2,000, for a way that demands three lane changes. The
+penalty is smaller, because the check often refuses a lane change that the ego's way demands, and
+the driver has to propose it again.
 """
 for _scenario in ("merge", "exit", "ramp_to_ramp"):
     for _name, _learning in (("paper", {}), ("fast", _FAST_ON_RAMPS)):
