@@ -18,6 +18,7 @@ import argparse
 import os
 import sys
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from functools import partial
@@ -47,7 +48,7 @@ INTERVAL = 2
 BASE = "gap-mobil"
 SEARCH = "search"
 SEEDS = 920_000
-"""Traffic seed of the first episode; no other program uses this block of seeds."""
+"""Traffic seed of the first episode; the experiment ``real_bounds`` begins with it, too."""
 
 
 class Plan(NamedTuple):
@@ -173,7 +174,7 @@ class Search:
 def in_a_copy(function: Callable[[], float]) -> float:
     """Call ``function`` in a copy of this process, and return its result.
 
-    The call has no effect on this process.
+    The call has no effect on this process. If it fails in the copy, the copy prints why.
 
     Raises:
         RuntimeError: the copy ended without a result.
@@ -183,6 +184,8 @@ def in_a_copy(function: Callable[[], float]) -> float:
     if child == 0:
         try:
             os.write(writer, function().hex().encode())
+        except BaseException:
+            traceback.print_exc()
         finally:
             os._exit(0)
     os.close(writer)
@@ -190,7 +193,10 @@ def in_a_copy(function: Callable[[], float]) -> float:
         data = stream.read()
     os.waitpid(child, 0)
     if not data:
-        raise RuntimeError("A copy of the process ended without a result.")
+        raise RuntimeError(
+            "A copy of the process ended without a result: correct what it printed, if anything, "
+            "or free memory."
+        )
     return float.fromhex(data.decode())
 
 
@@ -209,9 +215,21 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--vehicles", nargs="+", type=whole(1), default=[10, 15, 20, 25])
+    parser.add_argument(
+        *("--vehicles",),
+        nargs="+",
+        type=whole(1),
+        default=[10, 15, 20, 25],
+        metavar="N",
+        help="numbers of vehicles around the ego (default: 10 15 20 25)",
+    )
     parser.add_argument("--episodes", type=whole(2), default=8, help="of each (default: 8)")
-    parser.add_argument("--driver", nargs="+", default=[BASE, "pretrained", "planner"])
+    parser.add_argument(
+        *("--driver",),
+        nargs="+",
+        default=[BASE, "pretrained", "planner"],
+        help=f"beside the search (default: {BASE} pretrained planner)",
+    )
     parser.add_argument("--safety-check", choices=CHECKS, default="paper", help="default: paper")
     parser.add_argument("--seed", type=int, default=SEEDS, help=f"default: {SEEDS}")
     parser.add_argument("--jobs", type=whole(1), default=1, help="processes (default: 1)")

@@ -32,7 +32,10 @@ VARIANTS: dict[str, Settings] = {
     "v_des of the best lane": {"reward": {**EXACT, "desired": "best-lane"}},
     "literal": LITERAL,
 }
-"""The settings of each variant, by section; all others are the driver's own."""
+"""The settings of each variant, by section; all others are the driver's own.
+
+The v_des of the best lane is exact, too.
+"""
 
 
 def literal_plan(options: ReproduceOptions) -> Plan:

@@ -31,7 +31,10 @@ if TYPE_CHECKING:
 
 COLUMNS = ("seed", "mean_speed_m_s", "collided", "ego_hit", "safety_triggers")
 FIRST_SEED = 920_000
-"""First traffic seed; no other table, and no tuning, uses this block of seeds."""
+"""First traffic seed; no tuning and no other experiment uses this block of seeds.
+
+``verification.clairvoyant`` begins with it, too.
+"""
 DENSITIES = (1, 5, 10, 15, 20, 25, 30, 40)
 TRAININGS, DRIVES = 3, 50
 """Largest number of trainings, and of episodes of a driver at one density."""

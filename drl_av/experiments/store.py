@@ -13,9 +13,10 @@ from drl_av.config import OLD_DEFAULTS, Config, from_toml
 from drl_av.errors import ConfigError, DrlAvError
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.provenance import provenance, read_sidecar, sidecar, write_sidecar
-from drl_av.experiments.values import SHOWN, require_values
+from drl_av.experiments.values import require_values
 from drl_av.files import (
     LARGEST,
+    SHOWN,
     Row,
     make_folder,
     read_table,

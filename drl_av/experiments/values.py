@@ -4,10 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from drl_av.env.metrics import EpisodeResult
-from drl_av.files import PlainNumber, Row, column_types, parse_cell
+from drl_av.files import SHOWN, PlainNumber, Row, column_types, parse_cell
 
-SHOWN = 60
-"""Largest number of characters of a cell that an error message shows."""
 TYPES: Mapping[str, Any] = {
     name: PlainNumber if kind in (int, float) else kind
     for name, kind in column_types(EpisodeResult).items()

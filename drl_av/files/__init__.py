@@ -2,6 +2,7 @@
 
 from drl_av.files.table import (
     LARGEST,
+    SHOWN,
     PlainNumber,
     PossiblyInfinite,
     Row,
@@ -24,6 +25,7 @@ from drl_av.files.whole import (
 
 __all__ = [
     "LARGEST",
+    "SHOWN",
     "PlainNumber",
     "PossiblyInfinite",
     "Row",

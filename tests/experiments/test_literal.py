@@ -37,7 +37,16 @@ def test_each_variant_is_driven_on_the_same_traffic_with_its_own_settings(
         "v_des of the best lane": [],
         "literal": ["rule_1", "rule_3", "idm"],
     }
-    assert settings["literal"]["reward"]["desired"] == "best-lane"
+    rewards = {variant: settings[variant]["reward"] for variant in [*VARIANTS][-3:]}
+    ours = settings["ours"]["reward"]["speed_tolerance_m_s"]
+    assert {
+        variant: (own["desired"], own["speed_tolerance_m_s"]) for variant, own in rewards.items()
+    } == {
+        "exact v_des": ("traffic", 0.0),
+        "v_des of the best lane": ("best-lane", 0.0),
+        "literal": ("best-lane", 0.0),
+    }
+    assert ours > 0.0
     assert list(reproduce(LITERAL_PAPER, options)) == []
 
 

@@ -40,9 +40,10 @@ def test_a_copy_drives_on_and_the_original_stays_where_it_is(env: HighwayEnv) ->
     assert first != before.s_m[0]
 
 
-def test_a_copy_that_fails_is_an_error() -> None:
-    with pytest.raises(RuntimeError, match="ended without a result"):
+def test_a_copy_that_fails_is_an_error_and_says_why(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(RuntimeError, match="ended without a result: correct what it printed"):
         in_a_copy(lambda: 1 / 0)
+    assert "ZeroDivisionError: division by zero" in capfd.readouterr().err
 
 
 def test_with_its_base_alone_the_search_drives_as_that_does_and_foresees_its_way(
