@@ -41,7 +41,6 @@ _FAST_ON_RAMPS = {
     "evaluate_every": 80,
     "target_update_episodes": 8,
     "unsafe_penalty": 0.1,
-    "permitted_only": True,
 }
 """Settings of the preset ``fast`` on roads with ramps.
 
@@ -59,7 +58,9 @@ for _scenario in ("merge", "exit", "ramp_to_ramp"):
             .updated("safety", check="strict")
             .updated("learning", **_learning)
         )
-PRESETS["fast-exit"] = PRESETS["fast-exit"].updated("learning", episodes=2000)
+for _name, _episodes in (("fast-exit", 2000), ("fast-ramp_to_ramp", 800)):
+    _learning = {"episodes": _episodes, "permitted_only": True}
+    PRESETS[_name] = PRESETS[_name].updated("learning", **_learning)
 
 
 def preset(name: str) -> Config:
