@@ -21,17 +21,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "folder",
         type=Path,
         metavar="DIR",
-        help="folder to write; must be new; it stands before --from",
+        help="folder to write; must be new",
     )
     parser.add_argument(
         "--from",
         dest="sources",
-        nargs="+",
-        default=(),
+        action="append",
+        default=[],
         metavar="FILE.toml",
         help="description in the form of scenario.toml, which the other options change; or the "
-        "name of a scenario that ships with drl-av; of several stories on one road, all vehicles "
-        "are placed",
+        "name of a scenario that ships with drl-av; given several times, it puts the vehicles of "
+        "these stories on one road",
     )
     meanings = "; ".join(f"{name}: {kind.meaning}" for name, kind in KINDS.items())
     parser.add_argument("--kind", metavar="KIND", help=f"default: loop; {meanings}")

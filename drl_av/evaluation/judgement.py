@@ -87,12 +87,10 @@ def judge(rows: Iterable[EpisodeResult]) -> list[Judgement]:
     for row in rows:
         drives.setdefault(row.driver, []).append(row)
     rules = baselines(drives)
-    missed = {name: _missed(drives[name]) for name in rules}
-    rivals = [name for name in rules if missed[name] == min(missed.values())]
-    best = fastest((row for own in drives.values() for row in own), rivals)
+    best = fastest((row for own in drives.values() for row in own), rules)
     if best is None:
         return []
-    fewest = _Fewest(min(_hits(drives[name]) for name in rules), missed[best])
+    fewest = _Fewest(min(_hits(drives[name]) for name in rules), _missed(drives[best]))
     return [
         _judgement(name, own, best, drives[best], fewest)
         for name, own in drives.items()

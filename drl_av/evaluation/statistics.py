@@ -172,12 +172,20 @@ def overall(rows: Sequence[EpisodeResult], baselines: Iterable[str]) -> list[Ove
 
 
 def fastest(rows: Iterable[EpisodeResult], drivers: Iterable[str]) -> str | None:
-    """Return which of ``drivers`` has the highest mean speed; None if none of them has rows."""
-    names, speeds = set(drivers), dict[str, list[float]]()
+    """Return which of ``drivers`` has the highest mean speed; None if none of them has rows.
+
+    On a road with a way only those count that miss their exit or do not merge least often.
+    """
+    names, driven = set(drivers), dict[str, list[EpisodeResult]]()
     for row in rows:
         if row.driver in names:
-            speeds.setdefault(row.driver, []).append(row.mean_speed_m_s)
-    means = {driver: sum(own) / len(own) for driver, own in speeds.items()}
+            driven.setdefault(row.driver, []).append(row)
+    missed = {driver: sum(row.missed for row in own) for driver, own in driven.items()}
+    means = {
+        driver: sum(row.mean_speed_m_s for row in own) / len(own)
+        for driver, own in driven.items()
+        if missed[driver] == min(missed.values())
+    }
     return max(means, key=means.__getitem__, default=None)
 
 

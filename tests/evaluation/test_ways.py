@@ -10,7 +10,7 @@ from drives import RESULT
 from drl_av.cli import main
 from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.judgement import judge
-from drl_av.evaluation.statistics import summarize
+from drl_av.evaluation.statistics import overall, summarize
 
 
 def drives(driver: str, ways: str, *speeds_m_s: float) -> list[EpisodeResult]:
@@ -37,6 +37,12 @@ def test_a_driver_is_compared_with_the_fastest_of_those_that_miss_fewest_exits()
     assert (mine.missed, mine.fewest_missed) == (1, 1)
     line = "\n  episodes in which the ego missed its exit or did not merge 1 (rule-based: 1)\n"
     assert line in str(mine)
+
+
+def test_the_summary_of_all_densities_compares_with_the_same_rule_based_driver() -> None:
+    rows = [*drives("mine", "oxoo", *FASTER), *RULES]
+    over = {each.driver: each.over for each in overall(rows, ["idm", "gap-mobil", "sumo"])}
+    assert over == {"mine": "sumo", "idm": "sumo", "gap-mobil": "sumo", "sumo": None}
 
 
 def test_a_driver_that_misses_more_exits_fails_however_fast_it_is() -> None:

@@ -90,7 +90,7 @@ def test_both_stories_happen_in_sumo(tmp_path: Path) -> None:
     text = (find_scenario("stalled_vehicle") / "scenario.toml").read_text()
     farther = tmp_path / "farther.toml"
     farther.write_text(text.replace("position_m = 480.0", "position_m = 600.0"))
-    words = ["--from", str(farther), "cut_in", "--length-m", "1500"]
+    words = ["--from", str(farther), "--from", "cut_in", "--length-m", "1500"]
     assert main(["scenario", str(tmp_path / "both"), *words]) == 0
     found = read_description(tmp_path / "both" / "scenario.toml")
     assert found.length_m == 1500.0
@@ -117,7 +117,7 @@ def test_stories_on_different_roads_are_refused_by_the_command(
         ("barricade", "cut_in is a scenario of the kind straight and barricade of the kind loop"),
         ("two_into_one_lane", "The ego of cut_in and two_into_one_lane starts differently"),
     ):
-        assert main(["scenario", str(tmp_path / "x"), "--from", "cut_in", other]) == 1
+        assert main(["scenario", str(tmp_path / "x"), "--from", "cut_in", "--from", other]) == 1
         error = capsys.readouterr().err
         assert said in error
         assert error.count("\n") == 1
@@ -127,6 +127,6 @@ def test_stories_on_different_roads_are_refused_by_the_command(
 def test_a_story_with_itself_is_the_story(tmp_path: Path) -> None:
     again = tmp_path / "again.toml"
     again.write_text((find_scenario("cut_in") / "scenario.toml").read_text())
-    assert main(["scenario", str(tmp_path / "one"), "--from", "cut_in", str(again)]) == 0
+    assert main(["scenario", str(tmp_path / "one"), "--from", "cut_in", "--from", str(again)]) == 0
     one = read_description(tmp_path / "one" / "scenario.toml")
     assert one == read_description(find_scenario("cut_in") / "scenario.toml")
