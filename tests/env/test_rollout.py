@@ -43,7 +43,7 @@ class ScriptedEnv:
         self._tape.append(f"step {action}")
         terms = {"r_v": 0.0, "r_y": 0.0, "r_x": 0.0}
         made = {"proposed_action": action, "executed_action": action, "rule": "none"}
-        info = made | {"rewards": terms, "collision": ""}
+        info = made | {"rewards": terms, "collision": "", "way": ""}
         over = self._done == self._decisions
         ends = (over and self._terminated, over and not self._terminated)
         return self._show(), -0.1 * self._done, *ends, info
