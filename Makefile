@@ -91,6 +91,10 @@ results: setup
 	$(call text,merge_planner.txt,-m verification.ramps --kind merge --driver planner --episodes 600 --seed 761000)
 	$(call text,exit.txt,-m verification.ramps --kind exit --driver planner gap-mobil sumo --episodes 60)
 	$(call text,ramp_to_ramp.txt,-m verification.ramps --kind ramp_to_ramp --driver planner gap-mobil sumo --episodes 30)
+	$(call text,merge_learned.txt,-m verification.ramps --kind merge --driver pretrained-merge --episodes 200)
+	$(call text,exit_learned.txt,-m verification.ramps --kind exit --driver pretrained-exit --episodes 600)
+	$(call text,ramp_to_ramp_learned.txt,-m verification.ramps --kind ramp_to_ramp --driver pretrained-ramp_to_ramp --episodes 200)
+	$(BIN)/python -m verification.ramps_figure docs/results
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[benchmark]'
 	$(call text,crash_rate.txt,-m verification.crash_rate --tests 40000)
 	$(call text,own_hits.txt,-m verification.own_hits --tests 120000 --jobs 2)
