@@ -28,6 +28,7 @@ from drl_av.experiments.markdown import (
     markdown_table,
     mean_of,
     mean_speed,
+    speeds_by_traffic,
 )
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Cell, Plan
@@ -179,14 +180,13 @@ def gains_over_all(rows: Iterable[Row]) -> dict[str, Mean]:
 
     The gains are paired by traffic. Raises DrlAvError if a driver did not drive the same traffic.
     """
-    found: dict[str, dict[tuple[str, str], float]] = {}
+    driven: dict[str, list[Row]] = {}
     for row in rows:
-        own = found.setdefault(row["driver"], {})
-        own[row["vehicles"], row["seed"]] = float(row["mean_speed_m_s"])
-    ours = found.pop(DRIVER)
+        driven.setdefault(row["driver"], []).append(row)
+    ours = speeds_by_traffic(driven.pop(DRIVER))
     return {
-        name: mean_difference(ours, theirs, f"{DRIVER} and {name}")
-        for name, theirs in found.items()
+        name: mean_difference(ours, speeds_by_traffic(theirs), f"{DRIVER} and {name}")
+        for name, theirs in driven.items()
     }
 
 

@@ -1,6 +1,6 @@
 """The experiment ``literal``: what each point in which drl-av deviates from the paper changes."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from itertools import product
 from typing import Any
 
@@ -12,7 +12,7 @@ from drl_av.evaluation.statistics import mean_difference
 from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.density_sweep import DRIVER
 from drl_av.experiments.experiment import Experiment, Results
-from drl_av.experiments.markdown import count, markdown_table, mean_of
+from drl_av.experiments.markdown import count, markdown_table, mean_of, speeds_by_traffic
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
 from drl_av.experiments.store import MadeWith
@@ -76,10 +76,11 @@ def literal_table(results: Results) -> str:
     lines = []
     for driver, variant in product(DRIVERS, VARIANTS):
         rows = driven[driver, variant]
-        plain = speeds(driven[driver, next(iter(VARIANTS))])
+        own = speeds_by_traffic(rows)
+        plain = speeds_by_traffic(driven[driver, next(iter(VARIANTS))])
         cells = [
             f"{mean_of(rows, 'mean_speed_m_s'):.2f}",
-            str(mean_difference(speeds(rows), plain, f"{driver} with {variant} and without")),
+            str(mean_difference(own, plain, f"{driver} with {variant} and without")),
             f"{mean_of(rows, 'mean_reward'):.3f}",
             f"{mean_of(rows, 'safety_triggers'):.1f}",
             f"{count(rows, 'ego_hit')} of {len(rows)}",
@@ -87,11 +88,6 @@ def literal_table(results: Results) -> str:
         lines.append([f"`{driver}`", variant, *cells])
     names = ("driver", "as printed", "mean speed, m/s", "change, m/s", "reward per decision")
     return markdown_table([*names, "actions replaced", "ego hit something"], lines)
-
-
-def speeds(rows: Iterable[Row]) -> dict[tuple[str, str], float]:
-    """Return the mean speed in each traffic, m/s; the keys are the number of vehicles and seed."""
-    return {(row["vehicles"], row["seed"]): float(row["mean_speed_m_s"]) for row in rows}
 
 
 LITERAL_PAPER = Experiment(

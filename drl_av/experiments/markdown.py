@@ -41,6 +41,11 @@ def mean_of(rows: Iterable[Row], column: str) -> float:
     return mean_with_interval(float(row[column]) for row in rows).value
 
 
+def speeds_by_traffic(rows: Iterable[Row]) -> dict[tuple[str, str], float]:
+    """Return the mean speed in each traffic, m/s; the keys are the number of vehicles and seed."""
+    return {(row["vehicles"], row["seed"]): float(row["mean_speed_m_s"]) for row in rows}
+
+
 def mean_speed(rows: Iterable[Row]) -> str:
     """Return the mean of the episodes' mean speeds and its 95 % interval, m/s: "25.28 ± 0.30"."""
     return str(mean_with_interval(float(row["mean_speed_m_s"]) for row in rows))

@@ -20,6 +20,7 @@ from drl_av.experiments.markdown import (
     densities_of,
     markdown_table,
     mean_of,
+    speeds_by_traffic,
 )
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
@@ -184,10 +185,7 @@ def speed_change(changed: Iterable[Row], plain: Iterable[Row]) -> Mean:
     Raises:
         DrlAvError: the traffic seeds of both differ.
     """
-    after, before = (
-        {(row["vehicles"], row["seed"]): float(row["mean_speed_m_s"]) for row in rows}
-        for rows in (changed, plain)
-    )
+    after, before = speeds_by_traffic(changed), speeds_by_traffic(plain)
     if not after or after.keys() != before.keys():
         raise DrlAvError(
             "The drives under strict and paper are not of the same seeds: make them again with "
