@@ -49,8 +49,13 @@ of an episode on the loop; ``fast-exit`` has 2,000, for a way that demands three
 penalty is smaller, because the check often refuses a lane change that the ego's way demands, and
 the driver has to propose it again.
 """
-for _scenario in ("merge", "exit", "ramp_to_ramp"):
-    for _name, _learning in (("paper", {}), ("fast", _FAST_ON_RAMPS)):
+_PERMITTED = _FAST_ON_RAMPS | {"permitted_only": True}
+for _scenario, _fast in {
+    "merge": _FAST_ON_RAMPS,
+    "exit": _PERMITTED | {"episodes": 2000},
+    "ramp_to_ramp": _PERMITTED,
+}.items():
+    for _name, _learning in (("paper", {}), ("fast", _fast)):
         PRESETS[f"{_name}-{_scenario}"] = (
             PRESETS[_name]
             .updated("simulation", scenario=_scenario)
@@ -58,9 +63,6 @@ for _scenario in ("merge", "exit", "ramp_to_ramp"):
             .updated("safety", check="strict")
             .updated("learning", **_learning)
         )
-for _name, _episodes in (("fast-exit", 2000), ("fast-ramp_to_ramp", 800)):
-    _learning = {"episodes": _episodes, "permitted_only": True}
-    PRESETS[_name] = PRESETS[_name].updated("learning", **_learning)
 
 
 def preset(name: str) -> Config:
