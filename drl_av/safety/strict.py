@@ -35,8 +35,8 @@ not.
 **One number for each action.** A vehicle ahead comes to rest no earlier than after its stopping
 distance (bound 1), and the ego does not brake harder than this vehicle. Therefore the gap shrinks
 faster and faster until one of the two stands, and it is smallest at the beginning or at rest. If
-the ego comes to rest behind the vehicle, the ego never hits it. Of each action, the check therefore
-needs the reach alone.
+the ego comes to rest behind the vehicle, the ego never hits it. The check therefore compares only
+the reach of each action.
 
 **Step.** For each vehicle ahead, the ego has this distance: the gap, plus the stopping distance of
 the vehicle, minus ``clearance_m``. The check permits an action if its reach is less than the
