@@ -70,6 +70,8 @@ text = $(BIN)/python $(2) > runs/$(1) && mv runs/$(1) docs/results/$(1)
 results: setup
 	$(BIN)/drl-av reproduce curves final_policies --seeds 10 --jobs 2
 	$(BIN)/drl-av reproduce --jobs 2
+	$(BIN)/drl-av reproduce curves --variants paper --seeds 10 --full-seeds 10 --jobs 2
+	$(BIN)/drl-av reproduce fast --full-seeds 10 --jobs 2
 	$(BIN)/python -m verification.step_lengths --out docs/results/step_length.csv
 	$(BIN)/python -m verification.stories --out docs/results/stories.csv
 	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
@@ -101,6 +103,7 @@ results: setup
 	$(call text,sharper.txt,-m verification.sharper)
 	$(call text,clairvoyant.txt,-m verification.clairvoyant --vehicles 10 15 20 25 --episodes 6)
 	$(BIN)/python -m verification.shielding --out docs/results/shielding.csv
+	$(BIN)/python -m verification.time_to_quality
 	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
 	$(BIN)/python tools/execute_notebook.py examples/tour.ipynb
 	$(BIN)/python tools/draw_drive.py docs/drive.gif

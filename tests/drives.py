@@ -2,14 +2,12 @@
 
 import hashlib
 import math
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from programs import python
 
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
@@ -80,19 +78,7 @@ def trajectory(env: HighwayEnv, seed: int, decisions: int = 200) -> str:
 
 def printed_by_a_fresh_process(program: str) -> list[str]:
     """The words that a Python program prints in a process with another hash seed."""
-    done = subprocess.run(
-        [sys.executable, "-c", f"import sys; sys.path.insert(0, {TESTS!r}); {program}"],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=os.environ | {"PYTHONHASHSEED": "12345"},
-    )
+    program = f"import sys; sys.path.insert(0, {TESTS!r}); {program}"
+    done = python("-c", program, PYTHONHASHSEED="12345")
+    assert done.returncode == 0, done.stderr
     return done.stdout.split()
-
-
-def trajectory_of_a_fresh_process(seed: int) -> str:
-    env = HighwayEnv()
-    try:
-        return trajectory(env, seed)
-    finally:
-        env.close()

@@ -6,7 +6,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from drl_av.config import Config
+from drl_av.drivers.network import QNetwork
+from drl_av.learning.checkpoint import save_policy
+
+SHORT = Config().updated("simulation", decisions_per_episode=10)
 
 HARNESS = """
 import os, signal, sys, threading
@@ -60,6 +67,13 @@ def interrupted(
         check=False,
         timeout=120,
     )
+
+
+def run_folder(folder: Path, config: Config = SHORT) -> Path:
+    """The folder of a run with an untrained policy."""
+    folder.mkdir(parents=True)
+    save_policy(folder / "policy.safetensors", [QNetwork(np.random.default_rng(3))], config)
+    return folder
 
 
 def files_of(folder: Path) -> dict[str, bytes]:

@@ -3,8 +3,9 @@
 import re
 import shlex
 import subprocess
-import sys
 from pathlib import Path
+
+from programs import python
 
 ROOT = Path(__file__).parent.parent
 SMALL = {
@@ -41,8 +42,6 @@ def run_commands(page: str, folder: Path) -> None:
 
 
 def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run(
-        [sys.executable, *arguments], cwd=folder, capture_output=True, text=True, timeout=120
-    )
+    done = python(*arguments, cwd=folder)
     assert done.returncode == 0, done.stderr
     return done

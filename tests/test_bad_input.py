@@ -331,25 +331,34 @@ def runs(env: HighwayEnv, tmp_path_factory: pytest.TempPathFactory) -> list[Path
     return folders
 
 
+@contextlib.contextmanager
+def to_spoil(env: HighwayEnv, runs: list[Path]) -> Iterator[Run]:
+    """The first run, whose checkpoint and rows are whole again afterwards."""
+    run = Run(runs[0])
+    env.config = SMALL.updated("learning", seed=1)
+    files = {file: file.read_bytes() for file in (run.checkpoint_file, run.episodes_file)}
+    try:
+        yield run
+    finally:
+        for file, data in files.items():
+            file.write_bytes(data)
+
+
 @often(60)
 @given(data=st.data())
 def test_a_checkpoint_continues_the_same_training_or_one_sentence(
     data: st.DataObject, env: HighwayEnv, runs: list[Path]
 ) -> None:
-    run, other = Run(runs[0]), Run(runs[1])
-    env.config = SMALL.updated("learning", seed=1)
-    whole = run.checkpoint_file.read_bytes()
-    rest = [other.checkpoint_file.read_bytes(), run.policy_file.read_bytes(), PICKLE]
-    try:
+    with to_spoil(env, runs) as run:
+        whole = run.checkpoint_file.read_bytes()
+        rest = [Run(runs[1]).checkpoint_file.read_bytes(), run.policy_file.read_bytes(), PICKLE]
         run.checkpoint_file.write_bytes(data.draw(spoilt(whole, *rest)))
-        training = make_training(env)
-        run.restore(training)
-    except CheckpointError as error:
-        sentence(error)
-    else:
-        assert run.checkpoint_file.read_bytes() == whole
-    finally:
-        run.checkpoint_file.write_bytes(whole)
+        try:
+            run.restore(make_training(env))
+        except CheckpointError as error:
+            sentence(error)
+        else:
+            assert run.checkpoint_file.read_bytes() == whole
 
 
 PICKLE = pickle.dumps(random.Random(0))
@@ -367,10 +376,7 @@ jsons = st.recursive(
 def test_a_file_with_a_true_checksum_and_false_contents_is_one_sentence(
     data: st.DataObject, env: HighwayEnv, runs: list[Path]
 ) -> None:
-    run = Run(runs[0])
-    env.config = SMALL.updated("learning", seed=1)
-    whole, rows = run.checkpoint_file.read_bytes(), run.episodes_file.read_bytes()
-    tensors, numbers = load(run.checkpoint_file)
+    tensors, numbers = load(Run(runs[0]).checkpoint_file)
     name = data.draw(st.sampled_from([*tensors, *numbers]))
     if name in tensors:
         shape = data.draw(st.sampled_from([(), (0,), (3, 2), tensors[name].shape]))
@@ -379,7 +385,8 @@ def test_a_file_with_a_true_checksum_and_false_contents_is_one_sentence(
         numbers[name] = data.draw(jsons.filter(lambda value: type(value) not in (int, bool)))
     if data.draw(st.booleans()):
         (tensors if name in tensors else numbers).pop(name)
-    try:
+    with to_spoil(env, runs) as run:
+        rows = run.episodes_file.read_bytes()
         save(run.checkpoint_file, tensors, numbers)
         for read in (
             lambda: run.restore(make_training(env)),
@@ -389,8 +396,6 @@ def test_a_file_with_a_true_checksum_and_false_contents_is_one_sentence(
                 read()
             sentence(error.value)
         assert run.episodes_file.read_bytes() == rows
-    finally:
-        run.checkpoint_file.write_bytes(whole)
 
 
 @pytest.mark.parametrize(
@@ -408,19 +413,14 @@ def test_a_file_with_a_true_checksum_and_false_contents_is_one_sentence(
 def test_a_checkpoint_with_one_impossible_number_is_refused(
     name: str, place: Any, value: float, message: str, env: HighwayEnv, runs: list[Path]
 ) -> None:
-    run = Run(runs[0])
-    env.config = SMALL.updated("learning", seed=1)
-    whole = run.checkpoint_file.read_bytes()
-    tensors, numbers = load(run.checkpoint_file)
-    tensors[name] = tensors[name].copy()
-    tensors[name][place] = value
-    try:
+    with to_spoil(env, runs) as run:
+        tensors, numbers = load(run.checkpoint_file)
+        tensors[name] = tensors[name].copy()
+        tensors[name][place] = value
         save(run.checkpoint_file, tensors, numbers)
         with pytest.raises(CheckpointError, match=message) as error:
             run.restore(make_training(env))
         sentence(error.value)
-    finally:
-        run.checkpoint_file.write_bytes(whole)
 
 
 @pytest.mark.parametrize(
@@ -438,38 +438,29 @@ def test_a_checkpoint_with_one_impossible_number_is_refused(
 def test_a_table_that_is_not_the_checkpoint_s_is_refused_and_stays_as_it_is(
     changed: Callable[[bytes, bytes], tuple[bytes, int]], env: HighwayEnv, runs: list[Path]
 ) -> None:
-    run = Run(runs[0])
-    env.config = SMALL.updated("learning", seed=1)
-    checkpoint, table = run.checkpoint_file.read_bytes(), run.episodes_file.read_bytes()
-    header, row = table.splitlines(keepends=True)
-    held, fewer = changed(header, row)
-    tensors, numbers = load(run.checkpoint_file)
-    numbers["sizes"]["episodes.csv"] += fewer
-    try:
+    with to_spoil(env, runs) as run:
+        held, fewer = changed(*run.episodes_file.read_bytes().splitlines(keepends=True))
+        tensors, numbers = load(run.checkpoint_file)
+        numbers["sizes"]["episodes.csv"] += fewer
         save(run.checkpoint_file, tensors, numbers)
         run.episodes_file.write_bytes(held)
         with pytest.raises(CheckpointError, match="does not hold the rows") as error:
             run.restore(make_training(env))
         sentence(error.value)
         assert run.episodes_file.read_bytes() == held
-    finally:
-        run.checkpoint_file.write_bytes(checkpoint)
-        run.episodes_file.write_bytes(table)
 
 
 def test_a_checkpoint_truncates_no_file_but_the_run_s_own(
     env: HighwayEnv, runs: list[Path]
 ) -> None:
-    run, victim = Run(runs[0]), runs[0].parent / "diary.txt"
+    victim = runs[0].parent / "diary.txt"
     victim.write_text("dear diary")
-    env.config = SMALL.updated("learning", seed=1)
-    tensors, numbers = load(run.checkpoint_file)
-    whole = run.checkpoint_file.read_bytes()
-    numbers["sizes"]["../diary.txt"] = 0
-    save(run.checkpoint_file, tensors, numbers)
-    run.restore(make_training(env))
+    with to_spoil(env, runs) as run:
+        tensors, numbers = load(run.checkpoint_file)
+        numbers["sizes"]["../diary.txt"] = 0
+        save(run.checkpoint_file, tensors, numbers)
+        run.restore(make_training(env))
     assert victim.read_text() == "dear diary"
-    run.checkpoint_file.write_bytes(whole)
 
 
 @often(60)

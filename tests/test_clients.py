@@ -94,19 +94,6 @@ def test_stable_baselines3_trains_beside_an_evaluation(name: str, tmp_path: Path
     assert np.isfinite(found["results"]).all()
 
 
-def test_the_small_seed_of_a_library_selects_no_episode_of_the_evaluation() -> None:
-    from stable_baselines3.common.env_util import make_vec_env
-
-    vector = make_vec_env(ID, n_envs=2, seed=0, env_kwargs={"config": CONFIG})
-    drawn = []
-    for _ in range(2):
-        vector.reset()
-        drawn += [info["seed"] for info in vector.reset_infos]
-    vector.close()
-    assert min(drawn) >= 1_000_000
-    assert len(set(drawn)) == 4
-
-
 @pytest.mark.parametrize("method", ["spawn", "forkserver"])
 def test_workers_of_stable_baselines3_drive_as_dummies_do(method: str) -> None:
     from stable_baselines3.common.env_util import make_vec_env

@@ -1,9 +1,6 @@
 """The documentation: the site is built strictly, its references are complete, its examples run."""
 
-import os
 import re
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from dataclasses import fields
 from html import unescape
@@ -12,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from programs import python
 from shown import ROOT, fenced, read, run, run_commands
 
 from drl_av.cli import VERBS
@@ -36,14 +34,8 @@ ELSEWHERE = {"rllib_ppo"}
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
-    done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)],
-        cwd=ROOT,
-        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    words = ["-m", "mkdocs", "build", "--strict", "--site-dir", folder]
+    done = python(*words, cwd=ROOT, NO_MKDOCS_2_WARNING="1")
     assert done.returncode == 0, done.stderr
     return folder
 

@@ -2,13 +2,12 @@
 
 import ast
 import re
-import subprocess
-import sys
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+from programs import python
 
 PACKAGE = Path(__file__).parent.parent / "drl_av"
 ROOMS = (
@@ -82,7 +81,7 @@ def room(module: str) -> int:
 
 def test_the_graph_sees_what_is_there() -> None:
     # were it empty, every fence would stand
-    assert "drl_av.traffic.simulation" in graph()["drl_av.env.highway"]
+    assert "drl_av.traffic.simulation" in graph()["drl_av.env.kinds"]
     assert "drl_av.safety.paper" in graph()["drl_av.drivers.rules"]
     assert "drl_av.env.highway" in graph()["drl_av.cli.learning"]  # inside a function
     assert "torch" in imported(modules()["drl_av.learning.learner"])
@@ -110,7 +109,7 @@ def test_the_package_itself_imports_rooms_for_its_public_names_only() -> None:
         "drl_av.evaluation.evaluate",
     }
     program = "import drl_av, sys; print([name for name in sys.modules if 'drl_av.' in name])"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    done = python("-c", program)
     assert done.stdout.strip() == "[]"
 
 
@@ -234,8 +233,6 @@ except SystemExit as end:
 assert (dict(os.environ), list(sys.path)) == before, "an import changed the surroundings"
 print("loaded:", *[name for name in {HEAVY} if name in sys.modules])
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
-    )
+    done = python("-c", program)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "loaded:"

@@ -10,7 +10,7 @@ from drl_av.config import load_config
 from drl_av.config.presets import preset
 from drl_av.drivers.background.level_k import LEVEL_1
 from drl_av.drivers.policy_file import PRETRAINED, SHIPPED, load, load_policy
-from drl_av.drivers.registry import load_learned
+from drl_av.drivers.registry import load_driver, load_learned
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
@@ -34,7 +34,8 @@ def test_on_ramps_they_were_trained_by_the_preset_of_their_road(kind: str) -> No
 
 @pytest.mark.parametrize("kind", RAMPS)
 def test_on_ramps_they_reach_the_end_of_their_way_without_hitting_anything(kind: str) -> None:
-    driver, config = load_learned(SHIPPED[f"pretrained-{kind}"])
+    config = preset(f"fast-{kind}")
+    driver = load_driver(f"pretrained-{kind}")
     with closing(HighwayEnv(config=config)) as env:
         trips = [drive_ramp(env, driver, seed) for seed in range(700_000, 700_006)]
     assert not any(trip.ego_hit for trip in trips)

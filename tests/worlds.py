@@ -6,7 +6,7 @@ Distances between vehicles are net gaps, as in the stories that the tests tell: 
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from hypothesis import strategies as st
@@ -97,17 +97,13 @@ def snapshot(
 
 def scene(
     *others: Car,
-    s_m: float = 100.0,
-    y_m: float = CENTER,
-    speed_m_s: float = 20.0,
-    v_y: float = 0.0,
     road: Road = ROAD,
-    wish: int = 0,
     lane_change: LaneChange | None = None,
     range_m: float = 250.0,
+    **ego: Any,
 ) -> Scene:
-    """A snapshot, what the ego sees of it, and the lane change it is in."""
-    shot = snapshot(*others, s_m=s_m, y_m=y_m, speed_m_s=speed_m_s, v_y=v_y, road=road, wish=wish)
+    """A ``snapshot``, what the ego sees of it, and the lane change it is in."""
+    shot = snapshot(*others, road=road, **ego)
     return Scene(shot, compute_affordances(shot, road, range_m), lane_change)
 
 

@@ -17,6 +17,8 @@
                  density; a last row compares the cost of a decision at both ends
     straight     the environment beside bare libsumo on a straight road of 12 km with some 500
                  vehicles, of which some enter and leave in each decision
+    roads        the environment on an open road, with a ramp and without, beside a loop with as
+                 many vehicles; the same in bare libsumo
 
 Numbers are per second, medians over rounds in which all rows take turns, after a round of warm-up;
 a ratio is the median of the ratios of the rounds. All rows but ``processes`` run on one core.
@@ -28,15 +30,35 @@ import os
 import statistics
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from typing import NamedTuple
 
 import torch
-from benchmark_rows import NUMBERS, ROWS, Row
+from benchmark_learning import step_rows, train_rows
+from benchmark_rows import (
+    NUMBERS,
+    Row,
+    env_rows,
+    highway_env_rows,
+    processes_rows,
+    roads_rows,
+    scaling_rows,
+    straight_rows,
+)
 
 from drl_av.experiments.provenance import made_by
 
+ROWS: dict[str, Callable[[Sequence[int], ExitStack], list[Row]]] = {
+    "env": env_rows,
+    "step": step_rows,
+    "train": train_rows,
+    "highway-env": highway_env_rows,
+    "processes": processes_rows,
+    "scaling": scaling_rows,
+    "straight": straight_rows,
+    "roads": roads_rows,
+}
 SEEDS = 1_000
 """First traffic seed of the episodes that are timed."""
 

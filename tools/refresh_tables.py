@@ -18,7 +18,7 @@ from docs_pages import actions, observation
 from drl_av.experiments.experiment import Results
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.registry import EXPERIMENTS
-from verification import crash_rate, ramps, shielding_report, stories
+from verification import crash_rate, ramps, shielding_report, stories, time_to_quality
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "docs" / "results"
@@ -60,6 +60,7 @@ TABLES: dict[str, Callable[[Results], str]] = {
     "sharper": lambda results: printed("sharper.txt"),
     "shielding": shielding_report.section,
     "stories": stories.section,
+    "time_to_quality": time_to_quality.section,
 } | {name: table for each in EXPERIMENTS.values() for name, table in each.summaries.items()}
 
 

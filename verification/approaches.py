@@ -8,18 +8,13 @@ Each plant, road and step length has its own approaches. The exit status is 1 if
 simulator disagree on a collision or on a position.
 """
 
-import argparse
-import sys
-import time
 from collections.abc import Iterator
 from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from drl_av.cli.arguments import whole
 from drl_av.config import Config
-from drl_av.experiments.provenance import made_by
 from drl_av.safety.check import permit_all
 from drl_av.traffic.snapshot import CollisionKind
 from verification.batch_check import one_by_one
@@ -28,6 +23,7 @@ from verification.families import placed
 from verification.in_sumo import ROADS, SumoWorld
 from verification.kinematic_simulator import LENGTH_M, Mover, Orders, World
 from verification.lateral_plants import PLANTS
+from verification.program import Program, run_program
 
 STEPS_S = (1.0, 0.5, 0.25)
 DECISIONS = 5
@@ -106,28 +102,22 @@ def compare(case: Case, scenes: int, seed: int) -> dict[str, Any]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--scenes",
-        type=whole(1),
-        default=10_000,
-        help="for each step length, plant and road (default: 10000)",
-    )
+    parser = Program(__doc__)
+    parser.number("--scenes", 10_000, "for each step length, plant and road")
     parser.add_argument("--step-length", type=float, nargs="+", default=STEPS_S, metavar="S")
-    parser.add_argument("--plant", nargs="+", choices=PLANTS, default=list(PLANTS))
-    parser.add_argument("--road", nargs="+", choices=ROADS, default=list(ROADS))
-    parser.add_argument("--seed", type=int, default=0, help="default: 0")
+    parser.some("--plant", PLANTS)
+    parser.some("--road", ROADS)
+    parser.number("--seed", 0, low=0)
     arguments = parser.parse_args()
-    begun_s = time.monotonic()
     settings = product(arguments.plant, arguments.road, arguments.step_length)
     rows = [
         compare(Case(*setting), arguments.scenes, arguments.seed + row)
         for row, setting in enumerate(settings)
     ]
     show(rows)
-    print(made_by(time.monotonic() - begun_s))
+    print(parser.made_by())
     return 1 if any(row["unlike_the_simulator"] for row in rows) else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_program(main)

@@ -132,11 +132,7 @@ class Auditor:
     def _judge_entry(
         self, before: Snapshot, after: Snapshot, row: int, there: BoolArray, is_met: bool
     ) -> None:
-        """Record a vehicle that moves into the ego's lane with too small a gap.
-
-        ``row`` is the vehicle's row index. ``there`` marks the vehicles that are already in the
-        lane. ``is_met`` says whether the vehicle was in another lane of the ego before.
-        """
+        """Record a vehicle that enters the ego's lane, among ``there``, with too small a gap."""
         ahead_m = self._ahead_m(after)
         gap_m, behind_m = self._gaps(after, row)
         if min(gap_m, behind_m) <= 0:
@@ -150,10 +146,7 @@ class Auditor:
             self._record(after, row, TOO_FAST, SOONER if sooner else self._between(before, row))
 
     def _gaps(self, shot: Snapshot, row: int) -> tuple[float, float]:
-        """Return the gap, m, to a vehicle measured ahead of the ego, and measured behind the ego.
-
-        On a loop each vehicle is both ahead of and behind the ego.
-        """
+        """Return a vehicle's gap, m, ahead of the ego and behind it; on a loop it has both."""
         lengths_m = (shot.length_m[row] + shot.length_m[EGO]) / 2
         ahead_m = self._ahead_m(shot)[row]
         return float(ahead_m - lengths_m), float(self._road.lap_m - ahead_m - lengths_m)
@@ -181,10 +174,7 @@ class Auditor:
         return self._gaps(shot, row)[0] - float(needs_m)
 
     def _must_hit(self, shot: Snapshot, behind_m: FloatArray | float) -> BoolArray:
-        """Return which vehicles could not stop behind the ego if both braked fully from now on.
-
-        ``behind_m`` is the gap of each vehicle to the ego.
-        """
+        """Return which vehicles, ``behind_m`` behind, could not stop if both braked fully."""
         strict, step_s = self._config.strict, self._config.simulation.step_length_s
         rolled_m = stopping_distance(shot.speed_m_s, strict.braking_m_s2, step_s)
         hard_m_s2 = self._config.ego.hard_brake_m_s2

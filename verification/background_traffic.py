@@ -11,22 +11,21 @@ and minute. Collisions of the ego do not count. Then it prints a line for each k
 the first episode in which this kind was found.
 """
 
-import argparse
-import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from itertools import product
 
+from drl_av.cli.arguments import whole
 from drl_av.config import TRAFFIC_KINDS, Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import driver_names, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
-from drl_av.experiments.provenance import made_by
 from drl_av.traffic.collisions import bodies, motions
 from drl_av.traffic.population import EGO_ID, Kind
 from drl_av.traffic.road import CENTERED_M
 from drl_av.traffic.snapshot import Snapshot
+from verification.program import Program, run_program
 from verification.traffic_tally import TrafficTally
 
 MIXES = (
@@ -118,13 +117,11 @@ def with_mix(mix: str) -> Config:
 
 def main() -> None:
     """Drive each mix and print its results."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--episodes", type=int, default=500, help="for each mix and driver (default: 500)"
-    )
+    parser = Program(__doc__)
+    parser.number("--episodes", 500, "for each mix and driver")
     parser.add_argument(
         "--vehicles",
-        type=int,
+        type=whole(1),
         nargs="+",
         default=range(1, 31),
         metavar="N",
@@ -143,7 +140,6 @@ def main() -> None:
         help="the ego's driver (default: sumo, like the vehicles around it)",
     )
     options = parser.parse_args()
-    begun_s = time.monotonic()
     for ego, mix in product(options.ego, options.mix):
         tally = check(with_mix(mix), ego, options.episodes, options.vehicles)
         print(
@@ -155,8 +151,8 @@ def main() -> None:
             sep="\n  ",
             flush=True,
         )
-    print(made_by(time.monotonic() - begun_s))
+    print(parser.made_by())
 
 
 if __name__ == "__main__":
-    main()
+    run_program(main)

@@ -162,10 +162,7 @@ def _lane(y_m: FloatArray) -> IntArray:
 
 
 def _has_lane(world: World, lane: IntArray, target: IntArray) -> BoolArray:
-    """Return whether the ego may change from ``lane`` to ``target`` in each scene, (scenes,).
-
-    The road must permit this lane change both at the ego's centre and at its front.
-    """
+    """Return where the road permits the lane change at the ego's centre and front, (scenes,)."""
     road, result = world.road, (target >= 0) & (target < len(world.road.open_lanes))
     for row in np.flatnonzero(result & (lane != target)) if road.partial_lanes else ():
         at_m = float(world.x_m[row, 0])

@@ -14,10 +14,8 @@ The search is not a driver, because it knows random numbers that have not been d
 an upper bound either: it compares only these plans, and only up to the horizon.
 """
 
-import argparse
 import os
 import sys
-import time
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import closing
@@ -37,9 +35,9 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.evaluation.paired import Speed, paired
 from drl_av.evaluation.processes import workers
-from drl_av.experiments.provenance import made_by
 from drl_av.safety import CHECKS
 from drl_av.traffic.snapshot import EGO
+from verification.program import Program, run_program
 
 HORIZON = 20
 """Number of decisions, of 1 s each, for which a plan is tried."""
@@ -212,29 +210,27 @@ def episode(config: Config, names: Sequence[str], vehicles: int, seed: int) -> l
 
 def main() -> int:
     """Drive the episodes; print mean speeds and gains with 95 % intervals; return 0."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Program(__doc__)
     parser.add_argument(
-        *("--vehicles",),
+        "--vehicles",
         nargs="+",
         type=whole(1),
         default=[10, 15, 20, 25],
         metavar="N",
         help="numbers of vehicles around the ego (default: 10 15 20 25)",
     )
-    parser.add_argument("--episodes", type=whole(2), default=8, help="of each (default: 8)")
+    parser.number("--episodes", 8, "of each", low=2)
     parser.add_argument(
-        *("--driver",),
+        "--driver",
         nargs="+",
         default=[BASE, "pretrained", "planner"],
         help=f"beside the search (default: {BASE} pretrained planner)",
     )
     parser.add_argument("--safety-check", choices=CHECKS, default="paper", help="default: paper")
-    parser.add_argument("--seed", type=int, default=SEEDS, help=f"default: {SEEDS}")
-    parser.add_argument("--jobs", type=whole(1), default=1, help="processes (default: 1)")
+    parser.number("--seed", SEEDS, low=0)
+    parser.number("--jobs", 1, "number of processes")
     options = parser.parse_args()
-    begun_s, config = time.monotonic(), Config().updated("safety", check=options.safety_check)
+    config = Config().updated("safety", check=options.safety_check)
     seeds = range(options.seed, options.seed + options.episodes)
     speeds: list[Speed] = []
     with workers(options.jobs) as submit:
@@ -253,9 +249,9 @@ def main() -> int:
         print(
             f"{gain.vehicles:>8}  {gain.baseline:<14}{np.mean(own):>11.2f}  {mean:.2f} ± {half:.2f}"
         )
-    print(made_by(time.monotonic() - begun_s))
+    print(parser.made_by())
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_program(main)

@@ -12,18 +12,13 @@ shares of safe actions are upper bounds. The exit status is 1 if the check permi
 state.
 """
 
-import argparse
-import sys
-import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from drl_av.cli.arguments import whole
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
-from drl_av.experiments.provenance import made_by
 from verification.batch_check import BatchStrict
 from verification.falsification import genes, orders, play
 from verification.falsify import show
@@ -38,6 +33,7 @@ from verification.kinematic_simulator import (
     Orders,
     World,
 )
+from verification.program import Program, run_program
 
 DECISIONS = 10
 """Number of decisions of a scene: enough for the ego to stop."""
@@ -213,23 +209,19 @@ def measured(name: str, config: Config, scenes: int, adversaries: int, seed: int
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--family", nargs="+", choices=FAMILIES, help="default: all")
-    parser.add_argument(
-        "--scenes", type=whole(1), default=100, help="for each family (default: 100)"
-    )
-    parser.add_argument(
-        "--adversaries", type=whole(1), default=60, help="for each state (default: 60)"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="default: 0")
+    parser = Program(__doc__)
+    parser.some("--family", FAMILIES)
+    parser.number("--scenes", 100, "for each family")
+    parser.number("--adversaries", 60, "for each state")
+    parser.number("--seed", 0, low=0)
     arguments = parser.parse_args()
-    config, begun_s = Config().updated("safety", check="strict"), time.monotonic()
+    config = Config().updated("safety", check="strict")
     sizes = arguments.scenes, arguments.adversaries, arguments.seed
-    rows = [measured(name, config, *sizes) for name in arguments.family or FAMILIES]
+    rows = [measured(name, config, *sizes) for name in arguments.family]
     show(rows)
-    print(made_by(time.monotonic() - begun_s))
+    print(parser.made_by())
     return 1 if any(row["without_action"] for row in rows) else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_program(main)

@@ -16,18 +16,15 @@ tables of data in SUMO, change lanes within one second, and have other steering 
 
 import argparse
 import re
-import sys
-import time
 from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.cli.arguments import whole
 from drl_av.experiments.markdown import markdown_table
-from drl_av.experiments.provenance import made_by
 from drl_av.traffic.road import FloatArray
 from verification.crash_tests import CHECKS, Outcome, run, settings
 from verification.naturalistic import ADVERSARY, CARELESS_SHARE, PEOPLE
+from verification.program import Program, run_program
 
 
 class Rate(NamedTuple):
@@ -130,23 +127,16 @@ def _share(text: str) -> float:
 
 def main() -> int:
     """Simulate the tests of each check and print its report; return 0."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--tests", type=whole(1), default=40_000, help="for each check and share (default: 40000)"
-    )
-    parser.add_argument(
-        "--checks", nargs="+", choices=CHECKS, default=[*CHECKS], help="default: all"
-    )
+    parser = Program(__doc__)
+    parser.number("--tests", 40_000, "for each check and share")
+    parser.some("--checks", CHECKS)
     add_careless(parser)
-    parser.add_argument("--seed", type=int, default=0, help="default: 0")
+    parser.number("--seed", 0, low=0)
     parser.add_argument(
         "--people", action="store_true", help="no adversary: every weight is 1 (plain sampling)"
     )
-    parser.add_argument("--jobs", type=whole(1), default=1, help="number of processes (default: 1)")
+    parser.number("--jobs", 1, "number of processes")
     options = parser.parse_args()
-    begun_s = time.monotonic()
     frequencies = PEOPLE if options.people else ADVERSARY
     for careless in options.careless:
         print(f"{100 * careless:g} % of the lane changes are careless of the vehicle behind")
@@ -154,9 +144,9 @@ def main() -> int:
             how = (frequencies, options.seed, careless)
             found = run(settings(check), options.tests, *how, jobs=options.jobs)
             print(report(check, found), flush=True)
-    print(made_by(time.monotonic() - begun_s))
+    print(parser.made_by())
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_program(main)

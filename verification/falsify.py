@@ -11,10 +11,8 @@ vehicles and the proposed actions of the ego. It has three more families of scen
 lanes begin and end. The exit status is 1 if the ego hit something under ``strict``.
 """
 
-import argparse
 import json
 import sys
-import time
 import warnings
 from dataclasses import replace
 from itertools import pairwise, product
@@ -25,7 +23,6 @@ import numpy as np
 from drl_av.cli.arguments import whole
 from drl_av.config import Config
 from drl_av.errors import ScenarioError
-from drl_av.experiments.provenance import made_by
 from drl_av.safety import CHECKS, named_check
 from drl_av.traffic.snapshot import Collision
 from verification.batch_check import BatchStrict, one_by_one
@@ -35,6 +32,7 @@ from verification.families import CONSTANT_SPEED, FAMILIES, PLACED
 from verification.integration import Integration
 from verification.kinematic_simulator import BatchCheck, Mover
 from verification.open_families import OPEN_FAMILIES
+from verification.program import Program, run_program
 
 CLOSING_M_S = (0.0, 5.0, 10.0, 15.0, 20.0, 30.0)
 PLANTS = (
@@ -154,13 +152,13 @@ def show(rows: list[dict[str, Any]]) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Program(__doc__)
     parser.add_argument("--check", default="paper", choices=CHECKS, help="default: paper")
     parser.add_argument("--family", nargs="+", choices=ENVELOPE | SEARCHED, help="default: all")
     parser.add_argument(
         "--scenes", type=whole(1), help="for each family (default: 1000; strict: 100000)"
     )
-    parser.add_argument("--seed", type=int, default=0, help="default: 0")
+    parser.number("--seed", 0, low=0)
     parser.add_argument(
         "--search", action="store_true", help="search under any check, without the envelope"
     )
@@ -173,7 +171,6 @@ def main() -> int:
     scenes = arguments.scenes or (50 if arguments.sumo else 100_000 if strict else 1000)
     work = in_sumo if arguments.sumo else search if strict or arguments.search else envelope
     warnings.filterwarnings("ignore", module="cma")
-    begun_s = time.monotonic()
     known = {envelope: ENVELOPE, in_sumo: SEARCHED, search: SEARCHED}[work]
     if unknown := set(arguments.family or ()) - set(known):
         parser.error(f"the family {unknown.pop()!r} is not among these: {', '.join(known)}")
@@ -182,9 +179,9 @@ def main() -> int:
         print(json.dumps(rows, indent=2))
     else:
         show(rows)
-        print(made_by(time.monotonic() - begun_s))
+        print(parser.made_by())
     return 1 if strict and any(row["ego_hit"] for row in rows) else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_program(main)

@@ -6,18 +6,15 @@
 The exit status is 1 if an input fails; each failure is named on a line of its own.
 """
 
-import argparse
 import contextlib
 import io
 import random
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
 from drl_av.cli import main
-from drl_av.cli.arguments import whole
 from drl_av.config import Config, from_toml
 from drl_av.config.stored import load_stored
 from drl_av.drivers.policy_file import PRETRAINED, load_policy
@@ -30,6 +27,7 @@ from drl_av.files import read_table
 from drl_av.traffic.imported import ImportedDescription
 from drl_av.traffic.scenario import find_scenario, load_scenario, read_description
 from verification.fuzz_driving import Attempt, apart, driven_config, driven_scenario, route
+from verification.program import Program, run_program
 
 ABSURD = (b"nan", b"inf", b"-1", b"1e400", b"9" * 5000, b"\0", b"\xff\xfe", b"[" * 3000, b"'", b"$")
 TABLE = b"driver,vehicles,mean_speed_m_s\nidm,5,20.5\nmine,30,19.25\n"
@@ -192,17 +190,10 @@ def fuzz(kind: str, inputs: int, seed: int) -> tuple[int, list[str]]:
 
 def run() -> int:
     """Try as many inputs as the command line asks for, and print what became of them."""
-    parser = argparse.ArgumentParser(description="Try mutated inputs of every kind.")
-    parser.add_argument(
-        "--inputs",
-        type=whole(1),
-        default=20_000,
-        help="number of inputs, divided among the kinds (default: 20000)",
-    )
-    parser.add_argument(
-        "--kind", nargs="+", choices=KINDS, default=list(KINDS), help="default: all"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="default: 0")
+    parser = Program(__doc__)
+    parser.number("--inputs", 20_000, "number of inputs, divided among the kinds")
+    parser.some("--kind", KINDS)
+    parser.number("--seed", 0, low=0)
     options = parser.parse_args()
     failed = False
     with tempfile.TemporaryDirectory() as home, contextlib.chdir(home):
@@ -216,4 +207,4 @@ def run() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(run())
+    run_program(run)

@@ -138,10 +138,7 @@ class Mover:
         world.lateral_m_s[:, 0] = np.where(arrived, 0.0, world.lateral_m_s[:, 0])
 
     def _steer(self, world: World, sign: IntArray) -> None:
-        """Start, reverse or continue the ego's lane changes like ``maneuver.next_lane_change``.
-
-        ``sign``, shape (scenes,), is the direction of each lateral action: left +1, right -1.
-        """
+        """Start, turn or continue lane changes like ``maneuver.next_lane_change``; left is +1."""
         lane = np.floor(world.y_m[:, 0] / ROAD.lane_width_m + 0.5).astype(np.int64)
         still = world.target == NONE
         starts, turns = still & (sign != 0), ~still & (sign == world.origin - world.target)
@@ -151,15 +148,11 @@ class Mover:
         world.target = np.where(starts, lane + sign, np.where(turns, origin, target))
 
     def _step(self, world: World, rate: FloatArray, orders: Orders, going: BoolArray) -> None:
-        speed = world.speed_m_s.copy()
+        speed, bounds = world.speed_m_s.copy(), self._config.strict
         most = self._config.ego.max_speed_m_s
         speed[:, 0] = np.clip(speed[:, 0] + rate * self.step_s, 0.0, most)
-        wanted = np.clip(
-            orders.acceleration_m_s2,
-            -self._config.strict.braking_m_s2,
-            self._config.strict.acceleration_m_s2,
-        )
-        wanted = self._staying_behind(world, wanted)
+        rates = -bounds.braking_m_s2, bounds.acceleration_m_s2
+        wanted = self._staying_behind(world, np.clip(orders.acceleration_m_s2, *rates))
         speed[:, 1:] = np.clip(speed[:, 1:] + wanted * self.step_s, 0.0, FASTEST_M_S)
         moved = self._integration.mean_speed(world.speed_m_s, speed)
         x_m, y_m = world.x_m, world.y_m
@@ -171,10 +164,7 @@ class Mover:
     def _collide(
         self, world: World, from_x_m: FloatArray, from_y_m: FloatArray, going: BoolArray
     ) -> None:
-        """Record the ego's collisions of a step, given the positions before it.
-
-        If the ego also leaves its lanes in this step, the collision with the edge is recorded.
-        """
+        """Record the ego's collisions of a step that begins there; the edge comes first."""
         sizes_m, places = (LENGTH_M, WIDTH_M), (world.x_m, world.y_m)
         least_m = swept_separation((from_x_m, from_y_m), places, *sizes_m)
         to_barriers_m = barrier_separation(world.road.barriers, places, *sizes_m)
@@ -194,9 +184,7 @@ class Mover:
     ) -> FloatArray:
         """Return the other vehicles' sides, with 0 where bound 3 of ``strict`` forbids a side.
 
-        A vehicle may begin a lane change only if no vehicle is beside it at any time of the step,
-        which begins at the positions ``from_x_m``. Otherwise a fast lane change could touch a
-        vehicle that passes within the step.
+        No vehicle may pass beside one that begins a lane change, from ``from_x_m`` on in this step.
         """
         strict, ego = self._config.strict, self._config.ego
         y_m, width_m = world.y_m[:, 1:], ROAD.lane_width_m
@@ -238,10 +226,7 @@ class Mover:
         return np.where(permitted, side, 0.0)
 
     def _creeps_in_lane(self, y_m: FloatArray, side: FloatArray) -> BoolArray:
-        """Return which vehicles move sideways so slowly that the check ignores their motion.
-
-        Such a vehicle must also stay in the lanes that its body overlaps.
-        """
+        """Return which vehicles move too slowly sideways for the check, and stay in their lanes."""
         lateral_m_s = side * self._config.strict.lateral_speed_m_s
         after_m = y_m + lateral_m_s * self.step_s
         lowest, highest = lanes_under(y_m, WIDTH_M, ROAD.lane_width_m)
@@ -251,10 +236,7 @@ class Mover:
         return result
 
     def _staying_behind(self, world: World, wanted: FloatArray) -> FloatArray:
-        """Return the accelerations ``wanted``, reduced where bound 4 of ``strict`` demands it.
-
-        Bound 4 makes a vehicle behind the ego brake so that it does not hit the ego.
-        """
+        """Return accelerations, reduced behind the ego as bound 4 of ``strict`` demands."""
         strict, ego = self._config.strict, self._config.ego
         gap_m = world.x_m[:, :1] - world.x_m[:, 1:] - LENGTH_M
         must = (gap_m >= 0) & (self._shared_s(world) >= strict.follower_response_s - 1e-9)
@@ -269,10 +251,7 @@ class Mover:
         return result
 
     def _shared_s(self, world: World) -> FloatArray:
-        """Return the time, s, that the ego has spent in a lane which each vehicle is in or enters.
-
-        The time includes this step. It is -1 without such a lane. The shape is (scenes, others).
-        """
+        """Return how long, s, the ego has been in a lane of each other vehicle; -1 if in none."""
         lowest, highest = lanes_under(world.y_m[:, :1], WIDTH_M, ROAD.lane_width_m)
         lanes = np.arange(len(ROAD.open_lanes))
         over = (lowest <= lanes) & (lanes <= highest)
@@ -307,10 +286,7 @@ class Mover:
 
 
 def _bound_for(y_m: FloatArray, side: FloatArray) -> FloatArray:
-    """Return the lane whose centre a vehicle reaches next, left (side > 0) or right (side < 0).
-
-    From the centre of a lane this is the next lane; for side 0 it is the nearest lane.
-    """
+    """Return the lane whose centre a vehicle reaches next on its side; for side 0 the nearest."""
     place = y_m / ROAD.lane_width_m
     right, left = np.ceil(place - 1e-6) - 1, np.floor(place + 1e-6) + 1
     result: FloatArray = np.where(side > 0, left, np.where(side < 0, right, np.round(place)))

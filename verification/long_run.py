@@ -8,9 +8,6 @@ Each episode appends a row to the table. After an interruption, the same command
 hit something, or if a vehicle that broke no bound hit the ego.
 """
 
-import argparse
-import sys
-import time
 from collections import Counter
 from dataclasses import asdict
 from itertools import pairwise
@@ -24,13 +21,13 @@ from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv, Observation
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import rollout
-from drl_av.errors import DrlAvError
-from drl_av.experiments.provenance import made_by, provenance, read_sidecar, write_sidecar
+from drl_av.experiments.provenance import provenance, read_sidecar, write_sidecar
 from drl_av.experiments.store import settings_mismatch, stored_config
 from drl_av.files import append_rows, read_table
 from drl_av.safety import CHECKS
 from drl_av.traffic.population import Kind
 from verification.auditor import BETWEEN, BRAKES, LEAVES, SOONER, Auditor, Breach
+from verification.program import Program, run_program
 
 FIRST_SEED = 800_000
 SHARES = ("finite_state_share", "level_0_share", "level_1_share")
@@ -124,13 +121,9 @@ def environments(base: Config) -> dict[str, Watched]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--episodes", type=int, default=5000, help="number of episodes (default: 5000)"
-    )
-    parser.add_argument(
-        "--first", type=int, default=0, help="number of the first episode (default: 0)"
-    )
+    parser = Program(__doc__)
+    parser.number("--episodes", 5000, "number of episodes")
+    parser.number("--first", 0, "number of the first episode", low=0)
     parser.add_argument("--check", default="strict", choices=CHECKS, help="default: strict")
     parser.add_argument(
         "--traffic", choices=TRAFFIC_KINDS, help="kind of traffic (default: five mixes)"
@@ -147,14 +140,9 @@ def main() -> int:
     else:
         worlds = environments(base)
     names = list(worlds)
-    begun_s = time.monotonic()
-    try:
-        done = read_table(arguments.out, growing=True)
-        facts = read_sidecar(arguments.out)
-        if facts and stored_config(facts["settings"], str(arguments.out)) != base:
-            raise settings_mismatch(arguments.out)
-    except DrlAvError as error:
-        parser.error(str(error))
+    done, facts = read_table(arguments.out, growing=True), read_sidecar(arguments.out)
+    if facts and stored_config(facts["settings"], str(arguments.out)) != base:
+        raise settings_mismatch(arguments.out)
     spent_s = facts.get("wall_time_s", 0.0)
     if not facts:
         write_sidecar(arguments.out, provenance(base, settings=asdict(base)))
@@ -165,11 +153,11 @@ def main() -> int:
             if seed not in known:
                 append_rows(arguments.out, COLUMNS, [worlds[mix].episode(mix, seed)])
     finally:
-        spent_s += round(time.monotonic() - begun_s, 1)
-        made = provenance(base, wall_time_s=spent_s, settings=asdict(base))
+        wall_time_s = spent_s + round(parser.spent_s(), 1)
+        made = provenance(base, wall_time_s=wall_time_s, settings=asdict(base))
         write_sidecar(arguments.out, made)
     status = report(read_table(arguments.out, growing=True))
-    print(made_by(spent_s))
+    print(parser.made_by(spent_s))
     return status
 
 
@@ -240,4 +228,4 @@ def report_breaches(rows: list[dict[str, str]]) -> bool:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_program(main)

@@ -16,14 +16,8 @@ hard braking ahead of the ego. The proof excludes that the ego hits a vehicle in
 exit status is 1 if it does.
 """
 
-import argparse
-import sys
-import time
-
 import numpy as np
 
-from drl_av.cli.arguments import whole
-from drl_av.experiments.provenance import made_by
 from drl_av.traffic.road import FloatArray
 from verification.crash_rate import Rate, add_careless, exact_share
 from verification.crash_tests import CHECKS, SECONDS, Outcome, run, settings
@@ -37,6 +31,7 @@ from verification.naturalistic import (
     Frequencies,
     Traffic,
 )
+from verification.program import Program, run_program
 
 CHANCES = SECONDS * PER_LANE * len(ROAD.open_lanes)
 """Number of random draws in a test: each decides whether one vehicle tries to change lanes towards
@@ -118,18 +113,14 @@ def report(outcome: Outcome) -> str:
 
 def main() -> int:
     """Drive the tests, then the control; print both; return 1 if the control has a hit."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--tests", type=whole(1), default=120_000, help="for each share (default: 120000)"
-    )
-    parser.add_argument(
-        "--control", type=whole(1), default=20_000, help="tests of the control (default: 20000)"
-    )
+    parser = Program(__doc__)
+    parser.number("--tests", 120_000, "for each share")
+    parser.number("--control", 20_000, "tests of the control")
     add_careless(parser)
-    parser.add_argument("--seed", type=int, default=1, help="default: 1")
-    parser.add_argument("--jobs", type=whole(1), default=1, help="number of processes (default: 1)")
+    parser.number("--seed", 1, low=0)
+    parser.number("--jobs", 1, "number of processes")
     options = parser.parse_args()
-    begun_s, config = time.monotonic(), settings("real")
+    config = settings("real")
     for careless in options.careless:
         print(f"{100 * careless:g} % of the lane changes are careless of the vehicle behind")
         how = (PEOPLE, options.seed, careless, Approaching, options.jobs)
@@ -142,9 +133,9 @@ def main() -> int:
         f"control: {options.control} tests in which no vehicle tries, the ego hits a vehicle "
         f"{contradicted} times"
     )
-    print(made_by(time.monotonic() - begun_s))
+    print(parser.made_by())
     return 1 if contradicted else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_program(main)

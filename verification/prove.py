@@ -8,7 +8,6 @@ every speed and gap. A last step bounds the effect of rounding. The exit status 
 fails; the argument then does not cover these settings.
 """
 
-import argparse
 import sys
 import time
 from collections.abc import Iterator
@@ -16,7 +15,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from drl_av.config import Config, load_config
-from drl_av.errors import DrlAvError
+from verification.program import Program, run_program
 from verification.proofs import followers, following, lane_changes
 from verification.proofs.argument import Argument, argument
 from verification.proofs.lemma import Lemma, Model, UndecidedError, counterexample
@@ -92,17 +91,13 @@ def written(model: dict[str, Fraction]) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Program(__doc__)
     parser.add_argument("--config", help="a TOML file of settings")
     arguments = parser.parse_args()
     failed = []
-    try:
-        for result in prove(load_config(arguments.config)):
-            print(result, flush=True)
-            failed += [result] if result.model is not None else []
-    except DrlAvError as error:
-        print(error, file=sys.stderr)
-        return 1
+    for result in prove(load_config(arguments.config)):
+        print(result, flush=True)
+        failed += [result] if result.model is not None else []
     for result in failed:
         print(
             f"These settings are not covered: the lemma {result.name} fails, for example at "
@@ -113,4 +108,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_program(main)

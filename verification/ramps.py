@@ -5,11 +5,14 @@
 
 Prints one line for each kind of road, flow and driver. An episode is a success if the ego is on
 the highway where the acceleration lane has ended, or if it takes its exit. The ego waits while it
-stands in a lane that its way demands to leave. It forces a vehicle to brake if the nearest vehicle
-behind it, in its lane or in the one that it enters, brakes harder than 3 m/s^2 while the ego
-changes lanes as its way demands, or within 10 s after it has reached the next lane. The time lost
-is the mean time of the successful episodes to the end of the way, less the time of the same driver
-on the empty road. Intervals are Wilson's at 95 %. Exits with 1 if the ego hit anything.
+stands in a lane that its way demands to leave. There is braking behind the ego if the nearest
+vehicle behind it, in its lane or in the one that it enters, brakes harder than 3 m/s^2 while the
+ego changes lanes as its way demands, or within 10 s after it has reached the next lane. The ego
+forces it if IDM behind the ego, as in MOBIL's safety criterion, demands more than 2 m/s^2 before or
+after that second; otherwise the vehicle brakes for another reason, such as a slower vehicle to its
+left that it may not pass on the right. The time lost is the mean time of the successful episodes to
+the end of the way, less the time of the same driver on the empty road. Intervals are Wilson's at
+95 %. Exits with 1 if the ego hit anything.
 """
 
 import argparse
@@ -18,18 +21,21 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean
 
-from drl_av.config import Config
+from drl_av.config import Config, MobilConfig
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, default_config, find_drivers, make_drivers
+from drl_av.driving.car_following import idm_acceleration
+from drl_av.driving.scene import Scene
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
+from drl_av.env.way import COMPLETE, EXIT_MISSED
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.provenance import made_by
 from drl_av.safety import CHECKS
@@ -40,9 +46,11 @@ from drl_av.traffic.snapshot import Snapshot
 SEEDS = 760_000
 FLOWS = (0.0, 500.0, 1000.0, 1500.0, 2000.0)
 STANDING_M_S = 0.5
-FORCED_M_S2 = 3.0
+HARD_M_S2 = 3.0
+DEMANDED_M_S2 = 2.0
+"""Braking that IDM must demand behind the ego if the ego is the reason; IDM's comfortable one."""
 AFTER_CHANGE = 10
-"""Decisions after a lane change in which a vehicle behind counts as forced to brake."""
+"""Decisions after a lane change in which braking behind the ego counts."""
 SUCCESS = {
     "merge": ("merged", "on the highway"),
     "exit": ("took the exit", "in the exit lane"),
@@ -52,10 +60,11 @@ SUCCESS = {
 PRINTED = re.compile(
     r"^\w+, (?P<driver>\S+), .* asked, (?P<flow>\d+) found: (?P<episodes>\d+) episodes, "
     r"[a-z ]+ (?P<success>\S+ \(.*?\)), ego hits (?P<hits>\d+), .*? waited (?P<waited>\S+) "
-    r".*? time lost (?P<lost>.*?), forced braking (?P<forced>\S+ \(.*?\))",
+    r".*? time lost (?P<lost>.*?), (braking behind|forced braking) (?P<behind>\S+ \(.*?\))"
+    r"(, forced (?P<forced>\S+ \(.*?\)))?",
     re.MULTILINE,
 )
-"""A line of this program."""
+"""A line of this program. Lines of before have only the braking behind, named forced braking."""
 
 
 @dataclass
@@ -65,6 +74,7 @@ class Trip:
     success: bool = False
     ego_hit: bool = False
     was_hit: bool = False
+    braking_behind: bool = False
     forced: bool = False
     waits: int = 0
     """Decisions at which the ego stood while its way demanded a lane change."""
@@ -89,44 +99,60 @@ def drive(env: HighwayEnv, driver: Driver, seed: int, vehicles: int | None = Non
         made += 1
         before, after = decision.scene, decision.next_scene
         demanded, left = before.affordances.mandatory.lanes, after.affordances.mandatory.lanes
-        exited, front_m = decision.info["exit"], float(after.snapshot.s_m[0])
+        way, ego_m = decision.info["way"], float(after.snapshot.s_m[0])
         trip.waits += left != 0 and after.affordances.ego_speed_m_s < STANDING_M_S
         if demanded * (after.affordances.lane - before.affordances.lane) > 0:
             changed = made
-        if trip.decisions is None and left == 0 and exited != "missed":
+        if trip.decisions is None and left == 0 and way != EXIT_MISSED:
             trip.decisions = made
         if made - changed <= AFTER_CHANGE or (demanded and before.lane_change is not None):
-            trip.forced |= _hardest_braking_behind(decision) > FORCED_M_S2
+            braking = list(_demanded_of_braking_vehicles(decision, env.config.mobil))
+            trip.braking_behind |= bool(braking)
+            trip.forced |= max(braking, default=0.0) > DEMANDED_M_S2
         collision = decision.collision
         if collision is not None:
             trip.ego_hit, trip.was_hit = collision.kind.ego_hit, not collision.kind.ego_hit
-        merged = road.exit_m == math.inf and front_m > ramp_m and after.affordances.lane > 0
-        trip.success |= collision is None and (merged or exited == "taken")
+        trip.success |= collision is None and way in COMPLETE
         passed += _passes(before.snapshot, after.snapshot, ramp_m)
-        if front_m >= road.end_m:
-            over_m = front_m - road.end_m
-            trip.end_s = made - over_m / (front_m - float(before.snapshot.s_m[0]))
+        if ego_m >= road.end_m:
+            over_m = ego_m - road.end_m
+            trip.end_s = made - over_m / (ego_m - float(before.snapshot.s_m[0]))
     trip.flow_per_h = 3600 * passed / made / (len(road.open_lanes) - 1)
     return trip
 
 
-def _hardest_braking_behind(decision: Decision) -> float:
-    """Return the hardest braking of the vehicles behind the ego within a decision, m/s^2.
+def _demanded_of_braking_vehicles(decision: Decision, mobil: MobilConfig) -> Iterator[float]:
+    """Yield what IDM demands of each vehicle behind the ego that brakes hard in a decision, m/s^2.
 
-    These are the nearest ones in the ego's lane and in the lane that it enters. The result is 0 if
-    there is none, or if none brakes.
+    These vehicles are the nearest ones in the ego's lane and in the lane that it enters. IDM has
+    the parameters of MOBIL without a desired speed, and demands the braking behind the ego before
+    or after the decision, whichever is harder.
     """
-    affordances, after = decision.scene.affordances, decision.next_scene.snapshot
-    change = decision.scene.lane_change
-    sides = (0,) if change is None else (0, change.target - affordances.lane)
-    hardest = 0.0
-    for side in sides:
+    before, after = decision.scene, decision.next_scene
+    affordances, change = before.affordances, before.lane_change
+    for side in (0,) if change is None else (0, change.target - affordances.lane):
         rear = affordances.rear(side)
-        name = "" if rear is None else decision.scene.snapshot.ids[rear.vehicle]
-        if rear is not None and name in after.ids:
-            lost = affordances.ego_speed_m_s + rear.relative_speed_m_s
-            hardest = max(hardest, lost - float(after.speed_m_s[after.ids.index(name)]))
-    return hardest
+        name = "" if rear is None else before.snapshot.ids[rear.vehicle]
+        if rear is None or name not in after.snapshot.ids:
+            continue
+        lost = affordances.ego_speed_m_s + rear.relative_speed_m_s
+        lost -= float(after.snapshot.speed_m_s[after.snapshot.ids.index(name)])
+        if lost > HARD_M_S2:
+            yield max(_demanded(scene, name, mobil) for scene in (before, after))
+
+
+def _demanded(scene: Scene, name: str, mobil: MobilConfig) -> float:
+    """Return the braking that IDM demands of a vehicle behind the ego, m/s^2.
+
+    The result is 0 if the vehicle is not the nearest behind the ego in any lane.
+    """
+    seen = scene.affordances
+    for rear in map(seen.rear, (0, 1, -1)):
+        if rear is not None and scene.snapshot.ids[rear.vehicle] == name:
+            speed_m_s = seen.ego_speed_m_s + rear.relative_speed_m_s
+            closing_m_s = rear.relative_speed_m_s
+            return -idm_acceleration(speed_m_s, math.inf, rear.gap_m, closing_m_s, mobil)
+    return 0.0
 
 
 def _passes(before: Snapshot, after: Snapshot, s_m: float) -> int:
@@ -171,21 +197,35 @@ def line(kind: str, name: str, flow: float, trips: Sequence[Trip], empty_s: floa
         f"longest wait {max(trip.waits for trip in trips)} s, "
         f"{where} after {sum(made) / max(len(made), 1):.1f} s, "
         f"{time_lost(trips, empty_s)}, "
-        f"forced braking {interval(sum(trip.forced for trip in trips), n)}"
+        f"braking behind {interval(sum(trip.braking_behind for trip in trips), n)}, "
+        f"forced {interval(sum(trip.forced for trip in trips), n)}"
     )
 
 
 def table(text: str) -> str:
-    """Return the Markdown table of what this program printed: one row for each flow and driver."""
-    columns = ("episodes", "success", "hits", "waited", "lost", "forced")
-    rows = [
-        [found["flow"], f"`{found['driver']}`", *(found[name] for name in columns)]
-        for found in PRINTED.finditer(text)
-    ]
-    for row in rows:
-        row[-1] = row[-1].split()[0]
-    names = ["vehicles/h/lane", "driver", "episodes", "success", "ego hits", "waited"]
-    return markdown_table([*names, "time lost", "forced braking"], rows)
+    """Return the Markdown table of what this program printed: one row for each flow and driver.
+
+    There is no column for forced braking if the lines do not have it.
+    """
+    columns = {
+        "flow": "vehicles/h/lane",
+        "driver": "driver",
+        "episodes": "episodes",
+        "success": "success",
+        "hits": "ego hits",
+        "waited": "waited",
+        "lost": "time lost",
+        "behind": "braking behind",
+        "forced": "forced",
+    }
+    found = [each.groupdict() for each in PRINTED.finditer(text)]
+    if not all(each["forced"] for each in found):
+        del columns["forced"]
+    for each in found:
+        each["driver"] = f"`{each['driver']}`"
+        for share in ("behind", "forced"):
+            each[share] = (each[share] or "").split(" ")[0]
+    return markdown_table([*columns.values()], [[each[key] for key in columns] for each in found])
 
 
 def main() -> int:

@@ -7,13 +7,13 @@ exist, ``merge_learned.txt`` and so on. It writes ``ramps.png`` into the folder.
 intervals.
 """
 
-import argparse
 import re
 from collections import defaultdict
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from drl_av.experiments.canvas import label_axes, legend_of_names, panels, save_figure
+from verification.program import Program, run_program
 from verification.ramps import PRINTED, SUCCESS
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ LEARNED = "#d55e00"
 TITLES = {"merge": "On-ramp", "exit": "Off-ramp", "ramp_to_ramp": "Ramp to ramp"}
 MEASURES = {
     "success": "success, %",
-    "forced": "episodes with forced braking, %",
+    "behind": "episodes with braking behind, %",
     "lost": "time lost, s",
 }
 _NUMBER = re.compile(r"-?\d+\.\d+")
@@ -43,11 +43,12 @@ class Point(NamedTuple):
 def points(text: str, measure: str) -> dict[str, list[Point]]:
     """Return the points of each driver in the text that ``verification.ramps`` printed.
 
-    The measure of the time lost has no interval; an unknown time lost has no point.
+    The measure of the time lost has no interval. An unknown time lost has no point, as has forced
+    braking that was not measured.
     """
     found: dict[str, list[Point]] = defaultdict(list)
     for each in PRINTED.finditer(text):
-        numbers = [float(number) for number in _NUMBER.findall(each[measure])]
+        numbers = [float(number) for number in _NUMBER.findall(each[measure] or "")]
         if numbers:
             value, low, high = numbers * 3 if len(numbers) == 1 else numbers
             found[each["driver"]].append(Point(float(each["flow"]), value, low, high))
@@ -70,7 +71,7 @@ def draw(axes: "Axes", text: str, measure: str) -> "dict[str, ErrorbarContainer]
 
 def main() -> None:
     """Read the printed lines and write the figure."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser = Program(__doc__)
     parser.add_argument("folder", type=Path, help="folder of the printed files and the figure")
     folder = parser.parse_args().folder
     figure, grid = panels((11, 8.5), len(MEASURES), len(SUCCESS), sharex=True, sharey="row")
@@ -88,4 +89,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_program(main)

@@ -12,23 +12,19 @@ this traffic. The check ``nothing`` permits every action. For each check, under 
 ``strict`` in percent with its 95 % interval, paired by test, and the collisions.
 """
 
-import argparse
-import sys
-import time
 from typing import Any
 
 import numpy as np
 
-from drl_av.cli.arguments import whole
 from drl_av.config import Config
 from drl_av.evaluation.statistics import mean_with_interval
-from drl_av.experiments.provenance import made_by
 from verification.batch_check import BatchStrict
 from verification.completeness import Refusals, on_road, rows_of, safe
 from verification.crash_tests import SECONDS, Outcome, drive, settings
 from verification.falsify import show
 from verification.kinematic_simulator import BatchCheck, IntArray, World
 from verification.naturalistic import PEOPLE, Traffic, starts
+from verification.program import Program, run_program
 
 
 class Optimist:
@@ -101,16 +97,16 @@ def row(bounds: str, name: str, found: Outcome, base_km: np.ndarray) -> dict[str
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--tests", type=whole(2), default=120, help="a check (default: 120)")
-    parser.add_argument("--adversaries", type=whole(1), default=18, help="default: 18")
-    parser.add_argument("--seed", type=int, default=2, help="default: 2")
+    parser = Program(__doc__)
+    parser.number("--tests", 120, "a check", low=2)
+    parser.number("--adversaries", 18)
+    parser.number("--seed", 2, low=0)
     options = parser.parse_args()
-    begun_s, sizes = time.monotonic(), (options.tests, options.adversaries, options.seed)
+    sizes = options.tests, options.adversaries, options.seed
     show([each for bounds in ("strict", "real") for each in compared(bounds, *sizes)])
-    print(made_by(time.monotonic() - begun_s))
+    print(parser.made_by())
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_program(main)

@@ -13,11 +13,9 @@ table lacks. Each training draws the traffic of its episodes from its own seed. 
 policy is evaluated in traffic that is the same for all trainings.
 """
 
-import argparse
-import sys
-import time
 from collections.abc import Iterator
 from contextlib import closing
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,10 +27,10 @@ from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv, Observation
 from drl_av.env.reward import Transition
 from drl_av.env.rollout import drive
-from drl_av.errors import DrlAvError
 from drl_av.evaluation import DENSITIES
-from drl_av.experiments.provenance import made_by, provenance, read_sidecar, write_sidecar
+from drl_av.experiments.provenance import provenance, read_sidecar, write_sidecar
 from drl_av.files import append_rows, read_table
+from verification.program import Program, run_program
 from verification.shielding_report import COLUMNS, FINAL, METHODS, TRAINING, figure, table
 
 PENALTY = 0.5
@@ -134,51 +132,34 @@ def means(decided: list[Decided]) -> dict[str, float]:
 
 def main() -> int:
     """Do the missing trainings, then write the figure and print the table; return 0."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--methods", nargs="+", choices=METHODS, default=METHODS, help="default: all"
-    )
-    parser.add_argument(
-        "--seeds", type=int, default=10, help="trainings of each method (default: 10)"
-    )
-    parser.add_argument(
-        "--steps", type=int, default=50_000, help="decisions of a training (default: 50000)"
-    )
-    parser.add_argument(
-        "--episodes", type=int, default=5, help="evaluated at each density (default: 5)"
-    )
+    parser = Program(__doc__)
+    parser.some("--methods", METHODS)
+    parser.number("--seeds", 10, "trainings of each method")
+    parser.number("--steps", 50_000, "decisions of a training", low=BIN)
+    parser.number("--episodes", 5, "evaluated at each density")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
     options = parser.parse_args()
-    if options.steps < BIN:
-        parser.error(f"--steps {options.steps} makes no row of {BIN} decisions: ask for more.")
     if not options.out.parent.is_dir():
         parser.error(f"The folder {options.out.parent} does not exist: make it first.")
-    begun_s = time.monotonic()
     size = {"steps": options.steps, "evaluation_episodes": options.episodes}
-    try:
-        rows, facts = read_table(options.out, growing=True), read_sidecar(options.out)
-        if facts and any(facts[name] != number for name, number in size.items()):
-            parser.error(f"{options.out} was made with other --steps or --episodes: choose another")
-        spent_s = facts.get("wall_time_s", 0.0)
-        known = {(row["method"], int(row["seed"])) for row in rows}
-        for seed in range(options.seeds):
-            for method in options.methods:
-                if (method, seed) not in known:
-                    made = list(trained(method, seed, options.steps, options.episodes))
-                    spent = round(spent_s + time.monotonic() - begun_s, 1)
-                    write_sidecar(
-                        options.out,
-                        provenance(Config(), **size, penalty=PENALTY, wall_time_s=spent),
-                    )
-                    append_rows(options.out, COLUMNS, made)
-        rows = read_table(options.out, growing=True)
-        figure(rows, options.out.with_suffix(".png"))
-    except DrlAvError as error:
-        parser.error(str(error))
+    rows, facts = read_table(options.out, growing=True), read_sidecar(options.out)
+    if facts and any(facts[name] != number for name, number in size.items()):
+        parser.error(f"{options.out} was made with other --steps or --episodes: choose another")
+    before_s = facts.get("wall_time_s", 0.0)
+    known = {(row["method"], int(row["seed"])) for row in rows}
+    for seed, method in product(range(options.seeds), options.methods):
+        if (method, seed) not in known:
+            made = list(trained(method, seed, options.steps, options.episodes))
+            spent_s = round(before_s + parser.spent_s(), 1)
+            sidecar = provenance(Config(), **size, penalty=PENALTY, wall_time_s=spent_s)
+            write_sidecar(options.out, sidecar)
+            append_rows(options.out, COLUMNS, made)
+    rows = read_table(options.out, growing=True)
+    figure(rows, options.out.with_suffix(".png"))
     print(table(rows))
-    print(made_by(spent_s + time.monotonic() - begun_s))
+    print(parser.made_by(before_s))
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_program(main)

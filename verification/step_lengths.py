@@ -8,7 +8,6 @@ that SUMO reports in a collision, and the decisions per second. SUMO integrates 
 Euler.
 """
 
-import argparse
 from contextlib import closing
 from pathlib import Path
 from time import perf_counter as now
@@ -19,6 +18,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.experiments.provenance import provenance, write_sidecar
 from drl_av.files import write_table
+from verification.program import Program, run_program
 from verification.traffic_tally import TrafficTally
 
 STEP_LENGTHS_S = (1.0, 0.5, 0.25, 0.2, 0.1)
@@ -47,22 +47,18 @@ def measure(step_length_s: float, episodes: int, vehicles: int) -> dict[str, flo
 
 def main() -> None:
     """Measure each step length and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--episodes", type=int, default=30, help="for each step length (default: 30)"
-    )
-    parser.add_argument("--vehicles", type=int, default=30, help="beside the ego (default: 30)")
+    parser = Program(__doc__)
+    parser.number("--episodes", 30, "for each step length")
+    parser.number("--vehicles", 30, "beside the ego")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
     options = parser.parse_args()
-    begun_s = now()
     rows = [measure(step, options.episodes, options.vehicles) for step in STEP_LENGTHS_S]
     seeds = f"{SEEDS} to {SEEDS + options.episodes - 1}"
-    spent_s = round(now() - begun_s, 1)
-    facts = provenance(Config(), seeds=seeds, wall_time_s=spent_s)
+    facts = provenance(Config(), seeds=seeds, wall_time_s=round(parser.spent_s(), 1))
     write_sidecar(options.out, {**facts, "step_length_s": STEP_LENGTHS_S})
     write_table(options.out, rows[0], rows)
     print(*rows, sep="\n")
 
 
 if __name__ == "__main__":
-    main()
+    run_program(main)

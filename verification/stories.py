@@ -8,7 +8,6 @@ check. It ends at the end of the road, with a collision of the ego, or after a m
 drivers drive once, without a check.
 """
 
-import argparse
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from drl_av.experiments.experiment import Results
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.provenance import provenance, write_sidecar
 from drl_av.files import Row, write_table
+from verification.program import Program, run_program
 
 STORIES = (
     "stalled_vehicle",
@@ -103,10 +103,8 @@ def section(results: Results) -> str:
 
 def main() -> None:
     """Drive all stories, and write the table."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument(
-        "--out", type=Path, required=True, metavar="FILE.csv", help="table to write"
-    )
+    parser = Program(__doc__)
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
     options = parser.parse_args()
     rows = []
     for story in STORIES:
@@ -118,4 +116,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_program(main)

@@ -7,7 +7,6 @@ decisions after the first 30 s. They are the speed and, for vehicles with a lead
 most 120 m ahead, the range (net gap), the time gap (range / speed) and the relative speed.
 """
 
-import argparse
 import math
 from collections.abc import Sequence
 from contextlib import closing
@@ -15,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.config import TRAFFIC_KINDS, Config
+from drl_av.cli.arguments import whole
+from drl_av.config import SINGLE_KINDS, Config
 from drl_av.drivers.background.level_k import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.traffic.ego_model import EgoModel
@@ -23,6 +23,7 @@ from drl_av.traffic.road import FloatArray, Road
 from drl_av.traffic.scenario import find_scenario, load_scenario
 from drl_av.traffic.simulation import Simulation
 from drl_av.traffic.snapshot import EGO, Command, Snapshot
+from verification.program import Program, run_program
 
 SEEDS = 840_000
 WARM_UP_DECISIONS = 30
@@ -154,12 +155,10 @@ def mark(name: str, value: float) -> str:
 
 def main() -> None:
     """Drive each kind of traffic and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--episodes", type=int, default=60, help="for each kind of traffic (default: 60)"
-    )
-    parser.add_argument("--vehicles", type=int, nargs="+", default=VEHICLES, metavar="N")
-    parser.add_argument("--traffic", nargs="+", default=tuple(TRAFFIC_KINDS), metavar="KIND")
+    parser = Program(__doc__)
+    parser.number("--episodes", 60, "for each kind of traffic")
+    parser.add_argument("--vehicles", type=whole(1), nargs="+", default=VEHICLES, metavar="N")
+    parser.add_argument("--traffic", nargs="+", default=SINGLE_KINDS, metavar="KIND")
     options = parser.parse_args()
     found = {
         kind: moments(Config().with_traffic(kind), options.episodes, options.vehicles)
@@ -170,4 +169,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_program(main)

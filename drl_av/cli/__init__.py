@@ -1,19 +1,13 @@
 """The command ``drl-av``: parses the arguments and runs a verb; each verb imports what it needs."""
 
 import argparse
-import io
-import os
-import signal
 import sys
-import threading
-from collections.abc import Callable, Container, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Container, Sequence
 from typing import NamedTuple
 
 from drl_av import __version__
 from drl_av.cli import config, evaluate, export, figures, learning, replay, reproduction, scenario
-from drl_av.cli.status import INTERRUPTED
-from drl_av.errors import DrlAvError
+from drl_av.cli.status import exit_status
 
 
 class Verb(NamedTuple):
@@ -58,63 +52,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns the exit status: 0 for success, 1 after an error (one sentence on stderr), 130 after
     Ctrl-C. Bad usage raises SystemExit with status 2.
     """
-    try:
-        with _printable(), _terminated_as_interrupted():
-            words = sys.argv[1:] if arguments is None else arguments
-            options = command_line(words).parse_args(words)
-            verb: Verb = options.verb
-            return verb.run(options)
-    except BrokenPipeError:
-        return 1
-    except (DrlAvError, OSError) as error:
-        print("drl-av:", *str(error).split(), file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("drl-av: interrupted.", file=sys.stderr)
-        return INTERRUPTED
+    words = sys.argv[1:] if arguments is None else arguments
 
+    def run() -> int:
+        options = command_line(words).parse_args(words)
+        verb: Verb = options.verb
+        return verb.run(options)
 
-@contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """Make SIGTERM raise KeyboardInterrupt in the block, as SIGINT (Ctrl-C) does."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
-    former = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, former)
-
-
-@contextmanager
-def _printable() -> Iterator[None]:
-    """Escape characters that stdout cannot encode, and flush stdout after the block.
-
-    Raises:
-        BrokenPipeError: the program that reads the output has ended.
-        DrlAvError: the output cannot be written.
-    """
-    out = sys.stdout
-    if isinstance(out, io.TextIOWrapper) and out.errors == "strict":
-        out.reconfigure(errors="backslashreplace")
-    try:
-        yield
-    finally:
-        try:
-            if out is not None:
-                out.flush()
-        except OSError as error:  # Python would flush again at its exit, and print an error
-            os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())
-            if isinstance(error, BrokenPipeError):
-                raise
-            raise DrlAvError(
-                f"The output cannot be written ({error.strerror}): print it somewhere else."
-            ) from error
+    return exit_status("drl-av", run)
 
 
 def command_line(verbs: Container[str] = VERBS) -> argparse.ArgumentParser:

@@ -173,11 +173,7 @@ def _unchanged(run: "Run", stored: Config, asked: Config) -> Config:
 
 
 def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: str) -> int:
-    """Train from the last checkpoint to the end, or until the user stops it.
-
-    Then print how to resume, or how to compare the driver with the driver ``rival``. Return the
-    exit status.
-    """
+    """Train to the end or a stop, and print what to do next; return the exit status."""
     again = shlex.join(["drl-av", verb, "--out", str(run.folder), "--resume"])
     with run.alone():
         run.restore(training)

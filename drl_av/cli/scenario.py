@@ -1,6 +1,7 @@
 """The verb ``scenario``: writes a scenario folder, which SUMO can also open by itself."""
 
 import argparse
+import shlex
 from collections.abc import Sequence
 from dataclasses import Field, fields, replace
 from itertools import product
@@ -60,11 +61,7 @@ def _flag(name: str) -> str:
 
 
 def _parsing(item: Field[Any]) -> dict[str, Any]:
-    """Return the arguments of ``add_argument`` for a setting; they depend on its type.
-
-    If the user omits the option, the namespace lacks the attribute, and the setting keeps its
-    default.
-    """
+    """Return the arguments of ``add_argument`` for a setting; without the option nothing is set."""
     if item.type is float:
         return {"type": float, "metavar": "X", "default": argparse.SUPPRESS}
     if item.type is int:
@@ -94,16 +91,13 @@ def scenario(options: argparse.Namespace) -> int:
     changed = {name: replace(story, **given) for name, story in stories.items()}
     described = composed(changed) if changed else KINDS[kinds[0]].description(**given)
     write_scenario(options.folder, described)
-    print(f"{options.folder}: open it with sumo-gui -c {options.folder / 'highway.sumocfg'}")
+    command = shlex.join(["sumo-gui", "-c", str(options.folder / "highway.sumocfg")])
+    print(f"{options.folder}: open it with {command}")
     return 0
 
 
 def _stories(sources: Sequence[str], kind: str | None) -> dict[str, Any]:
-    """Return the descriptions that ``sources`` name.
-
-    Raises:
-        ScenarioError: there is no such kind, or a file has another kind or cannot be used.
-    """
+    """Return the descriptions of ``sources``; raise ScenarioError if one has another kind."""
     from drl_av.traffic.description_file import unknown_kind
     from drl_av.traffic.scenario import find_description, read_description
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
+from rich.console import JustifyMethod
 from rich.table import Table
 
 from drl_av.cli.console import make_console
@@ -15,28 +16,32 @@ if TYPE_CHECKING:
     from drl_av.evaluation.statistics import Mean, Overall, Summary
 
 
-def _table(caption: str) -> Table:
-    return Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), caption=caption, caption_justify="left")
+def _table(caption: str, *headings: str) -> Table:
+    """Return a table; a column with the name of a driver may fold, one of numbers may not."""
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), caption=caption, caption_justify="left")
+    for heading in headings:
+        if heading in ("driver", "fastest baseline"):
+            table.add_column(heading, overflow="fold")
+        else:
+            justify: JustifyMethod = "left" if heading == "check" else "right"
+            table.add_column(heading, justify=justify, no_wrap=True)
+    return table
 
 
 def print_summaries(summaries: Sequence["Summary"]) -> None:
     """Print a table with one row for each driver and number of vehicles."""
     several_checks = len({summary.safety_check for summary in summaries}) > 1
-    table = _table(_caption(summaries, several_checks))
-    table.add_column("vehicles", justify="right", no_wrap=True)
-    table.add_column("driver", overflow="fold")
-    if several_checks:
-        table.add_column("check", no_wrap=True)
-    for heading in ("speed\nm/s", "reward", "ego\nhit", "was\nhit", "safety\ntriggers"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("lane\nchanges", justify="right", no_wrap=True)
     ways = {
         heading: name
         for heading, name in (("exit\ntaken", "exits_taken"), ("merged", "merged"))
         if any(getattr(summary, name) is not None for summary in summaries)
     }
-    for heading in ways:
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = _table(
+        _caption(summaries, several_checks),
+        *("vehicles", "driver", *(["check"] if several_checks else [])),
+        *("speed\nm/s", "reward", "ego\nhit", "was\nhit", "safety\ntriggers", "lane\nchanges"),
+        *ways,
+    )
     former = None
     for summary in summaries:
         if former not in (None, summary.vehicles):
@@ -67,11 +72,8 @@ def _caption(summaries: Sequence["Summary"], several_checks: bool) -> str:
 
 def print_gains(gains: Sequence["Paired"]) -> None:
     """Print a table with the gain in speed over the fastest baseline at each number of vehicles."""
-    table = _table("paired by seed, ± half of the 95 % interval")
-    table.add_column("vehicles", justify="right", no_wrap=True)
-    table.add_column("driver", overflow="fold")
-    table.add_column("fastest baseline", overflow="fold")
-    table.add_column("gain in\nspeed, m/s", justify="right", no_wrap=True)
+    headings = ("vehicles", "driver", "fastest baseline", "gain in\nspeed, m/s")
+    table = _table("paired by seed, ± half of the 95 % interval", *headings)
     for gain in gains:
         cells = (gain.driver, gain.baseline, _cell(gain.difference_m_s))
         table.add_row(str(gain.vehicles), *cells)
@@ -85,11 +87,8 @@ def print_overall(overalls: Sequence["Overall"]) -> None:
     table = _table(
         f"over all numbers of vehicles: interquartile mean{beside},\n"
         "with 95 % intervals by the stratified bootstrap",
+        *("driver", "speed, m/s", *([] if best is None else ["probability of\nimprovement"])),
     )
-    table.add_column("driver", overflow="fold")
-    table.add_column("speed, m/s", justify="right", no_wrap=True)
-    if best is not None:
-        table.add_column("probability of\nimprovement", justify="right", no_wrap=True)
     for each in overalls:
         improvement = "" if each.improvement is None else str(each.improvement)
         table.add_row(each.driver, str(each.speed_m_s), *([] if best is None else [improvement]))
@@ -98,11 +97,6 @@ def print_overall(overalls: Sequence["Overall"]) -> None:
 
 def print_styles(styles: Sequence["Style"]) -> None:
     """Print a table of the comfort and the criticality of each driver."""
-    table = _table(
-        "over all episodes; comfort: decisions within nuPlan's bounds;\n"
-        "TET: TTC of at most 3 s to the vehicle ahead",
-    )
-    table.add_column("driver", overflow="fold")
     headings = {
         "reversals\n/km": "reversals_per_km",
         "jerk\nm/s³": "mean_abs_jerk_m_s3",
@@ -113,8 +107,11 @@ def print_styles(styles: Sequence["Style"]) -> None:
         "gap < 1 s\n%": "short_headways_percent",
         "forced\n/1000": "forced_brakes_per_1000",
     }
-    for heading in headings:
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = _table(
+        "over all episodes; comfort: decisions within nuPlan's bounds;\n"
+        "TET: TTC of at most 3 s to the vehicle ahead",
+        *("driver", *headings),
+    )
     for style in styles:
         table.add_row(style.driver, *(f"{getattr(style, name):.2f}" for name in headings.values()))
     make_console().print(table)

@@ -20,15 +20,16 @@ from drl_av.config.learning import REPLAYS, LearningConfig
 from drl_av.config.reward import DESIRED_VALUES, RewardConfig
 from drl_av.config.road import SimulationConfig
 from drl_av.config.safety import SafetyConfig, StrictConfig
-from drl_av.config.schema import Section, did_you_mean
+from drl_av.config.schema import did_you_mean
 from drl_av.config.traffic import TrafficConfig
-from drl_av.config.traffic_kinds import TRAFFIC_KINDS, traffic_of_kind
+from drl_av.config.traffic_kinds import SINGLE_KINDS, TRAFFIC_KINDS, traffic_of_kind
 from drl_av.errors import ConfigError
 
 __all__ = [
     "DESIRED_VALUES",
     "OLD_DEFAULTS",
     "REPLAYS",
+    "SINGLE_KINDS",
     "TRAFFIC_KINDS",
     "Config",
     "EgoConfig",
@@ -47,20 +48,6 @@ __all__ = [
     "load_config",
     "located",
 ]
-
-_SECTIONS: dict[str, type[Section]] = {
-    "simulation": SimulationConfig,
-    "traffic": TrafficConfig,
-    "ego": EgoConfig,
-    "safety": SafetyConfig,
-    "strict": StrictConfig,
-    "mobil": MobilConfig,
-    "finite_state": FiniteStateConfig,
-    "level_0": Level0Config,
-    "reward": RewardConfig,
-    "observation": ObservationConfig,
-    "learning": LearningConfig,
-}
 
 
 @dataclass(frozen=True)
@@ -97,10 +84,17 @@ class Config:
         """
         return replace(self, traffic=traffic_of_kind(kind, self.traffic))
 
+    @property
+    def of_each_kind(self) -> "list[Config]":
+        """The configs of the kinds of traffic that an episode may have; often only this config."""
+        return [*map(self.with_traffic, SINGLE_KINDS)] if self.traffic.all_kinds else [self]
+
     def to_toml(self) -> str:
         """Return all settings as TOML text; ``from_toml`` converts it back to an equal config."""
         return tomli_w.dumps(asdict(self))
 
+
+_SECTIONS: dict[str, Any] = {item.name: type(item.default) for item in fields(Config)}
 
 OLD_DEFAULTS = Config().updated("reward", speed_tolerance_m_s=0.0)
 """The defaults of settings that are missing from the files of older versions."""
@@ -151,7 +145,7 @@ def from_sections(
             config = config.with_traffic(settings["kind"])
             settings = {key: value for key, value in settings.items() if key != "kind"}
         settings = {RENAMED.get((section, key), key): value for key, value in settings.items()}
-        known = [item.name for item in fields(_SECTIONS[section])]  # type: ignore[arg-type]
+        known = [item.name for item in fields(_SECTIONS[section])]
         for key in settings:
             if key not in known:
                 raise ConfigError(

@@ -127,8 +127,9 @@ class LearningConfig(Section):
     unsafe_penalty: float = setting(
         0.0,
         "ours",
-        "penalty by which an unsafe action is worth less than the action executed in its place; "
-        "0: the unsafe action ends the episode with r_col (Alg. 1)",
+        "penalty of a proposal that the safety check replaces: it is stored with the next state of "
+        "the executed action, and with its reward minus this penalty; 0 stores the proposal as a "
+        "collision, with the reward r_col and no next state (Alg. 1)",
         low=0,
         high=1000,
     )

@@ -45,15 +45,15 @@ _FAST_ON_RAMPS = {
 """Settings of the preset ``fast`` on roads with ramps.
 
 They have four times as many episodes, because an episode there has about a quarter of the decisions
-of an episode on the loop; ``fast-exit`` has 2,000, for a way that demands three lane changes. The
-penalty is smaller, because the check often refuses a lane change that the ego's way demands, and
-the driver has to propose it again.
+of an episode on the loop, and ten times as many where the way leads to an exit. The penalty is
+smaller, because the check often refuses a lane change that the ego's way demands, and the driver
+has to propose it again.
 """
-_PERMITTED = _FAST_ON_RAMPS | {"permitted_only": True}
+_FAST_TO_EXITS = _FAST_ON_RAMPS | {"episodes": 2000, "permitted_only": True}
 for _scenario, _fast in {
     "merge": _FAST_ON_RAMPS,
-    "exit": _PERMITTED | {"episodes": 2000},
-    "ramp_to_ramp": _PERMITTED,
+    "exit": _FAST_TO_EXITS,
+    "ramp_to_ramp": _FAST_TO_EXITS,
 }.items():
     for _name, _learning in (("paper", {}), ("fast", _fast)):
         PRESETS[f"{_name}-{_scenario}"] = (

@@ -86,11 +86,7 @@ def annotated_toml(config: Config, section: str | None = None) -> str:
 
 
 def _sections(section: str | None) -> tuple[str, ...]:
-    """Return all section names if ``section`` is None, else ``section`` alone.
-
-    Raises:
-        ConfigError: there is no such section.
-    """
+    """Return ``section`` alone, or all sections for None; raise ConfigError for an unknown one."""
     if section is None:
         return SECTIONS
     if section not in SECTIONS:

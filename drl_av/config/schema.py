@@ -56,11 +56,7 @@ def section_name(section: type) -> str:
 
 
 def _converted(value: Any, kind: type) -> Any:
-    """Convert a value of a type that users may pass instead of ``kind``, the type of a setting.
-
-    A numpy scalar becomes a Python number, an int becomes a float if ``kind`` is float, and a path
-    becomes a string if ``kind`` is str. Other values stay unchanged.
-    """
+    """Convert a numpy scalar, an int or a path to ``kind``, the type of a setting, if it fits."""
     if getattr(value, "shape", None) == () and callable(getattr(value, "item", None)):
         value = value.item()
     if kind is float and type(value) is int:

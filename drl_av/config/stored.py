@@ -12,6 +12,7 @@ from drl_av.config.reference import settings
 from drl_av.errors import ConfigError
 
 ADDED_LATER = {
+    ("traffic", "all_kinds"),
     ("traffic", "overtake_right"),
     ("learning", "permitted_only"),
     ("traffic", "keep_stopping_distance"),

@@ -1,6 +1,6 @@
 """Settings of the background traffic: the vehicles around the ego."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drl_av.config.schema import Section, setting
 from drl_av.errors import ConfigError
@@ -20,6 +20,12 @@ class TrafficConfig(Section):
     )
     vehicles_max: int = setting(
         30, "Sec. IV-B", "N_T, most vehicles besides the ego in an episode", low=0, high=1000
+    )
+    all_kinds: bool = setting(
+        False,
+        "ours",
+        "whether each episode draws its kind of traffic; only the numbers of vehicles may then be "
+        "set",
     )
     desired_speed_min_m_s: float = setting(20.0, "ours", "lowest desired speed", low=0, high=60)
     desired_speed_max_m_s: float = setting(32.0, "ours", "highest desired speed", low=0.1, high=60)
@@ -75,8 +81,8 @@ class TrafficConfig(Section):
     keep_stopping_distance: bool = setting(
         False,
         "ours",
-        "whether SUMO's drivers always keep the speed so low that they can stop behind the vehicle "
-        "ahead, even if all drivers are SUMO's; IDM with a weak acceleration brakes too late",
+        "whether vehicles that SUMO drives stay slow enough to stop behind the one ahead, which "
+        "IDM alone does not ensure; beside finite-state and level-k drivers they do so in any case",
     )
     overtake_right: bool = setting(
         False, "SUMO", "whether SUMO's drivers may pass a vehicle on the right above 60 km/h"
@@ -136,6 +142,12 @@ class TrafficConfig(Section):
         self.ordered("headway_min_s", "headway_max_s")
         self.ordered("acceleration_min_m_s2", "acceleration_max_m_s2")
         self.ordered("speed_gain_min", "speed_gain_max")
+        numbers = self.vehicles_min, self.vehicles_max
+        if self.all_kinds and replace(self, all_kinds=False) != TrafficConfig(*numbers):
+            raise ConfigError(
+                "traffic: all_kinds draws the other settings of the section in each episode, so "
+                "only vehicles_min and vehicles_max can be set beside it: remove the others."
+            )
         if sum(self.shares) > 1 + 1e-9:
             raise ConfigError(
                 "traffic: finite_state_share + level_0_share + level_1_share + hard_braking_share "

@@ -78,7 +78,10 @@ TRAFFIC_KINDS: dict[str, TrafficKind] = {
             "random_lane_changes_per_s": (0.01, "ours: five times that of calm, to both sides"),
         },
     ),
+    "all": TrafficKind("each episode draws one of the other kinds", {"all_kinds": (True, "ours")}),
 }
+SINGLE_KINDS = tuple(name for name in TRAFFIC_KINDS if name != "all")
+"""The kinds of traffic that an episode can have."""
 
 
 def traffic_of_kind(name: object, traffic: TrafficConfig) -> TrafficConfig:

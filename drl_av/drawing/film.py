@@ -3,7 +3,6 @@
 import os
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +30,7 @@ def interpolated(a: Snapshot, b: Snapshot, fraction: float, road: Road) -> Snaps
     expected_m = (a.speed_m_s + b.speed_m_s) / 2 * (b.time_s - a.time_s)
     travel_m = expected_m + road.ahead_m(0.0, b.s_m - a.s_m - expected_m)
     s_m = (a.s_m + fraction * travel_m) % road.lap_m
-    return replace(
-        a,
+    return a._replace(
         time_s=a.time_s + fraction * (b.time_s - a.time_s),
         s_m=np.where(s_m < road.lap_m, s_m, 0.0),
         y_m=_between(a.y_m, b.y_m, fraction),
@@ -47,17 +45,12 @@ def _between(a: FloatArray, b: FloatArray, fraction: float) -> FloatArray:
 
 
 def _rows(snapshot: Snapshot, wanted: tuple[str, ...]) -> Snapshot:
-    """Return the snapshot of the vehicles whose ids are in ``wanted``.
-
-    If the snapshot's ids equal ``wanted``, the result is the snapshot itself. Otherwise the ego
-    comes first, and the other vehicles are sorted by id.
-    """
+    """Return the snapshot of the ``wanted`` vehicles; if that is not all, sorted by id."""
     if snapshot.ids == wanted:
         return snapshot
     kept = [row for row, name in enumerate(snapshot.ids) if name in set(wanted)]
     kept.sort(key=lambda row: (row > 0, snapshot.ids[row]))
-    return replace(
-        snapshot,
+    return snapshot._replace(
         ids=tuple(snapshot.ids[row] for row in kept),
         s_m=snapshot.s_m[kept],
         y_m=snapshot.y_m[kept],
@@ -157,10 +150,7 @@ def _first(frames: Iterator[Picture], path: Path) -> Picture:
 
 
 def _write_mp4(temporary: Path, path: Path, frames: Iterator[Picture], fps: float) -> int:
-    """Write an .mp4 file to ``temporary``; return the number of frames.
-
-    Error messages name ``path``, the final name of the file.
-    """
+    """Write an .mp4 file to ``temporary``; return the number of frames. Errors name ``path``."""
     frame = _even(_first(frames, path))
     height, width = frame.shape[:2]
     with _encoding(path):
@@ -206,10 +196,7 @@ def _even(frame: Picture) -> Picture:
 
 
 def _write_gif(temporary: Path, path: Path, frames: Iterator[Picture], fps: float) -> int:
-    """Write a .gif file to ``temporary``; return the number of frames.
-
-    Error messages name ``path``, the final name of the file.
-    """
+    """Write a .gif file to ``temporary``; return the number of frames. Errors name ``path``."""
     images = [_indexed(_first(frames, path)), *map(_indexed, frames)]
     with _encoding(path):
         images[0].save(

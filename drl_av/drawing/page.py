@@ -79,10 +79,7 @@ def write_page(
 
 
 def _part(part: PartialLane, road: Road) -> dict[str, float]:
-    """Return the data of a lane that begins or ends on the road.
-
-    A lane without an end is given an end beyond the road's end, because JSON has no infinity.
-    """
+    """Return the data of a partial lane, whose ends are finite, because JSON has no infinity."""
     beyond_m = road.end_m + OPEN_LAP_M / 4
     return {
         "lane": part.lane,

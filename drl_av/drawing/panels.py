@@ -110,10 +110,7 @@ def _draw_field(sheet: Sheet, y: float, label: str, value: str, fill: Color) -> 
 
 
 def _draw_verdict(sheet: Sheet, caption: Caption) -> None:
-    """Draw the safety rule or the collision on a bright background.
-
-    Without a rule or a collision, draw "none" on a dark background.
-    """
+    """Draw the safety rule or the collision on a bright background; "none" on a dark one."""
     label, words = "SAFETY CHECK", caption.rule or "none"
     if caption.collision:
         label, words = "COLLISION", caption.collision

@@ -84,11 +84,7 @@ def _frame_close_up(sheet: Sheet) -> None:
 
 
 def _every(spacing_m: float, ego_s_m: float, road: Road, band: Band) -> Iterator[float]:
-    """Yield the distance ahead of the ego, m, of each mark in the band.
-
-    The marks are fixed to the road, about ``spacing_m`` apart; the spacing is rounded so that a
-    loop contains a whole number of marks.
-    """
+    """Yield how far ahead, m, the road has its marks in the band; a loop has whole spacings."""
     pitch_m = road.lap_m / max(1, round(road.lap_m / spacing_m))
     mark_m = -band.behind_m - (ego_s_m - band.behind_m) % pitch_m
     while mark_m < band.ahead_m:
@@ -110,10 +106,7 @@ def _draw_markings(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> None
 
 
 def _is_dashed(road: Road, boundary: int, from_m: float) -> bool:
-    """Return whether vehicles may change lanes across ``boundary`` along the dash from ``from_m``.
-
-    ``boundary`` is the index of the lane to the left of the boundary.
-    """
+    """Return whether vehicles may change lanes along the dash to the right of lane ``boundary``."""
     return not road.partial_lanes or any(
         road.is_open_at(boundary - 1, s_m) and road.is_beside(boundary - 1, boundary, s_m)
         for s_m in (from_m, from_m + DASH_M)
@@ -138,11 +131,7 @@ def _draw_barricade(sheet: Sheet, band: Band, ego_s_m: float, road: Road, lane: 
 def _draw_vehicle(
     sheet: Sheet, band: Band, snapshot: Snapshot, road: Road, row: int, ahead_m: float
 ) -> None:
-    """Draw a vehicle in its true size, with windscreen, speed and turn signals.
-
-    ``row`` is the vehicle's row index in the snapshot arrays. ``ahead_m`` is the distance of its
-    centre ahead of the ego's centre.
-    """
+    """Draw the vehicle of a row in its true size, ``ahead_m`` ahead of the ego."""
     y_m, speed = float(snapshot.y_m[row]), float(snapshot.speed_m_s[row])
     length, width = float(snapshot.length_m[row]), float(snapshot.width_m[row])
     left, right = band.x(ahead_m - length / 2), band.x(ahead_m + length / 2)
@@ -167,11 +156,7 @@ def _draw_vehicle(
 def _draw_signals(
     sheet: Sheet, body: tuple[float, float, float, float], sideways: float, time_s: float
 ) -> None:
-    """Draw the turn signals of a vehicle that moves sideways, in the first half of each second.
-
-    ``body`` is (left, top, right, bottom) in px; ``sideways`` is the lateral velocity, left
-    positive.
-    """
+    """Draw turn signals towards ``sideways`` (left positive) in the first half of each second."""
     left, top, right, bottom = body
     if time_s % 1.0 < 0.5:
         size = 0.13 * (bottom - top)

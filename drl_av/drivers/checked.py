@@ -39,13 +39,14 @@ class CheckedDriver:
         return self.verdict.action
 
 
-class PolicyDriver:
+class PolicyDriver(Driver):
     """A driver whose action is the number that a function of the observation returns.
 
     With stable-baselines3 pass ``lambda o: model.predict(o, deterministic=True)[0]``.
 
     Args:
-        policy: The function from an observation to an action number.
+        policy: The function from an observation to an action number, or to an array of one such
+            number.
         observe: The function from a scene to the observation, for a policy that was trained with
             another observation. If it is None, the policy gets the 27 scaled indicators.
 
@@ -55,16 +56,13 @@ class PolicyDriver:
 
     def __init__(
         self,
-        policy: Callable[[Any], int | np.integer],
+        policy: Callable[[Any], int | np.integer | npt.NDArray[Any]],
         observe: Callable[[Scene], Any] | None = None,
     ) -> None:
         require_function(policy, "policy", "observation")
         if observe is not None:
             require_function(observe, "observe", "scene")
         self._policy, self._observe = policy, observe
-
-    def start(self, seed: int) -> None:
-        """Do nothing: ``seed`` is not passed on to the function."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Call the function with the observation, and return the action with the returned number.

@@ -14,10 +14,11 @@ class Driver(Protocol):
     """Proposes one action for each decision of the ego; the safety check examines this action."""
 
     def start(self, seed: int) -> None:
-        """Prepare for a new episode.
+        """Prepare for a new episode; by default do nothing.
 
         A driver that needs random numbers draws them from a generator with this seed.
         """
+        return None
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the action to propose in this scene.

@@ -127,11 +127,7 @@ def driver_of_agent(path: Path) -> Driver:
 
 
 def _agent_class(path: Path) -> tuple[str, str]:
-    """Read from an agent's zip file the names of its library and class.
-
-    Raises:
-        CheckpointError: the file is not the zip file of an agent, or its class is not supported.
-    """
+    """Read from an agent's zip file the names of its library and class."""
     try:
         with zipfile.ZipFile(path) as archive:
             data: dict[str, Any] = json.loads(archive.read("data"))
@@ -151,7 +147,7 @@ def _agent_class(path: Path) -> tuple[str, str]:
     return _AGENTS[module]
 
 
-class OnnxDriver:
+class OnnxDriver(Driver):
     """A driver that runs the network of an ONNX file from ``drl-av export`` or from a user.
 
     A user's network has one input: scaled observations, float32 of shape (rows, 27). Its output
@@ -165,11 +161,8 @@ class OnnxDriver:
     def __init__(self, path: Path) -> None:
         self._run, self._path = _session(path), path
 
-    def start(self, seed: int) -> None:
-        """Do nothing: the driver has no state and draws no random numbers."""
-
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Run the network for this scene, and return the action that its first output selects."""
+        """Return the action whose number or greatest value the network returns first."""
         feed = {
             INDICATORS_INPUT: scene.affordances.vector()[None],
             LANE_CHANGE_INPUT: np.array([scene.lane_change is not None]),
@@ -190,14 +183,7 @@ Run = Callable[[dict[str, npt.NDArray[Any]]], npt.NDArray[Any]]
 
 
 def _session(path: Path) -> Run:
-    """Return a function that runs the network once and returns its first output.
-
-    The function takes a dictionary of arrays by input name. A network that a user wrote gets the
-    array with the key ''.
-
-    Raises:
-        CheckpointError: the file holds no such network, or onnxruntime is not installed.
-    """
+    """Return a function that runs the network on arrays by name; '' is a user's only input."""
     try:
         import onnxruntime
     except ImportError as error:

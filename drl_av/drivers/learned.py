@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
+from drl_av.drivers.driver import Driver
 from drl_av.drivers.network import Float32Array, QNetwork, forward
 from drl_av.driving.actions import ACTIONS, Action, Lateral
 from drl_av.driving.affordances import observed_indicators
@@ -62,7 +63,7 @@ def mean_values(members: Sequence[Values]) -> Values:
     return mean if others else first
 
 
-class LearnedDriver:
+class LearnedDriver(Driver):
     """Chooses the action of the greatest Q-value, with a margin for lane changes (ours).
 
     Where two lanes are equally good, small errors of the networks can start a lane change and abort
@@ -88,9 +89,6 @@ class LearnedDriver:
     def permitted_by(self, check: SafetyCheck) -> "LearnedDriver":
         """Return a driver that chooses only among the actions that a safety check permits."""
         return LearnedDriver(self.values, self._margin, check)
-
-    def start(self, seed: int) -> None:
-        """Do nothing: the driver has no state and draws no random numbers."""
 
     def greedy(self, s_t: Float32Array) -> int:
         """Return the number of the greedy action, argmax_a Q(s_t, a), without the margin.

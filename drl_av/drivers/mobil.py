@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import EgoConfig, MobilConfig, SafetyConfig
+from drl_av.drivers.driver import Driver
 from drl_av.drivers.rules import idm_action
 from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.affordances import Affordances, Neighbor
@@ -18,14 +19,11 @@ MANDATORY_BIAS_M_S2 = 4.0
 """Largest bias of MOBIL's incentive criterion towards a mandatory lane change (ours)."""
 
 
-class MobilDriver:
+class MobilDriver(Driver):
     """The driver ``idm-mobil``: follows the paper's IDM in its lane, and changes lanes by MOBIL."""
 
     def __init__(self, safety: SafetyConfig, ego: EgoConfig, mobil: MobilConfig) -> None:
         self._safety, self._ego, self._mobil = safety, ego, mobil
-
-    def start(self, seed: int) -> None:
-        """Do nothing: the driver has no state and draws no random numbers."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the IDM's longitudinal action, with a lane change if MOBIL demands one.
@@ -108,11 +106,7 @@ class MobilDriver:
         front: Neighbor | None,
         length_m: float,
     ) -> float:
-        """Return the IDM acceleration, m/s^2, that ``rear`` would have behind ``front``.
-
-        The ego is taken to be absent; ``length_m`` is its length. The acceleration is 0 if ``rear``
-        is None; if ``front`` is None, ``rear`` has a free road.
-        """
+        """Return the IDM acceleration of ``rear`` behind ``front`` without the ego, m/s^2."""
         if rear is None:
             return 0.0
         speed = affordances.ego_speed_m_s + rear.relative_speed_m_s

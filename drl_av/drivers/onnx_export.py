@@ -116,10 +116,7 @@ def _scaled(graph: _Graph, scale: ObservationScale) -> str:
 
 
 def _values(graph: _Graph, network: QNetwork, s: str, mirrored: bool) -> str:
-    """Add nodes that compute Q(s, .) by one network, and return the output's name.
-
-    If ``mirrored``, Q is the mean over the scene and its mirror image, as in ``mirrored_values``.
-    """
+    """Add nodes that compute Q(s, .), or its mean over both mirror images; return their output."""
     layers = [tuple(map(graph.constant, layer)) for layer in network.layers]
     q = _forward(graph, layers, s)
     if not mirrored:

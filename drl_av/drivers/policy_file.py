@@ -35,6 +35,8 @@ OTHER_FILES = {
     ".toml": ("a file of settings", "pass it as config, or after --config"),
 }
 """What a file other than a policy file holds, and how to use it, by suffix."""
+LARGEST_WEIGHT = 1e6
+"""The largest absolute value of a weight; the values of actions overflow with much larger ones."""
 _DAMAGE = (SafetensorError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
 """The errors that a damaged file, or a file of another program, can cause."""
 
@@ -122,9 +124,9 @@ def load_policy(path: Path) -> tuple[list[QNetwork], Config]:
             f"{path} does not fit a network of {' -> '.join(map(str, networks[0].sizes))}: its "
             f"tensors are {found}, not {expected}; take a policy trained for this observation."
         )
-    if not all(np.isfinite(tensor).all() for tensor in tensors.values()):
+    if not all((np.abs(tensor) <= LARGEST_WEIGHT).all() for tensor in tensors.values()):
         raise CheckpointError(
-            f"{path} has weights that are no finite numbers, by which nothing can drive: take an "
+            f"{path} has weights that are no finite numbers or above {LARGEST_WEIGHT:g}: take an "
             "older copy or train again."
         )
     for number, network in enumerate(networks):

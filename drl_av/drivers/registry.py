@@ -25,7 +25,9 @@ from drl_av.drivers.sumo import TUNED, SumoDriver
 from drl_av.driving.affordances import INDICATORS
 from drl_av.errors import ConfigError, RunError
 from drl_av.safety import named_check
+from drl_av.safety.check import SafetyCheck
 from drl_av.traffic.ego_model import EgoModel
+from drl_av.traffic.scenario import find_scenario, load_scenario
 
 RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "idm": lambda config: IdmDriver(config.safety),
@@ -115,10 +117,7 @@ def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
 
 
 def _existing(path: Path) -> Path:
-    """Return the path of a driver.
-
-    Raises ConfigError if a folder or pipe has the suffix of a file, or the file is too large.
-    """
+    """Return the path of a driver; raise ConfigError if it cannot be one."""
     if path.suffix in LOADERS and not path.is_file():
         raise ConfigError(f"The driver {path} is no regular file: name a file, or rename it.")
     if path.suffix in LOADERS and path.stat().st_size > MAX_BYTES:
@@ -159,6 +158,7 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
         RunError: a run has no policy file; or a learned driver was trained with other settings of
             [observation] or another ``ego.max_speed_m_s``; or ``observation.way`` is on, and a
             driver is a zip or ONNX file.
+        ScenarioError: a learned driver needs the check of a scenario that cannot be read.
         CheckpointError: a file is damaged or holds no driver.
         ConfigError: a factory does not work, or no rule-based driver has the name.
     """
@@ -183,7 +183,7 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
             continue
         driver, own = learned[name]
         if own.learning.permitted_only:
-            driver = driver.permitted_by(named_check(config))
+            driver = driver.permitted_by(_check(config))
         drivers[name] = driver if margin == margins[0] else driver.with_margin(margin)
         if _observed_by(own) != _observed_by(config):
             raise RunError(
@@ -192,6 +192,12 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
                 "without a --config that changes them."
             )
     return drivers
+
+
+def _check(config: Config) -> SafetyCheck:
+    """Return the safety check of an environment with this config, for its scenario's vehicles."""
+    scenario = load_scenario(find_scenario(config.simulation.scenario))
+    return named_check(config, scenario.vehicle_types, scenario.road)
 
 
 def _observed_by(config: Config) -> tuple[object, ...]:
@@ -249,12 +255,11 @@ def load_driver(
 def load_learned(path: Path) -> tuple[LearnedDriver, Config]:
     """Read a learned driver and its config from a run's folder or a policy file.
 
+    The driver is without a check; ``make_drivers`` adds that of ``learning.permitted_only``.
+
     Raises:
         RunError: there is no policy file.
         CheckpointError: the policy file is damaged, or its config differs from the folder's.
     """
     networks, config = policy_file.load_run(path)
-    driver = learned_driver(networks, config)
-    if config.learning.permitted_only:
-        driver = driver.permitted_by(named_check(config))
-    return driver, config
+    return learned_driver(networks, config), config

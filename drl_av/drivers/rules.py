@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import SafetyConfig
+from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, toward
 from drl_av.driving.affordances import Affordances
 from drl_av.driving.scene import Scene
@@ -29,14 +30,11 @@ def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
     return safe_action(ttc_s, config)
 
 
-class IdmDriver:
+class IdmDriver(Driver):
     """The driver ``idm``: follows the paper's IDM, and never changes lanes."""
 
     def __init__(self, config: SafetyConfig) -> None:
         self._config = config
-
-    def start(self, seed: int) -> None:
-        """Do nothing: the driver has no state and draws no random numbers."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Keep the lane, with the longitudinal action of the paper's IDM."""

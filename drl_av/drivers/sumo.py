@@ -3,6 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
 from drl_av.traffic.ego_model import EgoModel
@@ -12,7 +13,7 @@ TUNED = EgoModel(headway_s=0.8, assertiveness=1.5, speed_gain=5.0, overtake_righ
 of this project."""
 
 
-class SumoDriver:
+class SumoDriver(Driver):
     """Lets SUMO's IDM and lane-change model SL2015 drive the ego, with the parameters ``model``.
 
     For this driver ``rollout`` calls ``HighwayEnv.hand_over``; the environment then ignores the
@@ -21,9 +22,6 @@ class SumoDriver:
 
     def __init__(self, model: EgoModel) -> None:
         self.model = model
-
-    def start(self, seed: int) -> None:
-        """Do nothing: the driver has no state and draws no random numbers."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return a placeholder, maintain and keep lane, which the environment ignores."""

@@ -148,35 +148,33 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     otherwise behind. A vehicle exactly beside the ego counts as ahead. The end of a lane counts as
     a standing vehicle.
     """
-    s_m, y_m, speed, lateral, length_m, width_m = (
-        values.tolist()  # numpy arrays take twice as long for so few vehicles
-        for values in (
-            snapshot.s_m,
-            snapshot.y_m,
-            snapshot.speed_m_s,
-            snapshot.lateral_speed_m_s,
-            snapshot.length_m,
-            snapshot.width_m,
-        )
-    )
+    # lists: numpy arrays take twice as long for so few vehicles
+    s_m, y_m = snapshot.s_m.tolist(), snapshot.y_m.tolist()
+    speed, lateral = snapshot.speed_m_s.tolist(), snapshot.lateral_speed_m_s.tolist()
+    length_m, width_m = snapshot.length_m.tolist(), snapshot.width_m.tolist()
     lane = road.lane_of(y_m[EGO])
-    own_m, right_m, left_m = (road.center_m(lane) + road.lane_width_m * sign for sign in SIDES)
+    own_m = road.center_m(lane)
+    right_m, left_m = own_m - road.lane_width_m, own_m + road.lane_width_m
     lap_m, half_lap_m = road.lap_m, road.lap_m / 2
     ego_s_m, ego_length_m, half_lane_m = s_m[EGO], length_m[EGO], road.lane_width_m / 2
     gaps_m, rows = [math.inf] * len(SLOTS), [EGO] * len(SLOTS)
-    for row in range(1, len(s_m)):
-        ahead_m = (s_m[row] - ego_s_m + half_lap_m) % lap_m - half_lap_m
-        gap_m = abs(ahead_m) - (length_m[row] + ego_length_m) / 2
-        reach_m = width_m[row] / 2 + half_lane_m
-        rear = ahead_m < 0.0
-        if abs(y_m[row] - own_m) < reach_m and gap_m < gaps_m[rear]:
-            gaps_m[rear], rows[rear] = gap_m, row
-        if abs(y_m[row] - right_m) < reach_m and gap_m < gaps_m[2 + rear]:
-            gaps_m[2 + rear], rows[2 + rear] = gap_m, row
-        if abs(y_m[row] - left_m) < reach_m and gap_m < gaps_m[4 + rear]:
-            gaps_m[4 + rear], rows[4 + rear] = gap_m, row
+    vehicles = enumerate(zip(s_m, y_m, length_m, width_m, strict=True))
+    next(vehicles)  # the ego
+    for row, (at_m, across_m, its_length_m, its_width_m) in vehicles:
+        ahead_m = (at_m - ego_s_m + half_lap_m) % lap_m - half_lap_m
+        if ahead_m < 0.0:
+            ahead_m, own, right, left = -ahead_m, 1, 3, 5
+        else:
+            own, right, left = 0, 2, 4
+        gap_m, reach_m = ahead_m - (its_length_m + ego_length_m) / 2, its_width_m / 2 + half_lane_m
+        if gap_m < gaps_m[own] and -reach_m < across_m - own_m < reach_m:
+            gaps_m[own], rows[own] = gap_m, row
+        if gap_m < gaps_m[right] and -reach_m < across_m - right_m < reach_m:
+            gaps_m[right], rows[right] = gap_m, row
+        if gap_m < gaps_m[left] and -reach_m < across_m - left_m < reach_m:
+            gaps_m[left], rows[left] = gap_m, row
     partial, front_m = road.partial_lanes, ego_s_m + ego_length_m / 2
-    beside = {side: road.is_open(lane + side) for side in (-1, 1)}
+    beside = {-1: road.is_open(lane - 1), 1: road.is_open(lane + 1)}
     if partial:
         for side in beside:  # the front must not have passed the end of the lane
             both_m = (ego_s_m, front_m)
@@ -188,18 +186,19 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
                 y_m.append(road.center_m(lane + sign))
                 speed.append(0.0)
                 lateral.append(0.0)
-    own_front, own_rear, right_front, right_rear, left_front, left_rear = (
+    ego_speed, ego_y_m, ego_lateral = speed[EGO], y_m[EGO], lateral[EGO]
+    own_front, own_rear, right_front, right_rear, left_front, left_rear = [
         None
         if gap_m > range_m
         else Neighbor(
             row,
-            max(gap_m, 0.0),
-            speed[row] - speed[EGO],
-            y_m[row] - y_m[EGO],
-            lateral[row] - lateral[EGO],
+            gap_m if gap_m > 0.0 else 0.0,
+            speed[row] - ego_speed,
+            y_m[row] - ego_y_m,
+            lateral[row] - ego_lateral,
         )
         for gap_m, row in zip(gaps_m, rows, strict=True)
-    )
+    ]
     return Affordances(
         own_front,
         own_rear,
@@ -210,12 +209,12 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
         right_lane=beside[-1],
         left_lane=beside[1],
         lane=lane,
-        lane_center_m=road.center_m(lane),
+        lane_center_m=own_m,
         lane_width_m=road.lane_width_m,
         range_m=range_m,
-        ego_speed_m_s=speed[EGO],
-        ego_y_m=y_m[EGO],
-        ego_lateral_speed_m_s=lateral[EGO],
+        ego_speed_m_s=ego_speed,
+        ego_y_m=ego_y_m,
+        ego_lateral_speed_m_s=ego_lateral,
         circumference_m=road.lap_m if road.is_loop else 0.0,
         barriers=_ahead(road, front_m) if partial else (),
         mandatory=road.mandatory_change(lane, front_m) if partial else NO_CHANGE,

@@ -9,7 +9,7 @@ safety check needs, remain constant accelerations.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from drl_av.config import EgoConfig, MobilConfig, SimulationConfig
@@ -77,26 +77,21 @@ def time_gap_acceleration(
 
 def reference_speeds(
     affordances: Affordances, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
-) -> Iterator[float]:
-    """Yield the ego's speed at the end of each SUMO step of a decision, in [0, max_speed_m_s].
+) -> Iterable[float]:
+    """Return the ego's speed at the end of each SUMO step of a decision, in [0, max_speed_m_s].
 
     A model (IDM or ACC) computes a new acceleration at each SUMO step, and assumes that the vehicle
     ahead keeps its speed. It never accelerates or brakes harder than the ego's actions, and the ego
     never becomes faster than with the constant acceleration of the same action.
     """
-    braking = action in (Longitudinal.BRAKE, Longitudinal.HARD_BRAKE)
-    if braking or ego.longitudinal_reference == "acceleration":
-        return _constant_acceleration_speeds(affordances.ego_speed_m_s, action, ego, simulation)
+    if ego.longitudinal_reference == "acceleration" or action >= Longitudinal.BRAKE:
+        speed, step_s = affordances.ego_speed_m_s, simulation.step_length_s
+        acceleration = action.acceleration_m_s2(ego)  # the point mass, eq. 4 of the paper
+        steps = range(1, simulation.steps_per_decision + 1)
+        return [
+            min(max(speed + acceleration * step * step_s, 0.0), ego.max_speed_m_s) for step in steps
+        ]
     return _model_speeds(affordances, action, ego, simulation)
-
-
-def _constant_acceleration_speeds(
-    speed_m_s: float, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
-) -> Iterator[float]:
-    """Yield the speeds of the point mass (eq. 4 of the paper) with a constant acceleration."""
-    acceleration = action.acceleration_m_s2(ego)
-    for step in range(1, simulation.steps_per_decision + 1):
-        yield _bounded(speed_m_s + acceleration * step * simulation.step_length_s, ego)
 
 
 def _model_speeds(
@@ -134,8 +129,3 @@ def model_acceleration(
         ego.brake_m_s2,
     )
     return idm_acceleration(speed_m_s, desired_m_s, gap_m, closing_m_s, idm)
-
-
-def _bounded(speed_m_s: float, ego: EgoConfig) -> float:
-    """Return the speed, limited to [0, max_speed_m_s]."""
-    return min(max(speed_m_s, 0.0), ego.max_speed_m_s)

@@ -60,47 +60,50 @@ def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationCon
     The speed follows the longitudinal reference, in [0, max_speed_m_s]. The lateral position
     follows the lateral plant; with both plants a lane change ends exactly at the lane's centre.
     """
-    lane_change = next_lane_change(scene.lane_change, scene.affordances.lane, action.lateral)
-    move = _PLANTS[ego.lateral_plant]
-    at = Sideways(scene.affordances.ego_y_m, 0.0, lane_change)
-    commands = []
-    for speed in reference_speeds(scene.affordances, action.longitudinal, ego, simulation):
-        at = move(at, speed, scene.affordances.lane_width_m, ego, simulation.step_length_s)
-        commands.append(Command(speed, at.y_m, at.lateral_speed_m_s))
-    return Plan(commands, at.lane_change)
+    affordances, step_s, move = (
+        scene.affordances,
+        simulation.step_length_s,
+        _PLANTS[ego.lateral_plant],
+    )
+    change = next_lane_change(scene.lane_change, affordances.lane, action.lateral)
+    y_m, lateral_m_s, commands = affordances.ego_y_m, 0.0, []
+    for speed in reference_speeds(affordances, action.longitudinal, ego, simulation):
+        if change is not None:
+            y_m, lateral_m_s, change = move(
+                y_m, change, speed, affordances.lane_width_m, ego, step_s
+            )
+        commands.append(Command(speed, y_m, lateral_m_s))
+    return Plan(commands, change)
 
 
 def _kinematic(
-    at: Sideways, speed_m_s: float, lane_width_m: float, ego: EgoConfig, step_s: float
+    y_m: float,
+    lane_change: LaneChange,
+    speed_m_s: float,
+    lane_width_m: float,
+    ego: EgoConfig,
+    step_s: float,
 ) -> Sideways:
-    """Move the ego for one SUMO step at constant lateral speed (eq. 5 of the paper).
-
-    The speed is one lane width per lane change duration T_LC, towards the target lane.
-    """
-    lane_change = at.lane_change
-    if lane_change is None:
-        return Sideways(at.y_m, 0.0, None)
+    """Move the ego at one lane width per T_LC towards the target lane (eq. 5 of the paper)."""
     target_m = lane_change.target * lane_width_m
     rate_m_s = lane_width_m / ego.lane_change_duration_s
     stride_m = rate_m_s * step_s
-    if abs(target_m - at.y_m) <= stride_m + 1e-6:
+    if abs(target_m - y_m) <= stride_m + 1e-6:
         return Sideways(target_m, 0.0, None)
     sign = lane_change.sign
-    return Sideways(at.y_m + sign * stride_m, sign * rate_m_s, lane_change)
+    return Sideways(y_m + sign * stride_m, sign * rate_m_s, lane_change)
 
 
 def _steering(
-    at: Sideways, speed_m_s: float, lane_width_m: float, ego: EgoConfig, step_s: float
+    y_m: float,
+    lane_change: LaneChange,
+    speed_m_s: float,
+    lane_width_m: float,
+    ego: EgoConfig,
+    step_s: float,
 ) -> Sideways:
-    """Steer the vehicle of Sec. III of the paper for one SUMO step.
-
-    A vehicle that has settled in the target lane is set exactly to its centre.
-    """
-    lane_change = at.lane_change
-    if lane_change is None:
-        return Sideways(at.y_m, 0.0, None)
-    target_m = lane_change.target * lane_width_m
-    pose = Pose(at.y_m, lane_change.heading_rad)
+    """Steer the vehicle of Sec. III of the paper; once settled it is exactly at the centre."""
+    target_m, pose = lane_change.target * lane_width_m, Pose(y_m, lane_change.heading_rad)
     pose = steer(pose, target_m, speed_m_s, step_s, lane_width_m, ego)
     if settled(pose, target_m, speed_m_s, lane_width_m, ego):
         return Sideways(target_m, 0.0, None)

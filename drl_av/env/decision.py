@@ -6,6 +6,7 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.maneuver import aborts
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import Observation
+from drl_av.env.way import EXIT_MISSED
 from drl_av.safety.check import Rule
 from drl_av.traffic.snapshot import Collision, CollisionKind
 
@@ -50,8 +51,15 @@ class Decision(NamedTuple):
 
     @property
     def failed(self) -> bool:
-        """Whether the ego collided or has missed its exit."""
-        return self.terminated or self.info["exit"] == "missed"
+        """Whether the ego collided or has passed its exit without taking it.
+
+        An ego that stands before its exit, or in a lane that ends, when the time is up has not
+        failed, although ``info["way"]`` is then ``exit missed`` or ``not merged``: a moment later
+        it could still take the exit or merge, and the observation does not include the time.
+        """
+        seen = self.next_scene.affordances
+        passed = seen.lane > 0 and seen.mandatory.lanes == 0
+        return self.terminated or (passed and self.info["way"] == EXIT_MISSED)
 
     @property
     def aborts_lane_change(self) -> bool:

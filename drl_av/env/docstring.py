@@ -54,12 +54,11 @@ or an object with an attribute `space` that is called with the scene).
 
 ## Information
 `proposed_action, executed_action, rule, rewards, collision, collided_with, way, speed_m_s,
-indicators, seed, vehicles, exit, action_mask`. No value is None, which some libraries refuse to
-store. `collision` and `collided_with` are texts, empty without a collision. `exit` is `taken` or
-`missed` once the ego has passed its exit; before, and on a road without an exit, it is empty. `way`
-is `exit taken`, `exit missed`, `merged` or `not merged`, at the latest in the last decision;
-before, and on a road without an exit or a merge, it is empty. The mask has shape (12,) and type
-int8. It is 1 for each action that the safety check would not replace now;
+indicators, seed, vehicles, action_mask`. No value is None, which some libraries refuse to
+store. `collision` and `collided_with` are texts, empty without a collision. `way` is `exit taken`,
+`exit missed`, `merged` or `not merged` once the ego has passed its exit or the end of its lane, and
+in the last decision; before, and on a road without an exit or a merge, it is empty. The mask has
+shape (12,) and type int8. It is 1 for each action that the safety check would not replace now;
 `action_space.sample(mask)` accepts it. The info of a reset also holds `unsafe_start`: whether the
 ego starts in a scene in which the check `strict` cannot guarantee to avoid a collision.
 

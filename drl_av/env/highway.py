@@ -14,8 +14,6 @@ from drl_av.config import Config
 from drl_av.config.functions import require_function
 from drl_av.config.presets import as_config
 from drl_av.drawing.renderer import GuiRenderer, PictureRenderer, Renderer
-from drl_av.drivers.background.level_k import load_level_1
-from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import ObservationScale, compute_affordances
 from drl_av.driving.maneuver import plan
@@ -23,6 +21,7 @@ from drl_av.driving.observed import observed
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode import number_of_vehicles, traffic_seed
+from drl_av.env.kinds import drawn_traffic, traffic_of_each_kind
 from drl_av.env.observation import (
     ObservationFunction,
     default_groups,
@@ -30,13 +29,12 @@ from drl_av.env.observation import (
     require_inside,
 )
 from drl_av.env.reward import RewardFunction, Rewards, Transition, desired, own_reward, rewards
-from drl_av.env.way import Way, front_m
+from drl_av.env.way import Way
 from drl_av.errors import ConfigError, counted
 from drl_av.safety import ActionMask, action_mask, named_check, starts_unsafe
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, judged
 from drl_av.traffic.ego_model import EgoModel
 from drl_av.traffic.scenario import find_scenario, load_scenario
-from drl_av.traffic.simulation import Simulation
 from drl_av.traffic.snapshot import EGO, Collision, Snapshot
 
 Observation = npt.NDArray[np.float32]
@@ -90,12 +88,14 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         )
         loaded = load_scenario(find_scenario(config.simulation.scenario))
         types, self.road = loaded.vehicle_types, loaded.road
-        self.safety_check = (
-            safety_check if callable(safety_check) else named_check(config, types, self.road)
-        )
-        self.simulation = Simulation(loaded, config, gui=render_mode == "human")
-        level_1 = load_level_1(self.road) if config.traffic.level_1_share else None
-        self.traffic_drivers = TrafficDrivers(config, self.road, types, level_1)
+        self.safety_check: SafetyCheck
+        if callable(safety_check):
+            self.safety_check = safety_check
+        else:  # equal for each kind, but each may break an assumption
+            each_kind = config.of_each_kind
+            self.safety_check, *_ = (named_check(each, types, self.road) for each in each_kind)
+        self._kinds = traffic_of_each_kind(config, loaded, gui=render_mode == "human")
+        self.simulation, self.traffic_drivers = self._kinds[0]
         if reward is not None:
             require_function(reward, "reward", "transition")
         self._own_reward = reward
@@ -127,7 +127,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     def require_room(self) -> None:
         """Raise ConfigError if ``traffic.vehicles_max`` vehicles do not fit on the road."""
-        most = self.simulation.fleet.capacity
+        most = min(simulation.fleet.capacity for simulation, _ in self._kinds)
         if self.config.traffic.vehicles_max > most and self.simulation.fleet.usual is None:
             raise ConfigError(
                 f"traffic.vehicles_max is {self.config.traffic.vehicles_max}, but this road takes "
@@ -150,6 +150,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         super().reset(seed=seed)
         options = options or {}
         self.seed = traffic_seed(seed, options, self.np_random)
+        self.simulation, self.traffic_drivers = drawn_traffic(
+            self._kinds, self.seed, self.simulation
+        )
         fleet, traffic = self.simulation.fleet, self.config.traffic
         vehicles = number_of_vehicles(options, self.seed, traffic, fleet.placed, fleet.usual)
         self.decisions = 0
@@ -158,7 +161,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         snapshot = self.simulation.reset(self.seed, vehicles)
         self.traffic_drivers.start(fleet.kinds, fleet.population.desired_speed_m_s, self.seed)
         observation = self._observe(snapshot, None)
-        self._way, info = Way(self.road, self.scene), self._info()
+        self._way = Way(self.road, self.scene)
+        info = self._info(over=False)
         require_inside(observation, self.observation_space)
         info["unsafe_start"] = starts_unsafe(self.safety_check, self.scene)
         self._renderer.reset(snapshot, info)
@@ -206,17 +210,16 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         observation = self._observe(snapshot, lane_change)
         reward, terms = self._reward(scene, proposed, verdict, collision)
         terminated = collision is not None
-        at_the_end = self.road.end_m <= snapshot.s_m[EGO]
-        truncated = self.decisions >= config.simulation.decisions_per_episode or bool(at_the_end)
+        at_the_end = not self.road.is_loop and bool(self.road.end_m <= snapshot.s_m[EGO])
+        truncated = self.decisions >= config.simulation.decisions_per_episode or at_the_end
         self._over = terminated or truncated
-        info = self._info() | {
+        info = self._info(self._over) | {
             "proposed_action": proposed.number,
             "executed_action": verdict.action.number,
             "rule": str(verdict.rule),
             "rewards": terms._asdict(),
             "collision": "" if collision is None else collision.kind.value,
             "collided_with": "" if collision is None else collision.other or "",
-            "way": self._way.outcome(self.scene, self._over),
         }
         self._renderer.step(snapshot, reward, info)
         return observation, reward, terminated, truncated, info
@@ -276,16 +279,21 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         """Return the renderer of a render mode."""
         if render_mode == "rgb_array":
             return PictureRenderer(self.road)
-        return Renderer() if render_mode is None else GuiRenderer(self.simulation.show)
+        if render_mode is None:
+            return Renderer()
+        return GuiRenderer(lambda text, colors: self.simulation.show(text, colors))
 
-    def _info(self) -> dict[str, Any]:
-        """Return the part of ``info`` that ``reset`` and ``step`` have in common."""
+    def _info(self, over: bool) -> dict[str, Any]:
+        """Return the part of ``info`` that ``reset`` and ``step`` have in common.
+
+        ``over`` says whether the episode ends with the present scene.
+        """
         info = {
             "seed": self.seed,
             "vehicles": len(self.scene.snapshot.ids) - 1,
             "speed_m_s": self.scene.affordances.ego_speed_m_s,
             "indicators": self.indicators.copy(),
-            "exit": self.road.exit_outcome(self.scene.affordances.lane, front_m(self.scene)),
+            "way": self._way.outcome(self.scene, over),
         }
         if self._masked:
             info["action_mask"] = self.action_masks()

@@ -82,22 +82,17 @@ class EpisodeMetrics:
         self.min_headway_s = math.inf
         self.collision: Collision | None = None
         self.way = ""
-        self._r_v: list[float] = []
-        self._r_y: list[float] = []
-        self._r_x: list[float] = []
+        self._terms: list[dict[str, float]] = []
         self._settled_lane: int | None = None
 
     def add(self, decision: Decision) -> None:
         """Update the metrics with the next decision of the episode."""
-        terms = decision.info["rewards"]
+        self._terms.append(decision.info["rewards"])
         self.speeds_m_s.append(decision.next_scene.affordances.ego_speed_m_s)
         self.rewards.append(decision.reward)
-        self._r_v.append(terms["r_v"])
-        self._r_y.append(terms["r_y"])
-        self._r_x.append(terms["r_x"])
         self.safety_triggers += decision.triggered
         self.hard_brakes += decision.executed.longitudinal == Longitudinal.HARD_BRAKE
-        self.d_safe_violations += terms["r_x"] < 0
+        self.d_safe_violations += self._terms[-1]["r_x"] < 0
         self.collision = decision.collision
         self.way = decision.info["way"]
         self._add_lane_change(decision)
@@ -158,9 +153,9 @@ class EpisodeMetrics:
             decisions=self.decisions,
             mean_speed_m_s=self.mean_speed_m_s,
             mean_reward=self.mean_reward,
-            mean_r_v=_mean(self._r_v),
-            mean_r_y=_mean(self._r_y),
-            mean_r_x=_mean(self._r_x),
+            mean_r_v=_mean([terms["r_v"] for terms in self._terms]),
+            mean_r_y=_mean([terms["r_y"] for terms in self._terms]),
+            mean_r_x=_mean([terms["r_x"] for terms in self._terms]),
             collided=self.collided,
             ego_hit=self.ego_hit,
             collision="" if self.collision is None else self.collision.kind.value,
@@ -176,10 +171,7 @@ class EpisodeMetrics:
 
 
 def _mean(values: Sequence[float]) -> float:
-    """Return the mean; the values are added in order.
-
-    The sums of numpy and of ``sum`` could differ in the last bit.
-    """
+    """Return the mean, added in order: numpy and ``sum`` could differ in the last bit."""
     total = 0.0
     for value in values:
         total += value

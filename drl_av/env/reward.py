@@ -193,16 +193,9 @@ def faster_side(
     for side in (nearer, -nearer):
         if affordances.has_lane(side):
             there = attainable_speed(affordances, side, config, safety.minimum_gap_m)
-            if there > best and _may_enter(affordances, side, safety):
+            if there > best and lane_is_clear(affordances, affordances.lane + side, safety):
                 best, sign = there, side
     return sign
-
-
-def _may_enter(affordances: Affordances, side: int, safety: SafetyConfig) -> bool:
-    """Return whether the lane on this side exists and rule 3 permits a lane change to it."""
-    return affordances.has_lane(side) and lane_is_clear(
-        affordances, affordances.lane + side, safety
-    )
 
 
 def rewards(

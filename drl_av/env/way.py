@@ -20,11 +20,10 @@ class Way:
     """
 
     def __init__(self, road: Road, start: Scene) -> None:
-        self._road = road
-        self._merge_m = math.inf
-        if start.affordances.mandatory.lanes != 0:
-            self._merge_m = road.lane_end_m(start.affordances.lane, front_m(start))
-        self._leads_somewhere = min(road.exit_m, self._merge_m) < math.inf
+        self._has_exit = road.exit_m < math.inf
+        self._end_m = road.exit_m
+        if not self._has_exit and start.affordances.mandatory.lanes != 0:
+            self._end_m = road.lane_end_m(start.affordances.lane, _front_m(start))
         self._outcome = ""
 
     def outcome(self, scene: Scene, over: bool) -> str:
@@ -33,21 +32,21 @@ class Way:
         ``over`` says whether the episode ends with ``scene``, by a collision or otherwise. An ego
         that has not taken its exit or merged by then has missed it or not merged.
         """
-        if self._leads_somewhere and not self._outcome:
-            failed = EXIT_MISSED if self._road.exit_m < math.inf else NOT_MERGED
+        if self._end_m < math.inf and not self._outcome:
+            failed = EXIT_MISSED if self._has_exit else NOT_MERGED
             self._outcome = self._passed(scene) or failed * over
         return self._outcome
 
     def _passed(self, scene: Scene) -> str:
         """Return the outcome that follows from the ego's position alone; "" if none does."""
-        at_m = front_m(scene)
-        if self._road.exit_m == math.inf:
-            return MERGED * (at_m >= self._merge_m)
-        found = self._road.exit_outcome(scene.affordances.lane, at_m)
-        return {"taken": EXIT_TAKEN, "missed": EXIT_MISSED, "": ""}[found]
+        if _front_m(scene) < self._end_m:
+            return ""
+        if not self._has_exit:
+            return MERGED
+        return EXIT_TAKEN if scene.affordances.lane == 0 else EXIT_MISSED
 
 
-def front_m(scene: Scene) -> float:
+def _front_m(scene: Scene) -> float:
     """Return the position of the ego's front bumper along the road, m."""
     snapshot = scene.snapshot
     return float(snapshot.s_m[EGO] + snapshot.length_m[EGO] / 2)

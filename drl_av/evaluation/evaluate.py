@@ -135,11 +135,7 @@ def _specs(drivers: Iterable[Any], own: Mapping[str, Driver]) -> list[DriverSpec
 
 
 def _whole(name: str, value: object, least: int) -> int:
-    """Return ``value`` as an integer.
-
-    Raises:
-        ConfigError: ``value`` is not a Python or numpy integer, or is smaller than ``least``.
-    """
+    """Return ``value`` as an int; raise ConfigError unless it is whole and at least ``least``."""
     if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
         raise ConfigError(f"{name} is {value!r}, but must be a whole number from {least} on.")
     return int(value)

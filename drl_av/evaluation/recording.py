@@ -134,16 +134,16 @@ class Recorder:
     """Records an episode, decision by decision."""
 
     def __init__(self) -> None:
-        self._tracks = Tracks()
         self._vehicles = 0
         self._proposed: list[int] = []
+        self._moments: list[Snapshot] = []
 
     def add(self, decision: Decision) -> None:
         """Record the next decision of the episode."""
         if not self._proposed:
-            self._tracks.add(decision.scene.snapshot)
+            self._moments.append(decision.scene.snapshot)
             self._vehicles = len(decision.scene.snapshot.ids) - 1
-        self._tracks.add(decision.next_scene.snapshot)
+        self._moments.append(decision.next_scene.snapshot)
         self._proposed.append(decision.proposed.number)
 
     def recording(
@@ -156,29 +156,17 @@ class Recorder:
             seed,
             self._vehicles,
             np.array(self._proposed, dtype=np.int64),
-            self._tracks.states(),
+            self._states(),
             ego_model,
         )
 
-
-class Tracks:
-    """Collects the states of all vehicles of an episode, one row for each vehicle."""
-
-    def __init__(self) -> None:
-        self._rows: dict[str, int] = {}
-        self._moments: list[tuple[tuple[str, ...], FloatArray]] = []
-
-    def add(self, snapshot: Snapshot) -> None:
-        """Add the states at the next moment."""
-        for name in snapshot.ids:
-            self._rows.setdefault(name, len(self._rows))
-        self._moments.append((snapshot.ids, states_of(snapshot)))
-
-    def states(self) -> FloatArray:
+    def _states(self) -> FloatArray:
         """Return the states in the form of ``Recording.states``, shape (moments, vehicles, 4)."""
-        found = np.full((len(self._moments), len(self._rows), 4), np.nan)
-        for moment, (ids, states) in enumerate(self._moments):
-            found[moment, [self._rows[name] for name in ids]] = states
+        names = dict.fromkeys(name for shot in self._moments for name in shot.ids)
+        rows = {name: row for row, name in enumerate(names)}
+        found = np.full((len(self._moments), len(rows), 4), np.nan)
+        for moment, shot in enumerate(self._moments):
+            found[moment, [rows[name] for name in shot.ids]] = states_of(shot)
         return found
 
 

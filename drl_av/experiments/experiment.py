@@ -60,11 +60,21 @@ class Experiment:
     """Functions that return Markdown tables, by the name of their marker in the documentation."""
     figures: "Mapping[str, Callable[[list[Row]], Figure | None]]" = field(default_factory=dict)
     """Functions that draw the rows, by PNG file name; None means that there is nothing to draw."""
+    beside: tuple[str, ...] = ()
+    """File names of further tables, whose rows the figures show too (see ``drawn``)."""
 
     @property
     def table(self) -> str:
         """File name of the table."""
         return f"{self.name}.csv"
+
+    def drawn(self, results: Results) -> list[Row]:
+        """Return the rows of the table, then those of ``beside`` with their file name as "table".
+
+        Without rows of its own the result is empty. Raises DrlAvError if a table is damaged.
+        """
+        rows, others = results.rows(self.table), self.beside
+        return rows and rows + [row | {"table": n} for n in others for row in results.rows(n)]
 
     def draw(self, folder: Path) -> "Iterator[tuple[str, Figure]]":
         """Draw the table in ``folder``, and yield the name and the figure of each drawing.
@@ -72,7 +82,7 @@ class Experiment:
         Raises DrlAvError if the table is damaged or a number in it is too large to draw.
         """
         with report_corrupt_table(folder / self.table):
-            rows = read_rows(folder / self.table)
+            rows = self.drawn(Results(folder))
             require_values(rows)
             for name, drawing in self.figures.items():
                 if rows and (figure := drawing(rows)) is not None:

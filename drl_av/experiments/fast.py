@@ -1,28 +1,52 @@
-"""The experiment ``fast`` (ours) compares the preset ``fast`` with the paper's whole schedule."""
+"""The experiment ``fast`` compares the preset ``fast`` (ours) with the paper's whole schedule.
+
+The drivers of the whole schedule are those of Fig. 8 of the paper.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 from drl_av.config import Config
 from drl_av.config.presets import preset
-from drl_av.evaluation.statistics import mean_with_interval
+from drl_av.errors import counted
+from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.experiments import density_sweep
+from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import trained_drives
 from drl_av.experiments.curves import variant_config
 from drl_av.experiments.experiment import Experiment, Results
-from drl_av.experiments.markdown import count, markdown_table
+from drl_av.experiments.figures import curves_by_density
+from drl_av.experiments.final_policies import FINAL_POLICIES
+from drl_av.experiments.markdown import (
+    PAPER_VEHICLES,
+    count,
+    densities_of,
+    markdown_table,
+    mean_of,
+)
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
 from drl_av.experiments.training_jobs import TrainingJob
+from drl_av.files import Row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLUMNS = ("seed", "mean_reward", "mean_speed_m_s", "ego_hit")
+TRAINED = ("paper", "paper, stopped early", "fast")
 
 
 def fast_plan(options: ReproduceOptions) -> Plan:
-    """Plan one training with the paper's whole schedule, and one with ``fast`` for each seed.
+    """Plan ``options.full_seeds`` trainings with the paper's whole schedule, at least one.
 
-    The drivers of all trainings are evaluated.
+    ``options.seeds`` trainings with ``fast`` follow. The drivers of all trainings are evaluated.
     """
+    whole = options.laid_over(Config())
     short = options.laid_over(preset("fast").updated("learning", evaluate_every=100))
-    configs = {"paper-0": variant_config(options.laid_over(Config()), "paper")} | {
-        f"fast-{seed}": short.updated("learning", seed=seed) for seed in range(options.seeds)
-    }
+    configs = {
+        f"paper-{seed}": variant_config(whole, "paper", seed)
+        for seed in range(max(1, options.full_seeds))
+    } | {f"fast-{seed}": short.updated("learning", seed=seed) for seed in range(options.seeds)}
     jobs = [
         TrainingJob(
             name.partition("-")[0],
@@ -39,7 +63,7 @@ def fast_plan(options: ReproduceOptions) -> Plan:
 def fast_table(results: Results) -> str:
     """Return the Markdown table of the results, one row for each training's driver.
 
-    A gain is the paired difference from the driver of the paper's whole schedule.
+    A gain is the paired difference from ``paper-0``, a driver of the paper's whole schedule.
     """
     seconds = results.made_by("fast.csv")["wall_time_s"]
     rows = results.rows("fast.csv")
@@ -60,10 +84,73 @@ def fast_table(results: Results) -> str:
     return markdown_table([*names, "mean speed, m/s", "gain"], lines)
 
 
+def driven_by(rows: Iterable[Row]) -> dict[str, list[list[Row]]]:
+    """Return the episodes with up to 30 vehicles by line of the table, one list for each driver.
+
+    ``rows`` are the result of ``FAST.drawn``.
+    """
+    driven: dict[str, dict[str, list[Row]]] = {}
+    for row in rows:
+        name = row.get("training") or row["driver"]
+        line = name.rpartition("-")[0] if "training" in row else name
+        if row.get("table") == FINAL_POLICIES.table:
+            line += ", stopped early"
+        if int(row["vehicles"]) <= PAPER_VEHICLES:
+            driven.setdefault(line, {}).setdefault(name, []).append(row)
+    trained = [line for line in TRAINED if line in driven]
+    found = {f"{line}, {counted(len(driven[line]), 'seed')}": driven[line] for line in trained}
+    baselines = (*density_sweep.DRIVERS, "gap-mobil")
+    found |= {name: driven[name] for name in baselines if name in driven}
+    return {line: [*drivers.values()] for line, drivers in found.items()}
+
+
+def speed_over(drivers: Sequence[Sequence[Row]]) -> Mean:
+    """Return the mean speed with an interval over the drivers, or over a single one's episodes."""
+    if len(drivers) == 1:
+        return mean_with_interval(float(row["mean_speed_m_s"]) for row in drivers[0])
+    return mean_with_interval(mean_of(own, "mean_speed_m_s") for own in drivers)
+
+
+def by_vehicles(drivers: Sequence[Sequence[Row]]) -> dict[int, Mean]:
+    """Return ``speed_over`` for each number of vehicles."""
+    return {
+        number: speed_over(
+            [[row for row in own if int(row["vehicles"]) == number] for own in drivers]
+        )
+        for number in densities_of(drivers[0])
+    }
+
+
+def whole_schedule_table(results: Results) -> str:
+    """Return the Markdown table of mean speeds by density: trained drivers and baselines.
+
+    Where there are several seeds, the slowest driver has a line of its own.
+    """
+    lines, cells = driven_by(FAST.drawn(results)), []
+    for name, drivers in lines.items():
+        slowest = min(drivers, key=lambda own: mean_of(own, "mean_speed_m_s"))
+        shown = {name: drivers}
+        if len(drivers) > 1:
+            shown[f"the slowest of them, {slowest[0]['training']}"] = [slowest]
+        for label, own in shown.items():
+            cells.append([label, *map(str, (*by_vehicles(own).values(), speed_over(own)))])
+    densities = densities_of(row for drivers in lines.values() for own in drivers for row in own)
+    return markdown_table(["vehicles", *map(str, densities), f"up to {PAPER_VEHICLES}"], cells)
+
+
+def whole_schedule_figure(rows: Sequence[Row]) -> "Figure":
+    """Draw mean speed against the number of vehicles, with 95 % intervals (Fig. 8 of the paper)."""
+    figure, axes = one_panel("vehicles on the loop", "mean speed of the ego, m/s")
+    curves_by_density(axes, {name: by_vehicles(own) for name, own in driven_by(rows).items()})
+    return figure
+
+
 FAST = Experiment(
     name="fast",
-    meaning="the preset fast on every seed, beside the driver of the whole schedule of 10000",
+    meaning="the preset fast on every seed, beside drivers of the whole schedule of 10000",
     row="an episode of the driver of a training",
     plan=fast_plan,
-    summaries={"fast": fast_table},
+    summaries={"fast": fast_table, "whole_schedule": whole_schedule_table},
+    figures={"whole_schedule": whole_schedule_figure},
+    beside=(FINAL_POLICIES.table, density_sweep.TABLE),
 )

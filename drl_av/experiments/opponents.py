@@ -106,7 +106,7 @@ def gain(ours: dict[str, float], theirs: dict[str, float]) -> Mean:
 
 
 def best_opponent(found: dict[str, dict[str, float]]) -> str:
-    """Return the label of the opponent with the largest mean speed in these episodes."""
+    """Return the label of the fastest opponent; ``found`` has speeds by label and episode."""
     theirs = {name: sum(own.values()) for name, own in found.items() if not _is_ours(name)}
     return max(theirs, key=lambda name: theirs[name])
 

@@ -2,6 +2,7 @@
 
 from drl_av.experiments.adaptation import ADAPTATION
 from drl_av.experiments.barricade import BARRICADE
+from drl_av.experiments.cross_table import CROSS_TABLE
 from drl_av.experiments.curves import CURVES
 from drl_av.experiments.density_sweep import DENSITY_SWEEP
 from drl_av.experiments.experiment import Experiment
@@ -27,6 +28,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         FAST,
         DENSITY_SWEEP,
         OPPONENTS_SWEEP,
+        CROSS_TABLE,
         CHECK_PAPER,
         CHECK_PERMIT_ALL,
         REFERENCE_ACC,

@@ -103,9 +103,9 @@ class ResultStore:
         return [row for row in self.rows if key.items() <= row.items()]
 
     def require(self, made_with: MadeWith) -> None:
-        """Record the settings and drivers of new rows.
+        """Add the settings and drivers of new rows to those of the table.
 
-        Raises DrlAvError if these contradict the settings and drivers of the existing rows.
+        Raises DrlAvError if the table's rows were made with other settings or drivers.
         """
         if made_with.contradicts(self._made_with):
             raise settings_mismatch(self.path)

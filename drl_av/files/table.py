@@ -204,11 +204,7 @@ def _require_columns(path: Path, header: list[str], types: Mapping[str, Any]) ->
 def _row(
     place: str, header: list[str], cells: list[str], types: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Convert the cells of one line to typed values; ``place`` (file and line) begins each error.
-
-    Raises:
-        DrlAvError: the number of cells is wrong, or a cell has a wrong type.
-    """
+    """Convert the cells of the line ``place`` to typed values; raise DrlAvError if they misfit."""
     if len(cells) != len(header):
         raise DrlAvError(
             f"{place}: there are {len(cells)} values for {len(header)} columns: {_REMEDY}."
@@ -218,11 +214,7 @@ def _row(
 
 
 def _value(place: str, column: str, cell: str, kind: Any) -> Any:
-    """Convert a cell to the type ``kind``; an empty cell of an optional type is None.
-
-    Raises:
-        DrlAvError: the cell is not of that type.
-    """
+    """Convert a cell to ``kind``, or to None if it may be empty; raise DrlAvError if it misfits."""
     optional = [each for each in getattr(kind, "__args__", ()) if each is not type(None)]
     if kind not in _KINDS and len(optional) == 1:
         if not cell:

@@ -169,11 +169,14 @@ class UniformBuffer(Buffer):
 
     def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
         """Store the transition (s_t, a_t, s_tp1, r_tp1), with discount gamma."""
-        self.ring.append(s_t, a_t, r_tp1, self.discount, s_tp1)
+        self.stored(self.ring.append(s_t, a_t, r_tp1, self.discount, s_tp1))
 
     def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
         """Store a terminal transition, with reward r_col, discount 0 and no next state."""
-        self.ring.append(s_t, a_t, r_col, 0.0, 0.0)
+        self.stored(self.ring.append(s_t, a_t, r_col, 0.0, 0.0))
+
+    def stored(self, slot: int) -> None:
+        """Notice that a transition was stored in this slot; by default do nothing."""
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
         """Draw a minibatch of transitions; raises ValueError if the buffer is empty."""

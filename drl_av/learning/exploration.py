@@ -1,7 +1,5 @@
 """Epsilon-greedy exploration, line 5 of Algorithm 1 of the paper, and its schedule."""
 
-from collections.abc import Callable
-from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -24,18 +22,6 @@ def linear_epsilon(
     return (1.0 - progress) * start + progress * end
 
 
-def epsilon_greedy(
-    epsilon: float, action_size: int, greedy: Callable[[], int], rng: np.random.Generator
-) -> int:
-    """Return a random action number with probability ``epsilon``, else the result of ``greedy()``.
-
-    If the action is random, ``greedy`` is not called. Algorithm 1 of the paper, line 5.
-    """
-    if rng.random() < epsilon:
-        return int(rng.integers(action_size))
-    return greedy()
-
-
 class GreedyDriver(Driver, Protocol):
     """A driver with a method for the greedy action, which Algorithm 1 needs."""
 
@@ -43,17 +29,18 @@ class GreedyDriver(Driver, Protocol):
         """Return the number of argmax_a Q(s_t, a) of a scaled observation, shape (size,)."""
 
 
-class ExploringDriver:
-    """Adds epsilon-greedy exploration to a driver; set ``epsilon`` before each episode."""
+class ExploringDriver(Driver):
+    """Adds epsilon-greedy exploration to a driver; set ``epsilon`` before each episode.
+
+    The random numbers come from the training's generator, not from the episode's seed.
+    """
 
     def __init__(self, driver: GreedyDriver, rng: np.random.Generator) -> None:
         self._driver, self._rng = driver, rng
         self.epsilon = 1.0
 
-    def start(self, seed: int) -> None:
-        """Do nothing: random numbers come from the training's generator, not from ``seed``."""
-
     def act(self, scene: Scene, observation: Float32Array) -> Action:
         """Return a random action with probability ``epsilon``, else the driver's greedy action."""
-        greedy = partial(self._driver.greedy, observation)
-        return ACTIONS[epsilon_greedy(self.epsilon, len(ACTIONS), greedy, self._rng)]
+        if self._rng.random() < self.epsilon:
+            return ACTIONS[self._rng.integers(len(ACTIONS))]
+        return ACTIONS[self._driver.greedy(observation)]

@@ -100,15 +100,8 @@ class PrioritizedBuffer(UniformBuffer):
         self.tree = SumTree(capacity)
         self._greatest = 1.0
 
-    def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store the transition (s_t, a_t, s_tp1, r_tp1), with discount gamma."""
-        self._new(self.ring.append(s_t, a_t, r_tp1, self.discount, s_tp1))
-
-    def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
-        """Store a terminal transition, with reward r_col, discount 0 and no next state."""
-        self._new(self.ring.append(s_t, a_t, r_col, 0.0, 0.0))
-
-    def _new(self, slot: int) -> None:
+    def stored(self, slot: int) -> None:
+        """Give a new transition the largest priority so far."""
         self.tree.set(np.array([slot]), self._greatest)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:

@@ -140,10 +140,7 @@ class Run:
                     os.truncate(file, size)
 
     def _require_rows(self, file: Path, size: int, episodes: int) -> None:
-        """Raise CheckpointError unless the first ``size`` bytes of a table are whole rows.
-
-        The rows of ``episodes.csv`` must be those of the episodes 1 to ``episodes``.
-        """
+        """Raise CheckpointError unless the first ``size`` bytes of a table are whole rows."""
         held = file.read_bytes()[:size] if file.is_file() else b""
         if len(held) < size:
             raise CheckpointError(

@@ -203,10 +203,7 @@ class Training:
         return self._config.gradient_steps if enough and self._config.learning_rate > 0 else 0
 
     def _learn(self, learner: Learner) -> float:
-        """Sample a batch and make a gradient step; return the loss.
-
-        Algorithm 1 of the paper, lines 13 to 15.
-        """
+        """Make a gradient step on a batch (Algorithm 1, lines 13 to 15); return the loss."""
         batch = self._buffer.sample(self._config.batch_size, self._rng)
         update = learner.update(self._variant.augment(batch))
         self._buffer.update_priorities(batch, update.td_errors)

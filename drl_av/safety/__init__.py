@@ -57,11 +57,10 @@ def named_check(
 
 
 def starts_unsafe(check: SafetyCheck, scene: Scene) -> bool:
-    """Return whether the first scene of an episode, ``scene``, breaks the invariant of ``strict``.
+    """Return whether the check ``strict`` has no safe action in the first scene of an episode.
 
-    ``strict`` may then be unable to prevent a collision. Only a scenario that places its vehicles
-    exactly can begin with such a scene. For all other checks the result is False, because they have
-    no invariant.
+    A collision may then be unavoidable. Only a scenario that places its vehicles exactly can begin
+    with such a scene. For all other checks the result is False.
     """
     return isinstance(check, Strict) and not check.fallback_is_free(scene)
 

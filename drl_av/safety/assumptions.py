@@ -33,7 +33,7 @@ AT_MOST = (
 )
 """(a, b, reason): a must be at most b, else this bound or lemma of ``strict`` does not hold."""
 ROUNDING_M = 1e-6
-"""Largest rounding error of the ego's lateral position at a decision."""
+"""Largest rounding error of a lateral position or of a width, metres."""
 LATERAL_GAP_M = 0.6
 """SUMO's minGapLat, the lateral gap at which two vehicles drive beside each other in one lane."""
 RANDOM_LANE_CHANGES_PER_S = 0.01
@@ -78,10 +78,7 @@ def _refusal(name: str, bound: str, reason: str) -> ConfigError:
 
 
 def _require_bounds(config: Config, vehicle_types: VehicleTypes, label: str) -> None:
-    """Raise ConfigError if a value that ``AT_MOST`` lists exceeds its bound.
-
-    ``label`` is the name of the vehicle type ``vehicle_types.traffic`` in the message.
-    """
+    """Raise ConfigError if a value that ``AT_MOST`` lists exceeds its bound."""
     traffic, ego = vehicle_types.traffic, vehicle_types.ego
     facts = {
         "the decel of the vehicle type traffic": traffic.braking_m_s2,
@@ -126,7 +123,7 @@ def _require_one_vehicle_abreast(config: Config, vehicle_types: VehicleTypes, ro
             f"at least the lane width, {lane_m:g}, and not {resolution_m:g}",
             "bound 3 fails: vehicles drive beside each other in a lane of several strips",
         )
-    widest_m = 2 * min(vehicle_types.traffic.width_m, vehicle_types.ego.width_m) + LATERAL_GAP_M
+    widest_m = 2 * min(_widths_m(config, vehicle_types).values()) + LATERAL_GAP_M
     if lane_m > widest_m:
         raise _refusal(
             "the scenario's lane_width_m",
@@ -135,20 +132,22 @@ def _require_one_vehicle_abreast(config: Config, vehicle_types: VehicleTypes, ro
         )
 
 
-def _require_narrow_vehicles(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
-    """Raise ConfigError if a vehicle within ``ARRIVED_M`` of a lane's centre may be in two lanes.
-
-    The widths are those of the two vehicle types, and of trucks if there are any.
-    """
+def _widths_m(config: Config, vehicle_types: VehicleTypes) -> dict[str, float]:
+    """Return the widths of the two vehicle types, and of trucks if there are any, by name."""
     widths_m = {
         "the width of the vehicle type ego": vehicle_types.ego.width_m,
         "the width of the vehicle type traffic": vehicle_types.traffic.width_m,
     }
     if config.traffic.truck_share:
         widths_m["traffic.truck_width_m"] = config.traffic.truck_width_m
+    return widths_m
+
+
+def _require_narrow_vehicles(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
+    """Raise ConfigError if a vehicle within ``ARRIVED_M`` of a centre may be in two lanes."""
     most_m = road.lane_width_m - 2 * ARRIVED_M
-    for name, width_m in widths_m.items():
-        if width_m > most_m:
+    for name, width_m in _widths_m(config, vehicle_types).items():
+        if width_m > most_m + ROUNDING_M:
             raise _refusal(
                 name,
                 f"at most {most_m:g}, and not {width_m:g}",

@@ -264,10 +264,7 @@ class Strict:
         how: Longitudinal,
         reaches_m: list[float],
     ) -> bool:
-        """Whether the check permits a lane change other than that of the fallback maneuver.
-
-        The ego executes the longitudinal action ``how``; ``reaches_m`` holds the reach of each one.
-        """
+        """Whether the check permits a lane change other than that of the fallback maneuver."""
         strict, sim = self._strict, self._simulation
         right_m, left_m = corridor(scene, change, self._ego, sim.decision_interval_s)
         aside_m = strict.lateral_speed_m_s * sim.decision_interval_s

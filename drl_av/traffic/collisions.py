@@ -81,21 +81,14 @@ def first_contact(
 
 
 def _stays_apart(distance_m: float, moved_m: float, size_m: float) -> bool:
-    """Return whether a signed distance keeps its sign and stays at least ``size_m`` in size.
-
-    ``distance_m`` is the distance before the SUMO step, ``moved_m`` its change in the step.
-    """
+    """Return whether a distance that changes by ``moved_m`` stays beyond ``size_m`` on one side."""
     if distance_m < 0.0:
         distance_m, moved_m = -distance_m, -moved_m
     return distance_m >= size_m and distance_m + moved_m >= size_m
 
 
 def _overlap(distance_m: float, moved_m: float, size_m: float) -> tuple[float, float]:
-    """Return the time span in which a linearly changing distance is below ``size_m`` in size.
-
-    The result is (start, end) in fractions of the SUMO step; 0 is the beginning of the step. It is
-    (-inf, inf) if the distance is always below the size, and (inf, inf) if it never is.
-    """
+    """Return (start, end), in fractions of the step, in which the distance is below ``size_m``."""
     if moved_m == 0.0:
         return (-math.inf, math.inf) if abs(distance_m) < size_m else (math.inf, math.inf)
     edge_m = math.copysign(size_m, moved_m)

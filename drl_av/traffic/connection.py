@@ -59,7 +59,7 @@ def connection(gui: bool) -> ModuleType:
         raise SimulationError(missing_library(name, str(error))) from error
 
 
-def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[[str], Any]]:
+def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[..., Any]]:
     """Return the function ``sumo.vehicle.<name>`` for each name.
 
     For libsumo these are the C functions themselves: SWIG's Python wrapper around each of them

@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from typing import Any, ClassVar
@@ -11,7 +12,6 @@ import tomli_w
 from drl_av.config.schema import setting
 from drl_av.errors import ScenarioError, counted
 from drl_av.traffic.own_types import OwnVehicleType, check_own_types
-from drl_av.traffic.timed_changes import TimedChange, check_changes, read_changes
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "lane": (0, 9),
@@ -28,8 +28,15 @@ VEHICLE_WIDTH_M = partial(setting, 1.8, "ours", "width of a vehicle, metres", lo
 """Fields that the descriptions of all kinds of roads have."""
 INNER_RADIUS_M = 5.0
 """Smallest radius of the inner edge of the innermost lane."""
+MOST_VEHICLES = 3000
+"""Most vehicles that start on an open road, or that a scenario places, the ego included. The time
+of a step grows with the square of the number in a lane, because SUMO's sublane model looks for
+followers among all of them."""
 TYPES = "vehicle_types"
 VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]+")
+TimedChange = tuple[float, int]
+"""The time since the start of the episode, seconds, and the lane to which the vehicle changes."""
+LATEST_S = 86_400.0
 
 
 @dataclass(frozen=True)
@@ -116,10 +123,7 @@ class ScenarioDescription:
             )
 
     def _check_barricades(self) -> None:
-        """Raise ScenarioError unless the barricaded lanes exist and at least one lane is open.
-
-        The indices are stored sorted and without repetition.
-        """
+        """Raise ScenarioError unless the barricaded lanes exist and at least one lane is open."""
         if not isinstance(self.barricaded_lanes, tuple) or not all(
             type(lane) is int and 0 <= lane < self.lanes for lane in self.barricaded_lanes
         ):
@@ -181,13 +185,17 @@ def check_sizes(description: Any) -> None:
 
     Raises:
         ScenarioError: a number has a wrong type or is out of bounds, a vehicle is wider than a
-            lane, or the user's vehicle types do not fit each other.
+            lane, too many vehicles are placed, or the user's vehicle types do not fit each other.
     """
     check_numbers(description, "The scenario's ")
     if description.vehicle_width_m > description.lane_width_m:
         raise ScenarioError(
             f"The scenario's vehicle_width_m is {description.vehicle_width_m:g}, but must be at "
             f"most lane_width_m, {description.lane_width_m:g}."
+        )
+    if (placed := len(description.vehicles)) > MOST_VEHICLES:
+        raise ScenarioError(
+            f"The scenario places {placed} vehicles, but must place at most {MOST_VEHICLES}."
         )
     check_own_types(description)
 
@@ -235,3 +243,53 @@ def check_numbers(described: Any, prefix: str) -> None:
                 f"{prefix}{item.name} is {value!r}, but must be {kind} from {low:g} to {high:g}."
             )
         object.__setattr__(described, item.name, value if whole else float(value))
+
+
+def read_changes(changes: Any, vehicle: str, lane: int) -> tuple[TimedChange, ...]:
+    """Return the lane changes of a placed vehicle as a tuple of (time, lane).
+
+    ``vehicle`` is its id, ``lane`` the lane in which it starts.
+
+    Raises:
+        ScenarioError: ``changes`` are not pairs of a time and a lane, the vehicle is the ego, the
+            times do not increase, or a change does not lead to an adjacent lane.
+    """
+    if not isinstance(changes, list | tuple) or not all(map(_is_change, changes)):
+        raise ScenarioError(
+            f"Vehicle {vehicle!r}: lane_changes is {changes!r}, but must be pairs [time, lane] of "
+            f"a number of seconds from 0 to {LATEST_S:g} and a whole number."
+        )
+    if changes and vehicle == "ego":
+        raise ScenarioError(
+            "The ego has lane_changes, but its driver decides its lanes: leave them out."
+        )
+    found = tuple((float(time_s), int(to)) for time_s, to in changes)
+    before_s, beside = -1.0, lane
+    for time_s, to in found:
+        if time_s <= before_s or abs(to - beside) != 1:
+            raise ScenarioError(
+                f"Vehicle {vehicle!r}: lane_changes has {time_s:g} s to lane {to}, but each change "
+                f"must come after the one before and lead to a lane beside it, here {beside}."
+            )
+        before_s, beside = time_s, to
+    return found
+
+
+def _is_change(change: Any) -> bool:
+    return (
+        isinstance(change, list | tuple)
+        and len(change) == 2
+        and type(change[0]) in (int, float)
+        and 0 <= change[0] <= LATEST_S
+        and type(change[1]) is int
+    )
+
+
+def check_changes(vehicle: PlacedVehicle, lanes: Collection[int]) -> None:
+    """Raise ScenarioError if a placed vehicle changes to a lane that is not one of ``lanes``."""
+    for time_s, to in vehicle.lane_changes:
+        if to not in lanes:
+            raise ScenarioError(
+                f"Vehicle {vehicle.id!r} changes to lane {to} at {time_s:g} s, but must change to "
+                f"one of the lanes along the whole road: {', '.join(map(str, lanes))}."
+            )

@@ -72,22 +72,14 @@ Described = TypeVar("Described")
 
 
 def _from_tables(tables: Any, key: str, made: type[Described], what: str) -> tuple[Described, ...]:
-    """Convert the tables ``[[key]]`` to objects of the class ``made``.
-
-    Raises:
-        ScenarioError: ``tables`` are not tables, or a key or a value in a table is wrong.
-    """
+    """Convert the tables ``[[key]]`` to objects of the class ``made``."""
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ScenarioError(f"The {key} must be tables, each written under [[{key}]].")
     return tuple(_build(made, table, what) for table in tables)
 
 
 def _build(kind: type[Described], values: Mapping[str, Any], what: str) -> Described:
-    """Create an object of the class ``kind`` from TOML values; ``what`` names it in errors.
-
-    Raises:
-        ScenarioError: a key is unknown or missing, or a value is wrong.
-    """
+    """Create an object of the class ``kind`` from TOML values; ``what`` names it in errors."""
     known = [field.name for field in fields(kind) if field.init]  # type: ignore[arg-type]
     for key in values:
         if key not in known:

@@ -1,10 +1,101 @@
 """The kind of scenario ``exit``: an open highway that the ego leaves by an off-ramp."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
+from drl_av.config import EgoConfig
+from drl_av.config.schema import setting
+from drl_av.errors import ScenarioError
 from drl_av.traffic.kind import Edge, OpenPlan, OpenStart
-from drl_av.traffic.off_ramp import OffRamp
-from drl_av.traffic.open_road import BEYOND_M, START_M, open_kind
+from drl_av.traffic.open_road import BEYOND_M, START_M, OpenDescription, open_kind
+from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
+
+ASIDE_M = 40.0
+"""Lateral distance from the highway at which the end of the off-ramp is drawn."""
+AFTER_M = 100.0
+"""Distance from the point where the off-ramp parts from the highway to the end of the ego's way."""
+SHORTEST_M = 10.0
+"""Length of the shortest part of a road."""
+
+
+@dataclass(frozen=True)
+class OffRamp(OpenDescription):
+    """A highway with a deceleration lane, which is lane 0 and becomes the off-ramp.
+
+    Raises:
+        ScenarioError: ``approach_m`` is too short for the deceleration lane, or too short for the
+            lane changes to the exit.
+    """
+
+    approach_m: float = setting(
+        1000.0,
+        "ours",
+        "distance to the end of the deceleration lane, metres: from the ego's start, or from the "
+        "end of the acceleration lane",
+        low=100,
+        high=40_000,
+    )
+    deceleration_lane_m: float = setting(
+        250.0, "ours", "length of the deceleration lane, metres", low=50, high=2000
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.deceleration_lane_m > self.approach_m - SHORTEST_M:
+            raise ScenarioError(
+                f"The scenario's deceleration_lane_m is {self.deceleration_lane_m:g}, but must be "
+                f"at most approach_m - {SHORTEST_M:g}, {self.approach_m - SHORTEST_M:g}."
+            )
+        plan, ego = self.plan(), EgoConfig()
+        slow = replace(ego, max_speed_m_s=min(ego.max_speed_m_s, self.speed_limit_m_s))
+        require_reachable(plan.road, plan.start, slow)
+
+    def off_ramp(self, from_m: float) -> PartialLane:
+        """Return the deceleration lane and the off-ramp, which is divided from the highway.
+
+        ``from_m`` is the position at which the way to the exit begins.
+        """
+        exit_m = from_m + self.approach_m
+        begin_m = exit_m - self.deceleration_lane_m
+        return PartialLane(0, begin_m, math.inf, begin_m, exit_m)
+
+    def exit_edges(self, off_ramp: PartialLane) -> tuple[Edge, ...]:
+        """Return the highway beside the deceleration lane and after it, and the off-ramp."""
+        exit_m, through = off_ramp.joined_to_m, range(1, self.lanes + 1)
+        return (
+            Edge("exit", off_ramp.begin_m, exit_m, range(self.lanes + 1)),
+            Edge("after", exit_m, exit_m + AFTER_M, through),
+            Edge("off_ramp", exit_m, exit_m + AFTER_M, range(1), drawn_aside_m=(0.0, ASIDE_M)),
+        )
+
+    def road_to_exit(self, *partial_lanes: PartialLane) -> Road:
+        """Return the road with these partial lanes; the last one is the off-ramp of the ego."""
+        exit_m = partial_lanes[-1].joined_to_m
+        lanes, end_m = (True,) * (self.lanes + 1), exit_m + AFTER_M
+        return Road(OPEN_LAP_M, self.lane_width_m, lanes, end_m, partial_lanes, exit_m)
+
+
+def require_reachable(road: Road, start: OpenStart, ego: EgoConfig) -> None:
+    """Raise ScenarioError if the ego cannot change lanes to its exit in time without braking.
+
+    Each lane change takes ``lane_change_duration_s`` at ``max_speed_m_s`` (ours). A road without an
+    exit is accepted.
+    """
+    if road.exit_m == math.inf:
+        return
+    lane, from_m = start.ego_lane, start.ego_front_m
+    if lane is None:
+        lane = max(start.lanes)
+    elif road.mandatory_change(lane, from_m).lanes > 0:
+        lane, from_m = lane + 1, road.lane_end_m(lane, from_m)
+    needed_m = lane * ego.lane_change_duration_s * ego.max_speed_m_s
+    if road.exit_m - from_m < needed_m:
+        raise ScenarioError(
+            f"The way to the exit is {road.exit_m - from_m:g} m long, but {lane} lane "
+            f"change{'s' * (lane > 1)} of {ego.lane_change_duration_s:g} s at "
+            f"{ego.max_speed_m_s:g} m/s take{'s' * (lane == 1)} {needed_m:g} m: make approach_m at "
+            f"least {math.ceil(needed_m)}."
+        )
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,14 @@
 """The vehicles of an episode: those at the start, and those that enter and leave an open road."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import islice
 
 import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, ScenarioError
+from drl_av.traffic.exit import require_reachable
 from drl_av.traffic.inflow import (
     Inflow,
     Last,
@@ -15,7 +16,7 @@ from drl_av.traffic.inflow import (
     open_capacity,
     vehicles_of_flow,
 )
-from drl_av.traffic.off_ramp import require_reachable
+from drl_av.traffic.kind import OpenStart
 from drl_av.traffic.own_types import draw_types
 from drl_av.traffic.population import (
     Population,
@@ -30,7 +31,6 @@ from drl_av.traffic.population import (
 from drl_av.traffic.road import FloatArray
 from drl_av.traffic.scenario import Scenario
 from drl_av.traffic.snapshot import EGO
-from drl_av.traffic.timed_changes import TimedChanges
 
 
 class Fleet:
@@ -39,7 +39,8 @@ class Fleet:
     Raises:
         ConfigError: the settings allow vehicles that are too fast or too wide for the road, or
             other drivers than SUMO's on an open road.
-        ScenarioError: the ego cannot reach its exit with these settings.
+        ScenarioError: the ego cannot reach its exit with these settings, or the inflow means more
+            vehicles than may start on the road.
     """
 
     population: Population
@@ -62,10 +63,23 @@ class Fleet:
                 "must be 0 on an open road, on which SUMO drives all other vehicles: set them to "
                 "0, or take a loop."
             )
+        if self._start is not None and self.placed is None:
+            self._require_room(self._start)
+
+    def _require_room(self, start: OpenStart) -> None:
+        """Raise ScenarioError if the inflow means more vehicles than may start on an open road."""
+        usual = vehicles_of_flow(start, self._config.traffic)
+        if usual > self.capacity:
+            flow_per_h = start.flow_per_h * self.capacity // usual
+            raise ScenarioError(
+                f"The scenario's flow_per_h, {start.flow_per_h:g}, means {usual} vehicles on its "
+                f"road, but at most {self.capacity} may start there: write one with flow_per_h up "
+                f"to {flow_per_h:g}, or a shorter road, or raise traffic.desired_speed_min_m_s."
+            )
 
     @property
     def capacity(self) -> int:
-        """Largest number of vehicles besides the ego that can start at random positions."""
+        """Largest number of vehicles besides the ego that may start at random positions."""
         traffic = self._config.traffic
         length_m = traffic.longest_m(self.scenario.description.vehicle_length_m)
         if self._start is not None:
@@ -74,7 +88,7 @@ class Fleet:
 
     @property
     def placed(self) -> int | None:
-        """Number of vehicles besides the ego that the scenario places exactly, or None."""
+        """Number of vehicles besides the ego that the scenario places; None if it places none."""
         placed = self.scenario.description.vehicles
         return len(placed) - 1 if placed else None
 
@@ -100,7 +114,11 @@ class Fleet:
         config, length_m, start = self._config, description.vehicle_length_m, self._start
         self._inflow = None
         self._types = draw_types(seed, description.vehicle_types)
-        self._timed_changes = TimedChanges(description.vehicles)
+        self._timed_changes = [
+            (time_s, vehicle.id, to)
+            for vehicle in description.vehicles
+            for time_s, to in vehicle.lane_changes
+        ]
         if description.vehicles:
             self._describe(placed_population(description.vehicles, config.traffic))
         elif start is None:
@@ -124,10 +142,7 @@ class Fleet:
     def _random_lane_changes(
         self, rng: np.random.Generator, chance: float
     ) -> Iterator[list[tuple[int, int]]]:
-        """Yield the random lane changes of each decision, like ``population.random_lane_changes``.
-
-        The number of vehicles may change between two decisions.
-        """
+        """Yield random lane changes, like those of ``population``, for varying vehicles."""
         while True:
             draws = rng.random((2, len(self.population.ids)))
             rows = np.flatnonzero(draws[0] < chance).tolist()
@@ -140,29 +155,28 @@ class Fleet:
         ones, and those that the scenario sets for this time. ``time_s`` is the time since the
         reset, and ``y_m`` holds the lateral position of each row.
         """
-        changes, due = self.random_lane_changes(y_m), self._timed_changes.due(time_s)
-        if not due:
+        changes = next(self._lane_changes)
+        if changes and self._start is not None:
+            changes = self._on_open_road(changes, y_m, self._start.lanes)
+        if not self._timed_changes:
             return changes
+        due = [(name, to) for at_s, name, to in self._timed_changes if at_s <= time_s]
+        self._timed_changes = [each for each in self._timed_changes if each[0] > time_s]
         ids, lane_of = self.population.ids, self.scenario.road.lane_of
         rows = [(ids.index(name), to) for name, to in due if name in ids]
         set_changes = [(row, to - lane_of(y_m[row])) for row, to in rows]
         return [*changes, *(each for each in set_changes if each[1])]
 
-    def random_lane_changes(self, y_m: Sequence[float]) -> list[tuple[int, int]]:
-        """Return the random lane changes of the next decision, as pairs (row, side).
-
-        The side is +1 for left and -1 for right; ``y_m`` holds the lateral position of each row. On
-        an open road no vehicle changes to a lane that begins or ends within the road.
-        """
-        drawn = next(self._lane_changes)
+    def _on_open_road(
+        self, changes: list[tuple[int, int]], y_m: Sequence[float], lanes: Collection[int]
+    ) -> list[tuple[int, int]]:
+        """Return the random lane changes, by row and side, that lead to one of ``lanes``."""
         if self._inflow is None:  # drawn for the vehicles at the start, some of which have left
             ids = self.population.ids
-            named = [(self._first_ids[row], side) for row, side in drawn]
-            drawn = [(ids.index(name), side) for name, side in named if name in ids]
-        if self._start is None or not drawn:
-            return drawn
-        lane_of, lanes = self.scenario.road.lane_of, self._start.lanes
-        return [(row, side) for row, side in drawn if lane_of(y_m[row]) + side in lanes]
+            named = [(self._first_ids[row], side) for row, side in changes]
+            changes = [(ids.index(name), side) for name, side in named if name in ids]
+        lane_of = self.scenario.road.lane_of
+        return [(row, side) for row, side in changes if lane_of(y_m[row]) + side in lanes]
 
     def exchange(
         self, time_s: float, s_m: Sequence[float], y_m: Sequence[float], speed_m_s: Sequence[float]
@@ -182,7 +196,7 @@ class Fleet:
         kept = [row for row in rows if row == EGO or s_m[row] < start.span_m]
         entering = None
         if inflow is not None:
-            entering = inflow.entering(time_s, self._last(kept, s_m, y_m, speed_m_s))
+            entering = inflow.entering(time_s, self._last(start, kept, s_m, y_m, speed_m_s))
         if entering is None and len(kept) == len(rows):
             return None
         population = self.population if len(kept) == len(rows) else self.population.rows(kept)
@@ -193,29 +207,30 @@ class Fleet:
 
     def _last(
         self,
+        start: OpenStart,
         rows: Sequence[int],
         s_m: Sequence[float],
         y_m: Sequence[float],
         speed_m_s: Sequence[float],
     ) -> dict[int, Last]:
-        """Return the last vehicle of each lane, by lane index: its rear is nearest to the start.
+        """Return the last vehicle of each lane, by lane index; a body may be in two lanes.
 
-        A vehicle is in all lanes that its body overlaps.
+        Lanes that no vehicle enters may be missing.
         """
         last: dict[int, Last] = {}
-        lane_of = self.scenario.road.lane_of
-        for row in rows:
-            rear_m, half_m = s_m[row] - self.length_m[row] / 2, self.width_m[row] / 2
+        lane_of, entered = self.scenario.road.lane_of, set(start.lanes)
+        rear_m = np.asarray(s_m)[rows] - self.length_m[rows] / 2
+        for place in rear_m.argsort(kind="stable").tolist():
+            row = rows[place]
+            half_m = self.width_m[row] / 2
             for lane in {lane_of(y_m[row] - half_m), lane_of(y_m[row] + half_m)}:
-                if lane not in last or rear_m < last[lane].rear_m:
-                    last[lane] = Last(float(rear_m), speed_m_s[row])
+                last.setdefault(lane, Last(float(rear_m[place]), speed_m_s[row]))
+            if entered <= last.keys():
+                break
         return last
 
     def _describe(self, population: Population, known: Sequence[str] = ()) -> None:
-        """Set the population, and the vehicle type, the length and the width of each vehicle.
-
-        ``known`` holds the types of the first vehicles; those of the others are drawn.
-        """
+        """Set the population, its types and its sizes; the first types are ``known``."""
         self.population = population
         types, traffic = self.scenario.vehicle_types.by_id, self._config.traffic
         self.type_ids = (*known, *islice(self._types, len(population.ids) - len(known)))

@@ -47,8 +47,8 @@ class ImportedDescription(OpenDescription):
     net: str = setting(
         "", "yours", "network file with the route, which netedit or netconvert has written"
     )
-    from_edge: str = setting("", "yours", "id of the edge of this network with which it begins")
-    to_edge: str = setting("", "yours", "id of the edge with which it ends")
+    from_edge: str = setting("", "yours", "id of the first edge of the route through net")
+    to_edge: str = setting("", "yours", "id of the last edge of the route through net")
     lowest_limit_m_s: float = setting(
         1.0, "ours", "lower speed limits of the network are raised to this, m/s", low=1, high=100
     )
@@ -158,10 +158,7 @@ class ImportedDescription(OpenDescription):
                 )
 
     def _check_flow(self) -> None:
-        """Raise ScenarioError if the inflow exceeds the capacity of a lane (ours).
-
-        At speed v the capacity is v / (length + standstill gap + headway v) vehicles per second.
-        """
+        """Raise ScenarioError if the inflow exceeds v / (length + gap + headway v) (ours)."""
         usual = TrafficConfig()
         speed_m_s = min(usual.desired_speed_min_m_s, self.speed_limit_m_s)
         headway_s = (usual.headway_min_s + usual.headway_max_s) / 2
@@ -175,9 +172,9 @@ class ImportedDescription(OpenDescription):
 
 
 def partial_lanes(sections: Sequence[Section]) -> tuple[PartialLane, ...]:
-    """Return the lanes that begin or end on a route, in the order in which they begin.
+    """Return the lanes that do not lead along the whole route, in the order in which they begin.
 
-    The lanes of the last section have no end: their ``end_m`` is inf.
+    A lane of the last section has no end: its ``end_m`` is inf.
     """
     begun = dict.fromkeys(sections[0].lanes, 0.0)
     found = []

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from drl_av.config import EgoConfig, TrafficConfig
 from drl_av.errors import ScenarioError, counted
+from drl_av.traffic.description import MOST_VEHICLES
 from drl_av.traffic.kind import OpenStart
 from drl_av.traffic.places import Places, ring_places, safe_speeds
 from drl_av.traffic.population import Population, draw_trucks, pitches_m, with_drivers
@@ -60,15 +61,14 @@ def draw_open_population(
     The vehicles are spread evenly over the lanes, at random positions. Cars are ``length_m`` long.
 
     Raises:
-        ScenarioError: the vehicles do not fit on the lanes.
+        ScenarioError: there are more vehicles than may start on the road.
     """
     n = vehicles + 1
     room = open_capacity(start, traffic.longest_m(length_m), traffic.start_gap_m)
     if n > room:
         raise ScenarioError(
-            f"This road has room for {counted(max(room - 1, 0), 'vehicle')} besides the ego on its "
-            f"{counted(len(start.lanes), 'lane')}, not for {vehicles}: ask for fewer or make the "
-            "road longer."
+            f"This road takes {counted(max(room - 1, 0), 'vehicle')} besides the ego on its "
+            f"{counted(len(start.lanes), 'lane')}, not {vehicles}: ask for fewer."
         )
     streams = rng.spawn(2)
     is_truck = draw_trucks(streams[1], n, traffic)
@@ -90,11 +90,12 @@ def draw_open_population(
 
 
 def open_capacity(start: OpenStart, length_m: float, start_gap_m: float) -> int:
-    """Return the largest number of vehicles, the ego included, that can start on an open road.
+    """Return the largest number of vehicles, the ego included, that may start on an open road.
 
     ``length_m`` is the length of the longest vehicle.
     """
-    return len(start.lanes) * int((start.span_m - length_m) // (length_m + start_gap_m))
+    room = len(start.lanes) * int((start.span_m - length_m) // (length_m + start_gap_m))
+    return min(room, MOST_VEHICLES)
 
 
 class Last(NamedTuple):

@@ -131,11 +131,7 @@ def _copied_package(number: int) -> ModuleType:
 
 
 def _copied_library(name: str, library: Path, number: int) -> ModuleType:
-    """Load a copy of the extension module in the file ``library`` as a module called ``name``.
-
-    Raises:
-        SimulationError: the library cannot be copied or loaded.
-    """
+    """Load a copy of the extension module in the file ``library`` as a module called ``name``."""
     if _is_global(f"PyInit_{library.name.partition('.')[0]}"):
         raise _no_copy("it was loaded with RTLD_GLOBAL, so that a copy would use its variables")
     for folder in (library.parent, Path(tempfile.gettempdir())):

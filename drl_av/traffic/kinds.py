@@ -7,10 +7,10 @@ and the docs are generated.
 from typing import Any
 
 from drl_av.errors import ScenarioError
-from drl_av.traffic.circular import LOOP
 from drl_av.traffic.exit import EXIT
 from drl_av.traffic.imported import IMPORTED
 from drl_av.traffic.kind import ScenarioKind
+from drl_av.traffic.loop import LOOP
 from drl_av.traffic.merge import MERGE
 from drl_av.traffic.ramp_to_ramp import RAMP_TO_RAMP
 from drl_av.traffic.straight import STRAIGHT

@@ -1,31 +1,127 @@
-"""Reads the loop of a SUMO network file, and compares it with the scenario's description."""
+"""The kind of scenario ``loop``: a closed circular highway instead of an infinite straight one."""
 
+import math
 import xml.etree.ElementTree as ET
 from collections import defaultdict
-from collections.abc import Iterator
-from dataclasses import dataclass
 
 from drl_av.errors import ScenarioError, counted
-from drl_av.traffic.description import ScenarioDescription
+from drl_av.traffic.description import PlacedVehicle, ScenarioDescription, longest_m
+from drl_av.traffic.kind import Layout, ScenarioKind
+from drl_av.traffic.network import (
+    DEMO_END_S,
+    EDGES,
+    edge_lengths_m,
+    network_text,
+    point,
+    vehicle_element,
+)
+from drl_av.traffic.road import Road
 
+BARRICADES_FILE = "barricades.add.xml"
 TOLERANCE = 1e-6
 SUMO_LANE_WIDTH_M = "3.2"
 """The width that SUMO gives a lane without a width attribute."""
+DEMO_VEHICLES = 16
+DEMO_PITCH_M = 30.0
+"""Smallest distance between two demo vehicles in a lane."""
+DEMO_SPEEDS_M_S = (30.0, 22.0, 26.0, 20.0, 32.0, 24.0, 28.0)
+DEMO_START_SPEED_M_S = 15.0
+BLOCK_M, BLOCK_PITCH_M, BLOCK_WIDTH_M = 3.0, 6.0, 0.8
+PAVEMENT_COLOR = "70,70,70"
+BLOCK_COLORS = ("190,190,190", "220,90,30")
 
 
-@dataclass(frozen=True)
-class Loop:
-    """The closed loop of a network."""
-
-    edges: tuple[str, ...]
-    """Edge ids in driving order."""
-    lane_positions: dict[str, tuple[int, float]]
-    """By SUMO lane id: index of the lane, and position of its start along the loop, metres."""
-    circumference_m: float
+def additional(description: ScenarioDescription) -> dict[str, ET.Element]:
+    """Return the root element of the file that draws barricaded lanes, by file name, if any."""
+    return {BARRICADES_FILE: _barricades(description)} if description.barricaded_lanes else {}
 
 
-def read_loop(network: ET.Element, description: ScenarioDescription, name: str) -> Loop:
-    """Return the loop of a network; check that it is closed and agrees with the description.
+def _barricades(description: ScenarioDescription) -> ET.Element:
+    """Return polygons of pavement and blocks, because SUMO draws no pavement on closed lanes."""
+    root = ET.Element("additional")
+    circumference_m, width_m = description.circumference_m, description.lane_width_m
+    blocks = math.floor(circumference_m / BLOCK_PITCH_M)
+    block_turn = BLOCK_M / circumference_m
+    for lane in description.barricaded_lanes:
+        left_of_middle_m = (lane - (description.lanes - 1) / 2) * width_m
+        radius_m = circumference_m / (2 * math.pi) - left_of_middle_m
+        for k in range(blocks):
+            start, name = k / blocks, f"{lane}_{k}"
+            paved = _patch(radius_m, width_m, start, (k + 1) / blocks)
+            block = _patch(radius_m, BLOCK_WIDTH_M, start, start + block_turn)
+            _polygon(root, f"pavement_{name}", PAVEMENT_COLOR, "-1", paved)
+            _polygon(root, f"barricade_{name}", BLOCK_COLORS[k % 2], "5", block)
+    return root
+
+
+def _patch(radius_m: float, width_m: float, start_turn: float, end_turn: float) -> str:
+    """Return the corners of a piece of a lane; the turns are angles as fractions of a full turn."""
+    inner_m, outer_m = radius_m - width_m / 2, radius_m + width_m / 2
+    corners = ((inner_m, start_turn), (inner_m, end_turn), (outer_m, end_turn))
+    return " ".join(point(*corner) for corner in (*corners, (outer_m, start_turn), corners[0]))
+
+
+def _polygon(root: ET.Element, name: str, color: str, layer: str, shape: str) -> None:
+    """Add a polygon to a SUMO additional file; the part of ``name`` before "_" is its type."""
+    kind = name.split("_")[0]
+    attributes = {"id": name, "type": kind, "color": color, "fill": "1", "layer": layer}
+    ET.SubElement(root, "poly", attributes, shape=shape)
+
+
+def demo_vehicles(description: ScenarioDescription) -> tuple[PlacedVehicle, ...]:
+    """Return the vehicles that the scenario places, or else evenly spaced demo vehicles."""
+    if description.vehicles:
+        return description.vehicles
+    lanes = [lane for lane, is_open in enumerate(description.open_lanes) if is_open]
+    rows = min(
+        math.ceil(DEMO_VEHICLES / len(lanes)),
+        max(
+            1,
+            math.floor(description.circumference_m / max(DEMO_PITCH_M, 6 * longest_m(description))),
+        ),
+    )
+    pitch_m = description.circumference_m / rows
+    return tuple(
+        PlacedVehicle(
+            id=f"vehicle{i}" if i else "ego",
+            lane=lanes[i % len(lanes)],
+            position_m=round((i // len(lanes) + (i % len(lanes) + 0.5) / len(lanes)) * pitch_m, 2),
+            speed_m_s=min(DEMO_START_SPEED_M_S, description.speed_limit_m_s),
+            desired_speed_m_s=DEMO_SPEEDS_M_S[i % len(DEMO_SPEEDS_M_S)],
+        )
+        for i in range(min(DEMO_VEHICLES, rows * len(lanes)))
+    )
+
+
+def _traffic(description: ScenarioDescription) -> ET.Element:
+    """Return SUMO's route file with the demo vehicles, which drive around the loop."""
+    root = ET.Element("routes")
+    laps = math.ceil(DEMO_END_S * description.speed_limit_m_s / description.circumference_m) + 1
+    edges = " ".join(f"e{i}" for i in range(EDGES))
+    ET.SubElement(root, "route", id="loop", edges=edges, repeat=str(laps))
+    for vehicle in demo_vehicles(description):
+        edge, position_m = _edge_and_position(description, vehicle.position_m)
+        vehicle_element(
+            root,
+            vehicle,
+            description.speed_limit_m_s,
+            route="loop",
+            departEdge=str(edge),
+            departLane=str(vehicle.lane),
+            departPos=f"{position_m:.2f}",
+        )
+    return root
+
+
+def _edge_and_position(description: ScenarioDescription, position_m: float) -> tuple[int, float]:
+    """Return the number of the edge, and the position on it, metres, of a position on the loop."""
+    lengths_m = edge_lengths_m(description.circumference_m)
+    edge = min(int(position_m // lengths_m[0]), EDGES - 1)
+    return edge, position_m - edge * lengths_m[0]
+
+
+def read_layout(network: ET.Element, description: ScenarioDescription, name: str) -> Layout:
+    """Return the layout of the loop in a network; check that it agrees with the description.
 
     ``network`` is the root element of SUMO's network file, ``name`` the file's name.
 
@@ -35,10 +131,10 @@ def read_loop(network: ET.Element, description: ScenarioDescription, name: str) 
     """
     try:
         lanes = {edge.attrib["id"]: edge.findall("lane") for edge in network.iter("edge")}
-        edges, vias = _follow(network, description)
+        edges, pieces = _follow(network, description)
         positions: dict[str, tuple[int, float]] = {}
         s_m = 0.0
-        for piece in _pieces(edges, vias):
+        for piece in pieces:
             for lane in lanes[piece]:
                 positions[lane.attrib["id"]] = (int(lane.attrib["index"]), s_m)
             s_m += _length_m(lanes[piece], piece)
@@ -51,7 +147,9 @@ def read_loop(network: ET.Element, description: ScenarioDescription, name: str) 
         raise ScenarioError(
             f"The road in {name} {reason}: write the scenario again with: drl-av scenario DIR."
         ) from error
-    return Loop(edges, positions, s_m)
+    road = Road(s_m, description.lane_width_m, description.open_lanes)
+    laps = 2 + round(1e5 / s_m)
+    return Layout(road, {"loop": edges * laps}, positions)
 
 
 class _LoopMismatch(Exception):
@@ -60,12 +158,8 @@ class _LoopMismatch(Exception):
 
 def _follow(
     network: ET.Element, description: ScenarioDescription
-) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the edges in driving order, and the junction edge after each edge that has one.
-
-    Raises:
-        _LoopMismatch: the edges are not one closed loop.
-    """
+) -> tuple[tuple[str, ...], list[str]]:
+    """Return the edges in driving order, and the same with the junction edges between them."""
     normal = [e.attrib["id"] for e in network.iter("edge") if e.get("function") is None]
     if not normal:
         raise _LoopMismatch("has no edges")
@@ -73,30 +167,22 @@ def _follow(
     for connection in network.iter("connection"):
         ways[connection.attrib["from"]].append(connection)
     edges: list[str] = []
-    vias: dict[str, str] = {}
+    pieces: list[str] = []
     edge = normal[0]
     while edge not in edges:
         edges.append(edge)
         following, via = _step(ways[edge], edge, description)
-        if via:
-            vias[edge] = via
+        pieces += [edge, via] if via else [edge]
         edge = following
     if edge != edges[0] or len(edges) != len(normal):
         raise _LoopMismatch("is not one closed loop through all its edges")
-    return tuple(edges), vias
+    return tuple(edges), pieces
 
 
 def _step(
     ways: list[ET.Element], edge: str, description: ScenarioDescription
 ) -> tuple[str, str | None]:
-    """Return the id of the edge after ``edge``, and that of the junction edge between them or None.
-
-    ``ways`` are the connections that leave ``edge``.
-
-    Raises:
-        _LoopMismatch: there is not exactly one next edge, or its lanes are connected otherwise than
-            straight on.
-    """
+    """Return the id of the edge after ``edge``, and of the junction edge between them or None."""
     following = {way.attrib["to"] for way in ways}
     if len(following) != 1:
         raise _LoopMismatch(f"leads from edge {edge!r} to {len(following)} edges instead of one")
@@ -108,14 +194,6 @@ def _step(
         )
     via = ways[0].get("via")
     return following.pop(), via.rsplit("_", 1)[0] if via else None
-
-
-def _pieces(edges: tuple[str, ...], vias: dict[str, str]) -> Iterator[str]:
-    """Yield the ids of all edges and junction edges in driving order."""
-    for edge in edges:
-        yield edge
-        if edge in vias:
-            yield vias[edge]
 
 
 def _length_m(lanes: list[ET.Element], edge: str) -> float:
@@ -149,3 +227,13 @@ def _compare(lanes: list[ET.Element], edge: str, description: ScenarioDescriptio
                 raise _LoopMismatch(
                     f"has {attribute} {value:g} on lane {lane.attrib['id']!r}, not {wanted:g}"
                 )
+
+
+LOOP = ScenarioKind(
+    "a closed circular highway",
+    ScenarioDescription,
+    network_text,
+    read_layout,
+    _traffic,
+    additional,
+)

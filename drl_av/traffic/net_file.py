@@ -22,10 +22,7 @@ class NetFile(NamedTuple):
 
 
 class _Elements:
-    """A parser's target that passes the elements of a network file on to sumolib.
-
-    It raises ValueError at an element that is not allowed.
-    """
+    """A parser's target that passes the elements of a network file on to sumolib."""
 
     def __init__(self) -> None:
         self._reader = importlib.import_module("sumolib.net").NetReader(

@@ -153,12 +153,7 @@ def _lane_width(edges: Sequence[Any]) -> float:
 
 
 def _step(net: Any, edge: Any, following: Any) -> _Step:
-    """Return the way from an edge to the following one.
-
-    Raises:
-        ScenarioError: the lanes that continue are not adjacent, or other traffic may have priority
-            over the route.
-    """
+    """Return the way from an edge to the following one."""
     ways = {
         (way.getFromLane().getIndex(), way.getToLane().getIndex()): way
         for way in edge.getConnections(following)

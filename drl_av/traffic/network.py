@@ -137,12 +137,7 @@ def _edges(description: ScenarioDescription) -> ET.Element:
 
 
 def _run_netconvert(files: Sequence[str], network: Path) -> None:
-    """Let netconvert write the file ``network``; ``files`` are the options that name its inputs.
-
-    Raises:
-        ScenarioError: netconvert refuses the inputs.
-        SimulationError: netconvert cannot be run.
-    """
+    """Let netconvert write the file ``network``; ``files`` are the options that name its inputs."""
     executable = program("netconvert")
     arguments = [
         *files,

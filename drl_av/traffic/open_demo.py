@@ -50,10 +50,7 @@ def _place(root: ET.Element, description: Any, plan: OpenPlan) -> None:
 
 
 def _let_enter(root: ET.Element, description: Any, plan: OpenPlan) -> None:
-    """Add an inflow in each lane, and the ego, which enters later.
-
-    The vehicles have the mean desired speed of the environment's default traffic.
-    """
+    """Add an inflow in each lane, and the ego, which enters later."""
     traffic, limit_m_s = TrafficConfig(), description.speed_limit_m_s
     desired_m_s = (traffic.desired_speed_min_m_s + traffic.desired_speed_max_m_s) / 2
     first, *_, last = [*plan.routes, *plan.routes]

@@ -16,6 +16,7 @@ from drl_av.traffic.description import (
     VEHICLE_LENGTH_M,
     VEHICLE_WIDTH_M,
     PlacedVehicle,
+    check_changes,
     check_pair,
     check_sizes,
     check_speed,
@@ -26,7 +27,6 @@ from drl_av.traffic.network import PRECISION, netconvert, xml_text
 from drl_av.traffic.open_demo import traffic
 from drl_av.traffic.own_types import OwnVehicleType
 from drl_av.traffic.road import Road
-from drl_av.traffic.timed_changes import check_changes
 
 START_M = 300.0
 """Position at which the ego starts on the highway, farther from the beginning than its range."""

@@ -207,10 +207,7 @@ def _make_some_unusual(
     speed_gain: FloatArray,
     traffic: TrafficConfig,
 ) -> None:
-    """Make some of the other vehicles stand, crawl or overtake fast, by the shares in ``traffic``.
-
-    It changes ``desired_m_s`` and ``speed_gain`` in place; the ego, row 0, does not change.
-    """
+    """Make some vehicles besides the ego stand, crawl or overtake fast, in place."""
     draws, places = rng.random((2, len(desired_m_s)))
     which = np.searchsorted(np.cumsum(traffic.unusual_shares), draws, side="right")
     which[0] = len(traffic.unusual_shares)

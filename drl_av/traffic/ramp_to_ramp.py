@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
+from drl_av.traffic.exit import OffRamp
 from drl_av.traffic.kind import Edge, OpenPlan
-from drl_av.traffic.off_ramp import OffRamp
-from drl_av.traffic.on_ramp import OnRamp
+from drl_av.traffic.merge import OnRamp
 from drl_av.traffic.open_road import open_kind
 
 

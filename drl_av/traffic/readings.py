@@ -7,7 +7,10 @@ from drl_av.traffic.connection import getters
 from drl_av.traffic.road import FloatArray
 from drl_av.traffic.scenario import Scenario
 
-STATE = ("getLaneID", "getLanePosition", "getLateralLanePosition", "getSpeed", "getLateralSpeed")
+STATE = (
+    *("getLaneID", "getLanePosition", "getLateralLanePosition", "getSpeed", "getLateralSpeed"),
+    "getLaneChangeState",
+)
 
 
 class Readings:
@@ -16,11 +19,15 @@ class Readings:
     def __init__(
         self, sumo: ModuleType, scenario: Scenario, ids: Sequence[str], length_m: FloatArray
     ) -> None:
-        self._sumo, self._ids = sumo, ids
+        self._ids = ids
         self._lane_positions = scenario.layout.lane_positions
         self._lap_m, self._lane_m = scenario.road.lap_m, scenario.road.lane_width_m
         self._half_m = (length_m / 2).tolist()
-        self._lane, self._at, self._aside, *self._speeds = getters(sumo, STATE)
+        self._lane, self._at, self._aside, self._speed, *others = getters(sumo, STATE)
+        self._lateral_speed, self._lane_change = others
+        bits = sumo.constants
+        self._wanted = (1, bits.LCA_LEFT), (-1, bits.LCA_RIGHT)
+        self._blocked: int = bits.LCA_BLOCKED
 
     def place(self, row: int) -> tuple[float, float]:
         """Return the centre (s, y) of a vehicle: its position along and across the road, metres."""
@@ -32,9 +39,8 @@ class Readings:
     def state(self) -> tuple[list[float], ...]:
         """Return s, y, speed and lateral speed: four lists with one value for each vehicle."""
         ids, lap_m, lane_m = self._ids, self._lap_m, self._lane_m
-        at_m, aside_m, speed, lateral = (
-            [*map(read, ids)] for read in (self._at, self._aside, *self._speeds)
-        )
+        at_m, aside_m = [*map(self._at, ids)], [*map(self._aside, ids)]
+        speed, lateral = [*map(self._speed, ids)], [*map(self._lateral_speed, ids)]
         along_m, across_m = [], []
         found = map(self._lane_positions.__getitem__, map(self._lane, ids))
         rows = zip(found, at_m, aside_m, self._half_m, strict=True)
@@ -45,9 +51,8 @@ class Readings:
 
     def lane_change(self, row: int) -> int:
         """Return the lane change that SUMO's model would make now: +1 left, -1 right, 0 none."""
-        bits = self._sumo.constants
-        for sign, wanted in ((1, bits.LCA_LEFT), (-1, bits.LCA_RIGHT)):
-            state = self._sumo.vehicle.getLaneChangeState(self._ids[row], sign)[0]
-            if state & wanted and not state & bits.LCA_BLOCKED:
+        for sign, wanted in self._wanted:
+            state = self._lane_change(self._ids[row], sign)[0]
+            if state & wanted and not state & self._blocked:
                 return sign
         return 0

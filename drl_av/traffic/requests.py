@@ -58,15 +58,12 @@ def ask_for_speeds(
 ) -> None:
     """Request the speeds of ``traffic_commands`` for the end of the next SUMO step.
 
-    SUMO itself brakes harder if it must. The requested speed is at most ``stoppable_speed``: behind
-    a vehicle that brakes fully, as level-0 drivers do, SUMO's IDM would need harder braking than
-    the vehicle has. If there are traffic commands, or with ``traffic.keep_stopping_distance``, the
-    same limit applies to the vehicles that SUMO drives.
+    Each requested speed is at most ``stoppable_speed``, because SUMO's IDM brakes too late behind a
+    vehicle that brakes fully, as level-0 drivers do. This limit also applies to the vehicles that
+    SUMO drives. SUMO may still brake harder than requested.
     """
-    step_s = config.simulation.step_length_s
-    if traffic_commands or config.traffic.keep_stopping_distance:
-        ours = {EGO, *(wish.row for wish in traffic_commands)}
-        _limit_speeds(vehicle, [ids[row] for row in range(len(ids)) if row not in ours], step_s)
+    step_s, ours = config.simulation.step_length_s, {EGO, *(wish.row for wish in traffic_commands)}
+    _limit_speeds(vehicle, [ids[row] for row in range(len(ids)) if row not in ours], step_s)
     for row, acceleration_m_s2, _ in traffic_commands:
         name = ids[row]
         speed, most = vehicle.getSpeed(name), stoppable_speed(vehicle, name, step_s)

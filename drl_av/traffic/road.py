@@ -145,10 +145,7 @@ class Road:
         return NO_CHANGE
 
     def _lanes_aside(self, lane: int, end_m: float) -> int:
-        """Return the number of lanes, left positive, from a lane that ends to one that goes on.
-
-        ``end_m`` is the position at which the lane ends.
-        """
+        """Return the number of lanes, left positive, from a lane that ends to one that goes on."""
         before_m = math.nextafter(end_m, -math.inf)
         aside = sorted(range(-lane, len(self.open_lanes) - lane), key=abs)
         return next(
@@ -157,16 +154,6 @@ class Road:
             if self.is_open_at(lane + lanes, before_m)
             and self.lane_end_m(lane + lanes, before_m) > end_m
         )
-
-    def exit_outcome(self, lane: int, s_m: float) -> str:
-        """Return "taken" or "missed": whether a vehicle in ``lane`` has taken its exit.
-
-        ``s_m`` is the position of its front bumper. Before the exit, and on a road without an exit,
-        the result is "".
-        """
-        if s_m < self.exit_m:
-            return ""
-        return "taken" if lane == 0 else "missed"
 
     def _part(self, lane: int, s_m: float) -> PartialLane | None:
         """Return the partial lane with this index at the position ``s_m``, or None."""

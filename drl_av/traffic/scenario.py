@@ -146,11 +146,7 @@ def read_description(path: Path, remedy: str = WRITE_AGAIN) -> Any:
 
 
 def _with_sizes(description: Any, types: VehicleTypes, name: str) -> Any:
-    """Return the description with the sizes of the vehicle types, which the user may have changed.
-
-    Raises:
-        ScenarioError: the sizes are not allowed; the message begins with ``name``.
-    """
+    """Return the description with the vehicle types' sizes, which the user may have changed."""
     try:
         return replace(
             description, vehicle_length_m=types.longest_m, vehicle_width_m=types.widest_m
@@ -160,10 +156,7 @@ def _with_sizes(description: Any, types: VehicleTypes, name: str) -> Any:
 
 
 def _require_unchanged(folder: Path) -> bool:
-    """Return whether the folder has checksums; raise ScenarioError if a file does not match them.
-
-    No other check would notice a changed digit in the vehicle types.
-    """
+    """Return whether there are checksums; raise ScenarioError if a file does not match them."""
     record = folder / scenario_files.CHECKSUMS_FILE
     if not record.exists():
         return False

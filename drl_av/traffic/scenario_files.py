@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from drl_av.config import TrafficConfig
-from drl_av.traffic.circular import BARRICADES_FILE
 from drl_av.traffic.kinds import kind_of, stated_kind
+from drl_av.traffic.loop import BARRICADES_FILE
 from drl_av.traffic.network import DEMO_END_S, NETWORK_FILE, xml_text
 from drl_av.traffic.own_types import OwnVehicleType
 from drl_av.traffic.vehicle_types import VEHICLE, type_attributes
@@ -29,15 +29,7 @@ COMMENTS = {
     VIEW_FILE: "The appearance in sumo-gui, for drl-av and for SUMO alone.",
 }
 """The comment at the beginning of each XML file: what it holds, and which program reads it."""
-ALL_FILES = (
-    DESCRIPTION_FILE,
-    NETWORK_FILE,
-    VEHICLE_TYPES_FILE,
-    BARRICADES_FILE,
-    TRAFFIC_FILE,
-    CONFIG_FILE,
-    VIEW_FILE,
-)
+ALL_FILES = (DESCRIPTION_FILE, *COMMENTS)
 """The files that have checksums; other files in the folder belong to the user."""
 
 
@@ -69,13 +61,7 @@ def _commented(text: str, comment: str) -> str:
 
 
 def _demo(root: ET.Element, description: Any) -> ET.Element:
-    """Return the demo traffic with the mean parameters of the environment's default traffic.
-
-    The environment sets them for each vehicle; SUMO alone reads them from the vehicle type "demo",
-    or from the distribution "demo.mix" if the scenario has types of its own. Above 40 m/s the ego
-    has the type "demo.ego", because the type "ego" is not faster. These names contain a dot, so
-    that none of the user's own types can have them.
-    """
+    """Return the demo traffic with the mean parameters of the environment's default traffic."""
     size = description.vehicle_length_m, description.vehicle_width_m
     traffic = TrafficConfig()
     fast = {"maxSpeed": repr(max(TOP_SPEED_M_S, description.speed_limit_m_s))}
@@ -132,8 +118,7 @@ def additional_files(description: Any) -> tuple[str, ...]:
 def _vehicle_types(description: Any) -> ET.Element:
     """Return SUMO's additional file with the vehicle types."""
     root = ET.Element("additional")
-    size = description.vehicle_length_m, description.vehicle_width_m
-    types = type_attributes(*size)
+    types = type_attributes(description.vehicle_length_m, description.vehicle_width_m)
     for attributes in (*types, *(own.attributes(types[0]) for own in description.vehicle_types)):
         ET.SubElement(root, "vType", attributes)
     return root

@@ -1,10 +1,12 @@
 """One simulation in SUMO: it loads a scenario, places vehicles, and advances by one decision."""
 
 import math
+import struct
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 
@@ -38,6 +40,8 @@ class Simulation:
     It reserves an instance of libsumo at the first reset, and frees it when it is closed or
     garbage-collected.
     """
+
+    _sumo: ModuleType
 
     def __init__(self, scenario: Scenario, config: Config, gui: bool = False) -> None:
         self.fleet = Fleet(scenario, config)
@@ -125,13 +129,15 @@ class Simulation:
                 if self.fleet.kinds[row] == Kind.SUMO or is_centered(self._sumo.vehicle, vehicle):
                     self._sumo.vehicle.changeLaneRelative(vehicle, side, LANE_CHANGE_S)
             ask_for_lane_changes(self._sumo.vehicle, self._ids, traffic_commands, timing)
+            asks = traffic_commands or self._config.traffic.keep_stopping_distance
             near: Sequence[int] = range(EGO + 1, len(self._ids))
             if self._ego_lateral_speed_m_s is not None:
                 near = self._bodies.within_reach(
                     self._s_m, self._y_m, self._speed_m_s, commands, timing.step_length_s
                 )
             for command in commands:
-                ask_for_speeds(self._sumo.vehicle, self._ids, traffic_commands, self._config)
+                if asks:
+                    ask_for_speeds(self._sumo.vehicle, self._ids, traffic_commands, self._config)
                 collision = self._step(command, near)
                 if collision is not None:
                     break
@@ -158,13 +164,6 @@ class Simulation:
         """Return whether this simulation has reserved an instance of SUMO."""
         return self._release is not None and self._release.alive
 
-    def _take_sumo(self) -> None:
-        """Reserve an instance of SUMO, which is released when this object is garbage-collected."""
-        instance = acquire(self._gui)
-        self._release = weakref.finalize(self, instance.release)
-        self._release.atexit = False
-        self._sumo = instance.sumo
-
     def _exchanged(self, snapshot: Snapshot) -> Snapshot:
         """Return the snapshot after vehicles have left an open road and others have entered it."""
         state = self._s_m, self._y_m, self._speed_m_s
@@ -176,29 +175,25 @@ class Simulation:
         return self._described()
 
     def _put_on_the_road(self, seed: int) -> None:
-        """Place the vehicles in the running SUMO after removing the old ones, or start SUMO.
-
-        Starting SUMO or loading the scenario again takes three times as long as the rest of a
-        reset.
-        """
+        """Place the vehicles in the running SUMO, which is three times faster, or start SUMO."""
         if self._owns_sumo() and self.scenario.as_written and not self._gui:
             with suppress(*self._errors):  # if SUMO has ended, or another program has changed it
-                self._remove_vehicles()
+                for name in self._sumo.vehicle.getLoadedIDList():
+                    self._sumo.vehicle.remove(name)
+                self._sumo.simulationStep()  # frees the names of the vehicles
                 self._populate(range(len(self._ids)))
                 return
         self.close()
-        self._take_sumo()
+        instance = acquire(self._gui)
+        self._release = weakref.finalize(self, instance.release)
+        self._release.atexit = False
+        self._sumo = instance.sumo
         files = (self.scenario.network_file, *self.scenario.additional_files)
         view = self.scenario.view_file if self._gui else None
         start(self._sumo, files, seed, self._config, view)
         for name, edges in self.scenario.layout.routes.items():
             self._sumo.route.add(name, list(edges))
         self._populate(range(len(self._ids)))
-
-    def _remove_vehicles(self) -> None:
-        for name in self._sumo.vehicle.getLoadedIDList():
-            self._sumo.vehicle.remove(name)
-        self._sumo.simulationStep()  # frees the names of the vehicles
 
     def _populate(self, rows: Iterable[int]) -> None:
         """Add the vehicles in these rows to SUMO."""
@@ -242,7 +237,7 @@ class Simulation:
         if changes:
             vehicle.changeSublane(EGO_ID, command.y_m - self._readings.place(EGO)[1])
             self._ego_y_m = command.y_m
-        if self._misses_exit(command):
+        if self.road.exit_m < math.inf and self._misses_exit(command):
             vehicle.setRouteID(EGO_ID, next(iter(self.scenario.layout.routes)))
         vehicle.setSpeed(EGO_ID, command.speed_m_s)
         self._ego_lateral_speed_m_s = command.lateral_speed_m_s
@@ -260,8 +255,7 @@ class Simulation:
 
         SUMO stops a vehicle at the end of an edge from which its lane does not follow its route.
         """
-        lane, exit_m = self.road.lane_of(command.y_m), self.road.exit_m
-        return lane > 0 and exit_m < math.inf and self._front_m(command) >= exit_m
+        return self.road.lane_of(command.y_m) > 0 and self._front_m(command) >= self.road.exit_m
 
     def _front_m(self, command: Command) -> float:
         """Return the position of the ego's front bumper after the next step."""
@@ -275,11 +269,12 @@ class Simulation:
 
     def _snapshot(self) -> Snapshot:
         """Read the state of all vehicles from SUMO, and return it as a snapshot."""
-        state = self._readings.state()
-        self._s_m, self._y_m, self._speed_m_s, _ = state
-        s_m, y_m, speed, lateral = np.array(state)
+        self._s_m, self._y_m, self._speed_m_s, lateral_m_s = self._readings.state()
         if self._ego_lateral_speed_m_s is not None:
-            lateral[EGO] = self._ego_lateral_speed_m_s
+            lateral_m_s[EGO] = self._ego_lateral_speed_m_s
+        rows = *self._s_m, *self._y_m, *self._speed_m_s, *lateral_m_s
+        packed = struct.pack(f"{len(rows)}d", *rows)  # takes half the time of np.array
+        s_m, y_m, speed, lateral = np.frombuffer(packed).reshape(4, -1)
         return Snapshot(
             time_s=self._time_s,
             ids=self._ids,

@@ -37,8 +37,7 @@ class Collision:
     other: str | None
 
 
-@dataclass(frozen=True)
-class Snapshot:
+class Snapshot(NamedTuple):
     """All vehicles at one moment; each array has shape (1 + N,), with the ego at index 0."""
 
     time_s: float

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 from drl_av.config.traffic import STANDSTILL_GAP_M
@@ -138,21 +138,14 @@ def _read_type(attributes: Mapping[str, Any], name: str) -> VehicleType:
 
     Each message begins with ``name``.
     """
-    numbers = {
-        item.name: _number(attributes, NUMBERS[item.name], name)
-        for item in fields(VehicleType)
-        if item.name in NUMBERS
-    }
+    numbers = {field: _number(attributes, key, name) for field, key in NUMBERS.items()}
     known = {*NUMBERS.values(), *APPEARANCE}
     model = tuple(sorted((key, str(attributes[key])) for key in attributes if key not in known))
     return VehicleType(**numbers, model=model)
 
 
 def _number(attributes: Mapping[str, Any], key: str, name: str) -> float:
-    """Return the SUMO attribute ``key`` as a number; raise ScenarioError if it is out of bounds.
-
-    The message begins with ``name``.
-    """
+    """Return the SUMO attribute ``key`` as a number; raise ScenarioError if it is out of bounds."""
     text = attributes.get(key)
     try:
         value = float(str(text))

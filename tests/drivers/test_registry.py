@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
+from runs import SHORT, run_folder
 from worlds import ALONE
 
 from drl_av.cli import main
@@ -26,14 +27,6 @@ from drl_av.errors import CheckpointError, ConfigError, RunError
 from drl_av.learning.checkpoint import save_policy
 
 KEEP, LEFT, BRAKE = 0, 8, 2
-SHORT = Config().updated("simulation", decisions_per_episode=10)
-
-
-def run_folder(folder: Path, config: Config = SHORT) -> Path:
-    """A run's folder with an untrained policy."""
-    folder.mkdir(parents=True)
-    save_policy(folder / "policy.safetensors", [QNetwork(np.random.default_rng(3))], config)
-    return folder
 
 
 class AlwaysBrakes:
@@ -68,17 +61,6 @@ def test_a_driver_of_another_program_is_one_line_away(
         assert "cautious" in capsys.readouterr().out
     assert main(["evaluate", "cautius"]) == 1
     assert "did you mean 'cautious'?" in " ".join(capsys.readouterr().err.split())
-
-
-@pytest.mark.parametrize("verb", ["evaluate", "replay"])
-def test_help_names_every_driver(
-    verb: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("COLUMNS", "300")
-    with pytest.raises(SystemExit):
-        main([verb, "--help"])
-    words = capsys.readouterr().out.replace(",", " ").split()
-    assert {*RULE_DRIVERS, "pretrained"} <= set(words)
 
 
 def test_the_planner_and_learned_drivers_are_no_baselines() -> None:

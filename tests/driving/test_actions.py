@@ -49,21 +49,6 @@ def test_a_number_and_a_pair_are_the_same_decision() -> None:
     assert Action(Lateral.LEFT, Longitudinal.ACCELERATE).number == 9
 
 
-@pytest.mark.parametrize(
-    ("longitudinal", "acceleration"),
-    [
-        (Longitudinal.MAINTAIN, 0.0),
-        (Longitudinal.ACCELERATE, 2.0),
-        (Longitudinal.BRAKE, -2.0),
-        (Longitudinal.HARD_BRAKE, -4.0),
-    ],
-)
-def test_accelerations_are_those_of_the_paper(
-    longitudinal: Longitudinal, acceleration: float
-) -> None:
-    assert longitudinal.acceleration_m_s2(EgoConfig()) == acceleration
-
-
 def test_accelerations_follow_the_config() -> None:
     ego = EgoConfig(accelerate_m_s2=1.0, brake_m_s2=3.0, hard_brake_m_s2=8.0)
     assert [how.acceleration_m_s2(ego) for how in Longitudinal] == [0.0, 1.0, -3.0, -8.0]

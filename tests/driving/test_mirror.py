@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from worlds import LEFT, RIGHT, ROAD, ahead, behind, scene, scenes
+from worlds import ROAD, scenes
 
 from drl_av.config import EgoConfig, ObservationConfig, SafetyConfig, SimulationConfig
-from drl_av.driving.actions import ACTIONS, Action, Lateral
+from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import INDICATORS, ObservationScale, compute_affordances
 from drl_av.driving.maneuver import plan
-from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
+from drl_av.driving.mirror import MIRROR
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.safety.paper import paper
 from drl_av.traffic.road import Road
@@ -77,14 +77,6 @@ def test_indicators_change_places_by_name_and_lateral_ones_their_sign() -> None:
         assert MIRROR.observation_sign[place] == (-1 if name.endswith("_y") else 1)
 
 
-def test_a_slow_vehicle_at_the_left_becomes_one_at_the_right() -> None:
-    scale = ObservationScale(ObservationConfig(), 30.0, ROAD)
-    left = scene(ahead(30, LEFT, 10.0, v_y=-0.76), behind(12, RIGHT), y_m=4.56, v_y=0.76)
-    right = scene(ahead(30, RIGHT, 10.0, v_y=0.76), behind(12, LEFT), y_m=3.04, v_y=-0.76)
-    affordances = scale(left.affordances.vector())
-    assert in_the_mirror(affordances) == pytest.approx(scale(right.affordances.vector()), abs=1e-6)
-
-
 @given(scenes())
 def test_a_mirrored_snapshot_gives_the_mirrored_observation(world: Scene) -> None:
     scale = ObservationScale(ObservationConfig(), 30.0, ROAD)
@@ -111,22 +103,3 @@ def test_a_plan_moves_alike_in_the_mirror(world: Scene, action: Action) -> None:
         assert other.lateral_speed_m_s == pytest.approx(-command.lateral_speed_m_s)
         assert other.speed_m_s == command.speed_m_s
     assert (here.lane_change is None) is (there.lane_change is None)
-
-
-def test_keeping_the_lane_is_its_own_mirror_image() -> None:
-    kept = [action for action in ACTIONS if mirrored_action(action) == action]
-    assert kept == [action for action in ACTIONS if action.lateral is Lateral.KEEP]
-
-
-def test_a_gap_at_the_right_is_at_the_left_and_the_rightmost_lane_becomes_the_leftmost() -> None:
-    # three indicators: gap right, gap left, own y from the middle of the road
-    tiny = Mirror(np.array([1, 0, 2]), np.array([1, 1, -1], np.float32), np.array([0, 2, 1]))
-    s = np.array([0.3, 0.7, -1.0], np.float32)
-    assert mirrored_observations(s, tiny).tolist() == np.array([0.7, 0.3, 1.0], np.float32).tolist()
-
-
-def test_the_mirror_of_the_mirror_is_the_highway_itself() -> None:
-    s = np.random.default_rng(0).standard_normal((4, 27)).astype(np.float32)
-    once = mirrored_observations(s)
-    assert np.array_equal(mirrored_observations(once), s)
-    assert not np.array_equal(once, s)

@@ -71,7 +71,7 @@ def test_info_of_a_step_tells_what_happened(env: HighwayEnv) -> None:
     assert (terminated, truncated) == (False, False)
     assert set(info) == {
         *("proposed_action", "executed_action", "rule", "rewards", "collision", "collided_with"),
-        *("way", "speed_m_s", "indicators", "seed", "vehicles", "exit"),
+        *("way", "speed_m_s", "indicators", "seed", "vehicles"),
     }
     assert (info["proposed_action"], info["seed"], info["vehicles"]) == (1, 3, 5)
     assert set(info["rewards"]) == {"r_v", "r_y", "r_x"}
@@ -96,22 +96,3 @@ def test_info_and_observation_of_a_step_are_not_overwritten_by_the_next(env: Hig
     env.step(HARD_BRAKE)
     assert np.array_equal(observation, kept[0])
     assert np.array_equal(info["indicators"], kept[1])
-
-
-def test_rgb_array_is_a_picture_of_720_rows() -> None:
-    made = HighwayEnv(render_mode="rgb_array")
-    start(made, 10)
-    before = made.render()
-    made.step(1)
-    after = made.render()
-    assert before is not None
-    assert after is not None
-    assert before.shape == after.shape == (720, 1280, 3)
-    assert before.dtype == np.uint8
-    assert not np.array_equal(before, after)
-    made.close()
-
-
-def test_without_a_render_mode_there_is_no_picture(env: HighwayEnv) -> None:
-    start(env, 1)
-    assert env.render() is None

@@ -1,7 +1,6 @@
 """How an episode ends: after its last decision, or with a collision."""
 
 import itertools
-from typing import Any
 
 import pytest
 from drives import KEEP, LEFT, RIGHT, Place, start, until_over, y_m
@@ -12,18 +11,6 @@ from drl_av.traffic.scenario import PlacedVehicle
 from drl_av.traffic.snapshot import CollisionKind
 
 
-def test_an_episode_is_truncated_after_200_decisions(env: HighwayEnv) -> None:
-    start(env, 0)
-    for decision in range(1, 201):
-        _, _, terminated, truncated, _ = env.step(KEEP)
-        assert not terminated
-        assert truncated is (decision == 200)
-
-
-def collided(info: dict[str, Any]) -> tuple[CollisionKind, str]:
-    return CollisionKind(info["collision"]), info["collided_with"]
-
-
 def test_the_number_of_decisions_starts_at_0_in_each_episode() -> None:
     made = HighwayEnv(config=Config().updated("simulation", decisions_per_episode=3))
     for _ in range(2):
@@ -32,56 +19,57 @@ def test_the_number_of_decisions_starts_at_0_in_each_episode() -> None:
     made.close()
 
 
-def test_ego_at_30_m_s_rear_ends_one_at_5(place: Place) -> None:
-    made = place(
-        PlacedVehicle("ego", 1, 50.0, 30.0, 30.0), PlacedVehicle("slow", 1, 130.0, 5.0, 5.0)
-    )
-    made.reset(seed=0)
-    info = until_over(made, KEEP)
-    assert collided(info) == (CollisionKind.HIT_AHEAD, "slow")
-    assert CollisionKind(info["collision"]).ego_hit
-    # 75 m at 25 m/s: the third second
-    assert made.decisions == 3
+def driven(position_m: float, speed_m_s: float, lane: int = 1) -> PlacedVehicle:
+    """The ego."""
+    return PlacedVehicle("ego", lane, position_m, speed_m_s, 30.0)
 
 
-def test_ego_standing_is_hit_from_behind(place: Place) -> None:
-    made = place(
-        PlacedVehicle("ego", 1, 100.0, 0.0, 30.0), PlacedVehicle("fast", 1, 88.0, 30.0, 30.0)
-    )
-    made.reset(seed=0)
-    info = until_over(made, KEEP)
-    assert collided(info) == (CollisionKind.HIT_FROM_BEHIND, "fast")
-    assert not CollisionKind(info["collision"]).ego_hit
+def beside(lane: int) -> PlacedVehicle:
+    return PlacedVehicle("other", lane, 102.0, 20.0, 20.0)
 
 
-@pytest.mark.parametrize(("lane", "action"), [(2, LEFT), (0, RIGHT)])
-def test_ego_swipes_the_vehicle_alongside(place: Place, lane: int, action: int) -> None:
-    made = place(
-        PlacedVehicle("ego", 1, 100.0, 20.0, 30.0), PlacedVehicle("beside", lane, 102.0, 20.0, 20.0)
-    )
+@pytest.mark.parametrize(
+    ("ego", "other", "action", "kind", "decisions"),
+    [
+        # 75 m at 25 m/s: the third second
+        (
+            driven(50.0, 30.0),
+            PlacedVehicle("other", 1, 130.0, 5.0, 5.0),
+            *(KEEP, CollisionKind.HIT_AHEAD, 3),
+        ),
+        (
+            driven(100.0, 0.0),
+            PlacedVehicle("other", 1, 88.0, 30.0, 30.0),
+            *(KEEP, CollisionKind.HIT_FROM_BEHIND, 1),
+        ),
+        # 2 m between the bodies at 0.76 m/s: the third second
+        (driven(100.0, 20.0), beside(2), LEFT, CollisionKind.HIT_BESIDE, 3),
+        (driven(100.0, 20.0), beside(0), RIGHT, CollisionKind.HIT_BESIDE, 3),
+        # 1 m from its side to the edge at 0.76 m/s: the second second
+        (driven(100.0, 20.0, 0), None, RIGHT, CollisionKind.HIT_EDGE, 2),
+        (driven(100.0, 20.0, 2), None, LEFT, CollisionKind.HIT_EDGE, 2),
+    ],
+)
+def test_a_collision_ends_the_episode_with_its_kind(
+    place: Place,
+    ego: PlacedVehicle,
+    other: PlacedVehicle | None,
+    action: int,
+    kind: CollisionKind,
+    decisions: int,
+) -> None:
+    made = place(*filter(None, (ego, other)))
     made.reset(seed=0)
     info = until_over(made, action)
-    assert collided(info) == (CollisionKind.HIT_BESIDE, "beside")
-    # 2 m between the bodies at 0.76 m/s: the third second
-    assert made.decisions == 3
-
-
-@pytest.mark.parametrize(("lane", "action"), [(0, RIGHT), (2, LEFT)])
-def test_ego_leaves_the_road(place: Place, lane: int, action: int) -> None:
-    made = place(PlacedVehicle("ego", lane, 100.0, 20.0, 30.0))
-    made.reset(seed=0)
-    info = until_over(made, action)
-    assert collided(info) == (CollisionKind.HIT_EDGE, "")
-    assert CollisionKind(info["collision"]).ego_hit
-    # 1 m from its side to the edge at 0.76 m/s: the second second
-    assert made.decisions == 2
+    assert (info["collision"], info["collided_with"]) == (kind.value, "other" if other else "")
+    assert made.decisions == decisions
 
 
 def test_ego_runs_into_the_barricade(unchecked: HighwayEnv) -> None:
     made = HighwayEnv("barricaded_right_lane", safety_check="permit_all")
     start(made, 0)
     info = until_over(made, RIGHT)
-    assert collided(info) == (CollisionKind.HIT_EDGE, "")
+    assert info["collision"] == CollisionKind.HIT_EDGE.value
     assert y_m(made) > 2.8
     made.close()
 

@@ -12,8 +12,7 @@ from drl_av.drivers.registry import rule_driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.traffic.description import PlacedVehicle
-from drl_av.traffic.exit import ExitDescription
-from drl_av.traffic.off_ramp import OffRamp
+from drl_av.traffic.exit import ExitDescription, OffRamp
 from drl_av.traffic.ramp_to_ramp import RampToRampDescription
 from drl_av.traffic.scenario import write_scenario
 from drl_av.traffic.snapshot import CollisionKind
@@ -54,8 +53,8 @@ def test_ego_drives_on_at_constant_speed_whether_it_takes_the_exit_or_not(
         assert not info["collision"]
         assert snapshot.s_m[0] == pytest.approx(begin_m + 25.0 * env.decisions)
         assert (snapshot.speed_m_s[0], env.scene.affordances.lane) == (25.0, lane)
-        outcome = "taken" if lane == 0 else "missed"
-        assert info["exit"] == ("" if env.decisions == 1 else outcome)  # its front passes in 1.32 s
+        outcome = "exit taken" if lane == 0 else "exit missed"
+        assert info["way"] == ("" if env.decisions == 1 else outcome)  # its front passes in 1.32 s
     # 33 m and 100 m more for its centre, which is 2.5 m behind its front, at 25 m/s
     assert env.decisions == 6
 
@@ -74,7 +73,7 @@ def test_ego_that_has_changed_lanes_before_the_gore_takes_the_exit(placed: Place
         *_, info = env.step(RIGHT if env.decisions == 0 else KEEP)
         assert not info["collision"]
     assert env.scene.snapshot.s_m[0] > 1310.0
-    assert info["exit"] == "taken"
+    assert info["way"] == "exit taken"
 
 
 def test_another_vehicle_placed_in_the_deceleration_lane_takes_the_off_ramp(
@@ -108,4 +107,4 @@ def test_sumo_drives_the_ego_to_its_exit_and_all_others_pass_it(scenario: str) -
             assert shot.y_m[1:].min() > 1.9 + 0.9  # in the through lanes as a whole
     assert decision.truncated
     assert shot.s_m[0] >= env.road.end_m
-    assert decision.info["exit"] == "taken"
+    assert decision.info["way"] == "exit taken"

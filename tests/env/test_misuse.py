@@ -55,11 +55,6 @@ def test_copies_and_pickles_drive_the_same_episode() -> None:
         assert np.array_equal(other.reset(seed=5)[0], first)
 
 
-def test_the_config_of_an_environment_names_its_own_scenario(tmp_path: Path) -> None:
-    env = HighwayEnv(scenario="barricaded_right_lane", config=SHORT)
-    assert env.config.simulation.scenario == "barricaded_right_lane"
-
-
 def test_results_name_the_check_that_was_handed_in() -> None:
     env = HighwayEnv(config=SHORT, safety_check=permit_all)
     assert env.check_name == "permit_all"

@@ -17,7 +17,7 @@ from drl_av.drawing.film import Film
 from drl_av.drivers.registry import rule_driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.errors import ConfigError, RecordingError
+from drl_av.errors import ConfigError, RecordingError, ScenarioError
 from drl_av.evaluation.recording import load_recording
 from drl_av.evaluation.replay import Page, ReplaySession, replay_session, watcher_of
 from drl_av.traffic.description import PlacedVehicle
@@ -25,6 +25,7 @@ from drl_av.traffic.kinds import KINDS
 from drl_av.traffic.merge import MergeDescription
 from drl_av.traffic.scenario import write_scenario
 from drl_av.traffic.snapshot import CollisionKind
+from drl_av.traffic.straight import StraightDescription
 
 EGO = PlacedVehicle("ego", 0, 639.0, 20.0, 30.0)
 STRICT = Config().updated("safety", check="strict")
@@ -186,7 +187,7 @@ def test_environments_have_names_and_pass_gymnasiums_check(name: str, way: list[
         observation, info = env.reset(seed=2, options={"vehicles": 30})
         assert observation[27] == 1.0  # the end of the ego's lane is out of range
         assert observation[28:] == pytest.approx(way)
-        assert info["exit"] == ""
+        assert info["way"] == ""
 
 
 def test_the_distance_to_the_end_of_the_lane_is_observed(unchecked: HighwayEnv) -> None:
@@ -195,6 +196,17 @@ def test_the_distance_to_the_end_of_the_lane_is_observed(unchecked: HighwayEnv) 
     ) as env:
         observation, _ = env.reset(seed=0)
         assert observation[27] == pytest.approx(111.0 / 250.0)
+
+
+def test_an_inflow_of_too_many_vehicles_is_refused_with_the_inflow_that_would_do(
+    tmp_path: Path,
+) -> None:
+    write_scenario(tmp_path / "far", StraightDescription(length_m=40_000, lanes=9, flow_per_h=1800))
+    with pytest.raises(ScenarioError, match=r"flow_per_h, 1800, means 9124 .* up to 591, or a sho"):
+        HighwayEnv(tmp_path / "far")
+    most = StraightDescription(length_m=40_000, lanes=9, flow_per_h=591)
+    write_scenario(tmp_path / "less", most)
+    HighwayEnv(tmp_path / "less").close()
 
 
 def test_drivers_of_our_own_are_refused_on_an_open_road() -> None:

@@ -14,7 +14,6 @@ from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.evaluation.replay import ReplaySession, replay_session
-from drl_av.learning.assembly import make_training
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
 
 KEEP, ACCELERATE, RIGHT, LEFT = 0, 1, 4, 8
@@ -60,14 +59,6 @@ def test_an_episode_on_the_steering_plant_is_replayed_to_the_last_bit() -> None:
     again, same = replay_session(recording).drive(None)
     assert (again.hash(), same) == (recording.hash(), result)
     assert np.ptp(recording.states[:, 0, 1]) > 0.5
-
-
-def test_a_training_runs_on_the_steering_plant() -> None:
-    env = HighwayEnv(config=SHORT)
-    training = make_training(env)
-    rows = [training.run_episode() for _ in range(2)]
-    env.close()
-    assert [row.episode for row in rows] == [1, 2]
 
 
 @pytest.mark.parametrize(("reference", "gap_m"), [("acc", 22.0), ("idm", 22.72)])

@@ -10,22 +10,21 @@ import subprocess
 import sys
 from collections.abc import Generator, Iterator
 from contextlib import closing
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from drives import RESULT
+from runs import SHORT, run_folder
 
 from drl_av import cli
 from drl_av.config import Config
-from drl_av.drivers.network import QNetwork
 from drl_av.drivers.registry import find_drivers
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
-from drl_av.env.rollout import rollout
-from drl_av.errors import ConfigError, DrlAvError, RunError
+from drl_av.env.metrics import EpisodeResult
+from drl_av.errors import ConfigError, RunError
 from drl_av.evaluation import comparison as module
 from drl_av.evaluation.comparison import Evaluation, drive_all
 from drl_av.evaluation.statistics import (
@@ -35,21 +34,8 @@ from drl_av.evaluation.statistics import (
     summarize,
     write_summaries,
 )
-from drl_av.files import require_writable, write_table
-from drl_av.learning.checkpoint import save_policy
 
 KEEP, LEFT = 0, 8
-SHORT = Config().updated("simulation", decisions_per_episode=10)
-
-
-def run_folder(folder: Path, config: Config = SHORT) -> Path:
-    """A run's folder with an untrained policy."""
-    folder.mkdir(parents=True)
-    units = (config.learning.hidden_units,) * 2
-    save_policy(
-        folder / "policy.safetensors", [QNetwork(np.random.default_rng(3), 27, 12, units)], config
-    )
-    return folder
 
 
 class Spy:
@@ -83,19 +69,6 @@ def test_every_driver_finds_the_same_traffic(env: HighwayEnv) -> None:
     list(drive_all(env, drivers, (0, 12), (4, 5)))
     assert first.starts == second.starts
     assert len({places for _, places in first.starts}) == 4
-
-
-def test_decisions_nearer_than_d_safe_are_counted(env: HighwayEnv) -> None:
-    gaps: list[tuple[float, float]] = []
-
-    metrics = EpisodeMetrics()
-    for decision in rollout(env, IdmDriver(SHORT.safety), 1, 30):
-        metrics.add(decision)
-        affordances = decision.next_scene.affordances
-        front, speed_m_s = affordances.own_front, affordances.ego_speed_m_s
-        gaps.append((math.inf if front is None else front.gap_m, max(1.3 * speed_m_s, 15.0)))
-    near = [gap_m < safe_m for gap_m, safe_m in gaps]
-    assert 0 < metrics.d_safe_violations == sum(near) < len(near) == 10
 
 
 def test_rows_come_by_vehicles_then_seed_then_driver(env: HighwayEnv) -> None:
@@ -209,53 +182,14 @@ def test_summary_counts_hits_and_groups_by_vehicles_driver_and_check() -> None:
     ]
 
 
-def test_table_on_disk_has_the_columns_and_keeps_every_digit(tmp_path: Path) -> None:
-    write_table(tmp_path / "rows.csv", EpisodeResult, [replace(RESULT, mean_speed_m_s=0.1 + 0.2)])
-    with (tmp_path / "rows.csv").open(newline="") as file:
-        [row] = csv.DictReader(file)
-    assert list(row) == list(asdict(RESULT))
-    assert float(row["mean_speed_m_s"]) == 0.1 + 0.2
-    assert (row["min_ttc_s"], row["collided"]) == ("inf", "False")
-
-
-def test_table_that_cannot_be_written_leaves_the_one_before(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "rows.csv"
-    write_table(path, EpisodeResult, [RESULT])
-    before = path.read_bytes()
-
-    def full(descriptor: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(DrlAvError, match=r"rows.csv cannot be written \(No space left"):
-        write_table(path, EpisodeResult, [RESULT, RESULT])
-    assert path.read_bytes() == before
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_place_that_cannot_be_written_to_is_found_before_the_work(tmp_path: Path) -> None:
-    require_writable(tmp_path / "new.csv")
-    assert list(tmp_path.iterdir()) == []
-    with pytest.raises(DrlAvError, match="is a folder"):
-        require_writable(tmp_path)
-    with pytest.raises(DrlAvError, match="No such file or directory"):
-        require_writable(tmp_path / "missing" / "new.csv")
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_and_sigterm_keep_the_rows_so_far(
-    number: signal.Signals,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+def test_ctrl_c_keeps_the_rows_so_far(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     driven = iter(range(100))
 
     def drive(*arguments: object) -> EpisodeResult:
         if next(driven) == 3:
-            signal.raise_signal(number)
+            signal.raise_signal(signal.SIGINT)
         return RESULT
 
     former = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in background jobs

@@ -30,7 +30,7 @@ CHANGE = LaneChange(0, 1)
 
 
 def at(time_s: float, given: Scene) -> Scene:
-    return given._replace(snapshot=replace(given.snapshot, time_s=time_s))
+    return given._replace(snapshot=given.snapshot._replace(time_s=time_s))
 
 
 def measured(*scenes: Scene) -> CriticalityResult:
@@ -112,7 +112,7 @@ def test_only_a_lane_change_forces_the_vehicle_behind_to_brake(
 
 
 def renamed(given: Scene, names: Sequence[str]) -> Scene:
-    return given._replace(snapshot=replace(given.snapshot, ids=("ego", *names)))
+    return given._replace(snapshot=given.snapshot._replace(ids=("ego", *names)))
 
 
 def test_vehicles_are_the_same_by_name_and_not_by_row() -> None:

@@ -13,7 +13,7 @@ from PIL import Image
 from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.drivers.rules import RandomDriver
-from drl_av.errors import DrlAvError, RecordingError
+from drl_av.errors import RecordingError
 from drl_av.evaluation.recording import Recording, load_recording
 from drl_av.evaluation.replay import Pacer, ReplaySession, replay_session
 
@@ -128,11 +128,6 @@ def test_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
     for name in ("array.npy", "text.npz", "objects.npz", "other.npz"):
         with pytest.raises(RecordingError, match="is no recording"):
             load_recording(tmp_path / name)
-
-
-def test_recording_needs_a_folder(recording: Recording, tmp_path: Path) -> None:
-    with pytest.raises(DrlAvError, match="cannot be written"):
-        recording.save(tmp_path / "missing" / "episode.npz")
 
 
 def test_video_is_made_of_a_recording_without_a_screen(

@@ -142,13 +142,6 @@ def test_what_the_table_holds_is_not_trained_again_though_the_folders_are_lost(
     assert [(job.name, job.stop) for job in asked] == [("paper-1", 9), ("paper-2", 9)]
 
 
-def test_a_table_of_other_settings_is_refused_and_left(made: Path) -> None:
-    before = (made / "curves.csv").read_bytes()
-    with pytest.raises(DrlAvError, match=r"made with other settings.*--out"):
-        make(options(made, config=TINY.updated("learning", batch_size=32)))
-    assert (made / "curves.csv").read_bytes() == before
-
-
 def test_rows_of_a_folder_of_other_settings_never_reach_a_table(
     undisturbed: Path, tmp_path: Path
 ) -> None:
@@ -184,26 +177,3 @@ def test_each_training_is_taken_from_the_side_that_got_further(tmp_path: Path) -
     further = table(("paper", 10, 100, "-0.25"), ("paper", 10, 200, "-0.25"))
     assert store.put({"variant": "paper", "seed": "10"}, further)
     assert store.rows == [*two, *further, *table(("permit_all", 2, 100, "-0.5"))]
-
-
-@pytest.mark.parametrize(
-    ("name", "damage"),
-    [
-        ("curves.csv", (b"paper,0,3", b"papr,0,3")),
-        ("curves.csv", (b"paper,0,3", b"paper,0,x")),
-        ("curves.csv", (b"paper,0,3", b"paper,0,6")),
-        ("curves.csv", (b"episode", b"epi\xffode")),
-        ("curves.json", (b'"settings": {', b'"settings": [], "was": {')),
-        ("curves.json", (b'"paper": {', b'"paper": 5, "was": {')),
-    ],
-)
-def test_a_damaged_table_is_refused_in_one_sentence_and_kept(
-    name: str, damage: tuple[bytes, bytes], made: Path
-) -> None:
-    whole = (made / name).read_bytes()
-    spoilt = whole.replace(*damage, 1)
-    assert spoilt != whole
-    (made / name).write_bytes(spoilt)
-    with pytest.raises(DrlAvError, match=r"curves.*(damaged or of .*move them away|is not UTF-8)"):
-        make(options(made))
-    assert (made / name).read_bytes() == spoilt

@@ -165,22 +165,6 @@ def test_reward_figure_has_three_panels_with_their_best_at_the_desired_values(
     assert (tmp_path / "deep" / "reward.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("driver,vehicles\nidm,5\n", "no column 'mean_speed_m_s'"),
-        (HEADER + "idm,five,20\n", "line 2: vehicles is 'five'"),
-    ],
-)
-def test_a_wrong_table_is_refused(
-    tmp_path: Path, text: str, sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "table.csv").write_text(text)
-    assert main(["figures", str(tmp_path / "table.csv"), "--out", str(tmp_path / "out")]) == 1
-    assert sentence in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 def test_check_figure_has_means_over_seeds_and_continues_with_the_longer_one() -> None:
     figure = check_figure(rows_of(CURVES))
     assert figure is not None

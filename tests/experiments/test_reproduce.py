@@ -1,7 +1,5 @@
 """An experiment from outside the package is made, resumed, drawn and refused like the others."""
 
-import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -163,47 +161,6 @@ def test_episodes_of_other_settings_are_not_mixed(made: ReproduceOptions, tmp_pa
     with pytest.raises(DrlAvError, match=r"made with other settings .*--out.*sober\.json away"):
         driven(made._replace(drives=3))
     assert content(made) == before
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [
-        lambda text: "".join(line for line in text.splitlines(True) if "idm,paper,3,0" not in line),
-        lambda text: text + text.splitlines(True)[-1],
-        lambda text: text[:-3],
-        lambda text: text[: text.rindex(",")] + "\n",
-        lambda text: text.replace("idm,paper,1", "mdi,paper,1", 1),
-        lambda text: text.replace("idm,paper,1", "idm,paper,x", 1),
-        lambda text: text.replace("vehicles,seed", "vehicles,sede", 1),
-    ],
-    ids=[
-        *("a row is lost", "a row is there twice", "the last word is cut", "a column is cut"),
-        *("another driver", "no number", "another column"),
-    ],
-)
-def test_a_damaged_table_is_refused_in_one_sentence_and_kept(
-    damage: Callable[[str], str], made: ReproduceOptions
-) -> None:
-    table = made.out / "sober.csv"
-    table.write_text(damage(table.read_text()))
-    before = content(made)
-    for drives in (2, 3):
-        with pytest.raises(
-            DrlAvError, match=r"sober\.csv, (or the file beside it, is damaged|line 9.* put)"
-        ):
-            driven(made._replace(drives=drives))
-    assert content(made) == before
-
-
-@pytest.mark.parametrize("key", ["settings", "wall_time_s"])
-@pytest.mark.parametrize("value", [[1], "", None])
-def test_a_damaged_sidecar_is_refused_before_anything_is_driven(
-    key: str, value: object, made: ReproduceOptions
-) -> None:
-    sidecar = made.out / "sober.json"
-    sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | {key: value}))
-    with pytest.raises(DrlAvError, match="is damaged or of another version"):
-        next(reproduce(SOBER, made._replace(drives=3)))
 
 
 def test_a_table_without_its_sidecar_is_left_alone(made: ReproduceOptions) -> None:

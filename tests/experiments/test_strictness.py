@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from drl_av.errors import DrlAvError
 from drl_av.experiments import strictness
 from drl_av.experiments.experiment import Results, reproduce
 from drl_av.experiments.options import ReproduceOptions
@@ -45,9 +44,3 @@ def test_the_cost_is_paired_by_seed_in_percent_of_the_speed_without() -> None:
     found = change(rows, rows, 5)
     assert found.value == pytest.approx(-4.0)
     assert found.half_width == pytest.approx(0.0)
-
-
-def test_other_seeds_are_not_compared() -> None:
-    rows = drives("paper", 20.0, 30.0) + drives("strict", 19.0)
-    with pytest.raises(DrlAvError, match="not of the same seeds"):
-        change(rows, rows, 5)

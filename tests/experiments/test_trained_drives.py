@@ -1,6 +1,5 @@
 """Drivers trained for an experiment: ``fast`` and the final policies of the learning curves."""
 
-import json
 import shutil
 from pathlib import Path
 
@@ -42,7 +41,8 @@ def make(experiment: Experiment, options: ReproduceOptions) -> list[Progress]:
 
 def trained_for(steps: list[Progress]) -> set[str]:
     """The trainings that were driven, and "training" where any was trained."""
-    return {step.label.partition(",")[0].removeprefix("training ") for step in steps}
+    labels = {step.label.partition(",")[0].removeprefix("training ") for step in steps}
+    return labels - {""}  # a figure
 
 
 def places(options: ReproduceOptions, table: str) -> list[tuple[str, str, str]]:
@@ -58,7 +58,8 @@ def test_fast_is_trained_on_every_seed_and_driven_beside_the_whole_schedule(
     options: ReproduceOptions,
 ) -> None:
     options = options._replace(seeds=2)
-    steps = make(FAST, options)
+    *steps, figure = make(FAST, options)
+    assert figure.line == str(options.out / "whole_schedule.png")
     assert (steps[-1].done, steps[-1].total) == (12, 12)  # three trainings, two densities and seeds
     trainings = ["paper-0", "fast-0", "fast-1"]
     assert places(options, "fast.csv") == cells(*trainings)
@@ -66,6 +67,20 @@ def test_fast_is_trained_on_every_seed_and_driven_beside_the_whole_schedule(
     assert list(facts["policies_sha256"]) == trainings
     assert facts["episodes"] == dict.fromkeys(trainings, 3)
     assert list(facts["wall_time_s"]) == trainings
+
+
+def test_more_drivers_of_the_whole_schedule_join_and_their_rows_stand_before_those_of_fast(
+    options: ReproduceOptions,
+) -> None:
+    make(FAST, options._replace(seeds=1))
+    before = Results(options.out).rows("fast.csv")
+    assert trained_for(make(FAST, options._replace(seeds=1, full_seeds=2))) == {
+        "training",
+        "paper-1",
+    }
+    assert places(options, "fast.csv") == cells("paper-0", "paper-1", "fast-0")
+    rows = Results(options.out).rows("fast.csv")
+    assert [row for row in rows if row["training"] != "paper-1"] == before
 
 
 def test_a_lost_table_is_driven_again_and_nothing_is_trained_again(
@@ -91,7 +106,7 @@ def test_more_trainings_are_trained_alone_and_fewer_lose_nothing(
 ) -> None:
     make(FAST, options._replace(seeds=2))
     shutil.rmtree(options.runs)
-    assert make(FAST, options._replace(seeds=1)) == []
+    assert trained_for(make(FAST, options._replace(seeds=1))) == set()
     assert trained_for(make(FAST, options)) == {"training", "fast-2"}
     assert not (options.runs / "paper-0").exists()
     assert places(options, "fast.csv") == cells("paper-0", "fast-0", "fast-1", "fast-2")
@@ -160,21 +175,3 @@ def test_where_all_trainings_continue_there_is_nothing_to_drive(options: Reprodu
     [step] = make(FINAL_POLICIES, options._replace(full_seeds=3))
     assert step.line == "No training stops at episode 2: final_policies needs more --seeds."
     assert not options.runs.exists()
-
-
-@pytest.mark.parametrize("key", ["settings", "policies_sha256", "episodes", "wall_time_s"])
-def test_a_damaged_sidecar_is_refused_before_anything_is_driven(
-    key: str, options: ReproduceOptions
-) -> None:
-    options = options._replace(variants=("paper",), seeds=2)
-    make(FINAL_POLICIES, options)
-    sidecar = options.out / "final_policies.json"
-    facts, before = (
-        json.loads(sidecar.read_text()),
-        (options.out / "final_policies.csv").read_bytes(),
-    )
-    for value in ([1], "x", None):
-        sidecar.write_text(json.dumps(facts | {key: value}))
-        with pytest.raises(DrlAvError, match="is damaged or of another version"):
-            next(reproduce(FINAL_POLICIES, options._replace(drives=3)))
-    assert (options.out / "final_policies.csv").read_bytes() == before

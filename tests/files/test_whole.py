@@ -31,12 +31,6 @@ def test_a_pipe_is_refused_and_stays_a_pipe(tmp_path: Path) -> None:
     assert pipe.is_fifo()
 
 
-def test_nothing_is_left_beside_the_file(tmp_path: Path) -> None:
-    require_writable(tmp_path / "new.csv")
-    write_whole(tmp_path / "new.csv", b"x")
-    assert [path.name for path in tmp_path.iterdir()] == ["new.csv"]
-
-
 def test_a_link_to_itself_is_written_over(tmp_path: Path) -> None:
     link = tmp_path / "link.csv"
     link.symlink_to(link)

@@ -1,14 +1,13 @@
 """Continuous adaptation: a trained driver drives greedily and learns on, in a run of its own."""
 
 import csv
-import os
 import shutil
 import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
-from runs import KILL, error_message, files_of, interrupted, one_sentence
+from runs import INTERRUPT, KILL, error_message, files_of, interrupted
 
 from drl_av.cli import main
 from drl_av.config import Config, load_config
@@ -198,41 +197,22 @@ def test_a_policy_file_of_another_name_comes_without_the_experience_beside_it(
     assert 0 < len(tensors(out)["buffer.safe.rows"]) <= driven
 
 
-def test_killed_before_and_after_its_first_episodes_it_ends_with_the_same_bytes(
+def test_killed_or_stopped_by_ctrl_c_it_ends_with_the_same_bytes(
     trained: Path, quick: str, adapted: Path
 ) -> None:
     folder = trained.with_name("killed")
     words = command(trained, quick, "killed", "--learning-rate", "1e-3")
+    resumed = ["adapt", "--out", str(folder), "--resume"]
     for moment in ("HighwayEnv, 'step', 7", "run.Run, 'append', 4"):
         ended = interrupted(f"at_call({moment}, {KILL})", words)
         assert ended.returncode == -signal.SIGKILL
-        words = ["adapt", "--out", str(folder), "--resume"]
+        words = resumed
     assert len(rows(folder)) == 3
-    assert main(words) == 0
-    assert files_of(folder) == files_of(adapted)
-
-
-def test_ctrl_c_saves_and_says_how_to_go_on(
-    trained: Path,
-    quick: str,
-    adapted: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
-    folder, step, calls = trained.with_name("stopped"), HighwayEnv.step, []
-
-    def stopped(env: HighwayEnv, action: int) -> object:
-        calls.append(action)
-        if len(calls) == 20:
-            os.kill(os.getpid(), signal.SIGINT)
-        return step(env, action)
-
-    monkeypatch.setattr(HighwayEnv, "step", stopped)
-    assert main(command(trained, quick, "stopped", "--learning-rate", "1e-3")) == 130
-    assert f"continue with: drl-av adapt --out {folder} --resume\n" in capfd.readouterr().err
-    assert len(rows(folder)) == 2
+    ended = interrupted(f"at_call(HighwayEnv, 'step', 2, {INTERRUPT})", words)
+    assert ended.returncode == 130
+    assert f"continue with: drl-av {' '.join(resumed)}\n" in ended.stderr
     # the verb that trains can finish it as well
-    assert main(["train", "--out", str(folder), "--resume"]) == 0
+    assert main(["train", *resumed[1:]]) == 0
     assert files_of(folder) == files_of(adapted)
 
 
@@ -265,18 +245,6 @@ def test_a_policy_that_cannot_be_adapted_is_reported_and_leaves_nothing_behind(
     assert main(["adapt", *words, "--out", "out"]) == 1
     assert message in error_message(capsys)
     assert set(tmp_path.iterdir()) == given
-
-
-def test_a_run_continues_with_as_many_networks_as_it_has(
-    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    more = tmp_path / "more.toml"
-    more.write_text("[learning]\nnetworks = 2\n")
-    assert main(command(trained, str(more), "more")) == 1
-    assert "learning.networks = 1: continue with as many, not 2" in one_sentence(
-        capsys.readouterr().err
-    )
-    assert not trained.with_name("more").exists()
 
 
 def test_a_run_that_is_there_is_not_begun_again_nor_resumed_otherwise(

@@ -95,7 +95,7 @@ def stored_after(
         observation_of=lambda scene: scale(scene.affordances.vector()),
     )
     buffers = TwoBuffers(N, 10, 10, discount=0.9, collision_fraction=0.25)
-    info = {"executed_action": executed.number, "rule": "none", "exit": ""}
+    info = {"executed_action": executed.number, "rule": "none", "way": ""}
     decision = Decision(before, S_T, executed, -0.5, after, S_T, False, False, info)
     store_counterfactuals(buffers, env, decision, others)
     return buffers
@@ -225,7 +225,7 @@ def test_as_many_actions_are_drawn_as_the_settings_say(monkeypatch: pytest.Monke
     env: Any = SimpleNamespace(config=CONFIG.updated("learning", counterfactuals=3))
     buffer = TwoBuffers(N, 10, 10, discount=0.9, collision_fraction=0.25)
     store = StoreCounterfactuals(lambda decision: None, buffer, env, np.random.default_rng(0))
-    now, info = scene(), {"executed_action": 0, "rule": "none", "exit": ""}
+    now, info = scene(), {"executed_action": 0, "rule": "none", "way": ""}
     for _ in range(200):
         store(Decision(now, S_T, ACTIONS[0], -0.5, now, S_T, False, False, info))
     assert {len(others) for others in drawn} == {2, 3}  # the one that was taken may be drawn

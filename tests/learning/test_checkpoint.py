@@ -1,9 +1,4 @@
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
@@ -99,52 +94,10 @@ def test_files_of_another_kind_are_refused(tmp_path):
         load(tmp_path)
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
-def test_a_full_disk_leaves_the_old_checkpoint_alone(saved):
-    unfinished = saved.with_name(f".checkpoint.{os.getpid()}.unfinished.safetensors")
-    unfinished.symlink_to("/dev/full")
-    before = saved.read_bytes()
-    with pytest.raises(CheckpointError, match="No space left on device") as error:
-        save(saved, {"online": np.zeros(9)}, {})
-    assert one_sentence(error)
-    assert saved.read_bytes() == before
-    assert [entry.name for entry in saved.parent.iterdir()] == [saved.name]
-
-
 def test_a_folder_that_is_missing_is_named(tmp_path):
     with pytest.raises(CheckpointError, match="gone/x cannot be written") as error:
         save(tmp_path / "gone" / "x", TENSORS, METADATA)
     assert one_sentence(error)
-
-
-WRITER = """
-import sys, numpy as np
-from pathlib import Path
-from drl_av.learning.checkpoint import save
-path = Path(sys.argv[1])
-for i in range(10**9):
-    save(path, {"x": np.full(200_000, i, np.float32)}, {"i": i})
-    if i == 0:
-        print("ready", flush=True)
-"""
-
-
-def test_a_writer_killed_at_any_moment_leaves_a_whole_checkpoint(tmp_path):
-    path = tmp_path / "checkpoint"
-    for delay_s in (0.0, 0.013, 0.029):
-        writer = subprocess.Popen(
-            [sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True
-        )
-        assert writer.stdout is not None
-        with writer.stdout:
-            assert writer.stdout.readline() == "ready\n"
-            time.sleep(delay_s)
-            writer.send_signal(signal.SIGKILL)
-            writer.wait()
-        tensors, metadata = load(path)
-        assert (tensors["x"] == metadata["i"]).all()
-    save(path, TENSORS, METADATA)
-    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -199,8 +152,8 @@ def test_a_generator_continues_where_it_was(tmp_path):
         restore_rng(twin, {"bit_generator": "MT19937"})
 
 
-@pytest.mark.parametrize("number", [np.nan, np.inf])
-def test_weights_that_are_no_numbers_are_refused(tmp_path, number):
+@pytest.mark.parametrize("number", [np.nan, np.inf, -1e30])
+def test_weights_with_which_the_values_of_actions_overflow_are_refused(tmp_path, number):
     network = QNetwork(np.random.default_rng(0))
     network.layers[1][0][3, 4] = number
     save_policy(tmp_path / "policy.safetensors", [network], preset("paper"))

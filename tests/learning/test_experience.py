@@ -26,8 +26,8 @@ def decision(
     collided: bool = False,
     outcome: str = "",
 ) -> Decision:
-    """A proposal to change to the left, at 20 m/s; ``outcome`` is that of an exit."""
-    info = {"executed_action": executed, "rule": rule, "exit": outcome}
+    """A proposal to change to the left, at 20 m/s; ``outcome`` is that of the way."""
+    info = {"executed_action": executed, "rule": rule, "way": outcome}
     return Decision(ALONE, BEFORE, ACTIONS[LEFT], reward, ALONE, AFTER, collided, False, info)
 
 
@@ -74,10 +74,10 @@ def test_collision_of_an_overruled_proposal_blames_the_executed_action_too() -> 
 
 
 def test_a_missed_exit_is_worth_as_little_as_a_collision_and_a_taken_one_is_no_end() -> None:
-    safe, collision = stored(decision(outcome="missed"))
+    safe, collision = stored(decision(outcome="exit missed"))
     assert (len(safe), len(collision)) == (0, 1)
     assert collision[0, -3:].tolist() == [LEFT, R_COL, 0.0]
-    safe, collision = stored(decision(outcome="taken"))
+    safe, collision = stored(decision(outcome="exit taken"))
     assert (len(safe), len(collision)) == (1, 0)
 
 

@@ -1,41 +1,48 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
-from drl_av.learning.exploration import epsilon_greedy, linear_epsilon
+from drl_av.learning.exploration import ExploringDriver, linear_epsilon
 
-
-@pytest.mark.parametrize(
-    ("episode", "expected"),
-    [(0, 1.0), (3_500, 0.6), (6_999, 0.2), (7_000, 0.2), (9_999, 0.2)],
-)
-def test_papers_schedule_falls_to_a_fifth_over_70_percent_of_10000_episodes(episode, expected):
-    # Over all 10,000 episodes instead, episode 3,500 would have 0.72.
-    assert linear_epsilon(episode, 10_000) == pytest.approx(expected, abs=2e-4)
+UNSEEN: Any = None  # the scene, which exploration does not read
 
 
 def test_schedule_ends_on_its_last_value_exactly():
     assert linear_epsilon(300, 300, start=0.9, end=0.05, fraction=0.5) == 0.05
 
 
-def refuse() -> int:
-    raise AssertionError("the greedy action was asked for")
+class Chooser:
+    """A driver whose greedy action is always the same; without one it must not be asked."""
+
+    def __init__(self, number: int | None = None) -> None:
+        self.number = number
+
+    def start(self, seed: int) -> None:
+        pass
+
+    def act(self, scene: Any, observation: Any) -> Any:
+        raise AssertionError("exploration asks for the greedy action, not for act")
+
+    def greedy(self, s_t: Any) -> int:
+        assert self.number is not None, "the greedy action was asked for"
+        return self.number
+
+
+def taken(epsilon: float, driver: Chooser, decisions: int) -> list[int]:
+    explorer = ExploringDriver(driver, np.random.default_rng(0))
+    explorer.epsilon = epsilon
+    s_t: Any = np.zeros(27, np.float32)
+    return [explorer.act(UNSEEN, s_t).number for _ in range(decisions)]
 
 
 def test_epsilon_one_takes_every_action_equally_and_never_asks_the_network():
-    rng = np.random.default_rng(0)
-    taken = [epsilon_greedy(1.0, 12, refuse, rng) for _ in range(12_000)]
-    counts = np.bincount(taken, minlength=12)
+    counts = np.bincount(taken(1.0, Chooser(), 12_000), minlength=12)
     assert len(counts) == 12
     assert counts.min() > 850
     assert counts.max() < 1150
 
 
-def test_epsilon_zero_is_greedy():
-    rng = np.random.default_rng(0)
-    assert {epsilon_greedy(0.0, 12, lambda: 7, rng) for _ in range(1_000)} == {7}
-
-
 def test_epsilon_a_fifth_explores_a_fifth_of_the_time():
-    rng = np.random.default_rng(0)
-    taken = [epsilon_greedy(0.2, 2, lambda: 5, rng) for _ in range(10_000)]
-    assert np.mean(np.array(taken) != 5) == pytest.approx(0.2, abs=0.02)
+    explored = np.mean(np.array(taken(0.2, Chooser(5), 10_000)) != 5)
+    assert explored == pytest.approx(0.2 * 11 / 12, abs=0.02)  # 1 of 12 random actions is action 5

@@ -42,12 +42,6 @@ def test_fractions_fall_into_slots_laid_end_to_end():
     assert probability.tolist() == [0.25, 0.25, 0.5, 0.5, 0.25, 0.25]
 
 
-def test_the_last_of_several_weights_of_one_slot_stays():
-    tree = SumTree(10)
-    tree.set(np.array([4, 7, 4]), np.array([9.0, 3.0, 1.0]))
-    assert tree.find(np.array([0.5]))[1].tolist() == [0.75]
-
-
 updates = st.lists(
     st.lists(st.tuples(st.integers(0, 149), st.integers(0, 2**20)), min_size=1, max_size=9),
     min_size=1,
@@ -146,15 +140,6 @@ def test_a_row_comes_with_its_own_slot_and_the_weight_of_its_priority():
     # beta = 0.4 + 0.6 / 2 = 0.7; six times as often, 6^-0.7 the weight.
     assert batch.weights[batch.slots == 2] == pytest.approx(6**-0.7, rel=1e-5)
     assert batch.weights[batch.slots != 2] == pytest.approx(1.0)
-
-
-def test_beta_rises_linearly_to_one():
-    buffer = prioritized()
-    found = []
-    for progress in (0.0, 0.25, 1.0):
-        buffer.anneal(progress)
-        found.append(buffer.importance_exponent)
-    assert found == pytest.approx([0.4, 0.55, 1.0])
 
 
 def test_priority_exponent_zero_is_uniform():

@@ -75,7 +75,6 @@ class ScriptedEnv:
             "collision": HIT.kind.value if terminated else "",
             "collided_with": HIT.other if terminated else "",
             "vehicles": 3,
-            "exit": "",
             "way": "",
         }
         return observed(self.t), reward, terminated, self.t == len(self.script), info

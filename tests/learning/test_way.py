@@ -58,15 +58,6 @@ def test_it_decides_alike_on_both_sides(run: Path) -> None:
         assert reflected == mirror.action_permutation[driver.greedy(s)]
 
 
-def test_continued_it_becomes_what_it_would_have_become(run: Path, tmp_path: Path) -> None:
-    (tmp_path / "short.toml").write_text(SHORT)
-    words = ["--preset", "fast-exit", "--config", str(tmp_path / "short.toml")]
-    again = tmp_path / "again"
-    assert main(["train", "--out", str(again), *words]) == 0
-    for name in ("episodes.csv", "evaluations.csv", "policy.safetensors"):
-        assert (again / name).read_bytes() == (run / name).read_bytes()
-
-
 def test_it_drives_on_its_own_road_and_nobody_elses_observation_fits(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

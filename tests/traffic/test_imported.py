@@ -2,7 +2,6 @@
 
 import gzip
 import math
-import subprocess
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,13 +9,13 @@ from typing import Any
 
 import pytest
 from nets import A10, EAST, WEST, Part, along, chain, east
+from plain_sumo import run_sumo, states
 
 from drl_av.cli import main
 from drl_av.errors import ScenarioError
 from drl_av.traffic import net_route
 from drl_av.traffic.description import PlacedVehicle
 from drl_av.traffic.imported import ImportedDescription
-from drl_av.traffic.network import program
 from drl_av.traffic.road import PartialLane
 from drl_av.traffic.scenario import load_scenario, read_description, write_scenario
 
@@ -83,20 +82,13 @@ def test_plain_sumo_drives_the_same_distance_with_and_without_the_lanes_inside_j
     )
     for net in (A10, a10 / "highway.net.xml"):
         trips = tmp_path / "trips.xml"
-        words = ["-n", net, "-r", routes, "--tripinfo-output", trips, "--no-step-log"]
-        subprocess.run([program("netconvert").with_name("sumo"), *words], check=True)
+        run_sumo("-n", net, "-r", routes, "--tripinfo-output", trips)
         driven += [float(trip.attrib["routeLength"]) for trip in ET.parse(trips).iter("tripinfo")]
     assert driven == pytest.approx([2766.48, 2766.48], abs=0.1)
 
 
-def test_plain_sumo_opens_the_road_and_obeys_its_speed_limit(a10: Path, tmp_path: Path) -> None:
-    sumo, states = program("netconvert").with_name("sumo"), tmp_path / "states.xml"
-    words = ["-c", a10 / "highway.sumocfg", "--end", "300", "--no-step-log"]
-    done = subprocess.run(
-        [sumo, *words, "--fcd-output", states], capture_output=True, text=True, check=True
-    )
-    assert done.stderr == ""
-    vehicles = [vehicle.attrib for moment in ET.parse(states).getroot() for vehicle in moment]
+def test_plain_sumo_opens_the_road_and_obeys_its_speed_limit(a10: Path) -> None:
+    vehicles = [vehicle.attrib for moment in states(a10, 300) for vehicle in moment]
     assert "ego" in {vehicle["id"] for vehicle in vehicles}
     assert len({vehicle["id"] for vehicle in vehicles}) > 100
     assert {vehicle["lane"].rpartition("_")[0] for vehicle in vehicles} >= {"264308376.beyond"}

@@ -84,9 +84,15 @@ def test_more_vehicles_than_fit_are_refused() -> None:
     assert most == 3 * 184  # 2,395 m in berths of 13 m
     draw(most - 1, 0)
     with pytest.raises(
-        ScenarioError, match=f"room for {most - 1} vehicles besides the ego on its 3 lanes, "
+        ScenarioError,
+        match=f"takes {most - 1} vehicles besides the ego on its 3 lanes, not {most}: ",
     ):
         draw(most, 0)
+
+
+def test_an_open_road_takes_at_most_3000_vehicles_however_long_it_is() -> None:
+    # SUMO needs some 10 s a step for 3,000 vehicles on three lanes, minutes for 9,000
+    assert open_capacity(STRAIGHT._replace(span_m=40_000.0), LENGTH_M, 8.0) == 3000
 
 
 def inflow(vehicles: int = 100, seed: int = 0) -> Inflow:

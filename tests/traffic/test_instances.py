@@ -4,7 +4,6 @@ import gc
 import multiprocessing
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +15,7 @@ from pathlib import Path
 import libsumo
 import pytest
 import traci
+from programs import python
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
@@ -225,14 +225,7 @@ envs[2].reset(seed=1)
 
 def test_a_killed_process_leaves_no_copy_behind(tmp_path: Path) -> None:
     before = {*INSTALLED.iterdir()}
-    ended = subprocess.run(
-        [sys.executable, "-c", KILLED],
-        env=os.environ | {"TMPDIR": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+    ended = python("-c", KILLED, TMPDIR=str(tmp_path))
     assert (ended.returncode, ended.stdout) == (-signal.SIGKILL, "driving\n"), ended.stderr
     assert [*tmp_path.iterdir()] == []
     assert {*INSTALLED.iterdir()} == before
@@ -296,13 +289,7 @@ first.step(0)
 
 @pytest.mark.parametrize("reason", ["RTLD_GLOBAL", "the copy is not independent"])
 def test_a_copy_that_would_share_the_variables_is_refused(reason: str, tmp_path: Path) -> None:
-    ended = subprocess.run(
-        [sys.executable, "-c", SHARED, reason, str(tmp_path / "_libsumo.so")],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+    ended = python("-c", SHARED, reason, tmp_path / "_libsumo.so")
     assert ended.returncode == 0, ended.stderr
     assert reason in ended.stdout
 

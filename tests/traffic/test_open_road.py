@@ -141,9 +141,3 @@ def test_the_way_from_ramp_to_ramp_demands_a_change_to_the_left_and_back() -> No
     assert road.mandatory_change(0, 500.0) == (1, 300.0)
     assert road.mandatory_change(2, 500.0) == (-2, 650.0)
     assert road.mandatory_change(0, 1000.0) == (0, math.inf)
-
-
-def test_an_exit_is_taken_in_lane_0_and_missed_in_another_once_it_is_passed() -> None:
-    found = [LEAVE.exit_outcome(lane, s_m) for s_m in (1149.9, 1150.0) for lane in (0, 1)]
-    assert found == ["", "", "taken", "missed"]
-    assert EXIT.exit_outcome(0, 1400.0) == ""  # an exit that is not on the ego's way

@@ -1,13 +1,13 @@
 """Open roads as scenario folders, with the real netconvert and the real SUMO."""
 
 import math
-import subprocess
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+from plain_sumo import states, trips
 
 from drl_av.cli import main
 from drl_av.config import Config
@@ -18,7 +18,6 @@ from drl_av.traffic.description import PlacedVehicle
 from drl_av.traffic.exit import ExitDescription
 from drl_av.traffic.fleet import Fleet
 from drl_av.traffic.merge import MergeDescription
-from drl_av.traffic.network import program
 from drl_av.traffic.open_road import OpenDescription, OpenPlan, open_kind
 from drl_av.traffic.road import PartialLane
 from drl_av.traffic.scenario import find_scenario, load_scenario, write_scenario
@@ -105,15 +104,9 @@ def test_ramp_to_ramp_has_both_ramps_1000_m_apart(folder: Callable[[str], Path])
 
 @pytest.mark.parametrize("kind", ["exit", "ramp_to_ramp"])
 def test_plain_sumo_s_ego_leaves_by_the_exit_and_no_other_vehicle_does(
-    kind: str, folder: Callable[[str], Path], tmp_path: Path
+    kind: str, folder: Callable[[str], Path]
 ) -> None:
-    sumo, trips = program("netconvert").with_name("sumo"), tmp_path / "trips.xml"
-    arguments = ["-c", folder(kind) / "highway.sumocfg", "--end", "300", "--no-step-log"]
-    subprocess.run([sumo, *arguments, "--tripinfo-output", str(trips)], check=True)
-    arrived = {
-        trip.attrib["id"]: trip.attrib["arrivalLane"]
-        for trip in ET.parse(trips).getroot().iter("tripinfo")
-    }
+    arrived = {trip["id"]: trip["arrivalLane"] for trip in trips(folder(kind), 300)}
     assert arrived.pop("ego") == "off_ramp_0"
     assert set(arrived.values()) == {"after_0", "after_1", "after_2"}
 
@@ -131,15 +124,9 @@ def test_straight_leads_the_ego_2_km_from_where_followers_in_range_are_on_the_ro
 
 @pytest.mark.parametrize("kind", OPEN_KINDS)
 def test_plain_sumo_opens_an_open_road_and_its_vehicles_drive_through(
-    kind: str, folder: Callable[[str], Path], tmp_path: Path
+    kind: str, folder: Callable[[str], Path]
 ) -> None:
-    sumo, trips = program("netconvert").with_name("sumo"), tmp_path / "trips.xml"
-    arguments = ["-c", folder(kind) / "highway.sumocfg", "--end", "400", "--no-step-log"]
-    arguments += ["--tripinfo-output", str(trips)]
-    done = subprocess.run([sumo, *arguments], capture_output=True, text=True, check=False)
-    assert done.returncode == 0
-    assert done.stderr == ""
-    left = [trip.attrib for trip in ET.parse(trips).getroot().iter("tripinfo")]
+    left = trips(folder(kind), 400)
     assert "ego" in {trip["id"] for trip in left}
     assert len(left) > 100
 
@@ -151,13 +138,7 @@ def test_vehicles_placed_on_an_open_road_are_its_demo_traffic_in_plain_sumo(tmp_
         PlacedVehicle("eager", 0, 600.0, 30.0, 20.0),
     )
     write_scenario(tmp_path / "story", MergeDescription(vehicles=placed, speed_limit_m_s=60.0))
-    sumo, states = program("netconvert").with_name("sumo"), tmp_path / "states.xml"
-    words = ["-c", tmp_path / "story" / "highway.sumocfg", "--end", "100", "--no-step-log"]
-    done = subprocess.run(
-        [sumo, *words, "--fcd-output", states], capture_output=True, text=True, check=True
-    )
-    assert done.stderr == ""
-    first, *rest = ET.parse(states).getroot()
+    first, *rest = states(tmp_path / "story", 100)
     shown = {v.attrib["id"]: [v.attrib[k] for k in ("lane", "pos", "speed")] for v in first}
     assert shown == {
         "ego": ["ramp_0", "25.00", "45.00"],  # the ramp begins at 395 m
@@ -173,13 +154,7 @@ def test_the_inflow_of_plain_sumo_drives_as_fast_as_the_environment_s_traffic(
     # the mean of 20 to 32 m/s, not the speed limit, at which they hit each other at the ramp
     dense = MergeDescription(lanes=2, flow_per_h=1200.0, ramp_m=50.0)
     write_scenario(tmp_path / "dense", dense)
-    sumo, states = program("netconvert").with_name("sumo"), tmp_path / "states.xml"
-    words = ["-c", tmp_path / "dense" / "highway.sumocfg", "--end", "400", "--no-step-log"]
-    done = subprocess.run(
-        [sumo, *words, "--fcd-output", states], capture_output=True, text=True, check=True
-    )
-    assert done.stderr == ""
-    vehicles = [vehicle.attrib for moment in ET.parse(states).getroot() for vehicle in moment]
+    vehicles = [vehicle.attrib for moment in states(tmp_path / "dense", 400) for vehicle in moment]
     fastest = max(float(each["speed"]) for each in vehicles if each["id"] != "ego")
     assert fastest == pytest.approx(26.0, abs=0.01)
 

@@ -1,6 +1,5 @@
 """Vehicle types of the user's own in a scenario, and scenarios from a TOML file."""
 
-import subprocess
 import xml.etree.ElementTree as ET
 from collections import Counter
 from itertools import islice
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from nets import needed
+from plain_sumo import states
 
 from drl_av.cli import main
 from drl_av.env.highway import HighwayEnv
@@ -17,7 +17,6 @@ from drl_av.errors import ConfigError, ScenarioError
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
 from drl_av.traffic.description_file import from_toml
 from drl_av.traffic.kinds import KINDS
-from drl_av.traffic.network import program
 from drl_av.traffic.own_types import OwnVehicleType, draw_types
 from drl_av.traffic.scenario import load_scenario, write_scenario
 from drl_av.traffic.straight import StraightDescription
@@ -129,15 +128,9 @@ def test_vehicles_that_enter_an_open_road_have_its_types_too(kind: str, tmp_path
     assert driven[0] == driven[2] != driven[1]
 
 
-def departed(folder: Path, tmp_path: Path, seconds: int) -> Counter[str]:
+def departed(folder: Path, seconds: int) -> Counter[str]:
     """The number of vehicles of each type that plain SUMO lets depart in the first seconds."""
-    sumo, states = program("netconvert").with_name("sumo"), tmp_path / "states.xml"
-    words = ["-c", folder / "highway.sumocfg", "--end", str(seconds), "--no-step-log"]
-    done = subprocess.run(
-        [sumo, *words, "--fcd-output", states], capture_output=True, text=True, check=True
-    )
-    assert done.stderr == ""
-    seen = {v.attrib["id"]: v.attrib["type"] for v in ET.parse(states).iter("vehicle")}
+    seen = {v.attrib["id"]: v.attrib["type"] for v in states(folder, seconds).iter("vehicle")}
     return Counter(seen.values())
 
 
@@ -145,11 +138,11 @@ def test_the_demo_traffic_in_plain_sumo_has_the_own_types_by_their_shares(
     folder: Path, tmp_path: Path
 ) -> None:
     types = {"demo.truck", "demo.taxi", "demo.traffic", "demo.ego"}
-    assert set(departed(folder, tmp_path, 2)) == types
+    assert set(departed(folder, 2)) == types
     description = StraightDescription(vehicle_types=(TRUCK, TAXI))
     write_scenario(tmp_path / "road", description)
     # 1,000 an hour on each of 3 lanes: some 500 in 600 s
-    number = departed(tmp_path / "road", tmp_path, 600)
+    number = departed(tmp_path / "road", 600)
     others = number.total() - number["ego"]
     assert others > 400
     assert number["demo.truck"] / others == pytest.approx(0.3, abs=0.05)
@@ -172,14 +165,14 @@ def test_a_demo_truck_is_the_environments_truck_with_mean_parameters(folder: Pat
 def test_types_that_make_up_all_traffic_leave_none_of_the_usual_one(tmp_path: Path) -> None:
     bus = OwnVehicleType("demo", 1.0, 12.0, 2.5)
     write_scenario(tmp_path / "buses", ScenarioDescription(vehicle_types=(bus,)))
-    assert set(departed(tmp_path / "buses", tmp_path, 2)) == {"demo.demo", "ego"}
+    assert set(departed(tmp_path / "buses", 2)) == {"demo.demo", "ego"}
 
 
 def test_vehicles_of_25_m_on_a_loop_of_100_m_have_demo_traffic_too(tmp_path: Path) -> None:
     write_scenario(
         tmp_path / "short", ScenarioDescription(circumference_m=100.0, vehicle_length_m=25.0)
     )
-    assert departed(tmp_path / "short", tmp_path, 2) == {"ego": 1, "demo": 2}
+    assert departed(tmp_path / "short", 2) == {"ego": 1, "demo": 2}
 
 
 def test_strict_accepts_another_size_and_refuses_another_model(tmp_path: Path) -> None:

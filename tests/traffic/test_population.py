@@ -114,10 +114,6 @@ def test_characters_are_drawn_for_each_from_the_ranges_of_the_config() -> None:
     assert population.desired_speed_m_s[0] == 30.0
 
 
-def test_no_vehicle_changes_lanes_for_speed_by_default() -> None:
-    assert not draw(30).speed_gain.any()
-
-
 def test_a_seed_draws_the_same_population_and_another_seed_another() -> None:
     same, other = draw(30, 5), draw(30, 6)
     assert np.array_equal(draw(30, 5).front_m, same.front_m)
@@ -181,10 +177,6 @@ def shares(
         level_1_share=level_1,
         hard_braking_share=hard_braking,
     )
-
-
-def test_sumo_drives_all_vehicles_by_default() -> None:
-    assert not draw_kinds(0, 31, TRAFFIC).any()
 
 
 @pytest.mark.parametrize(

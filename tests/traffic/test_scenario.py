@@ -3,7 +3,7 @@
 import itertools
 import os
 import re
-import subprocess
+import shutil
 import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from plain_sumo import states
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
@@ -44,12 +45,6 @@ PLACED = ScenarioDescription(
 PLACED_TOML = PLACED.to_toml()
 
 
-def run_sumo(folder: Path, end_s: int, *options: str) -> subprocess.CompletedProcess[str]:
-    program = network.program("netconvert").with_name("sumo")
-    arguments = ["-c", folder / "highway.sumocfg", "--end", str(end_s), "--no-step-log", *options]
-    return subprocess.run([program, *arguments], capture_output=True, text=True, check=False)
-
-
 OPEN = {
     "straight": StraightDescription(),
     "merge": MergeDescription(),
@@ -75,21 +70,13 @@ def test_shipped_scenario_is_regenerated_byte_for_byte(name: str, tmp_path: Path
 def test_shipped_scenario_opens_in_plain_sumo_with_moving_traffic(
     name: str, tmp_path: Path
 ) -> None:
-    trace = tmp_path / "fcd.xml"
-    done = run_sumo(find_scenario(name), 60, "--fcd-output", str(trace))
-    assert done.returncode == 0
-    assert done.stderr == ""
-    steps = ET.parse(trace).getroot().findall("timestep")
-    assert [len(step) for step in steps] == [16] * 120
+    folder = Path(shutil.copytree(find_scenario(name), tmp_path / name))
+    steps = states(folder, 600).findall("timestep")
+    assert [len(step) for step in steps] == [16] * 1200
+    lanes = {vehicle.attrib["lane"][-1] for step in steps for vehicle in step}
+    assert lanes == ({"1", "2"} if name == "barricaded_right_lane" else {"0", "1", "2"})
     assert "ego" in {vehicle.get("id") for vehicle in steps[-1]}
     assert all(float(vehicle.attrib["speed"]) > 10 for vehicle in steps[-1])
-
-
-def test_no_vehicle_drives_on_the_barricaded_lane(tmp_path: Path) -> None:
-    trace = tmp_path / "fcd.xml"
-    run_sumo(find_scenario("barricaded_right_lane"), 600, "--fcd-output", str(trace))
-    lanes = {vehicle.attrib["lane"][-1] for vehicle in ET.parse(trace).getroot().iter("vehicle")}
-    assert lanes == {"1", "2"}
 
 
 def test_barricade_is_drawn_along_the_outer_lane() -> None:
@@ -149,20 +136,10 @@ def test_every_lane_is_exactly_the_circumference_long(
     assert abs(scenario.road.lap_m - circumference_m) < 1e-6
 
 
-def test_network_tells_nothing_about_the_machine_or_the_day() -> None:
-    text = (find_scenario() / "highway.net.xml").read_text()
-    assert text.count("<!--") == 1
-    assert "generated" not in text
-    assert "/tmp" not in text
-
-
 def test_placed_vehicles_start_exactly_where_they_are_put(tmp_path: Path) -> None:
     write_scenario(tmp_path / "scenario", PLACED)
     assert load_scenario(tmp_path / "scenario").description == PLACED
-    trace = tmp_path / "fcd.xml"
-    done = run_sumo(tmp_path / "scenario", 1, "--fcd-output", str(trace), "--precision", "6")
-    assert done.stderr == ""
-    first = ET.parse(trace).getroot()[0]
+    first = states(tmp_path / "scenario", 1, "--precision", "6")[0]
     placed = {v.attrib["id"]: (v.attrib["lane"], float(v.attrib["pos"])) for v in first}
     assert placed == {"ego": ("e0_1", 2.0), "slow": ("e0_1", 124.9)}
 
@@ -277,12 +254,6 @@ def test_road_that_is_not_the_described_loop_is_refused(
     assert str(path) in str(refusal.value)
 
 
-def test_description_of_another_road_is_refused(folder: Path) -> None:
-    (folder / "scenario.toml").write_text(ScenarioDescription(600.0).to_toml())
-    with pytest.raises(ScenarioError, match=r"is 500\.000000 m long, not 600\.000000 m"):
-        load_scenario(folder)
-
-
 def test_junction_lanes_of_a_foreign_network_count_towards_the_loop(
     folder: Path,
 ) -> None:
@@ -323,12 +294,6 @@ def test_empty_folder_is_filled_and_parents_are_made(tmp_path: Path) -> None:
     for place in ("empty", "a/b/new"):
         write_scenario(tmp_path / place, ScenarioDescription())
         assert load_scenario(tmp_path / place).road.lap_m == 500.0
-
-
-def test_folder_that_cannot_be_made_is_reported(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ScenarioError, match="cannot be written"):
-        write_scenario(tmp_path / "file" / "scenario", ScenarioDescription())
 
 
 def fake_netconvert(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
@@ -380,11 +345,6 @@ def test_scenario_is_found_by_name_or_folder(folder: Path) -> None:
     assert find_scenario(str(folder)) == folder
 
 
-def test_unknown_scenario_gets_the_nearest_name() -> None:
-    with pytest.raises(ScenarioError, match=r"did you mean 'circular_three_lane'\?"):
-        find_scenario("circular_tree_lane")
-
-
 def test_wheel_lists_every_package_and_the_scenarios() -> None:
     build = tomllib.loads((CHECKOUT / "pyproject.toml").read_text())["tool"]["setuptools"]
     found = {
@@ -401,9 +361,7 @@ def test_the_demo_traffic_has_the_parameters_of_the_environment_s(tmp_path: Path
         PlacedVehicle("quick", 2, 100.0, 20.0, 29.0),
     )
     write_scenario(tmp_path / "story", ScenarioDescription(vehicles=placed))
-    trace = tmp_path / "fcd.xml"
-    assert run_sumo(tmp_path / "story", 40, "--fcd-output", str(trace)).returncode == 0
-    steps = {float(step.attrib["time"]): step for step in ET.parse(trace).getroot()}
+    steps = {float(step.attrib["time"]): step for step in states(tmp_path / "story", 40)}
     calm = Config().updated("traffic", random_lane_changes_per_s=0.0)
     env = HighwayEnv(tmp_path / "story", "permit_all", calm)
     env.reset(seed=1)
@@ -426,10 +384,7 @@ def test_a_placed_vehicle_starts_at_any_speed_up_to_the_limit_in_plain_sumo_too(
     )
     fast = ScenarioDescription(speed_limit_m_s=100.0, vehicles=placed, circumference_m=5000.0)
     write_scenario(tmp_path / "fast", fast)
-    trace = tmp_path / "fcd.xml"
-    done = run_sumo(tmp_path / "fast", 3, "--fcd-output", str(trace))
-    assert (done.returncode, done.stderr) == (0, "")
-    first = ET.parse(trace).getroot()[1]
+    first = states(tmp_path / "fast", 3)[1]
     speeds = {vehicle.attrib["id"]: float(vehicle.attrib["speed"]) for vehicle in first}
     assert speeds["fastest"] == pytest.approx(100.0, abs=1)
     assert speeds["fast"] == pytest.approx(55.0, abs=1.5)
@@ -454,3 +409,10 @@ def test_a_comment_in_each_xml_file_says_which_program_reads_it(name: str) -> No
         assert "<!-- " in path.read_text().splitlines()[1]
         own = path.name in ("traffic.rou.xml", "highway.sumocfg")
         assert ("drl-av does not read this file" in path.read_text()) is own
+
+
+def test_a_scenario_places_at_most_3000_vehicles() -> None:
+    # each is compared with all others, and SUMO needs minutes for one step of 9,000
+    vehicles = tuple(PlacedVehicle(f"v{n}", 0, 16.0 * n, 20.0, 30.0) for n in range(3001))
+    with pytest.raises(ScenarioError, match=r"places 3001 vehicles, but must place at most 3000\."):
+        ScenarioDescription(circumference_m=50_000.0, vehicles=vehicles)

@@ -11,12 +11,12 @@ import pytest
 from drl_av.config import Config
 from drl_av.errors import ScenarioError
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
+from drl_av.traffic.fleet import Fleet
 from drl_av.traffic.merge import MergeDescription
 from drl_av.traffic.scenario import load_scenario, read_description, write_scenario
 from drl_av.traffic.simulation import Simulation
 from drl_av.traffic.snapshot import Command, Snapshot
 from drl_av.traffic.straight import StraightDescription
-from drl_av.traffic.timed_changes import TimedChanges
 
 EGO = PlacedVehicle("ego", 1, 300.0, 20.0, 30.0)
 MOVER = PlacedVehicle("mover", 2, 400.0, 20.0, 20.0, ((2.0, 1), (12.5, 0)))
@@ -57,12 +57,16 @@ def test_each_episode_has_the_changes_again(tmp_path: Path) -> None:
             assert shot.y_m[2] == pytest.approx(7.6 - 0.76)
 
 
-def test_a_change_is_due_once_from_its_time_on() -> None:
-    changes = TimedChanges(ROAD.vehicles)
-    assert changes.due(1.9) == []
-    assert changes.due(2.0) == [("mover", 1)]
-    assert changes.due(3.0) == []
-    assert changes.due(60.0) == [("mover", 0)]
+def test_a_change_is_due_once_from_its_time_on(tmp_path: Path) -> None:
+    write_scenario(tmp_path / "road", ROAD)
+    config = Config().updated("traffic", random_lane_changes_per_s=0.0)
+    fleet = Fleet(load_scenario(tmp_path / "road"), config)
+    fleet.draw(seed=0, vehicles=2)
+    in_lane_2, in_lane_1 = [3.8, 7.6, 7.6], [3.8, 7.6, 3.8]
+    assert fleet.lane_changes(1.9, in_lane_2) == []
+    assert fleet.lane_changes(2.0, in_lane_2) == [(2, -1)]
+    assert fleet.lane_changes(3.0, in_lane_2) == []
+    assert fleet.lane_changes(60.0, in_lane_1) == [(2, -1)]
 
 
 def test_a_placed_vehicle_leaves_an_open_road_250_m_beyond_its_end(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from drl_av.config import Config
+from drl_av.drivers.registry import default_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.traffic.scenario import (
@@ -171,6 +172,18 @@ def test_bounds_that_follow_the_types_are_accepted(changed: Change) -> None:
     folder = changed("traffic", decel="9", emergencyDecel="9", maxSpeedLat="1.5", color="1,1,1")
     bounds = {"braking_m_s2": 9.0, "lateral_speed_m_s": 1.5}
     HighwayEnv(folder, config=STRICT.updated("strict", **bounds)).close()
+
+
+def test_a_driver_that_proposes_permitted_actions_asks_the_check_for_the_types_of_the_scenario(
+    changed: Change,
+) -> None:
+    folder, specs = changed("traffic", maxSpeedLat="0.5"), find_drivers(["pretrained-exit"])
+    config = default_config(specs).updated("simulation", scenario=str(folder))
+    narrow = config.updated("strict", lateral_speed_m_s=0.5)  # types as written have 0.76
+    HighwayEnv(config=narrow).close()
+    assert make_drivers(specs, narrow)
+    with pytest.raises(ConfigError, match="maxSpeedLat of the vehicle type traffic must be at mos"):
+        make_drivers(specs, config.updated("strict", lateral_speed_m_s=0.4))
 
 
 def test_settings_of_strict_do_not_decide_who_yields_in_the_traffic() -> None:

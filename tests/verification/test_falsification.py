@@ -13,7 +13,6 @@ from drl_av.driving.actions import Longitudinal
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.safety import named_check
-from drl_av.safety.stopping import stopping_distance
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
 from verification.batch_check import BatchStrict, one_by_one
 from verification.falsification import genes, orders, play, scripted, search
@@ -22,11 +21,6 @@ from verification.families import FAMILIES, PLACED
 from verification.kinematic_simulator import NONE, Mover
 
 STRICT = Config().updated("safety", check="strict")
-
-
-def test_braking_from_10_m_s_at_4_in_steps_of_half_a_second_takes_10_m() -> None:
-    # 8, 6, 4, 2 and 0 m/s, half a second each; v^2 / 2b would be 12.5 m
-    assert stopping_distance(10.0, 4.0, 0.5) == pytest.approx(10.0)
 
 
 @pytest.mark.parametrize("name", SEARCHED)

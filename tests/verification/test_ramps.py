@@ -7,8 +7,11 @@ from pathlib import Path
 import pytest
 
 from drl_av.config import Config
+from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.registry import rule_driver
 from drl_av.env.highway import HighwayEnv
+from drl_av.traffic.description import PlacedVehicle
+from drl_av.traffic.exit import ExitDescription
 from drl_av.traffic.kinds import KINDS
 from drl_av.traffic.scenario import write_scenario
 from verification.ramps import Trip, drive, interval, line, table, time_lost
@@ -39,8 +42,8 @@ def test_the_table_of_a_page_has_a_row_for_each_line() -> None:
     assert head.startswith("| vehicles/h/lane | driver | episodes | success | ego hits | waited |")
     assert set(rule) <= set("| -")
     assert rows == [
-        "| 900 | `gap-mobil` | 1 | 100.0% (20.7% to 100.0%) | 0 | 100.0% | 4.5 s | 0.0% |",
-        "| 900 | `sumo` | 1 | 100.0% (20.7% to 100.0%) | 0 | 100.0% | unknown | 0.0% |",
+        "| 900 | `gap-mobil` | 1 | 100.0% (20.7% to 100.0%) | 0 | 100.0% | 4.5 s | 0.0% | 0.0% |",
+        "| 900 | `sumo` | 1 | 100.0% (20.7% to 100.0%) | 0 | 100.0% | unknown | 0.0% | 0.0% |",
     ]
 
 
@@ -109,3 +112,24 @@ def test_vehicles_that_pass_the_off_ramp_are_the_flow() -> None:
         idm = rule_driver("idm", config)
         crowded, calm = (drive(env, idm, 3, vehicles).flow_per_h for vehicles in (60, 6))
     assert crowded > 2 * calm > 0
+
+
+def test_braking_behind_an_ego_that_is_far_ahead_and_faster_is_not_forced(tmp_path: Path) -> None:
+    # a slow vehicle in the left lane, which the one behind the ego may not pass on the right
+    slow = PlacedVehicle("slow", 3, 350.0, 17.0, 17.0)
+    assert _outcome(tmp_path, slow, PlacedVehicle("rear", 2, 300.0, 30.0, 30.0)) == (True, False)
+
+
+def test_braking_behind_an_ego_that_cuts_in_is_forced(tmp_path: Path) -> None:
+    assert _outcome(tmp_path, PlacedVehicle("rear", 2, 375.0, 30.0, 30.0)) == (True, True)
+
+
+def _outcome(folder: Path, *others: PlacedVehicle) -> tuple[bool, bool]:
+    """Whether there is braking behind an ego that changes lanes at once, and whether forced."""
+    ego = PlacedVehicle("ego", 3, 400.0, 22.0, 30.0)
+    write_scenario(folder / "placed", ExitDescription(vehicles=(ego, *others)))
+    config = Config().updated("simulation", scenario=str(folder / "placed"))
+    config = config.updated("simulation", decisions_per_episode=8)
+    with closing(HighwayEnv(safety_check="permit_all", config=config)) as env:
+        trip = drive(env, PolicyDriver(lambda observation: 4), 0)
+    return trip.braking_behind, trip.forced

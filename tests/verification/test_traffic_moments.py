@@ -2,11 +2,10 @@
 
 import math
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from programs import python
 from worlds import CENTER, LEFT, RIGHT, ROAD, Car, snapshot
 
 from drl_av.config import Config
@@ -48,14 +47,7 @@ def test_calm_traffic_is_slower_than_people_and_changes_lanes_as_often() -> None
 
 def test_the_command_prints_a_row_a_moment() -> None:
     words = ["--episodes", "1", "--vehicles", "10", "--traffic", "calm", "overtaking"]
-    done = subprocess.run(
-        [sys.executable, "-m", "verification.traffic_moments", *words],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=ROOT,
-    )
-    lines = done.stdout.splitlines()
+    lines = python("-m", "verification.traffic_moments", *words, cwd=ROOT).stdout.splitlines()
     assert lines[0].split() == ["calm", "overtaking", "US", "naturalistic", "highD"]
     assert [line.split()[0] for line in lines[1:-1]] == list(Moments._fields)
     assert re.fullmatch(r" +speed_m_s +\d+\.\d\d[* ] +\d+\.\d\d[* ] +30\.05 +- ", lines[1])

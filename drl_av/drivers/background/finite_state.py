@@ -9,7 +9,7 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import FiniteStateConfig
+from drl_av.config import Config, FiniteStateConfig
 from drl_av.drivers.background.surroundings import FRONT, LEFT, OWN, RIGHT, Surroundings
 from drl_av.drivers.driver import Decisions
 from drl_av.traffic.road import FloatArray
@@ -45,10 +45,7 @@ def finite_state(
 def _longitudinal_states(
     neighbors: Surroundings, states: IntArray, config: FiniteStateConfig
 ) -> IntArray:
-    """Return FOLLOW for each vehicle that is near the one ahead, else CRUISE; shape (R,).
-
-    The switch has a hysteresis: a vehicle needs a larger gap to enter CRUISE than to remain in it.
-    """
+    """Return FOLLOW near the vehicle ahead, else CRUISE, with a hysteresis; shape (R,)."""
     headway_s = np.where(states == State.CRUISE, config.follow_headway_s, config.cruise_headway_s)
     near_m = config.standstill_gap_m + headway_s * neighbors.speed_m_s
     return np.where(neighbors.gap_m[:, OWN, FRONT] < near_m, State.FOLLOW, State.CRUISE)
@@ -57,11 +54,7 @@ def _longitudinal_states(
 def _side(
     neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
 ) -> IntArray:
-    """Return the lane change that each vehicle wants: +1 left, -1 right, 0 none; shape (R,).
-
-    A vehicle that follows a slow leader wants the clear lane with the greater gain in speed. The
-    gain must be at least ``config.worthwhile_gain_m_s``. If both gains are equal, it wants left.
-    """
+    """Return the lane change that each vehicle wants: +1 left, -1 right, 0 none; shape (R,)."""
     leader_m_s = neighbors.speed_m_s + neighbors.relative_speed_m_s[:, OWN, FRONT]
     held_up = (states == State.FOLLOW) & (leader_m_s < desired_m_s - config.slow_leader_m_s)
     left, right = (
@@ -83,11 +76,7 @@ def _clear(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> Boo
 
 
 def _gain(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
-    """Return the gain in speed of a change to ``lane``, m/s, shape (R,).
-
-    The gain is the speed of the vehicle ahead in ``lane`` minus the speed of the vehicle ahead in
-    the own lane. It is inf if the gap in ``lane`` is so large that the vehicle would cruise there.
-    """
+    """Return the gain in speed of a change to ``lane``, m/s, shape (R,); inf if it is free."""
     far_m = config.standstill_gap_m + config.cruise_headway_s * neighbors.speed_m_s
     speed = neighbors.relative_speed_m_s
     faster_m_s = speed[:, lane, FRONT] - speed[:, OWN, FRONT]
@@ -97,11 +86,7 @@ def _gain(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> Floa
 def _acceleration(
     neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
 ) -> FloatArray:
-    """Return the acceleration of each vehicle, m/s^2, shape (R,), within the limits of ``config``.
-
-    It is the smallest of those that the desired speed and the leaders demand. The leaders are the
-    vehicles ahead in the own lane and in the lane that a lane change enters.
-    """
+    """Return the smallest acceleration that the desired speed and the leaders demand, (R,)."""
     free = config.speed_gain_per_s * (desired_m_s - neighbors.speed_m_s)
     own = np.where(states == State.CRUISE, np.inf, _behind(neighbors, OWN, config))
     leaning = np.sign(neighbors.off_center_m) * (states == State.LANE_CHANGE)
@@ -113,11 +98,37 @@ def _acceleration(
 
 
 def _behind(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
-    """Return the acceleration that keeps the headway to the vehicle ahead in ``lane``, m/s^2.
-
-    The shape is (R,). The acceleration is inf if no vehicle ahead is in range.
-    """
+    """Return the acceleration that keeps the headway in ``lane``, m/s^2, (R,); inf if free."""
     kept_m = config.standstill_gap_m + config.headway_s * neighbors.speed_m_s
     to_spare_m = neighbors.gap_m[:, lane, FRONT] - kept_m
     closing_m_s = -neighbors.relative_speed_m_s[:, lane, FRONT]
     return config.gap_gain_per_s2 * to_spare_m - config.speed_gain_per_s * closing_m_s
+
+
+class HardBraking:
+    """Replaces the decisions of vehicles that brake hard.
+
+    At each decision a separate random generator draws which vehicles begin to brake; they brake
+    for ``traffic.hard_brake_s``. ``n`` is the number of rows in a snapshot.
+    """
+
+    def __init__(self, seed: int, n: int, config: Config) -> None:
+        self._rng = np.random.default_rng([seed, 4])
+        self._left = np.zeros(n, dtype=np.intp)
+        self._config = config
+
+    def __call__(self, decisions: Decisions, rows: npt.NDArray[np.intp]) -> Decisions:
+        """Return the decisions; a vehicle that brakes hard keeps its lane.
+
+        ``rows``, shape (R,), holds each vehicle's row index in the snapshot arrays.
+        """
+        traffic, timing = self._config.traffic, self._config.simulation
+        chance = traffic.hard_brakes_per_s * timing.decision_interval_s
+        begins = (self._rng.random(len(rows)) < chance) & (self._left[rows] == 0)
+        left = np.where(begins, traffic.hard_brake_s, self._left[rows])
+        self._left[rows] = np.maximum(left - 1, 0)
+        braking_m_s2 = self._config.finite_state.braking_m_s2
+        return Decisions(
+            np.where(left > 0, -braking_m_s2, decisions.acceleration_m_s2),
+            np.where(left > 0, 0, decisions.side),
+        )

@@ -75,11 +75,7 @@ class Level1:
         return Decisions(self._acceleration_m_s2[best], side)
 
     def _is_clear(self, neighbors: Surroundings, lane: int) -> npt.NDArray[np.bool_]:
-        """Return whether rules 2 and 3 of the check ``paper`` permit to enter ``lane``; shape (R,).
-
-        The rules require that the lane exists, that both gaps in the lane are large enough, and
-        that the gap ahead in the own lane is, too.
-        """
+        """Return whether rules 2 and 3 of ``paper`` permit to enter ``lane``; shape (R,)."""
         gap_m, speed_m_s = neighbors.gap_m, neighbors.relative_speed_m_s
         clear: npt.NDArray[np.bool_] = neighbors.has_lane[:, lane] & lane_change_is_safe(
             Approach(gap_m[:, OWN, FRONT], -speed_m_s[:, OWN, FRONT]),

@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
-from drl_av.drivers.background.finite_state import State, finite_state
-from drl_av.drivers.background.hard_braking import HardBraking
+from drl_av.drivers.background.finite_state import HardBraking, State, finite_state
 from drl_av.drivers.background.level_k import Level1, level_0
 from drl_av.drivers.background.right_of_way import give_way
 from drl_av.drivers.background.surroundings import Surroundings, surroundings
@@ -56,6 +55,8 @@ class TrafficDrivers:
         The commands hold until the next decision.
         """
         traffic_commands: list[TrafficCommand] = []
+        if not self._rows:
+            return traffic_commands
         for kind, rows in self._rows.items():
             acceleration, side = self._drivers[kind](snapshot, rows)
             traffic_commands += map(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drl_av.config import Config
-from drl_av.drivers.background.hard_braking import HardBraking
+from drl_av.drivers.background.finite_state import HardBraking
 from drl_av.drivers.driver import Decisions
 from drl_av.env.highway import HighwayEnv
 

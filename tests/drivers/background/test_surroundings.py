@@ -1,7 +1,5 @@
 """What many vehicles see at once is what the ego would see in the place of each."""
 
-from dataclasses import replace
-
 import numpy as np
 from hypothesis import given
 from worlds import BARRICADED_ROAD, CENTER, LEFT, RIGHT, ROAD, Car, ahead, behind, scenes, snapshot
@@ -19,7 +17,7 @@ def seen_from(shot: Snapshot, row: int) -> Snapshot:
     order = [row, *(other for other in range(len(shot.ids)) if other != row)]
     arrays = ("s_m", "y_m", "speed_m_s", "lateral_speed_m_s", "length_m", "width_m")
     moved = {name: getattr(shot, name)[order] for name in arrays}
-    return replace(shot, ids=tuple(shot.ids[other] for other in order), **moved)
+    return shot._replace(ids=tuple(shot.ids[other] for other in order), **moved)
 
 
 def look(shot: Snapshot, *rows: int, road: Road = ROAD, range_m: float = 250.0) -> Surroundings:

@@ -11,6 +11,7 @@ import z3
 from drl_av.config import Config
 from drl_av.safety.assumptions import AT_LEAST
 from verification import prove as program
+from verification.program import run_program
 from verification.proofs import lemma as machine
 from verification.proofs.argument import argument
 from verification.proofs.following import decision_claims
@@ -27,7 +28,9 @@ def lines_of(settings: str, folder: Path, capsys: Any, monkeypatch: Any) -> tupl
     file = folder / "settings.toml"
     file.write_text(settings)
     monkeypatch.setattr("sys.argv", ["prove", "--config", str(file)])
-    return program.main(), capsys.readouterr()
+    with pytest.raises(SystemExit) as ended:
+        run_program(program.main)
+    return ended.value.code, capsys.readouterr()  # type: ignore[return-value]
 
 
 def test_the_default_settings_are_proved_a_line_a_lemma_in_less_than_a_minute(

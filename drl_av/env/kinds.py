@@ -1,0 +1,45 @@
+"""The kinds of traffic of an environment: a simulation and the background drivers of each."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.drivers.background.level_k import load_level_1
+from drl_av.drivers.background.traffic import TrafficDrivers
+from drl_av.traffic.scenario import Scenario
+from drl_av.traffic.simulation import Simulation
+
+
+class Traffic(NamedTuple):
+    """The traffic of one kind."""
+
+    simulation: Simulation
+    drivers: TrafficDrivers
+
+
+def traffic_of_each_kind(config: Config, scenario: Scenario, gui: bool) -> list[Traffic]:
+    """Return the traffic of each kind that an episode may have; often there is only one.
+
+    Raises the errors of ``Simulation``.
+    """
+    found = []
+    for each in config.of_each_kind:
+        level_1 = load_level_1(scenario.road) if each.traffic.level_1_share else None
+        drivers = TrafficDrivers(each, scenario.road, scenario.vehicle_types, level_1)
+        found.append(Traffic(Simulation(scenario, each, gui), drivers))
+    return found
+
+
+def drawn_traffic(kinds: Sequence[Traffic], seed: int, before: Simulation) -> Traffic:
+    """Draw the traffic of an episode from its seed.
+
+    If it is of another kind than ``before``, the simulation so far, that one ends SUMO and hands on
+    its ``after_step``.
+    """
+    drawn = kinds[int(np.random.default_rng([seed, 5]).integers(len(kinds)))]
+    if drawn.simulation is not before:
+        before.close()
+        drawn.simulation.after_step = before.after_step
+    return drawn

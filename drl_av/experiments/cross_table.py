@@ -1,0 +1,149 @@
+"""Drivers that were trained in one kind of traffic or in all, evaluated in each kind (ours)."""
+
+from collections.abc import Sequence
+
+from drl_av.config import SINGLE_KINDS, Config
+from drl_av.config.presets import preset
+from drl_av.drivers.policy_file import find_policy
+from drl_av.drivers.registry import default_config, find_drivers
+from drl_av.evaluation.statistics import Mean, mean_difference
+from drl_av.experiments.cells import Drives
+from drl_av.experiments.density_sweep import DRIVER
+from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.markdown import (
+    collisions_cell,
+    markdown_table,
+    mean_speed,
+    speeds_by_traffic,
+)
+from drl_av.experiments.options import ReproduceOptions
+from drl_av.experiments.plan import Plan
+from drl_av.experiments.provenance import checksum
+from drl_av.experiments.store import MadeWith
+from drl_av.experiments.training_jobs import TrainingJob
+from drl_av.files import Row
+
+REFERENCE = "gap-mobil"
+"""The driver to which the table compares the others."""
+UNTRAINED = (REFERENCE, "gap-mobil-1.3", "sumo-tuned")
+"""The strongest rule-based driver, and two others (see the experiment ``opponents``)."""
+NAME = "cross_table-"
+"""Beginning of the names of the trained drivers; the kind of traffic of the training follows."""
+TRAINED_IN = ("calm", "naturalistic", "hazards", "all")
+"""The kinds of traffic in which drivers are trained."""
+ORDER = (*UNTRAINED, DRIVER, *(NAME + kind for kind in TRAINED_IN))
+DENSITIES = (10, 15, 20, 25)
+DRIVES = 8
+"""Largest number of episodes of a driver at one density in one kind of traffic."""
+FIRST_SEED = 950_000
+COLUMNS = ("seed", "mean_speed_m_s", "mean_reward", "collided", "ego_hit", "safety_triggers")
+
+
+def trainings(options: ReproduceOptions) -> list[TrainingJob]:
+    """Return a training with the preset ``fast`` in each kind of ``TRAINED_IN``."""
+    config = options.laid_over(preset("fast").updated("learning", evaluate_every=100))
+    stop, every = config.learning.episodes, config.learning.evaluate_every
+    return [
+        TrainingJob(kind, config.with_traffic(kind), stop, options.runs / (NAME + kind), every)
+        for kind in TRAINED_IN
+    ]
+
+
+def cross_table_plan(options: ReproduceOptions) -> Plan:
+    """Plan to evaluate ``UNTRAINED``, the shipped and the trained drivers in each kind of traffic.
+
+    All drive the same traffic seeds.
+    """
+    jobs = trainings(options)
+    [shipped] = find_drivers([DRIVER])
+    config = options.laid_over(default_config([shipped]))
+    drivers: list[tuple[str, str, Config, TrainingJob | None]] = [
+        *((name, name, config, None) for name in (*UNTRAINED, DRIVER)),
+        *((job.name, str(job.folder), job.config, job) for job in jobs),
+    ]
+    cells = [
+        Drives(
+            own.with_traffic(kind),
+            (driver,),
+            vehicles,
+            min(options.drives, DRIVES),
+            COLUMNS,
+            (("driver", name), ("traffic", kind)),
+            job,
+            FIRST_SEED,
+        )
+        for name, driver, own, job in drivers
+        for kind in SINGLE_KINDS
+        for vehicles in DENSITIES
+    ]
+    made_with = MadeWith(
+        {name: own for name, _, own, _ in drivers},
+        {DRIVER: checksum(find_policy(shipped.run))} if shipped.run else {},
+        {job.name: job.stop for job in jobs},
+    )
+    return Plan(made_with, [cells], _place, named="driver")
+
+
+def _place(row: Row) -> tuple[int, int, int, int]:
+    driver, kind = ORDER.index(row["driver"]), SINGLE_KINDS.index(row["traffic"])
+    return driver, kind, DENSITIES.index(int(row["vehicles"])), int(row["seed"])
+
+
+def gains(rows: Sequence[Row], driver: str) -> dict[str, Mean]:
+    """Return a driver's gain over ``REFERENCE`` in each kind of traffic, m/s.
+
+    The gains are paired by traffic, over all densities; they have 95 % intervals. Raises DrlAvError
+    if the two did not drive the same traffic.
+    """
+    found = {}
+    for kind in SINGLE_KINDS:
+        ours, theirs = (speeds_by_traffic(_cell(rows, name, kind)) for name in (driver, REFERENCE))
+        found[kind] = mean_difference(ours, theirs, f"{driver} and {REFERENCE}")
+    return found
+
+
+def gain_table(results: Results) -> str:
+    """Return the Markdown table of the speed of ``REFERENCE``, and of each driver's gain over it.
+
+    The last column names the kind of traffic with the smallest gain.
+    """
+    rows = results.rows(CROSS_TABLE.table)
+    speeds = (mean_speed(_cell(rows, REFERENCE, kind)) for kind in SINGLE_KINDS)
+    lines = [[f"speed of `{REFERENCE}`", *speeds, ""]]
+    for driver in _drivers(rows)[1:]:
+        found = gains(rows, driver)
+        worst = min(found, key=lambda kind: found[kind].value)
+        lines.append([_label(driver), *map(str, found.values()), f"{worst}: {found[worst]}"])
+    return markdown_table(["driver", *SINGLE_KINDS, "worst"], lines)
+
+
+def hits_table(results: Results) -> str:
+    """Return the Markdown table of each driver's collisions in each kind of traffic."""
+    rows = results.rows(CROSS_TABLE.table)
+    lines = [
+        [_label(name), *(collisions_cell(_cell(rows, name, kind)) for kind in SINGLE_KINDS)]
+        for name in _drivers(rows)
+    ]
+    return markdown_table(["driver", *SINGLE_KINDS], lines)
+
+
+def _drivers(rows: Sequence[Row]) -> list[str]:
+    return list(dict.fromkeys(row["driver"] for row in rows))
+
+
+def _cell(rows: Sequence[Row], driver: str, kind: str) -> list[Row]:
+    return [row for row in rows if row["driver"] == driver and row["traffic"] == kind]
+
+
+def _label(driver: str) -> str:
+    kind = driver.removeprefix(NAME)
+    return f"`{driver}`" if kind == driver else f"trained in {kind}"
+
+
+CROSS_TABLE = Experiment(
+    name="cross_table",
+    meaning="drivers trained in three kinds of traffic and in all, evaluated in each kind",
+    row="an episode of a driver in a kind of traffic",
+    plan=cross_table_plan,
+    summaries={"cross_table": gain_table, "cross_table_hits": hits_table},
+)

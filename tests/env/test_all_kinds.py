@@ -1,0 +1,71 @@
+"""Traffic of all kinds: each episode draws one kind, and is the same as in that kind alone."""
+
+import numpy as np
+import pytest
+
+from drl_av.config import SINGLE_KINDS, Config, TrafficConfig
+from drl_av.env.highway import HighwayEnv, Observation
+from drl_av.errors import ConfigError
+from drl_av.safety import assumptions
+from drl_av.traffic.snapshot import Snapshot
+
+ALL = Config().with_traffic("all")
+SEEDS = range(800_000, 800_020)
+
+
+def kind_of(env: HighwayEnv) -> str:
+    simulations = [simulation for simulation, _ in env._kinds]
+    return SINGLE_KINDS[simulations.index(env.simulation)]
+
+
+def driven(env: HighwayEnv, seed: int) -> list[Observation]:
+    observation, _ = env.reset(seed=seed, options={"vehicles": 8})
+    return [observation, *(env.step(0)[0] for _ in range(5))]
+
+
+def test_an_episode_is_one_of_the_kind_that_its_seed_draws() -> None:
+    env, found = HighwayEnv(config=ALL), dict[str, tuple[int, list[Observation]]]()
+    for seed in SEEDS:
+        episode = driven(env, seed)
+        found.setdefault(kind_of(env), (seed, episode))
+    assert set(found) == set(SINGLE_KINDS)
+    for kind, (seed, episode) in found.items():
+        alone = HighwayEnv(config=Config().with_traffic(kind))
+        assert np.array_equal(driven(alone, seed), episode)
+        alone.close()
+    seed, episode = found["naturalistic"]
+    assert np.array_equal(driven(env, seed), episode)  # whatever was driven before
+    env.close()
+
+
+def test_what_watches_the_steps_watches_those_of_the_next_kind() -> None:
+    env = HighwayEnv(config=ALL)
+    shots: list[Snapshot] = []
+    env.simulation.after_step = shots.append
+    before = kind_of(env)
+    kinds = set()
+    for seed in SEEDS[:6]:
+        shots.clear()
+        driven(env, seed)
+        kinds.add(kind_of(env))
+        assert len(shots) == 10
+    assert kinds - {before}
+    env.close()
+
+
+def test_strict_is_refused_if_one_kind_breaks_its_assumptions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    strict = ALL.updated("safety", check="strict")
+    HighwayEnv(config=strict)
+    monkeypatch.setattr(assumptions, "RANDOM_LANE_CHANGES_PER_S", 0.005)  # hazards has 0.01
+    with pytest.raises(ConfigError, match=r"at most 0\.005, and not 0\.01"):
+        HighwayEnv(config=strict)
+
+
+def test_other_settings_beside_all_kinds_are_refused() -> None:
+    few = ALL.updated("traffic", vehicles_max=3)
+    assert {each.traffic.vehicles_max for each in few.of_each_kind} == {3}
+    assert Config().of_each_kind == [Config()]
+    with pytest.raises(ConfigError, match="only vehicles_min and vehicles_max can be set"):
+        TrafficConfig(all_kinds=True, headway_min_s=0.6)

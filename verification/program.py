@@ -1,0 +1,42 @@
+"""What the programs of this folder share: options, bad input in one sentence, and provenance."""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from drl_av.cli.arguments import whole
+from drl_av.cli.status import exit_status
+from drl_av.experiments.provenance import made_by
+
+
+class Program(argparse.ArgumentParser):
+    """The command line of a program, with the docstring of its module as help."""
+
+    def __init__(self, doc: str | None) -> None:
+        super().__init__(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+        self._begun_s = time.monotonic()
+
+    def number(self, name: str, default: int, meaning: str = "", low: int = 1) -> None:
+        """Add an option for a whole number from ``low`` on."""
+        text = f"{meaning} (default: {default})" if meaning else f"default: {default}"
+        self.add_argument(name, type=whole(low), default=default, metavar="N", help=text)
+
+    def some(self, name: str, choices: Iterable[str]) -> None:
+        """Add an option for some of the ``choices``; its default is all of them."""
+        known = list(choices)
+        self.add_argument(name, nargs="+", choices=known, default=known, help="default: all")
+
+    def spent_s(self) -> float:
+        """Return the wall time since the program began, seconds."""
+        return time.monotonic() - self._begun_s
+
+    def made_by(self, before_s: float = 0.0) -> str:
+        """Return what made the results, as ``made_by``; earlier runs took ``before_s`` seconds."""
+        return made_by(before_s + self.spent_s())
+
+
+def run_program(main: Callable[[], int | None]) -> None:
+    """Run a program and exit with its status; bad input and Ctrl-C become one sentence."""
+    sys.exit(exit_status(Path(sys.argv[0]).stem, lambda: main() or 0))
