@@ -30,7 +30,7 @@ from statistics import fmean
 from drl_av.config import Config, MobilConfig
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, default_config, find_drivers, make_drivers
-from drl_av.driving.car_following import idm_acceleration
+from drl_av.driving.car_following import acceleration_behind_ego
 from drl_av.driving.scene import Scene
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
@@ -149,9 +149,7 @@ def _demanded(scene: Scene, name: str, mobil: MobilConfig) -> float:
     seen = scene.affordances
     for rear in map(seen.rear, (0, 1, -1)):
         if rear is not None and scene.snapshot.ids[rear.vehicle] == name:
-            speed_m_s = seen.ego_speed_m_s + rear.relative_speed_m_s
-            closing_m_s = rear.relative_speed_m_s
-            return -idm_acceleration(speed_m_s, math.inf, rear.gap_m, closing_m_s, mobil)
+            return -acceleration_behind_ego(seen, rear, mobil)
     return 0.0
 
 

@@ -5,15 +5,18 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import Config
+from drl_av.config import Config, MobilConfig
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.network import Float32Array, QNetwork, forward
 from drl_av.driving.actions import ACTIONS, Action, Lateral
 from drl_av.driving.affordances import observed_indicators
+from drl_av.driving.car_following import acceleration_behind_ego
 from drl_av.driving.mirror import MIRROR, Mirror, mirror_of, mirrored_observations
 from drl_av.driving.scene import Scene
 from drl_av.safety.check import SafetyCheck, permits
 
+Permission = Callable[[Scene, Action], bool]
+"""A function that says whether a driver may propose an action in a scene."""
 Values = Callable[[Float32Array], Float32Array]
 """A function of an observation, shape (27,), that returns Q(s, .), a new array of shape (12,)."""
 
@@ -63,6 +66,29 @@ def mean_values(members: Sequence[Values]) -> Values:
     return mean if others else first
 
 
+def considerate(check: SafetyCheck, mobil: MobilConfig) -> Permission:
+    """Return the permission of the actions that ``check`` permits and that force nothing behind.
+
+    Beginning a lane change forces the vehicle behind the ego in the new lane if IDM demands that
+    it brakes harder than comfortably. This is the safety criterion of MOBIL (Kesting, Treiber and
+    Helbing 2007) with the comfortable braking as limit.
+    """
+
+    def may_propose(scene: Scene, action: Action) -> bool:
+        return permits(check, scene, action) and not _forces_braking(scene, action, mobil)
+
+    return may_propose
+
+
+def _forces_braking(scene: Scene, action: Action, mobil: MobilConfig) -> bool:
+    sign, affordances = action.lateral.sign, scene.affordances
+    if sign == 0 or scene.lane_change is not None or not affordances.has_lane(sign):
+        return False
+    rear = affordances.rear(sign)
+    limit = -mobil.comfortable_braking_m_s2
+    return rear is not None and acceleration_behind_ego(affordances, rear, mobil) < limit
+
+
 class LearnedDriver(Driver):
     """Chooses the action of the greatest Q-value, with a margin for lane changes (ours).
 
@@ -73,22 +99,22 @@ class LearnedDriver(Driver):
     Args:
         values: The function from an observation to the Q-values.
         lane_change_margin: The margin, a difference of Q-values.
-        check: If given, the driver chooses only among the actions that this safety check permits.
+        permission: If given, the driver chooses only among the actions that it may propose.
     """
 
     def __init__(
-        self, values: Values, lane_change_margin: float = 0.0, check: SafetyCheck | None = None
+        self, values: Values, lane_change_margin: float = 0.0, permission: Permission | None = None
     ) -> None:
         self.values = values
-        self._margin, self._check = lane_change_margin, check
+        self._margin, self._permission = lane_change_margin, permission
 
     def with_margin(self, lane_change_margin: float) -> "LearnedDriver":
-        """Return a driver with the same Q-values and check, and another margin for lane changes."""
-        return LearnedDriver(self.values, lane_change_margin, self._check)
+        """Return a driver with the same Q-values and permission, and another margin."""
+        return LearnedDriver(self.values, lane_change_margin, self._permission)
 
-    def permitted_by(self, check: SafetyCheck) -> "LearnedDriver":
-        """Return a driver that chooses only among the actions that a safety check permits."""
-        return LearnedDriver(self.values, self._margin, check)
+    def limited_to(self, permission: Permission) -> "LearnedDriver":
+        """Return a driver that chooses only among the actions which ``permission`` admits."""
+        return LearnedDriver(self.values, self._margin, permission)
 
     def greedy(self, s_t: Float32Array) -> int:
         """Return the number of the greedy action, argmax_a Q(s_t, a), without the margin.
@@ -100,17 +126,17 @@ class LearnedDriver(Driver):
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the action with the greatest Q(s, a), less the margin for each lane change action.
 
-        The margin is not subtracted while a lane change is in progress. With a check, the maximum
-        is over the permitted actions, or over all actions if the check permits none.
+        The margin is not subtracted while a lane change is in progress. With a permission, the
+        maximum is over the actions that it admits, or over all actions if it admits none.
         """
         values = self.values(observation)
         if scene.lane_change is None:
             values[CHANGES_LANE] -= np.float32(self._margin)
         best = ACTIONS[values.argmax()]
-        if self._check is None:
+        if self._permission is None:
             return best
         ranked = (ACTIONS[number] for number in np.argsort(-values, kind="stable"))
-        return next((one for one in ranked if permits(self._check, scene, one)), best)
+        return next((one for one in ranked if self._permission(scene, one)), best)
 
 
 def learned_driver(networks: Sequence[QNetwork], config: Config) -> LearnedDriver:

@@ -16,7 +16,7 @@ from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory, is_factory
 from drl_av.drivers.gap_mobil import GapMobilDriver
-from drl_av.drivers.learned import LearnedDriver, learned_driver
+from drl_av.drivers.learned import LearnedDriver, considerate, learned_driver
 from drl_av.drivers.mobil import MobilDriver
 from drl_av.drivers.passing import NoPassingOnTheRight
 from drl_av.drivers.planner import PlannerDriver
@@ -183,7 +183,7 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
             continue
         driver, own = learned[name]
         if own.learning.permitted_only:
-            driver = driver.permitted_by(_check(config))
+            driver = driver.limited_to(considerate(_check(config), config.mobil))
         drivers[name] = driver if margin == margins[0] else driver.with_margin(margin)
         if _observed_by(own) != _observed_by(config):
             raise RunError(

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from drl_av.config import EgoConfig, MobilConfig, SimulationConfig
 from drl_av.driving.actions import Longitudinal
-from drl_av.driving.affordances import Affordances
+from drl_av.driving.affordances import Affordances, Neighbor
 
 
 class Idm(NamedTuple):
@@ -46,6 +46,14 @@ def idm_acceleration(
     )
     interaction = (wanted_gap_m / max(gap_m, 0.01)) ** 2
     return config.acceleration_m_s2 * (1 - (speed_m_s / desired_m_s) ** 4 - interaction)
+
+
+def acceleration_behind_ego(
+    affordances: Affordances, rear: Neighbor, config: Idm | MobilConfig
+) -> float:
+    """Return the IDM acceleration of ``rear`` behind the ego, m/s^2, without a desired speed."""
+    speed_m_s = affordances.ego_speed_m_s + rear.relative_speed_m_s
+    return idm_acceleration(speed_m_s, math.inf, rear.gap_m, rear.relative_speed_m_s, config)
 
 
 def acc_acceleration(

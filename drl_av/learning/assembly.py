@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from drl_av.config import OLD_DEFAULTS, Config, LearningConfig, from_toml
-from drl_av.drivers.learned import learned_driver
+from drl_av.drivers.learned import considerate, learned_driver
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.policy_file import load, load_policy
 from drl_av.driving.affordances import observed_indicators
@@ -55,7 +55,7 @@ def make_training(env: HighwayEnv) -> Training:
     )
     driver = learned_driver(networks, env.config)
     if config.permitted_only:
-        driver = driver.permitted_by(env.safety_check)
+        driver = driver.limited_to(considerate(env.safety_check, env.config.mobil))
     return Training(env, driver, learners, buffer, rng, variant)
 
 

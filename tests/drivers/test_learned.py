@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from worlds import ALONE, changing
+from worlds import ALONE, CENTER, LEFT, RIGHT, Car, ahead, behind, changing, scene
 
-from drl_av.config import Config
+from drl_av.config import Config, MobilConfig
 from drl_av.drivers.learned import (
     LearnedDriver,
     Values,
+    considerate,
     learned_driver,
     mean_values,
     mirrored_values,
@@ -77,13 +78,43 @@ def test_a_driver_with_a_check_takes_the_best_action_that_it_permits(refused, ex
         return Verdict(proposed, Rule.NONE)
 
     values = {MAINTAIN: 0.3, ACCELERATE: 0.5, ACCELERATE_LEFT: 0.9}
-    driver = LearnedDriver(stated(values)).permitted_by(check)
+    driver = LearnedDriver(stated(values)).limited_to(considerate(check, MobilConfig()))
     assert driver.act(ALONE, S_T).number == expected
 
 
-def test_the_margin_counts_before_the_check() -> None:
+@pytest.mark.parametrize(
+    ("other", "expected"),
+    [
+        (behind(16.2, LEFT), ACCELERATE_LEFT),
+        (behind(15.9, LEFT), ACCELERATE),
+        (behind(15.9, RIGHT), ACCELERATE_LEFT),  # it is not in the lane that the ego enters
+        (behind(15.9, CENTER), ACCELERATE_LEFT),
+        (ahead(5.0, LEFT), ACCELERATE_LEFT),  # that is for the check to forbid
+        (behind(63.9, LEFT, speed_m_s=28.0), ACCELERATE),
+        (behind(64.4, LEFT, speed_m_s=28.0), ACCELERATE_LEFT),
+    ],
+)
+def test_a_considerate_driver_begins_no_lane_change_that_forces_a_vehicle_to_brake(
+    other: Car, expected: int
+) -> None:
+    # IDM with 1.1 s, 2.5 m, 1.5 and 2 m/s^2 wants 2.5 + 20 * 1.1 = 24.5 m at 20 m/s. It brakes
+    # with 1.5 ((24.5 / gap)^2 - 1) = 2 m/s^2 at 16.04 m. At 28 m/s, 8 m/s faster than the ego, it
+    # wants 2.5 + 30.8 + 28 * 8 / (2 sqrt 3) = 97.96 m, and the limit is at 64.13 m.
+    values = {MAINTAIN: 0.3, ACCELERATE: 0.5, ACCELERATE_LEFT: 0.9}
+    driver = LearnedDriver(stated(values)).limited_to(considerate(permit_all, MobilConfig()))
+    assert driver.act(scene(other), S_T).number == expected
+
+
+def test_a_lane_change_that_has_begun_goes_on_before_any_vehicle() -> None:
+    world = changing(behind(5.0, LEFT), origin=1, target=2, seconds=1)
+    driver = LearnedDriver(stated({MAINTAIN: 0.3, ACCELERATE_LEFT: 0.9}))
+    driver = driver.limited_to(considerate(permit_all, MobilConfig()))
+    assert driver.act(world, S_T).number == ACCELERATE_LEFT
+
+
+def test_the_margin_counts_before_the_permission() -> None:
     values = {ACCELERATE: 0.5, ACCELERATE_LEFT: 0.9}
-    driver = LearnedDriver(stated(values)).permitted_by(permit_all)
+    driver = LearnedDriver(stated(values)).limited_to(lambda scene, action: True)
     assert driver.with_margin(0.3).act(ALONE, S_T).number == ACCELERATE_LEFT
     assert driver.with_margin(0.5).act(ALONE, S_T).number == ACCELERATE
 
