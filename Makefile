@@ -4,7 +4,7 @@ BIN := .venv/bin
 DEMO := demo
 DENSITIES := 1 5 10 15 20 25 30
 
-.PHONY: setup demo test lint prove docs rllib crime pretrained level_1 results clean
+.PHONY: setup demo test lint prove docs rllib crime pretrained pretrained-paper level_1 results clean
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
@@ -56,6 +56,12 @@ prove: setup
 pretrained: setup
 	$(BIN)/drl-av train --config drl_av/pretrained/config.toml --out runs/pretrained
 	cd runs/pretrained && cp config.toml evaluations.csv policy.safetensors ../../drl_av/pretrained/
+
+# The driver by the paper's whole schedule, trained again (half an hour).
+pretrained-paper: setup
+	$(BIN)/drl-av train --preset paper --out runs/pretrained-paper
+	cd runs/pretrained-paper && cp config.toml evaluations.csv policy.safetensors \
+	    ../../drl_av/pretrained/paper/
 
 # The level-1 driver of the traffic, trained again among level-0 drivers (minutes).
 level_1: setup

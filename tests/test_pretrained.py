@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drl_av.config import load_config
+from drl_av.config import Config, load_config
 from drl_av.config.presets import preset
 from drl_av.drivers.background.level_k import LEVEL_1
 from drl_av.drivers.policy_file import PRETRAINED, SHIPPED, load, load_policy
@@ -14,6 +14,7 @@ from drl_av.drivers.registry import load_driver, load_learned
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
+from drl_av.files import read_table
 from drl_av.learning.checkpoint import save_policy
 from verification.ramps import drive as drive_ramp
 
@@ -25,6 +26,12 @@ def test_it_was_trained_like_the_preset_fast_for_longer_and_with_more_weight_on_
     own = {"speed_weight": 0.8, "discount": 0.95, "learning_rate": 1e-3, "lane_change_margin": 0.04}
     own |= {"evaluate_every": 100}
     assert config == preset("fast").updated("learning", episodes=1000, seed=1, **own)
+
+
+def test_the_driver_of_the_paper_was_trained_by_the_whole_schedule_of_the_paper() -> None:
+    folder = SHIPPED["pretrained-paper"]
+    assert load_config(folder / "config.toml") == Config()
+    assert read_table(folder / "evaluations.csv")[-1]["episode"] == "10000"
 
 
 @pytest.mark.parametrize("kind", RAMPS)
@@ -57,11 +64,14 @@ def test_a_shipped_policy_has_the_settings_beside_it_and_comes_through_being_wri
     }
 
 
-def test_it_overtakes_the_rule_based_driver_on_the_same_traffic_without_hitting_anything() -> None:
-    driver, config = load_learned(PRETRAINED)
+@pytest.mark.parametrize("name", ["pretrained", "pretrained-paper"])
+def test_on_the_loop_they_are_faster_than_the_paper_s_rule_in_the_same_traffic_and_hit_nothing(
+    name: str,
+) -> None:
+    driver, config = load_learned(SHIPPED[name])
     env = HighwayEnv(config=config)
     seeds = range(700_000, 700_008)
-    learned = [drive(env, driver, "pretrained", seed, 10) for seed in seeds]
+    learned = [drive(env, driver, name, seed, 10) for seed in seeds]
     ruled = [drive(env, IdmDriver(config.safety), "idm", seed, 10) for seed in seeds]
     env.close()
     assert not any(result.ego_hit for result in learned)
