@@ -143,9 +143,9 @@ class LearningConfig(Section):
     permitted_only: bool = setting(
         False,
         "ours",
-        "whether the trained driver proposes only actions that the safety check permits, and no "
-        "lane change that forces a vehicle behind to brake harder than mobil."
-        "comfortable_braking_m_s2; the training explores all actions",
+        "whether the trained driver proposes only actions that the safety check permits, and "
+        "begins no lane change away from its way or that forces a vehicle behind to brake harder "
+        "than mobil.comfortable_braking_m_s2; the training explores all actions",
     )
     evaluate_every: int = setting(100, "Sec. IV-C", "episodes between evaluations", low=1)
     evaluation_episodes: int = setting(10, "ours", "episodes of an evaluation", low=1, high=10_000)

@@ -9,7 +9,7 @@ from drl_av.config import Config, MobilConfig
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.network import Float32Array, QNetwork, forward
 from drl_av.driving.actions import ACTIONS, Action, Lateral
-from drl_av.driving.affordances import observed_indicators
+from drl_av.driving.affordances import Affordances, observed_indicators
 from drl_av.driving.car_following import acceleration_behind_ego
 from drl_av.driving.mirror import MIRROR, Mirror, mirror_of, mirrored_observations
 from drl_av.driving.scene import Scene
@@ -67,26 +67,30 @@ def mean_values(members: Sequence[Values]) -> Values:
 
 
 def considerate(check: SafetyCheck, mobil: MobilConfig) -> Permission:
-    """Return the permission of the actions that ``check`` permits and that force nothing behind.
+    """Return the permission of a driver on a way to an exit (ours).
 
-    Beginning a lane change forces the vehicle behind the ego in the new lane if IDM demands that
-    it brakes harder than comfortably. This is the safety criterion of MOBIL (Kesting, Treiber and
-    Helbing 2007) with the comfortable braking as limit.
+    It admits the actions that ``check`` permits, except those that begin
+
+    - a lane change away from the way, while the way demands one to the other side;
+    - a lane change for which IDM behind the ego in the new lane demands harder braking than the
+      comfortable one. This is the safety criterion of MOBIL (Kesting, Treiber and Helbing 2007).
     """
 
     def may_propose(scene: Scene, action: Action) -> bool:
-        return permits(check, scene, action) and not _forces_braking(scene, action, mobil)
+        begins = scene.lane_change is None and action.lateral is not Lateral.KEEP
+        if begins and not _may_begin(scene.affordances, action.lateral.sign, mobil):
+            return False
+        return permits(check, scene, action)
 
     return may_propose
 
 
-def _forces_braking(scene: Scene, action: Action, mobil: MobilConfig) -> bool:
-    sign, affordances = action.lateral.sign, scene.affordances
-    if sign == 0 or scene.lane_change is not None or not affordances.has_lane(sign):
+def _may_begin(affordances: Affordances, sign: int, mobil: MobilConfig) -> bool:
+    if sign * affordances.mandatory.lanes < 0 or not affordances.has_lane(sign):
         return False
     rear = affordances.rear(sign)
     limit = -mobil.comfortable_braking_m_s2
-    return rear is not None and acceleration_behind_ego(affordances, rear, mobil) < limit
+    return rear is None or acceleration_behind_ego(affordances, rear, mobil) >= limit
 
 
 class LearnedDriver(Driver):

@@ -6,7 +6,21 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from worlds import ALONE, CENTER, LEFT, RIGHT, Car, ahead, behind, changing, scene
+from worlds import (
+    ALONE,
+    CENTER,
+    EXIT,
+    LANE_M,
+    LEAVE,
+    LEFT,
+    MERGE,
+    RIGHT,
+    Car,
+    ahead,
+    behind,
+    changing,
+    scene,
+)
 
 from drl_av.config import Config, MobilConfig
 from drl_av.drivers.learned import (
@@ -23,6 +37,7 @@ from drl_av.driving.actions import ACTIONS, Action, Lateral
 from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
 from drl_av.driving.scene import Scene
 from drl_av.safety.check import Rule, Verdict, permit_all
+from drl_av.traffic.road import Road
 
 MAINTAIN, ACCELERATE = 0, 1
 MAINTAIN_RIGHT, ACCELERATE_LEFT = 4, 9
@@ -103,6 +118,24 @@ def test_a_considerate_driver_begins_no_lane_change_that_forces_a_vehicle_to_bra
     values = {MAINTAIN: 0.3, ACCELERATE: 0.5, ACCELERATE_LEFT: 0.9}
     driver = LearnedDriver(stated(values)).limited_to(considerate(permit_all, MobilConfig()))
     assert driver.act(scene(other), S_T).number == expected
+
+
+@pytest.mark.parametrize(
+    ("road", "lane", "lanes", "expected"),
+    [
+        (LEAVE, 2, -2, ACCELERATE),  # its exit is two lanes to the right
+        (EXIT, 2, 0, ACCELERATE_LEFT),  # the off-ramp is not its way
+        (MERGE, 0, 1, ACCELERATE_LEFT),  # its lane ends, and the highway is to the left
+    ],
+)
+def test_a_considerate_driver_begins_no_lane_change_away_from_its_way(
+    road: Road, lane: int, lanes: int, expected: int
+) -> None:
+    world = scene(road=road, s_m=600.0, y_m=lane * LANE_M)
+    assert world.affordances.mandatory.lanes == lanes
+    driver = LearnedDriver(stated({MAINTAIN: 0.3, ACCELERATE: 0.5, ACCELERATE_LEFT: 0.9}))
+    driver = driver.limited_to(considerate(permit_all, MobilConfig()))
+    assert driver.act(world, S_T).number == expected
 
 
 def test_a_lane_change_that_has_begun_goes_on_before_any_vehicle() -> None:
