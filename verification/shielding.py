@@ -85,7 +85,7 @@ class Agent:
 
 
 def trained(method: str, seed: int, steps: int, episodes: int) -> Iterator[dict[str, Any]]:
-    """Train one agent for ``steps`` decisions, then evaluate it; yield the rows of both.
+    """Train one agent for ``steps`` decisions, then evaluate it; yield the rows of both parts.
 
     The evaluation has ``episodes`` episodes at each number of vehicles.
     """

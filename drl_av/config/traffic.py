@@ -165,11 +165,14 @@ class TrafficConfig(Section):
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Share of each kind of driver except SUMO's IDM, ordered as ``population.Kind``."""
+        """The shares (0 to 1) of the vehicles that our drivers drive; SUMO drives the rest.
+
+        They are in the order of ``population.Kind``.
+        """
         levels = self.level_0_share, self.level_1_share
         return self.finite_state_share, *levels, self.hard_braking_share
 
     @property
     def unusual_shares(self) -> tuple[float, float, float]:
-        """Shares of the standing, crawling and fast vehicles, which may have any kind of driver."""
+        """The shares (0 to 1) of standing, crawling and fast vehicles, of any driver."""
         return self.standing_share, self.crawling_share, self.fast_share

@@ -80,7 +80,7 @@ def is_driver(made: object) -> bool:
 
 
 def require_methods(driver: Driver, name: str) -> None:
-    """Raise ConfigError if a driver's methods do not take the arguments of ``Driver``'s methods."""
+    """Raise ConfigError unless ``start`` and ``act`` take the arguments that ``Driver`` defines."""
     require_function(driver.start, f"The method start of the driver {name!r}", "seed")
     require_function(driver.act, f"The method act of the driver {name!r}", "scene", "observation")
 

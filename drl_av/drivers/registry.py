@@ -60,7 +60,7 @@ class DriverSpec(NamedTuple):
     run: Path | None
     """The run's folder or the driver's file; None for a rule-based driver or a factory."""
     own: Driver | None = None
-    """The driver object that the user's program passes; None if there is none."""
+    """The driver object that the user's program passes; None if ``name`` is to be loaded."""
 
     @property
     def is_external(self) -> bool:
@@ -255,7 +255,8 @@ def load_driver(
 def load_learned(path: Path) -> tuple[LearnedDriver, Config]:
     """Read a learned driver and its config from a run's folder or a policy file.
 
-    The driver is without a check; ``make_drivers`` adds that of ``learning.permitted_only``.
+    The driver may propose any action: unlike ``make_drivers``, this function does not limit it to
+    permitted actions if ``learning.permitted_only`` is set.
 
     Raises:
         RunError: there is no policy file.

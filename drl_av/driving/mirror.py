@@ -28,7 +28,8 @@ def mirror_of(names: Sequence[str]) -> Mirror:
     the direction of a lane change and the lane changes of the way get the opposite sign.
 
     Raises:
-        ValueError: an indicator of one side is present without that of the other side.
+        ValueError: an indicator of the left is present without its twin of the right, or vice
+            versa.
     """
     swapped = (Lateral.KEEP, Lateral.LEFT, Lateral.RIGHT)
     return Mirror(

@@ -122,7 +122,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     @property
     def check_name(self) -> str:
-        """Name of the safety check; ``none`` while SUMO drives the ego, then without a check."""
+        """Name of the safety check; ``none`` while SUMO drives the ego, as none applies then."""
         return self._check_name if self.ego_model is None else "none"
 
     def require_room(self) -> None:

@@ -33,10 +33,10 @@ def traffic_of_each_kind(config: Config, scenario: Scenario, gui: bool) -> list[
 
 
 def drawn_traffic(kinds: Sequence[Traffic], seed: int, before: Simulation) -> Traffic:
-    """Draw the traffic of an episode from its seed.
+    """Draw the traffic of an episode from its seed, and return it.
 
-    If it is of another kind than ``before``, the simulation so far, that one ends SUMO and hands on
-    its ``after_step``.
+    ``before`` is the simulation of the previous episode. If the episode has another simulation,
+    ``before`` is closed, and the new one calls the same ``after_step``.
     """
     drawn = kinds[int(np.random.default_rng([seed, 5]).integers(len(kinds)))]
     if drawn.simulation is not before:

@@ -210,9 +210,9 @@ class Style(NamedTuple):
 
 
 def styles(rows: Iterable[EpisodeResult]) -> list[Style]:
-    """Compute the style of each driver; the drivers are in the order of their first rows.
+    """Compute the style of each driver from its rows of the class ``CriticalityResult``.
 
-    Rows that are no ``CriticalityResult`` are left out.
+    Other rows are ignored. The drivers are in the order of their first rows.
     """
     groups: dict[str, list[CriticalityResult]] = {}
     for row in rows:

@@ -57,7 +57,7 @@ def mean_difference(
     Args:
         ours: A value for each episode; the key names its traffic.
         theirs: The values of the other driver.
-        drivers: The names of both drivers, for the message.
+        drivers: The names of the two drivers, for the error message.
         among: The traffic that is compared, for the message, such as " among 10 vehicles".
 
     Raises:
@@ -197,7 +197,7 @@ def _profile(strata: Sequence[FloatArray]) -> dict[int, float]:
 def write_summaries(path: Path, parts: Mapping[str, Iterable[Any]]) -> None:
     """Write named lists of NamedTuples as a JSON object; raises DrlAvError if the write fails.
 
-    Values of a way are left out where there is none.
+    A summary of a road without an exit or an on-ramp has no fields about the ego's way.
     """
     objects = {
         part: [

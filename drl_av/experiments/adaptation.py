@@ -67,7 +67,7 @@ def _job(
 
 
 def adaptation_table(results: Results) -> str:
-    """Return the Markdown table of both variants, one row for each 10,000 episodes.
+    """Return the Markdown table of learning on and off, one row each for each 10,000 episodes.
 
     The table ends at the last episode that both variants have driven.
     """
@@ -94,7 +94,7 @@ def adaptation_table(results: Results) -> str:
 
 
 def adaptation_figure(rows: list[Row]) -> "Figure":
-    """Draw the safety triggers per episode of both variants, means over all seeds.
+    """Draw the safety triggers per episode with learning on and off, as means over all seeds.
 
     Bold lines are moving averages over 10,000 episodes, faint ones means over 100 episodes.
     """

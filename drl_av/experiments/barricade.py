@@ -100,7 +100,7 @@ class BarricadeTraining:
         return {"safety_check": self.config.safety.check, "seed": str(self.config.learning.seed)}
 
     def check(self) -> None:
-        """Do nothing: the store of results compares the settings."""
+        """Do nothing: the store of results compares the settings of the rows."""
 
     def reported(self) -> list[Row]:
         """Return no rows, because an interrupted training starts again from its beginning."""
@@ -122,7 +122,7 @@ class BarricadeTraining:
         return len(places) - len(rows)
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Train a driver, then evaluate it; yield one row for each episode of both."""
+        """Train a driver, then evaluate it; yield a row for each episode of both parts."""
         from drl_av.learning.assembly import make_training
 
         with closing(HighwayEnv(config=self.config)) as env:

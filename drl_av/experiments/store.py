@@ -244,10 +244,10 @@ def read_rows(table: Path) -> list[Row]:
 
 
 def seeds_held(rows: Iterable[Row], drivers: int = 1, first: int = 0) -> int:
-    """Return the number of traffic seeds in the rows.
+    """Return the number of traffic seeds in the rows, after a check that none is missing.
 
-    The seeds must be ``first``, ``first`` + 1, and so on; each must occur once for each driver.
-    ``drivers`` is the number of drivers.
+    The seeds must be ``first``, ``first`` + 1, and so on, and each must occur ``drivers`` times:
+    once for each driver.
 
     Raises:
         ValueError: a seed is missing or occurs twice.

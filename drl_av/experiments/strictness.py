@@ -168,7 +168,7 @@ def change(rows: Iterable[Row], plain: Iterable[Row], vehicles: int) -> Mean:
     ``rows`` are the episodes under ``strict``, ``plain`` are the episodes under ``paper``.
 
     Raises:
-        DrlAvError: the traffic seeds of both differ.
+        DrlAvError: ``rows`` and ``plain`` do not have the same traffic seeds.
     """
     ours, paper = (
         [row for row in some if row["check"] == check and int(row["vehicles"]) == vehicles]
@@ -183,7 +183,7 @@ def speed_change(changed: Iterable[Row], plain: Iterable[Row]) -> Mean:
     The episodes are paired by traffic; a negative change is a loss of speed.
 
     Raises:
-        DrlAvError: the traffic seeds of both differ.
+        DrlAvError: ``rows`` and ``plain`` do not have the same traffic seeds.
     """
     after, before = speeds_by_traffic(changed), speeds_by_traffic(plain)
     if not after or after.keys() != before.keys():

@@ -88,7 +88,7 @@ def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
 
 
 def make_store(buffer: Buffer, env: HighwayEnv, rng: np.random.Generator) -> Store:
-    """Return the function that stores a decision in ``buffer`` by the settings of ``env``."""
+    """Return the function that stores each decision in ``buffer``, as ``env.config`` demands."""
     config: Config = env.config
     store = (StoreWithPenalty if config.learning.unsafe_penalty else StoreDecision)(buffer, config)
     if config.learning.counterfactuals:

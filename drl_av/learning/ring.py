@@ -71,7 +71,11 @@ class Ring:
         discount: float,
         s_tp1: Float32Array | float,
     ) -> int:
-        """Store a transition and return its row index; a full ring loses its oldest transition."""
+        """Store a transition, in a full ring in place of the oldest one; return its row index.
+
+        ``discount`` multiplies the value of ``s_tp1`` in the target; it is 0 for a terminal
+        transition, whose ``s_tp1`` has no effect.
+        """
         slot, n = self.next_slot, self.observation_size
         row = self.rows[slot]
         row[:n] = s_t

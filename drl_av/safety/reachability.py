@@ -118,10 +118,11 @@ def met(neighbors: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
 def must_reach(
     neighbors: Others, delay_s: FloatArray | float, strict: StrictConfig, step_s: float
 ) -> FloatArray:
-    """Return for each vehicle the distance, metres, beyond which the ego must stop to stay ahead.
+    """Return the distances, metres, that the ego must exceed before it stands, shape (N,).
 
-    A vehicle behind the ego first accelerates for ``delay_s`` seconds and then brakes to a
-    standstill. The result is -inf for a vehicle ahead, and inf for a vehicle beside the ego.
+    Then vehicle i of the N neighbours does not reach the ego from behind, although it accelerates
+    for ``delay_s`` seconds before it brakes to a standstill. A vehicle ahead demands nothing
+    (-inf); beside a vehicle no distance suffices (inf).
     """
     speed = neighbors.speed_m_s
     faster = speed + strict.acceleration_m_s2 * delay_s

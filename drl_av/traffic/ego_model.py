@@ -38,9 +38,10 @@ def take_control(vehicle: Any, name: str) -> None:
 def hand_over(vehicle: Any, model: EgoModel, ego: EgoConfig, lane_width_m: float) -> None:
     """Let SUMO drive the ego from now on, within the speed and acceleration limits of ``ego``.
 
-    SL2015 permits only emergency vehicles to pass on the right above 60 km/h. With
-    ``model.overtake_right`` the ego therefore becomes an emergency vehicle; it has no siren, so
-    other vehicles do not make way for it.
+    SL2015 permits only emergency vehicles to pass on the right above 60 km/h. If
+    ``model.overtake_right`` is true, the ego therefore becomes an emergency vehicle without a
+    siren, for which other vehicles do not make way. ``vehicle`` is the domain ``vehicle`` of
+    libsumo or traci.
     """
     color = vehicle.getColor(EGO_ID)
     vehicle.setType(EGO_ID, "traffic")

@@ -60,7 +60,7 @@ class OffRamp(OpenDescription):
         return PartialLane(0, begin_m, math.inf, begin_m, exit_m)
 
     def exit_edges(self, off_ramp: PartialLane) -> tuple[Edge, ...]:
-        """Return the highway beside the deceleration lane and after it, and the off-ramp."""
+        """Return the highway beside the deceleration lane, the one after it, and the off-ramp."""
         exit_m, through = off_ramp.joined_to_m, range(1, self.lanes + 1)
         return (
             Edge("exit", off_ramp.begin_m, exit_m, range(self.lanes + 1)),

@@ -110,8 +110,8 @@ class Inflow:
     """The vehicles that enter an open road during an episode, drawn from its seed.
 
     In each lane the time between two entries has a shifted exponential distribution. Its mean is
-    chosen so that the number of vehicles on the road stays about constant. A vehicle whose time has
-    come waits until there is room for it.
+    chosen so that the number of vehicles on the road stays about constant. If there is no
+    room at the time of an entry, the vehicle waits and enters as soon as there is.
     """
 
     def __init__(

@@ -71,11 +71,11 @@ def _require_numbers(lane: dict[str, str]) -> None:
 
 
 def read_net(path: Path) -> NetFile:
-    """Read a network file.
+    """Read a network file of SUMO.
 
     Raises:
-        ScenarioError: the file is missing, larger than 64 MB, damaged, no network of SUMO, or of a
-            road with traffic on the left.
+        ScenarioError: the file is missing, damaged, larger than 64 MB or not a network of SUMO, or
+            its traffic drives on the left.
     """
     found: NetFile = parse_xml(path, _Elements(), REMEDY)
     return found

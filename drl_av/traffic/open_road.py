@@ -84,7 +84,7 @@ class OpenDescription(ABC):
         """Return the road of this description."""
 
     def to_toml(self) -> str:
-        """Return the description as TOML text, without its kind."""
+        """Return the fields of the description as TOML text, which does not name its kind."""
         return toml_text(self)
 
 

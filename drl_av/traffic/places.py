@@ -27,7 +27,7 @@ class Places(NamedTuple):
 def random_lanes(
     rng: np.random.Generator, n: int, road: Road, room: int, evenness: float
 ) -> npt.NDArray[np.intp]:
-    """Draw the lane index of each of ``n`` vehicles, row 0 is the ego; shape (n,).
+    """Draw the lane indices of ``n`` vehicles, shape (n,); the first is the lane of the ego.
 
     The ego is in each open lane with the same probability. For the other vehicles the probabilities
     of the lanes are drawn once, from a Dirichlet distribution with the parameter ``evenness``.

@@ -30,7 +30,7 @@ class Readings:
         self._blocked: int = bits.LCA_BLOCKED
 
     def place(self, row: int) -> tuple[float, float]:
-        """Return the centre (s, y) of a vehicle: its position along and across the road, metres."""
+        """Return the position of a vehicle's centre along (s) and across (y) the road, metres."""
         name = self._ids[row]
         lane, start_m = self._lane_positions[self._lane(name)]
         along_m = (start_m + self._at(name) - self._half_m[row]) % self._lap_m

@@ -43,7 +43,8 @@ def ask_for_lane_changes(
 ) -> None:
     """Request the lane changes of ``traffic_commands``, valid until the next decision.
 
-    SUMO completes a lane change that it has begun. ``ids`` holds the vehicle of each row.
+    SUMO completes each lane change that it has begun. ``vehicle`` is the domain ``vehicle`` of
+    libsumo or traci; ``ids`` holds the SUMO id of the vehicle in each row of the snapshot.
     """
     for row, _, side in traffic_commands:
         if side and is_centered(vehicle, ids[row]):

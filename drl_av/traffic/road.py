@@ -55,7 +55,7 @@ UNHURRIED_M = 400.0
 
 
 class MandatoryChange(NamedTuple):
-    """The lane changes without which the ego cannot stay on its way."""
+    """The lane changes that the ego must make to reach its exit or to leave a lane that ends."""
 
     lanes: int
     """Number of lane changes, positive to the left, negative to the right; 0 if none is needed."""

@@ -34,7 +34,8 @@ def give_way(
 
     Two vehicles conflict if they enter the same lane from opposite sides, and the rear vehicle
     could not stop behind the front vehicle by braking with ``braking_m_s2`` from the next decision
-    on. Vehicles that are already changing lanes have priority; then the earlier command has.
+    on. A vehicle that is already changing lanes has priority. Between two others, the vehicle whose
+    command comes first in ``traffic_commands`` has priority.
     """
     if not any(command.side for command in traffic_commands):
         return list(traffic_commands)
