@@ -21,6 +21,7 @@ import gymnasium
 from benchmark_drives import drive, recorded_actions, recorded_calls, step_bare
 
 from drl_av.config import Config
+from drl_av.drivers.driver import Driver
 from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import load_learned, rule_driver
 from drl_av.drivers.rules import IdmDriver
@@ -58,10 +59,17 @@ def crowded(vehicles: int = VEHICLES) -> Config:
 
 def env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     """Return the row of the environment's decisions per second beside bare libsumo's."""
-    env = stack.enter_context(closing(HighwayEnv(config=crowded())))
-    actions = recorded_actions(env, load_learned(PRETRAINED)[0], seeds)
-    ours, bare = partial(drive, env, actions), partial(step_bare, env, recorded_calls(env, actions))
-    return [Row("environment | bare libsumo", ours, bare, 0.75, 2_000)]
+    rates = env_and_bare(crowded(), load_learned(PRETRAINED)[0], seeds, stack)
+    return [Row("environment | bare libsumo", *rates, 0.75, 2_000)]
+
+
+def env_and_bare(
+    config: Config, driver: Driver, seeds: Sequence[int], stack: ExitStack
+) -> tuple[Rate, Rate]:
+    """Return two measurements of a driver's episodes: with the environment, with bare libsumo."""
+    env = stack.enter_context(closing(HighwayEnv(config=config)))
+    actions = recorded_actions(env, driver, seeds)
+    return partial(drive, env, actions), partial(step_bare, env, recorded_calls(env, actions))
 
 
 def highway_env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
@@ -142,13 +150,8 @@ def scaling_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
         folder = home / str(number)
         write_scenario(folder, even_traffic(number))
         config = crowded(number).updated("simulation", scenario=str(folder))
-        env = stack.enter_context(closing(HighwayEnv(config=config)))
-        actions = recorded_actions(env, IdmDriver(config.safety), seeds[:2])
-        ours, bare = (
-            partial(drive, env, actions),
-            partial(step_bare, env, recorded_calls(env, actions)),
-        )
-        rows.append(Row(f"{number} vehicles", ours, bare))
+        rates = env_and_bare(config, IdmDriver(config.safety), seeds[:2], stack)
+        rows.append(Row(f"{number} vehicles", *rates))
     return rows
 
 
@@ -177,10 +180,8 @@ def straight_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory()), "straight")
     write_scenario(folder, long_road())
     config = crowded(ON_STRAIGHT).updated("simulation", scenario=str(folder))
-    env = stack.enter_context(closing(HighwayEnv(config=config)))
-    actions = recorded_actions(env, IdmDriver(config.safety), seeds[:1])
-    ours, bare = partial(drive, env, actions), partial(step_bare, env, recorded_calls(env, actions))
-    return [Row(f"straight road, {ON_STRAIGHT} vehicles | bare libsumo", ours, bare)]
+    rates = env_and_bare(config, IdmDriver(config.safety), seeds[:1], stack)
+    return [Row(f"straight road, {ON_STRAIGHT} vehicles | bare libsumo", *rates)]
 
 
 def long_road() -> StraightDescription:
@@ -210,10 +211,8 @@ def roads_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
         for folder in (home / kind, loop):
             config = crowded(number).updated("simulation", scenario=str(folder))
             config = config.updated("safety", check="strict")
-            env = stack.enter_context(closing(HighwayEnv(config=config)))
-            actions = recorded_actions(env, rule_driver("gap-mobil", config), seeds)
-            calls = recorded_calls(env, actions)
-            pairs.append((partial(drive, env, actions), partial(step_bare, env, calls)))
+            driver = rule_driver("gap-mobil", config)
+            pairs.append(env_and_bare(config, driver, seeds, stack))
         ours, bare = zip(*pairs, strict=True)
         rows.append(Row(f"{kind}, {number} vehicles | loop", *ours, least_ratio=0.9))
         rows.append(Row(f"{kind}, {number} vehicles | loop, bare libsumo", *bare))

@@ -20,6 +20,7 @@ from drl_av.drivers.onnx_interface import INPUTS, INSIDE, OUTPUTS
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS, SLOTS, indicator_meaning
 from drl_av.env.observation import GROUPS
+from drl_av.experiments.markdown import markdown_table
 from drl_av.traffic.kinds import KINDS
 
 LONGITUDINAL = ("maintain", "accelerate", "brake", "hard brake")
@@ -28,9 +29,7 @@ LATERAL = ("keep the lane", "change to the right", "change to the left")
 
 def table(heading: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     """Return a table in Markdown; a ``|`` in a cell is escaped."""
-    lines = [heading, ["---"] * len(heading), *rows]
-    cells = ([str(cell).replace("|", "\\|") for cell in line] for line in lines)
-    return "\n".join("| " + " | ".join(line) + " |" for line in cells)
+    return markdown_table(heading, ([str(c).replace("|", "\\|") for c in row] for row in rows))
 
 
 def actions() -> str:
