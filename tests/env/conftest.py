@@ -1,6 +1,7 @@
 """Environments that the tests of this room share."""
 
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -14,24 +15,21 @@ from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_sc
 @pytest.fixture(scope="module")
 def env() -> Iterator[HighwayEnv]:
     """The environment as it comes; every test resets it."""
-    made = HighwayEnv()
-    yield made
-    made.close()
+    with closing(HighwayEnv()) as made:
+        yield made
 
 
 @pytest.fixture(scope="module")
 def unchecked() -> Iterator[HighwayEnv]:
     """Without a safety check."""
-    made = HighwayEnv(safety_check="permit_all")
-    yield made
-    made.close()
+    with closing(HighwayEnv(safety_check="permit_all")) as made:
+        yield made
 
 
 @pytest.fixture(scope="module")
 def barricaded() -> Iterator[HighwayEnv]:
-    made = HighwayEnv("barricaded_right_lane")
-    yield made
-    made.close()
+    with closing(HighwayEnv("barricaded_right_lane")) as made:
+        yield made
 
 
 @pytest.fixture

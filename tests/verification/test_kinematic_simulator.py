@@ -49,19 +49,22 @@ def approach(ahead_m: float, lane: int) -> World:
     return placed(LANE, np.array([30.0]), np.array([[ahead_m]]), lanes, np.zeros((1, 1)))
 
 
-def test_a_vehicle_that_the_ego_comes_right_through_in_one_step_it_hits() -> None:
+@pytest.mark.parametrize(
+    ("lane", "least_m", "collisions"),
+    [
+        # side by side, one body in the other
+        (1, -1.8, {0: Collision(CollisionKind.HIT_AHEAD, "vehicle1")}),
+        (2, 2.0, {}),
+    ],
+)
+def test_the_ego_hits_a_vehicle_that_it_passes_within_a_step_only_in_its_own_lane(
+    lane: int, least_m: float, collisions: dict[int, Collision]
+) -> None:
     # 30 m/s are 15 m a step: from 0.5 m behind a standing vehicle, bodies 5 m long, past its front
-    world = approach(5.5, lane=1)
+    world = approach(5.5, lane)
     Mover(STRICT).decision(world, NOTHING.proposal, NOTHING)
-    assert world.least_m[0, 0] == pytest.approx(-1.8)  # side by side, one body in the other
-    assert world.collisions == {0: Collision(CollisionKind.HIT_AHEAD, "vehicle1")}
-
-
-def test_whom_the_ego_passes_in_the_next_lane_it_does_not_hit() -> None:
-    world = approach(5.5, lane=2)
-    Mover(STRICT).decision(world, NOTHING.proposal, NOTHING)
-    assert world.least_m[0, 0] == pytest.approx(2.0)
-    assert world.collisions == {}
+    assert world.least_m[0, 0] == pytest.approx(least_m)
+    assert world.collisions == collisions
 
 
 def test_the_ego_that_leaves_the_road_hits_its_edge() -> None:
