@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator
+from contextlib import ExitStack
 from importlib.util import find_spec
 
 import pytest
@@ -18,6 +19,13 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip the tests of ray without the extra ``ray``."""
     if item.get_closest_marker("ray") and not find_spec("ray"):
         pytest.skip("needs ray: pip install -e '.[dev,ray]', as make setup does")
+
+
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    """Closes after a test what its fixtures have made."""
+    with ExitStack() as entered:
+        yield entered
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,7 @@
 """Environments that the tests of this room share."""
 
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -33,16 +33,13 @@ def barricaded() -> Iterator[HighwayEnv]:
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Iterator[Place]:
+def place(tmp_path: Path, stack: ExitStack) -> Place:
     """Makes an environment in which vehicles stand exactly where a test wants them."""
-    made = []
 
     def placed(*vehicles: PlacedVehicle, **arguments: Any) -> HighwayEnv:
-        folder = tmp_path / f"scenario{len(made)}"
+        folder = tmp_path / f"scenario{len(list(tmp_path.iterdir()))}"
         write_scenario(folder, ScenarioDescription(vehicles=vehicles))
-        made.append(HighwayEnv(folder, **({"safety_check": "permit_all"} | arguments)))
-        return made[-1]
+        env = HighwayEnv(folder, **({"safety_check": "permit_all"} | arguments))
+        return stack.enter_context(closing(env))
 
-    yield placed
-    for one in made:
-        one.close()
+    return placed

@@ -1,7 +1,7 @@
 """Exits: the ego leaves by the off-ramp or misses it, and SUMO drives it on in both cases."""
 
-from collections.abc import Callable, Iterator
-from contextlib import closing
+from collections.abc import Callable
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import pytest
@@ -23,20 +23,17 @@ Placed = Callable[[type[OffRamp], int, float], HighwayEnv]
 
 
 @pytest.fixture
-def placed(tmp_path: Path) -> Iterator[Placed]:
+def placed(tmp_path: Path, stack: ExitStack) -> Placed:
     """Makes an environment with the ego alone in a lane, so many metres before the gore."""
-    made: list[HighwayEnv] = []
 
     def make(kind: type[OffRamp], lane: int, before_m: float) -> HighwayEnv:
         ego = PlacedVehicle("ego", lane, GORES_M[kind] - before_m, 25.0, 30.0)
         write_scenario(tmp_path / "placed", kind(vehicles=(ego,)))
-        made.append(HighwayEnv(tmp_path / "placed", safety_check="permit_all"))
-        made[-1].reset(seed=0)
-        return made[-1]
+        env = HighwayEnv(tmp_path / "placed", safety_check="permit_all")
+        stack.enter_context(closing(env)).reset(seed=0)
+        return env
 
-    yield make
-    for env in made:
-        env.close()
+    return make
 
 
 @pytest.mark.parametrize("kind", GORES_M)

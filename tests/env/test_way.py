@@ -1,6 +1,7 @@
 """The outcome of the ego's way, which every episode on a road with an exit or a ramp has."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -28,22 +29,19 @@ def ego(lane: int, position_m: float, speed_m_s: float = 25.0) -> PlacedVehicle:
 
 
 @pytest.fixture
-def placed(tmp_path: Path) -> Iterator[Placed]:
+def placed(tmp_path: Path, stack: ExitStack) -> Placed:
     """Makes an environment without a check from the vehicles on a kind of road."""
-    made: list[HighwayEnv] = []
 
     def make(kind: type[Any], *vehicles: PlacedVehicle, decisions: int = 200) -> HighwayEnv:
-        folder = tmp_path / str(len(made))
+        folder = tmp_path / str(len(list(tmp_path.iterdir())))
         write_scenario(folder, kind(vehicles=vehicles))
         config = Config().updated("simulation", scenario=str(folder))
         config = config.updated("simulation", decisions_per_episode=decisions)
-        made.append(HighwayEnv(safety_check="permit_all", config=config))
-        made[-1].reset(seed=0)
-        return made[-1]
+        env = stack.enter_context(closing(HighwayEnv(safety_check="permit_all", config=config)))
+        env.reset(seed=0)
+        return env
 
-    yield make
-    for env in made:
-        env.close()
+    return make
 
 
 def outcomes(env: HighwayEnv, *actions: int) -> list[str]:

@@ -7,7 +7,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import ExitStack, closing
 from itertools import zip_longest
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -29,17 +29,11 @@ Make = Callable[[], HighwayEnv]
 
 
 @pytest.fixture
-def make() -> Iterator[Make]:
+def make(stack: ExitStack) -> Make:
     """Makes environments, and closes them after the test."""
-    made = []
-
-    def make_one() -> HighwayEnv:
-        made.append(HighwayEnv(config=CONFIG, safety_check="permit_all"))
-        return made[-1]
-
-    yield make_one
-    for env in made:
-        env.close()
+    return lambda: stack.enter_context(
+        closing(HighwayEnv(config=CONFIG, safety_check="permit_all"))
+    )
 
 
 @pytest.fixture

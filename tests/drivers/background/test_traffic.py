@@ -2,7 +2,8 @@
 
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import numpy as np
@@ -55,9 +56,8 @@ Road = Callable[..., tuple[Simulation, Snapshot]]
 
 
 @pytest.fixture
-def placed(tmp_path: Path) -> Iterator[Road]:
+def placed(tmp_path: Path, stack: ExitStack) -> Road:
     """Vehicles placed by a test and driven by commands; the ego is far behind them."""
-    made = []
 
     def place(*vehicles: PlacedVehicle, **traffic: float) -> tuple[Simulation, Snapshot]:
         ego = PlacedVehicle("ego", 0, 300.0, 0.0, 30.0)
@@ -65,12 +65,10 @@ def placed(tmp_path: Path) -> Iterator[Road]:
         write_scenario(folder, ScenarioDescription(vehicles=(ego, *vehicles)))
         still = {"finite_state_share": 1.0, "random_lane_changes_per_s": 0.0} | traffic
         config = Config().updated("traffic", **still)
-        made.append(Simulation(load_scenario(folder), config))
-        return made[-1], made[-1].reset(0, len(vehicles))
+        simulation = stack.enter_context(closing(Simulation(load_scenario(folder), config)))
+        return simulation, simulation.reset(0, len(vehicles))
 
-    yield place
-    for simulation in made:
-        simulation.close()
+    return place
 
 
 def decide(simulation: Simulation, *traffic_commands: TrafficCommand) -> Snapshot:

@@ -1,6 +1,7 @@
 """The driver ``planner`` in scenes by hand, and in SUMO."""
 
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 
 import pytest
@@ -36,9 +37,8 @@ BOXED_SEED, VEHICLES = 820_008, 10
 
 @pytest.fixture(scope="module", params=["paper", "strict"])
 def env(request: pytest.FixtureRequest) -> Iterator[HighwayEnv]:
-    made = HighwayEnv(safety_check=request.param)
-    yield made
-    made.close()
+    with closing(HighwayEnv(safety_check=request.param)) as made:
+        yield made
 
 
 def act(world: Scene, driver: Driver | None = None) -> Action:
