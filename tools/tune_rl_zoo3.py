@@ -47,7 +47,7 @@ RANGES: dict[str, tuple[float, ...]] = {
     "gradient_steps": (1, 2, 4),
     "exploration_fraction": (0.1, 0.2, 0.3),
 }
-"""What is searched; a trial takes everything else from ``BY_HAND``."""
+"""The values among which a trial draws; it takes everything else from ``BY_HAND``."""
 SEARCH_SEED = 0
 VEHICLES = (5, 15, 25)
 TRIAL_TRAFFIC, FINAL_TRAFFIC = 800_000, 801_000
@@ -55,7 +55,7 @@ TRIAL_TRAFFIC, FINAL_TRAFFIC = 800_000, 801_000
 
 
 class Rating(NamedTuple):
-    """How a trained agent drives without exploration; both are means of the episodes' means."""
+    """The results of an agent without exploration; the first two are means over its episodes."""
 
     reward: float
     """Reward per decision."""

@@ -50,7 +50,7 @@ SEEDS = 920_000
 
 
 class Plan(NamedTuple):
-    """What the ego does before the driver ``BASE`` decides alone again."""
+    """Decisions that the ego makes in order, before the driver ``BASE`` decides alone again."""
 
     wait: int = 0
     """Number of decisions for which the ego keeps its lane first."""

@@ -1,4 +1,4 @@
-"""What the programs of this folder share: options, bad input in one sentence, and provenance."""
+"""Options, error sentences and provenance that the programs of this folder share."""
 
 import argparse
 import sys

@@ -1,4 +1,4 @@
-"""How a program ends: its exit status, and one sentence for an error.
+"""Ends a program with its exit status, and prints one sentence for an error.
 
 The status is 0 for success, 1 after an error and 2 after bad usage.
 """

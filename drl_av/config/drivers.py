@@ -117,7 +117,7 @@ class FiniteStateConfig(Section):
 
 @dataclass(frozen=True)
 class Level0Config(Section):
-    """How a level-0 driver (Albaba and Yildiz 2020) classifies the vehicle ahead in its lane.
+    """Limits by which a level-0 driver (Albaba and Yildiz 2020) classifies the vehicle ahead.
 
     The gap is close, nominal or far; the gap shrinks, is stable or grows.
     """

@@ -28,7 +28,7 @@ class Driver(Protocol):
 
 
 class Decisions(NamedTuple):
-    """What R background vehicles do until the next decision; both arrays have shape (R,)."""
+    """Decisions of R background vehicles until the next decision; both arrays have shape (R,)."""
 
     acceleration_m_s2: FloatArray
     side: npt.NDArray[np.intp]

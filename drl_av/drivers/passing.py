@@ -29,9 +29,9 @@ class NoPassingOnTheRight:
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the inner driver's action, changed where it would pass on the right.
 
-        A forbidden change to the right becomes KEEP. Behind a vehicle in the left lane that must
-        not be passed, the inner driver acts a second time, as if that vehicle were in its own lane;
-        the smaller of the two accelerations is used.
+        A forbidden change to the right becomes KEEP. If the ego must not pass the vehicle ahead in
+        the left lane, the inner driver decides a second time, as if that vehicle were in the ego's
+        lane. The ego then takes the smaller acceleration of the two decisions.
         """
         action = self._driver.act(scene, observation)
         lateral, longitudinal = action

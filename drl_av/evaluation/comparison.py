@@ -36,7 +36,7 @@ def drive_all(
 
 
 class Evaluation:
-    """What to evaluate: drivers, numbers of vehicles around the ego, and traffic seeds.
+    """The drivers, the numbers of vehicles around the ego and the traffic seeds of an evaluation.
 
     If ``vehicles`` is empty, the numbers are those of the published tables, or the number that the
     scenario places. ``make_metrics`` makes the metrics of each episode, which compute its row of

@@ -67,7 +67,7 @@ def _job(
 
 
 def adaptation_table(results: Results) -> str:
-    """Return the Markdown table of learning on and off, one row each for each 10,000 episodes.
+    """Return the Markdown table with two rows, learning on and off, for each 10,000 episodes.
 
     The table ends at the last episode that both variants have driven.
     """

@@ -26,7 +26,7 @@ FINE = SimulationConfig(step_length_s=0.05)
 """Simulation steps that are short enough for a smooth curve."""
 POINT_MASS, SLOWER, FASTER = ("#90a4ae", "-"), ("#1976d2", "-"), ("#c2185b", "--")
 SETTLING_S = 2
-"""How long the figure continues after the nominal end of the lane change."""
+"""The figure continues for this time, seconds, after the nominal end of the lane change."""
 
 
 class Track(NamedTuple):

@@ -1,4 +1,4 @@
-"""What the check ``strict`` costs in speed if its bounds are those of real traffic.
+"""Measures the speed that the check ``strict`` costs if its bounds are those of real traffic.
 
 In real traffic a vehicle brakes with up to 9 m/s^2 and moves sideways at up to 2.1 m/s. This speed
 is the mean maximum in the data set exiD, plus two standard deviations. All else is ours. The cost

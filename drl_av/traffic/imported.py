@@ -32,7 +32,7 @@ SHORTEST_M, LONGEST_M = 600.0, 50_000.0
 
 @dataclass(frozen=True)
 class ImportedDescription(OpenDescription):
-    """A route through a network; its lanes, their width and the speed limits are the network's.
+    """A route through a user's network, which defines its lanes, their width and speed limits.
 
     Raises:
         ScenarioError: the route cannot be read (``net_route.read_route``), is too short or too

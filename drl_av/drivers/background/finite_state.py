@@ -108,8 +108,8 @@ def _behind(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> Fl
 class HardBraking:
     """Replaces the decisions of vehicles that brake hard.
 
-    At each decision a separate random generator draws which vehicles begin to brake; they brake
-    for ``traffic.hard_brake_s``. ``n`` is the number of rows in a snapshot.
+    At each decision a separate random generator draws which vehicles begin to brake. They then
+    brake for ``traffic.hard_brake_s`` seconds. ``n`` is the number of rows in a snapshot.
     """
 
     def __init__(self, seed: int, n: int, config: Config) -> None:

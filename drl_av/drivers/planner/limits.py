@@ -29,7 +29,7 @@ class Near(NamedTuple):
 
 
 class Limits(Protocol):
-    """What a safety check permits the ego; the argument ``speed`` is the ego's speed, m/s."""
+    """Computes what a safety check permits; the argument ``speed`` is the ego's speed, m/s."""
 
     followers_stay_behind: bool
     """Whether the check ignores the vehicles behind the ego in the lane of the ego's centre."""
@@ -56,7 +56,7 @@ class Limits(Protocol):
 
 
 class PaperLimits:
-    """What rules 1 and 3 of the check ``paper`` permit."""
+    """Computes what rules 1 and 3 of the check ``paper`` permit."""
 
     followers_stay_behind = False
 
@@ -93,7 +93,7 @@ class PaperLimits:
 
 
 class StrictLimits:
-    """What the check ``strict`` permits, by its stopping distances."""
+    """Computes what the check ``strict`` permits, from its stopping distances."""
 
     followers_stay_behind = True
 

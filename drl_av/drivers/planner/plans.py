@@ -12,7 +12,7 @@ SEGMENTS_S = (2, 5, 13)
 
 
 class Intent(IntEnum):
-    """What the ego intends in one second; a lane change begins as soon as it is permitted."""
+    """The ego's intent in one second; a lane change begins as soon as the check permits it."""
 
     KEEP = 0
     BRAKE = 1
