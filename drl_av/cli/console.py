@@ -103,7 +103,7 @@ def evaluation_line(row: "EvaluationRow") -> str:
 
 
 class StopRequest:
-    """A request to stop: the attribute ``made`` is True once the user has made it."""
+    """Holds whether the user has asked the program to stop: ``made`` is then True."""
 
     made = False
 

@@ -29,7 +29,7 @@ _HISTORY = 60
 
 @dataclass(frozen=True)
 class Caption:
-    """The contents of the panels; the defaults are those of a scene after a reset."""
+    """The contents of the panels; the defaults describe a scene after a reset."""
 
     driver: str = ""
     vehicles: int | None = None

@@ -72,7 +72,7 @@ class Sheet:
         self._pen.rounded_rectangle(ends, k * radius, fill, outline, round(k * width))
 
     def dot(self, center: Point, radius: float, fill: Color) -> None:
-        """Draw a filled circle."""
+        """Draw a filled circle; ``center`` (x, y) and ``radius`` are in px of the layout."""
         x, y, r = (OVERSAMPLING * v for v in (*center, radius))
         self._pen.ellipse((x - r, y - r, x + r, y + r), fill)
 

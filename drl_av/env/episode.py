@@ -16,8 +16,8 @@ def traffic_seed(seed: int | None, options: Mapping[str, Any], rng: np.random.Ge
     """Return the seed of an episode's traffic.
 
     It is ``seed`` if this is at least 1,000,000, or if ``options`` contains ``vehicles``. Otherwise
-    it is drawn from ``rng``, which gymnasium has already seeded with ``seed``: clients pass a small
-    seed to their first reset to seed all random numbers.
+    ``rng``, which gymnasium has seeded with ``seed``, draws it from ``TRAINING_SEEDS``. Libraries
+    pass small seeds to their first reset, which must not select an episode of the evaluation.
     """
     if seed is not None and (seed >= TRAINING_SEEDS[0] or "vehicles" in options):
         return seed

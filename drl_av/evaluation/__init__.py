@@ -8,9 +8,8 @@ RULE = (
     "it (the 95 percent interval of the gain, paired by traffic, lies above 0), if its ego hits "
     "something in no more episodes than with any rule-based driver, and if it brakes hard no more "
     "often in a kilometre than the fastest one; with --criticality also only if no smaller a share "
-    "of its decisions is within nuPlan's bounds of comfort. On a road with an exit, or with a lane "
-    "that ends in which the ego starts, it must also miss its exit, or fail to merge, in no more "
-    "episodes than any rule-based driver, and is compared with the fastest of those that miss or "
-    "fail least."
+    "of its decisions is within nuPlan's bounds of comfort. If the road has an exit, or if the ego "
+    "starts in a lane that ends, it must also miss its exit, or fail to merge, in no more episodes "
+    "than any rule-based driver, and is compared with the fastest of those that miss or fail least."
 )
 """The criterion in words, for the help and the documentation."""

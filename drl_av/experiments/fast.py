@@ -63,7 +63,8 @@ def fast_plan(options: ReproduceOptions) -> Plan:
 def fast_table(results: Results) -> str:
     """Return the Markdown table of the results, one row for each training's driver.
 
-    A gain is the paired difference from ``paper-0``, a driver of the paper's whole schedule.
+    Each gain compares the driver with ``paper-0``, which was trained by the paper's whole schedule:
+    the mean difference in the same traffic, in the unit of the column before it.
     """
     seconds = results.made_by("fast.csv")["wall_time_s"]
     rows = results.rows("fast.csv")
@@ -105,7 +106,10 @@ def driven_by(rows: Iterable[Row]) -> dict[str, list[list[Row]]]:
 
 
 def speed_over(drivers: Sequence[Sequence[Row]]) -> Mean:
-    """Return the mean speed with an interval over the drivers, or over a single one's episodes."""
+    """Return the mean speed, m/s, with its 95 % interval; ``drivers`` holds each one's episodes.
+
+    The interval describes the spread between drivers or, for one driver, between its episodes.
+    """
     if len(drivers) == 1:
         return mean_with_interval(float(row["mean_speed_m_s"]) for row in drivers[0])
     return mean_with_interval(mean_of(own, "mean_speed_m_s") for own in drivers)

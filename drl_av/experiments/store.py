@@ -53,7 +53,7 @@ class MadeWith(NamedTuple):
         )
 
     def extended(self, other: "MadeWith") -> "MadeWith":
-        """Return both values as one; for a name in both, the entry of ``other`` is used."""
+        """Return a value with the entries of both; for a name in both, that of ``other``."""
         return MadeWith(
             {**self.settings, **other.settings},
             {**self.policies, **other.policies},

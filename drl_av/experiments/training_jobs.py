@@ -54,7 +54,7 @@ class TrainingJob:
 
     @property
     def clock(self) -> Path:
-        """CSV file beside the folder: episode, and wall time since the previous row, s."""
+        """Path of a CSV file beside the folder: episode, and wall time since the last row, s."""
         return self.folder.with_suffix(".seconds.csv")
 
     def until(self, stop: int) -> "TrainingJob":

@@ -51,9 +51,9 @@ class OffRamp(OpenDescription):
         require_reachable(plan.road, plan.start, slow)
 
     def off_ramp(self, from_m: float) -> PartialLane:
-        """Return the deceleration lane and the off-ramp, which is divided from the highway.
+        """Return the lane that begins as deceleration lane and becomes the off-ramp at the exit.
 
-        ``from_m`` is the position at which the way to the exit begins.
+        The exit is ``approach_m`` after the position ``from_m``, m along the road.
         """
         exit_m = from_m + self.approach_m
         begin_m = exit_m - self.deceleration_lane_m

@@ -159,7 +159,7 @@ def pitches_m(
 
 
 def draw_trucks(rng: np.random.Generator, n: int, traffic: TrafficConfig) -> npt.NDArray[np.bool_]:
-    """Draw whether each of ``n`` vehicles is a truck, shape (n,); the ego, row 0, is none."""
+    """Draw which of ``n`` vehicles are trucks, shape (n,); row 0, the ego, is always False."""
     is_truck = rng.random(n) < traffic.truck_share
     is_truck[0] = False
     return is_truck

@@ -58,7 +58,7 @@ def test_it_decides_alike_on_both_sides(run: Path) -> None:
         assert reflected == mirror.action_permutation[driver.greedy(s)]
 
 
-def test_it_drives_on_its_own_road_and_nobody_elses_observation_fits(
+def test_it_drives_on_its_own_road_and_refuses_other_observations(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     table = tmp_path / "table.csv"

@@ -74,7 +74,7 @@ class Forecaster:
         self._mandatory = mandatory
 
     def around(self, ego: Ego, x_m: FloatArray, speed: FloatArray) -> Surroundings:
-        """Return the other vehicles as the ego sees them.
+        """Return the other vehicles relative to the egos of the P plans.
 
         ``x_m`` and ``speed``, shape (P, N), are the vehicles' positions, m, and speeds, m/s.
         """
