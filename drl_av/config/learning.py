@@ -144,8 +144,9 @@ class LearningConfig(Section):
         False,
         "ours",
         "whether the trained driver proposes only actions that the safety check permits, and "
-        "begins no lane change away from its way or that forces a vehicle behind to brake harder "
-        "than mobil.comfortable_braking_m_s2; the training explores all actions",
+        "begins no lane change away from its way, and none that forces a vehicle behind to brake "
+        "harder than mobil.comfortable_braking_m_s2, while 250 m are left for each that its way "
+        "demands; the training explores all actions",
     )
     evaluate_every: int = setting(100, "Sec. IV-C", "episodes between evaluations", low=1)
     evaluation_episodes: int = setting(10, "ours", "episodes of an evaluation", low=1, high=10_000)

@@ -20,6 +20,9 @@ Permission = Callable[[Scene, Action], bool]
 Values = Callable[[Float32Array], Float32Array]
 """A function of an observation, shape (27,), that returns Q(s, .), a new array of shape (12,)."""
 
+URGENT_M = 250.0
+"""A driver forces its way into a lane if less than this distance, metres, is left for each lane
+change that its way demands (ours)."""
 CHANGES_LANE = np.array([action.lateral is not Lateral.KEEP for action in ACTIONS])
 """For each action number, whether the action is a lane change; bool, shape (12,)."""
 
@@ -74,6 +77,7 @@ def considerate(check: SafetyCheck, mobil: MobilConfig) -> Permission:
     - a lane change away from the way, while the way demands one to the other side;
     - a lane change for which IDM behind the ego in the new lane demands harder braking than the
       comfortable one. This is the safety criterion of MOBIL (Kesting, Treiber and Helbing 2007).
+      It is waived once less than ``URGENT_M`` is left for each lane change that the way demands.
     """
 
     def may_propose(scene: Scene, action: Action) -> bool:
@@ -86,8 +90,11 @@ def considerate(check: SafetyCheck, mobil: MobilConfig) -> Permission:
 
 
 def _may_begin(affordances: Affordances, sign: int, mobil: MobilConfig) -> bool:
-    if sign * affordances.mandatory.lanes < 0 or not affordances.has_lane(sign):
+    lanes, within_m = affordances.mandatory
+    if sign * lanes < 0 or not affordances.has_lane(sign):
         return False
+    if within_m < abs(lanes) * URGENT_M:
+        return True
     rear = affordances.rear(sign)
     limit = -mobil.comfortable_braking_m_s2
     return rear is None or acceleration_behind_ego(affordances, rear, mobil) >= limit

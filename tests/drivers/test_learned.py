@@ -138,6 +138,17 @@ def test_a_considerate_driver_begins_no_lane_change_away_from_its_way(
     assert driver.act(world, S_T).number == expected
 
 
+@pytest.mark.parametrize(("s_m", "expected"), [(647.0, MAINTAIN), (648.0, MAINTAIN_RIGHT)])
+def test_a_considerate_driver_forces_its_way_where_less_than_250_m_are_left_for_each_lane_change(
+    s_m: float, expected: int
+) -> None:
+    # 2 lane changes by 1,150 m; the front bumper has 500.5 m left at 647 m, and 499.5 m at 648 m
+    world = scene(behind(5.0, LANE_M), road=LEAVE, s_m=s_m, y_m=2 * LANE_M)
+    driver = LearnedDriver(stated({MAINTAIN: 0.3, MAINTAIN_RIGHT: 0.9}))
+    driver = driver.limited_to(considerate(permit_all, MobilConfig()))
+    assert driver.act(world, S_T).number == expected
+
+
 def test_a_lane_change_that_has_begun_goes_on_before_any_vehicle() -> None:
     world = changing(behind(5.0, LEFT), origin=1, target=2, seconds=1)
     driver = LearnedDriver(stated({MAINTAIN: 0.3, ACCELERATE_LEFT: 0.9}))
