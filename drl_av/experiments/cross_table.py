@@ -29,11 +29,11 @@ UNTRAINED = (REFERENCE, "gap-mobil-1.3", "sumo-tuned")
 """The strongest rule-based driver, and two others (see the experiment ``opponents``)."""
 NAME = "cross_table-"
 """Beginning of the names of the trained drivers; the kind of traffic of the training follows."""
-TRAINED_IN = ("calm", "naturalistic", "hazards", "all")
+TRAINED_IN = (*SINGLE_KINDS, "all")
 """The kinds of traffic in which drivers are trained."""
 ORDER = (*UNTRAINED, DRIVER, *(NAME + kind for kind in TRAINED_IN))
 DENSITIES = (10, 15, 20, 25)
-DRIVES = 8
+DRIVES = 25
 """Largest number of episodes of a driver at one density in one kind of traffic."""
 FIRST_SEED = 950_000
 COLUMNS = ("seed", "mean_speed_m_s", "mean_reward", "collided", "ego_hit", "safety_triggers")
@@ -142,7 +142,7 @@ def _label(driver: str) -> str:
 
 CROSS_TABLE = Experiment(
     name="cross_table",
-    meaning="drivers trained in three kinds of traffic and in all, evaluated in each kind",
+    meaning="drivers trained in one kind of traffic or in all, evaluated in each kind",
     row="an episode of a driver in a kind of traffic",
     plan=cross_table_plan,
     summaries={"cross_table": gain_table, "cross_table_hits": hits_table},
