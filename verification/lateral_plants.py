@@ -29,7 +29,7 @@ class Aside(NamedTuple):
 
 
 class Lanes(NamedTuple):
-    """The lane changes in a step."""
+    """Which egos of many scenes change lanes in a step, and to where; arrays of shape (scenes,)."""
 
     changing: BoolArray
     """Whether the ego changes lanes in each scene."""

@@ -1,18 +1,19 @@
 """The drivers beside the strongest rule-based ones, in each kind of traffic (ours)."""
 
 from collections.abc import Iterable, Sequence
+from statistics import fmean
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from drl_av.config import Config
+from drl_av.config import SINGLE_KINDS, Config
 from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation.aggregates import interquartile_mean, probability_of_improvement
 from drl_av.evaluation.statistics import Mean, mean_difference, mean_with_interval
 from drl_av.experiments.canvas import label_axes, legend_of_names, panels
 from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.experiment import Experiment, Results
-from drl_av.experiments.markdown import count, densities_of, markdown_table
+from drl_av.experiments.markdown import collisions_cell, densities_of, markdown_table
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
 from drl_av.files import Row
@@ -20,16 +21,22 @@ from drl_av.files import Row
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-KINDS = ("calm",)
-"""The kinds of traffic that have been driven so far."""
 VEHICLES = (1, 5, 10, 15, 20, 25, 30, 40)
 MIDDLE = range(5, 26)
 """The numbers of vehicles over which the gains are also pooled."""
-EPISODES = 4
-"""Episodes of each driver at each number of vehicles in each kind of traffic."""
 FIRST_SEED = 910_000
 OURS = ("pretrained", "planner")
-OPPONENTS = ("idm", "idm-mobil", "gap-mobil", "gap-mobil-1.3", "sumo", "sumo-tuned")
+OPPONENTS = ("gap-mobil", "gap-mobil-1.3", "sumo", "sumo-tuned")
+COLUMNS = (
+    "driver",
+    "safety_check",
+    "seed",
+    "mean_speed_m_s",
+    "collided",
+    "ego_hit",
+    "lane_changes",
+    "aborted_lane_changes",
+)
 REFERENCE = "gap-mobil"
 """The driver to which the figure compares the others."""
 
@@ -38,8 +45,12 @@ class Variant(NamedTuple):
     """The drivers that drive with one check and one longitudinal reference."""
 
     drivers: tuple[str, ...]
-    check: str
-    reference: str
+    check: str = "paper"
+    reference: str = "acceleration"
+    setting: str = ""
+    """What the tables append to the names of the drivers."""
+    episodes: int = 50
+    """Most episodes at each number of vehicles in each kind of traffic."""
 
     def config(self, config: Config, kind: str) -> Config:
         """Return the config of this variant in a kind of traffic."""
@@ -48,32 +59,36 @@ class Variant(NamedTuple):
 
 
 VARIANTS = {
-    "paper": Variant((*OURS, *OPPONENTS), "paper", "acceleration"),
-    "acc": Variant(("idm-mobil", "idm-sumo"), "paper", "acc"),
-    "strict": Variant(OURS, "strict", "acceleration"),
+    "paper": Variant(("pretrained", *OPPONENTS)),
+    "acc": Variant(("idm-mobil", "idm-sumo"), reference="acc", setting="acc"),
+    "strict": Variant(("pretrained",), check="strict", setting="strict"),
+    "search": Variant(("planner",), episodes=16),
 }
+"""``planner`` has fewer episodes, because it needs most of the time."""
 PLACES = [(name, driver) for name, each in VARIANTS.items() for driver in each.drivers]
 
 
 def opponents_plan(options: ReproduceOptions) -> Plan:
-    """Return the plan: every driver on the same traffic seeds; never more than ``EPISODES``."""
+    """Return the plan: every driver on the same traffic seeds, as many as its variant has."""
     base = options.laid_over(default_config(find_drivers(OURS[:1])))
     configs = {
         (kind, name): variant.config(base, kind)
-        for kind in KINDS
+        for kind in SINGLE_KINDS
         for name, variant in VARIANTS.items()
     }
     cells = [
         Drives(
             config,
-            VARIANTS[name].drivers,
+            variant.drivers,
             vehicles,
-            min(options.drives, EPISODES),
+            min(options.drives, variant.episodes),
+            COLUMNS,
             named=(("traffic", kind), ("variant", name)),
             first_seed=FIRST_SEED,
         )
         for vehicles in VEHICLES
         for (kind, name), config in configs.items()
+        for variant in (VARIANTS[name],)
     ]
     made_with = driven_with(base, OURS[:1])
     settings = {f"{kind}, {name}": config for (kind, name), config in configs.items()}
@@ -84,12 +99,13 @@ def opponents_plan(options: ReproduceOptions) -> Plan:
 def _place(row: Row) -> tuple[int, int, int, int]:
     driver = PLACES.index((row["variant"], row["driver"]))
     vehicles = VEHICLES.index(int(row["vehicles"]))
-    return KINDS.index(row["traffic"]), vehicles, int(row["seed"]), driver
+    return SINGLE_KINDS.index(row["traffic"]), vehicles, int(row["seed"]), driver
 
 
 def label(row: Row) -> str:
-    """Return the name of a row's driver, with its variant if that is not ``paper``."""
-    return row["driver"] + ("" if row["variant"] == "paper" else f", {row['variant']}")
+    """Return the name of a row's driver, with the setting of its variant."""
+    setting = VARIANTS[row["variant"]].setting
+    return f"{row['driver']}, {setting}" if setting else row["driver"]
 
 
 def speeds(rows: Iterable[Row]) -> dict[str, dict[str, float]]:
@@ -101,13 +117,18 @@ def speeds(rows: Iterable[Row]) -> dict[str, dict[str, float]]:
 
 
 def gain(ours: dict[str, float], theirs: dict[str, float]) -> Mean:
-    """Return the mean difference of speeds in the same traffic with its 95 % interval, m/s."""
+    """Return the mean difference of speeds with its 95 % interval, m/s.
+
+    The difference is that of the episodes that both drove. Raises DrlAvError without such episodes.
+    """
+    both = ours.keys() & theirs.keys()
+    ours, theirs = ({seed: own[seed] for seed in both} for own in (ours, theirs))
     return mean_difference(ours, theirs, "The drivers")
 
 
 def best_opponent(found: dict[str, dict[str, float]]) -> str:
-    """Return the label of the fastest opponent; ``found`` has speeds by label and episode."""
-    theirs = {name: sum(own.values()) for name, own in found.items() if not _is_ours(name)}
+    """Return the label of the fastest opponent on the mean; ``found`` is by label and episode."""
+    theirs = {name: fmean(own.values()) for name, own in found.items() if not _is_ours(name)}
     return max(theirs, key=lambda name: theirs[name])
 
 
@@ -179,9 +200,8 @@ def speed_table(results: Results) -> str:
             for column in ("aborted_lane_changes", "lane_changes")
         )
         share = f"{100 * aborts / max(aborts + changes, 1):.0f}"
-        hits = f"{count(own, 'ego_hit')} of {len(own)}"
-        lines.append([kind, f"`{name}`", *means, share, hits])
-    last = ["lane changes aborted, %", "ego hit something"]
+        lines.append([kind, f"`{name}`", *means, share, collisions_cell(own)])
+    last = ["lane changes aborted, %", "ego hit something / was hit"]
     return markdown_table(["traffic", "driver", *map(str, VEHICLES), *last], lines)
 
 

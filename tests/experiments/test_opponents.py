@@ -40,7 +40,11 @@ def test_the_gain_is_over_the_fastest_opponent_and_paired_by_seed() -> None:
 def test_the_statistics_are_those_of_the_middle_densities_beside_the_best_opponent(
     tmp_path: Path,
 ) -> None:
-    speeds = {"planner": (24.0, 25.0, 1.0), "sumo": (24.0, 20.0, 30.0), "idm": (10.0, 11.0, 30.0)}
+    speeds = {
+        "planner": (24.0, 25.0, 1.0),
+        "sumo": (24.0, 20.0, 30.0),
+        "gap-mobil": (10.0, 11.0, 30.0),
+    }
     rows = [
         row(driver, seed, speed) | {"traffic": "calm", "vehicles": vehicles}
         for driver, own in speeds.items()
@@ -52,31 +56,55 @@ def test_the_statistics_are_those_of_the_middle_densities_beside_the_best_oppone
     assert lines[2].startswith("| calm | `planner` | 24.50 [24.00, 25.00] | 0.88 [")
     assert lines[3:] == [
         "| calm | `sumo` | 22.00 [20.00, 24.00] |  |",
-        "| calm | `idm` | 10.50 [10.00, 11.00] | 0.00 [0.00, 0.00] |",
+        "| calm | `gap-mobil` | 10.50 [10.00, 11.00] | 0.00 [0.00, 0.00] |",
     ]
+
+
+def test_a_gain_is_that_of_the_episodes_that_both_drove() -> None:
+    found = speeds(
+        [
+            *(row("planner", seed, speed, "search") for seed, speed in ((1, 25.0), (2, 21.0))),
+            *(row("sumo", seed, speed) for seed, speed in ((1, 20.0), (2, 20.0), (3, 90.0))),
+            *(row("gap-mobil", seed, 40.0) for seed in (1, 2, 3)),
+        ]
+    )
+    assert best_opponent(found) == "sumo"  # 43.3 m/s over all its episodes, 20 in those of both
+    assert gain(found["planner"], found["sumo"]).value == pytest.approx(3.0)
 
 
 def test_every_driver_drives_the_same_seeds_in_its_own_settings_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(opponents, "VEHICLES", (5,))
-    monkeypatch.setattr(opponents, "EPISODES", 2)
+    few = {name: each._replace(episodes=1) for name, each in VARIANTS.items() if name == "search"}
+    monkeypatch.setattr(opponents, "VARIANTS", VARIANTS | few)
+    monkeypatch.setattr(opponents, "SINGLE_KINDS", ("calm", "naturalistic"))
     (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 3\n")
     config = str(tmp_path / "short.toml")
-    options = ReproduceOptions(jobs=1, out=tmp_path, config=config)
+    options = ReproduceOptions(jobs=1, out=tmp_path, config=config, drives=2)
     list(reproduce(OPPONENTS_SWEEP, options))
     results = Results(tmp_path)
     rows, made = results.rows("opponents.csv"), results.made_by("opponents.csv")["settings"]
-    assert len(rows) == 2 * sum(len(each.drivers) for each in VARIANTS.values())
-    assert {each["seed"] for each in rows} == {"910000", "910001"}
+    assert [(each["traffic"], each["variant"], each["driver"], each["seed"]) for each in rows] == [
+        (kind, name, driver, str(seed))
+        for kind in ("calm", "naturalistic")
+        for seed in (910000, 910001)
+        for name, each in VARIANTS.items()
+        for driver in each.drivers
+        if (name, seed) != ("search", 910001)
+    ]
     checks = {(each["variant"], each["driver"]): each["safety_check"] for each in rows}
-    assert checks["strict", "planner"] == "strict"
-    assert checks["acc", "idm-sumo"] == checks["paper", "planner"] == "paper"
+    assert checks["strict", "pretrained"] == "strict"
+    assert checks["acc", "idm-sumo"] == checks["search", "planner"] == "paper"
     assert checks["paper", "sumo-tuned"] == "none"
-    assert made["calm, acc"]["ego"]["longitudinal_reference"] == "acc"
+    assert made["naturalistic, acc"]["ego"]["longitudinal_reference"] == "acc"
+    assert (
+        made["naturalistic, acc"]["traffic"]["truck_share"]
+        > made["calm, acc"]["traffic"]["truck_share"]
+    )
     assert (tmp_path / "opponents.png").is_file()
     before = (tmp_path / "opponents.csv").read_bytes()
     list(reproduce(OPPONENTS_SWEEP, options))
     assert (tmp_path / "opponents.csv").read_bytes() == before
     for table in OPPONENTS_SWEEP.summaries.values():
-        assert "| calm | `planner, strict` | " in table(results)
+        assert "| naturalistic | `pretrained, strict` | " in table(results)
