@@ -28,6 +28,7 @@ BEHIND = "did not stay behind the ego"
 BRAKES = "the ego brakes"
 LEAVES = "it is leaving the lane of the ego"
 BETWEEN = "it begins between the centres of two lanes"
+THROUGH = "it goes on past the centre of a lane without stopping there"
 SOONER = "it kept the bound a SUMO step sooner"
 """Circumstances of a breach. SOONER means that the move obeyed the bound at the positions before
 the SUMO step, on which the vehicle's driver decided."""
@@ -136,14 +137,14 @@ class Auditor:
         ahead_m = self._ahead_m(after)
         gap_m, behind_m = self._gaps(after, row)
         if min(gap_m, behind_m) <= 0:
-            self._record(after, row, BESIDE, self._between(before, row))
+            self._record(after, row, BESIDE, self._start(before, row))
             return
         there[EGO] = False
         if not is_met and not (there & (ahead_m < ahead_m[row])).any():
             self._judge_cut_in(before, after, row)
         if not (there & (ahead_m > ahead_m[row])).any() and self._must_hit(after, behind_m)[row]:
             sooner = not self._must_hit(before, self._gaps(before, row)[1])[row]
-            self._record(after, row, TOO_FAST, SOONER if sooner else self._between(before, row))
+            self._record(after, row, TOO_FAST, SOONER if sooner else self._start(before, row))
 
     def _gaps(self, shot: Snapshot, row: int) -> tuple[float, float]:
         """Return a vehicle's gap, m, ahead of the ego and behind it; on a loop it has both."""
@@ -151,11 +152,12 @@ class Auditor:
         ahead_m = self._ahead_m(shot)[row]
         return float(ahead_m - lengths_m), float(self._road.lap_m - ahead_m - lengths_m)
 
-    def _between(self, before: Snapshot, row: int) -> str:
-        """Return ``BETWEEN`` for a vehicle between the centres of two lanes, otherwise ""."""
+    def _start(self, before: Snapshot, row: int) -> str:
+        """Return ``BETWEEN`` or ``THROUGH`` if a vehicle began elsewhere than at rest in a lane."""
         lane = before.y_m[row] / self._road.lane_width_m
         off_m = abs(lane - round(lane)) * self._road.lane_width_m
-        return BETWEEN if off_m > ARRIVED_M else ""
+        moved = abs(before.lateral_speed_m_s[row]) > STILL_M_S
+        return BETWEEN if off_m > ARRIVED_M else THROUGH if moved else ""
 
     def _judge_cut_in(self, before: Snapshot, after: Snapshot, row: int) -> None:
         rate_before, rate = self._ego_m_s2
@@ -165,7 +167,7 @@ class Auditor:
             self.cut_ins_m.append(margin_m)
         if margin_m <= 0:
             sooner = self._cut_in_margin_m(before, row, rate_before) > 0
-            self._record(after, row, CUT_IN, SOONER if sooner else self._between(before, row))
+            self._record(after, row, CUT_IN, SOONER if sooner else self._start(before, row))
 
     def _cut_in_margin_m(self, shot: Snapshot, row: int, rate: float) -> float:
         """Return the gap ahead of the ego minus the smallest gap of a permitted cut-in, m."""

@@ -26,7 +26,7 @@ from drl_av.experiments.store import settings_mismatch, stored_config
 from drl_av.files import append_rows, read_table
 from drl_av.safety import CHECKS
 from drl_av.traffic.population import Kind
-from verification.auditor import BETWEEN, BRAKES, LEAVES, SOONER, Auditor, Breach
+from verification.auditor import BETWEEN, BRAKES, LEAVES, SOONER, THROUGH, Auditor, Breach
 from verification.program import Program, run_program
 
 FIRST_SEED = 800_000
@@ -50,6 +50,7 @@ CAUSES = {
     "brakes too late behind an ego that brakes",
     LEAVES: "SUMO lets a vehicle that changes to another lane come nearer than it can stop",
     BETWEEN: "SUMO resumes or turns round a lane change that was cut short",
+    THROUGH: "SUMO lets a vehicle that returns to its lane go on into the next one",
     SOONER: "its driver decided on the positions a SUMO step sooner, when it was right",
 }
 """The cause of a breach, by its circumstance."""

@@ -49,7 +49,7 @@ class Variant(NamedTuple):
     reference: str = "acceleration"
     setting: str = ""
     """What the tables append to the names of the drivers."""
-    episodes: int = 50
+    episodes: int = 100
     """Most episodes at each number of vehicles in each kind of traffic."""
 
     def config(self, config: Config, kind: str) -> Config:
@@ -61,8 +61,8 @@ class Variant(NamedTuple):
 VARIANTS = {
     "paper": Variant(("pretrained", *OPPONENTS)),
     "acc": Variant(("idm-mobil", "idm-sumo"), reference="acc", setting="acc"),
-    "strict": Variant(("pretrained",), check="strict", setting="strict"),
-    "search": Variant(("planner",), episodes=16),
+    "strict": Variant(("pretrained",), check="strict", setting="strict", episodes=250),
+    "search": Variant(("planner",), episodes=50),
 }
 """``planner`` has fewer episodes, because it needs most of the time."""
 PLACES = [(name, driver) for name, each in VARIANTS.items() for driver in each.drivers]

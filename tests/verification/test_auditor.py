@@ -26,6 +26,7 @@ from verification.auditor import (
     LEAVES,
     SIDEWAYS,
     SOONER,
+    THROUGH,
     TOO_FAST,
     Auditor,
     Breach,
@@ -201,14 +202,27 @@ def test_a_cut_in_is_seen_the_long_way_round_a_small_loop() -> None:
     assert names(auditor.breaches) == [CUT_IN]
 
 
-def test_a_vehicle_that_passes_a_lane_s_centre_without_stopping_begins_a_new_movement() -> None:
+@pytest.mark.parametrize(
+    ("first_m", "breaches", "circumstance"),
+    [
+        # its second step, from 3.6 to 3.98 m, takes it past the centre at 3.8 m
+        (3.22, [[], [], [CUT_IN], [CUT_IN]], BETWEEN),
+        # it is at 3.8 m after two steps
+        (3.04, [[], [], [], [CUT_IN]], THROUGH),
+    ],
+)
+def test_a_vehicle_that_passes_a_lane_s_centre_without_stopping_begins_a_new_movement(
+    first_m: float, breaches: list[list[str]], circumstance: str
+) -> None:
     # through the middle lane, 30 m ahead of the ego in the left one
-    auditor, breaches = Auditor(CONFIG, ROAD), []
-    for step, y_m in enumerate((3.22, 3.6, 3.98, 4.36)):
+    auditor, found = Auditor(CONFIG, ROAD), []
+    for step in range(4):
+        y_m = first_m + 0.38 * step
         shot = snapshot(ahead(30.0, y_m, 10.0, 0.76), y_m=LEFT)
         auditor.watch(shot._replace(time_s=step * STEP_S))
-        breaches.append(names(auditor.breaches))
-    assert breaches == [[], [], [CUT_IN], [CUT_IN]]
+        found.append(names(auditor.breaches))
+    assert found == breaches
+    assert auditor.breaches[0].circumstance == circumstance
 
 
 def test_who_moves_in_behind_the_ego_has_to_be_able_to_stop_there() -> None:
