@@ -137,14 +137,14 @@ class Auditor:
         ahead_m = self._ahead_m(after)
         gap_m, behind_m = self._gaps(after, row)
         if min(gap_m, behind_m) <= 0:
-            self._record(after, row, BESIDE, self._start(before, row))
+            self._record(after, row, BESIDE, self._began(before, row))
             return
         there[EGO] = False
         if not is_met and not (there & (ahead_m < ahead_m[row])).any():
             self._judge_cut_in(before, after, row)
         if not (there & (ahead_m > ahead_m[row])).any() and self._must_hit(after, behind_m)[row]:
             sooner = not self._must_hit(before, self._gaps(before, row)[1])[row]
-            self._record(after, row, TOO_FAST, SOONER if sooner else self._start(before, row))
+            self._record(after, row, TOO_FAST, SOONER if sooner else self._began(before, row))
 
     def _gaps(self, shot: Snapshot, row: int) -> tuple[float, float]:
         """Return a vehicle's gap, m, ahead of the ego and behind it; on a loop it has both."""
@@ -152,8 +152,8 @@ class Auditor:
         ahead_m = self._ahead_m(shot)[row]
         return float(ahead_m - lengths_m), float(self._road.lap_m - ahead_m - lengths_m)
 
-    def _start(self, before: Snapshot, row: int) -> str:
-        """Return ``BETWEEN`` or ``THROUGH`` if a vehicle began elsewhere than at rest in a lane."""
+    def _began(self, before: Snapshot, row: int) -> str:
+        """Return ``BETWEEN`` or ``THROUGH`` if a move began elsewhere than at rest in a lane."""
         lane = before.y_m[row] / self._road.lane_width_m
         off_m = abs(lane - round(lane)) * self._road.lane_width_m
         moved = abs(before.lateral_speed_m_s[row]) > STILL_M_S
@@ -167,7 +167,7 @@ class Auditor:
             self.cut_ins_m.append(margin_m)
         if margin_m <= 0:
             sooner = self._cut_in_margin_m(before, row, rate_before) > 0
-            self._record(after, row, CUT_IN, SOONER if sooner else self._start(before, row))
+            self._record(after, row, CUT_IN, SOONER if sooner else self._began(before, row))
 
     def _cut_in_margin_m(self, shot: Snapshot, row: int, rate: float) -> float:
         """Return the gap ahead of the ego minus the smallest gap of a permitted cut-in, m."""
