@@ -83,13 +83,15 @@ def train(settings: Mapping[str, Any], seed: int, decisions: int) -> DQN:
 def rate(traffic: int, episodes: int, agent: DQN | None = None) -> Rating:
     """Drive ``episodes`` episodes at each number of vehicles, from the seed ``traffic`` on.
 
-    The shipped driver drives if there is no agent.
+    The shipped driver drives if there is no agent. Both drive under the check ``paper``.
     """
     own = {}
     if agent is not None:
         own["agent"] = PolicyDriver(lambda seen: agent.predict(seen, deterministic=True)[0])
     drivers = () if own else "pretrained"
-    rows = drl_av.evaluate(drivers, own=own, vehicles=VEHICLES, episodes=episodes, seed=traffic)
+    rows = drl_av.evaluate(
+        drivers, own=own, vehicles=VEHICLES, episodes=episodes, seed=traffic, safety_check="paper"
+    )
     return Rating(
         fmean(row.mean_reward for row in rows),
         fmean(row.mean_speed_m_s for row in rows),

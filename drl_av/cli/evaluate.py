@@ -30,7 +30,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av evaluate`` to its parser."""
     parser.epilog = RULE
     parser.add_argument(
-        "runs", nargs="*", metavar="RUN", help="folders of runs (default: the shipped driver)"
+        "runs",
+        nargs="*",
+        metavar="RUN",
+        help="folders of runs (default: the shipped driver, under strict)",
     )
     parser.add_argument(
         "--driver",

@@ -152,7 +152,7 @@ def _adaptation_config(options: argparse.Namespace, run: "Run", spec: "DriverSpe
     if options.resume:
         stored = run.read_config()
         return _unchanged(run, stored, overridden(stored, options).updated("learning", **given))
-    base = adaptation(default_config([spec]))
+    base = adaptation(default_config([spec._replace(check=None)]))  # that of its training
     config = overridden(base, options).updated("learning", **given)
     make_drivers([spec], config)
     return config

@@ -22,7 +22,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         metavar="RUN | RECORDING",
         help="a file written by --record, or a driver in any form that --driver takes "
-        "(default: the shipped driver)",
+        "(default: the shipped driver, under strict)",
     )
     which.add_argument("--driver", metavar="NAME", help=driver_words())
     parser.add_argument("--seed", type=whole(0), metavar="S", help="traffic seed (default: 0)")

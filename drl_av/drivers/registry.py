@@ -48,6 +48,9 @@ Each worker process has its own copy of this table. An evaluation with a driver 
 adds at run time can therefore use one process only.
 """
 
+DRIVES_UNDER = {"pretrained": "strict"}
+"""The safety check under which a shipped driver drives by default, if its training had another."""
+
 DRIVER_FILES = (".safetensors", *LOADERS)
 """Suffixes of the files from which a driver can be loaded."""
 
@@ -61,6 +64,8 @@ class DriverSpec(NamedTuple):
     """The run's folder or the driver's file; None for a rule-based driver or a factory."""
     own: Driver | None = None
     """The driver object that the user's program passes; None if ``name`` is to be loaded."""
+    check: str | None = None
+    """The safety check under which it drives by default; None for that of its training."""
 
     @property
     def is_external(self) -> bool:
@@ -111,7 +116,9 @@ def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
     short = {word: word if word in named else Path(word).absolute().name for word in runs}
     count = Counter(short.values())
     return tuple(
-        DriverSpec(short[word] if count[short[word]] == 1 else word, run)
+        DriverSpec(
+            short[word] if count[short[word]] == 1 else word, run, check=DRIVES_UNDER.get(word)
+        )
         for word, run in runs.items()
     )
 
@@ -140,12 +147,17 @@ def _unknown(word: str) -> ConfigError:
 def default_config(specs: Sequence[DriverSpec]) -> Config:
     """Return the config of the first learned driver, or the default config without one.
 
+    It is the config of the driver's training, with the safety check of ``DRIVES_UNDER``.
+
     Raises:
         RunError: the run of that driver does not exist, or has not saved a policy yet.
         CheckpointError: the policy file of that driver is damaged.
     """
-    run = next((spec.run for spec in specs if spec.run and not spec.is_external), None)
-    return load_learned(run)[1] if run else Config()
+    for spec in specs:
+        if spec.run and not spec.is_external:
+            config = load_learned(spec.run)[1]
+            return config.updated("safety", check=spec.check) if spec.check else config
+    return Config()
 
 
 def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Driver]:
@@ -169,7 +181,7 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
     margins = [own.learning.lane_change_margin for _, own in learned.values()]
     margin = config.learning.lane_change_margin
     for spec in specs:
-        name, run, made = spec
+        name, run, made, _ = spec
         if run is None:
             drivers[name] = rule_driver(name, config) if made is None else made
             continue

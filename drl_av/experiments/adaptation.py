@@ -45,7 +45,7 @@ def adaptation_plan(options: ReproduceOptions) -> Plan:
     experience that the shipped driver collected, its training is repeated first. The folder of this
     training contains the folders of the others.
     """
-    shipped = default_config(find_drivers(["pretrained"]))
+    shipped = default_config(find_drivers(["pretrained"])).updated("safety", check="paper")
     origin = _job("pretrained", options.laid_over(shipped), options.runs)
     configs = {
         variant: options.laid_over(adapted(shipped)).updated("learning", seed=0, **settings)

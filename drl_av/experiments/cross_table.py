@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from drl_av.config import SINGLE_KINDS, Config
 from drl_av.config.presets import preset
 from drl_av.drivers.policy_file import find_policy
-from drl_av.drivers.registry import default_config, find_drivers
+from drl_av.drivers.registry import find_drivers
 from drl_av.evaluation.statistics import Mean, mean_difference
 from drl_av.experiments.cells import Drives
 from drl_av.experiments.density_sweep import DRIVER
@@ -56,7 +56,7 @@ def cross_table_plan(options: ReproduceOptions) -> Plan:
     """
     jobs = trainings(options)
     [shipped] = find_drivers([DRIVER])
-    config = options.laid_over(default_config([shipped]))
+    config = options.settings_of([DRIVER])
     drivers: list[tuple[str, str, Config, TrainingJob | None]] = [
         *((name, name, config, None) for name in (*UNTRAINED, DRIVER)),
         *((job.name, str(job.folder), job.config, job) for job in jobs),

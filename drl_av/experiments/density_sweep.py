@@ -10,7 +10,6 @@ from contextlib import closing
 from typing import TYPE_CHECKING
 
 from drl_av.config import Config
-from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.errors import counted
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.paired import Paired, Speed, paired
@@ -58,7 +57,7 @@ def sweep_plan(options: ReproduceOptions) -> Plan:
     The sweep stops when the learned driver's mean speed is not significantly above that of the best
     of ``BASELINES`` (95 %), or when no more vehicles fit on the road. A cell holds one driver.
     """
-    config = options.laid_over(default_config(find_drivers(DRIVERS)))
+    config = options.settings_of(DRIVERS)
 
     def cell(vehicles: int, driver: str) -> Drives:
         named = (("driver", driver),)

@@ -6,7 +6,6 @@ from typing import Any
 
 from drl_av.config import Config
 from drl_av.config.presets import LITERAL
-from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.statistics import mean_difference
 from drl_av.experiments.cells import Drives, driven_with
@@ -40,7 +39,7 @@ The v_des of the best lane is exact, too.
 
 def literal_plan(options: ReproduceOptions) -> Plan:
     """Return the plan: every driver on the same traffic seeds with each variant's settings."""
-    base = options.laid_over(default_config(find_drivers([DRIVER])))
+    base = options.settings_of([DRIVER])
     configs = {name: changed(base, settings) for name, settings in VARIANTS.items()}
     seeds = min(options.drives, EPISODES)
     cells = [

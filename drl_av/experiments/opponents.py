@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from drl_av.config import SINGLE_KINDS, Config
-from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation.aggregates import interquartile_mean, probability_of_improvement
 from drl_av.evaluation.statistics import Mean, mean_difference, mean_with_interval
 from drl_av.experiments.canvas import label_axes, legend_of_names, panels
@@ -70,7 +69,7 @@ PLACES = [(name, driver) for name, each in VARIANTS.items() for driver in each.d
 
 def opponents_plan(options: ReproduceOptions) -> Plan:
     """Return the plan: every driver on the same traffic seeds, as many as its variant has."""
-    base = options.laid_over(default_config(find_drivers(OURS[:1])))
+    base = options.settings_of(OURS[:1])
     configs = {
         (kind, name): variant.config(base, kind)
         for kind in SINGLE_KINDS

@@ -1,9 +1,11 @@
 """The options of ``drl-av reproduce``, and the progress that an experiment reports."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
 from drl_av.config import Config, load_config, located
+from drl_av.drivers.registry import default_config, find_drivers
 
 ENGINES = ("loky", "ray")
 """The libraries that can distribute the trainings over processes."""
@@ -39,6 +41,16 @@ class ReproduceOptions(NamedTuple):
         Raises ConfigError if the file or a setting in it is wrong.
         """
         return located(load_config(self.config, config))
+
+    def settings_of(self, drivers: Iterable[str]) -> Config:
+        """Return the settings with which drivers drive in an experiment, under the paper's check.
+
+        They are those of the first learned driver, changed by the user's TOML file.
+
+        Raises ConfigError if the file or a setting in it is wrong.
+        """
+        config = default_config(find_drivers(drivers))
+        return self.laid_over(config.updated("safety", check="paper"))
 
 
 class Progress(NamedTuple):

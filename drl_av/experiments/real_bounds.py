@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from drl_av.config import Config
 from drl_av.config.presets import preset
 from drl_av.drivers.policy_file import find_policy
-from drl_av.drivers.registry import default_config, find_drivers
+from drl_av.drivers.registry import find_drivers
 from drl_av.evaluation.statistics import Mean, mean_with_interval
 from drl_av.experiments.canvas import label_axes, panels
 from drl_av.experiments.cells import Drives
@@ -66,7 +66,7 @@ def real_bounds_plan(options: ReproduceOptions) -> Plan:
     """
     jobs = trainings(options)
     [shipped] = find_drivers([DRIVER])
-    config = options.laid_over(default_config([shipped]))
+    config = options.settings_of([DRIVER])
     drivers: list[tuple[str, str, str, Config, TrainingJob | None]] = [
         (DRIVER, bounds, DRIVER, under(config, bounds), None)
         for bounds in ("paper", "strict", "real")

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from drl_av.config import Config, StrictConfig
-from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.errors import DrlAvError
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.statistics import Mean, mean_with_interval
@@ -75,7 +74,7 @@ def strict_plan(options: ReproduceOptions) -> Plan:
 
     It is also evaluated among 15 vehicles under ``strict``, with one bound changed at a time.
     """
-    config = options.laid_over(default_config(find_drivers([DRIVER])))
+    config = options.settings_of([DRIVER])
     keys = [(check, "", "", n) for n in DENSITIES for check in ("paper", "strict")]
     keys += [
         ("strict", bound, f"{value:g}", VEHICLES)

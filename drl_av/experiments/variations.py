@@ -4,7 +4,6 @@ from functools import partial
 from typing import Any
 
 from drl_av.config import Config
-from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation import DENSITIES
 from drl_av.experiments import density_sweep
 from drl_av.experiments.barricade import SCENARIO, TRAINED_VEHICLES
@@ -43,7 +42,7 @@ def varied(
 
     ``densities`` are the numbers of vehicles, by default those of the published tables.
     """
-    config = options.laid_over(default_config(find_drivers(drivers))).updated(section, **settings)
+    config = options.settings_of(drivers).updated(section, **settings)
     numbers = densities or DENSITIES
     cells = [Drives(config, drivers, vehicles, options.drives) for vehicles in numbers]
 

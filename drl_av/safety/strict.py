@@ -98,6 +98,7 @@ from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.errors import ConfigError
+from drl_av.safety.assumptions import WAY_OUT
 from drl_av.safety.check import Rule, Verdict
 from drl_av.safety.reachability import (
     LINE_M,
@@ -183,7 +184,7 @@ class Strict:
         if ego.lateral_plant != "kinematic":
             raise ConfigError(
                 f"ego.lateral_plant is {ego.lateral_plant!r}, but the check strict holds for "
-                "'kinematic' only (the lemma corridor): take that, or the check paper."
+                f"'kinematic' only (the lemma corridor): take that, or {WAY_OUT}."
             )
         self._strict, self._ego, self._simulation = strict, ego, simulation
         self._accelerations = np.array([how.acceleration_m_s2(ego) for how in Longitudinal])

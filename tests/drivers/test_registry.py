@@ -9,16 +9,18 @@ import pytest
 from runs import SHORT, run_folder
 from worlds import ALONE
 
+import drl_av
 from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.drivers.network import QNetwork
-from drl_av.drivers.policy_file import PRETRAINED
+from drl_av.drivers.policy_file import PRETRAINED, SHIPPED
 from drl_av.drivers.registry import (
     RULE_DRIVERS,
     DriverSpec,
     baselines,
     default_config,
     find_drivers,
+    load_learned,
     make_drivers,
 )
 from drl_av.driving.actions import ACTIONS, Action
@@ -90,7 +92,42 @@ def test_runs_of_one_name_are_distinguished_and_drivers_mix(tmp_path: Path) -> N
         "other",
         "random",
     ]
-    assert find_drivers(["pretrained"]) == (DriverSpec("pretrained", PRETRAINED),)
+    assert find_drivers(["pretrained"]) == (DriverSpec("pretrained", PRETRAINED, check="strict"),)
+
+
+@pytest.mark.parametrize(
+    ("driver", "check"),
+    [("pretrained", "strict"), ("pretrained-paper", "paper"), (str(PRETRAINED), "paper")],
+)
+def test_the_shipped_driver_drives_under_strict_and_others_under_the_check_of_their_training(
+    driver: str, check: str
+) -> None:
+    config = default_config(find_drivers([driver, "idm"]))
+    _, trained = load_learned(SHIPPED.get(driver, PRETRAINED))
+    assert config.safety.check == check
+    assert trained.safety.check == "paper"
+    assert config.updated("safety", check="paper") == trained
+    options = {"vehicles": 3, "episodes": 1, "seed": 800_000}
+    short = {"simulation": {"decisions_per_episode": 2}}
+    [row] = drl_av.evaluate(driver, config=short, **options)
+    assert row.safety_check == check
+    [row] = drl_av.evaluate(driver, config=short, safety_check="paper", **options)
+    assert row.safety_check == "paper"
+
+
+def test_where_strict_is_refused_the_shipped_driver_names_the_way_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["evaluate", "pretrained", "--vehicles", "3", "--episodes", "1", "--config"]
+    for settings in ("ego]\nlateral_plant = 'steering'", "traffic]\nacceleration_max_m_s2 = 2.5"):
+        file = tmp_path / "own.toml"
+        file.write_text(f"[{settings}\n[simulation]\ndecisions_per_episode = 2\n")
+        assert main([*words, str(file)]) == 1
+        said = " ".join(capsys.readouterr().err.split())
+        assert said.endswith("take the check paper (--safety-check paper).") or said.endswith(
+            "take that, or the check paper (--safety-check paper)."
+        )
+        assert main([*words, str(file), "--safety-check", "paper"]) == 0
 
 
 def test_config_is_that_of_the_first_run(tmp_path: Path) -> None:

@@ -64,6 +64,7 @@ def test_its_rows_are_those_of_the_command_line(tmp_path: Path) -> None:
 
 def test_an_object_of_the_program_drives_beside_the_shipped_driver() -> None:
     settings = {"vehicles": 0, "episodes": 1, "seed": SEED, "config": SHORT}
+    settings["safety_check"] = "paper"  # by default that of the shipped driver, where it drives
     [shipped] = drl_av.evaluate(**settings)
     [same, mine] = drl_av.evaluate("pretrained", own={"mine": Brakes()}, **settings)
     assert same == shipped

@@ -36,6 +36,9 @@ def test_each_is_driven_once_in_its_own_settings(
         assert list(reproduce(experiment, options)) == []
     assert {experiment: len(rows[experiment]) for experiment in ROWS} == ROWS
     assert {row["safety_check"] for row in rows[CHECK_PERMIT_ALL]} == {"permit_all"}
+    for paper in (REFERENCE_ACC, EXACT_SPEED, BARRICADE_PRETRAINED):
+        found = {row["driver"]: row["safety_check"] for row in rows[paper]}
+        assert found["pretrained"] == "paper"  # and not strict, its default
     assert {row["vehicles"] for row in rows[BARRICADE_PRETRAINED]} == {"15"}
     assert made[REFERENCE_ACC]["settings"]["ego"]["acc_gap_gain_per_s"] == 0.125
     assert made[EXACT_SPEED]["settings"]["reward"]["speed_tolerance_m_s"] == 0

@@ -172,6 +172,7 @@ def test_the_shipped_driver_brings_its_policy_and_waits_for_experience(
     out = tmp_path / "adapted"
     words = ["adapt", "--out", str(out), "--episodes", "2", "--config", str(settings)]
     assert main(words) == 0
+    assert load_config(out / "config.toml").safety.check == "paper"  # that of its training
     networks, _ = load_policy(PRETRAINED / "policy.safetensors")
     for learner, network in zip(("learner", "learner1", "learner2"), networks, strict=True):
         for name in ("online", "target"):
