@@ -103,11 +103,16 @@ def gains(rows: Sequence[Row], driver: str) -> dict[str, Mean]:
 
 
 def gain_table(results: Results) -> str:
+    """Return ``gain_markdown`` of the cross table."""
+    return gain_markdown(results.rows(CROSS_TABLE.table))
+
+
+def gain_markdown(rows: Sequence[Row]) -> str:
     """Return the Markdown table of the speed of ``REFERENCE``, and of each driver's gain over it.
 
-    The last column names the kind of traffic with the smallest gain.
+    The first rows are those of ``REFERENCE``. The last column names the kind of traffic with the
+    smallest gain.
     """
-    rows = results.rows(CROSS_TABLE.table)
     speeds = (mean_speed(_cell(rows, REFERENCE, kind)) for kind in SINGLE_KINDS)
     lines = [[f"speed of `{REFERENCE}`", *speeds, ""]]
     for driver in _drivers(rows)[1:]:
@@ -118,8 +123,12 @@ def gain_table(results: Results) -> str:
 
 
 def hits_table(results: Results) -> str:
+    """Return ``hits_markdown`` of the cross table."""
+    return hits_markdown(results.rows(CROSS_TABLE.table))
+
+
+def hits_markdown(rows: Sequence[Row]) -> str:
     """Return the Markdown table of each driver's collisions in each kind of traffic."""
-    rows = results.rows(CROSS_TABLE.table)
     lines = [
         [_label(name), *(collisions_cell(_cell(rows, name, kind)) for kind in SINGLE_KINDS)]
         for name in _drivers(rows)
@@ -136,8 +145,9 @@ def _cell(rows: Sequence[Row], driver: str, kind: str) -> list[Row]:
 
 
 def _label(driver: str) -> str:
-    kind = driver.removeprefix(NAME)
-    return f"`{driver}`" if kind == driver else f"trained in {kind}"
+    if driver.startswith(NAME):
+        return f"trained in {driver.removeprefix(NAME)}"
+    return driver if " " in driver else f"`{driver}`"
 
 
 CROSS_TABLE = Experiment(
