@@ -60,11 +60,11 @@ SUCCESS = {
 PRINTED = re.compile(
     r"^\w+, (?P<driver>\S+), .* asked, (?P<flow>\d+) found: (?P<episodes>\d+) episodes, "
     r"[a-z ]+ (?P<success>\S+ \(.*?\)), ego hits (?P<hits>\d+), .*? waited (?P<waited>\S+) "
-    r".*? time lost (?P<lost>.*?), (braking behind|forced braking) (?P<behind>\S+ \(.*?\))"
-    r"(, forced (?P<forced>\S+ \(.*?\)))?",
+    r".*? time lost (?P<lost>.*?), braking behind (?P<behind>\S+ \(.*?\)), "
+    r"forced (?P<forced>\S+ \(.*?\))",
     re.MULTILINE,
 )
-"""A line of this program. Lines of before have only the braking behind, named forced braking."""
+"""A line of this program."""
 
 
 @dataclass
@@ -201,10 +201,7 @@ def line(kind: str, name: str, flow: float, trips: Sequence[Trip], empty_s: floa
 
 
 def table(text: str) -> str:
-    """Return the Markdown table of what this program printed: one row for each flow and driver.
-
-    There is no column for forced braking if the lines do not have it.
-    """
+    """Return the Markdown table of what this program printed: one row for each flow and driver."""
     columns = {
         "flow": "vehicles/h/lane",
         "driver": "driver",
@@ -217,12 +214,10 @@ def table(text: str) -> str:
         "forced": "forced",
     }
     found = [each.groupdict() for each in PRINTED.finditer(text)]
-    if not all(each["forced"] for each in found):
-        del columns["forced"]
     for each in found:
         each["driver"] = f"`{each['driver']}`"
         for share in ("behind", "forced"):
-            each[share] = (each[share] or "").split(" ")[0]
+            each[share] = each[share].split(" ")[0]
     return markdown_table([*columns.values()], [[each[key] for key in columns] for each in found])
 
 

@@ -43,12 +43,11 @@ class Point(NamedTuple):
 def points(text: str, measure: str) -> dict[str, list[Point]]:
     """Return the points of each driver in the text that ``verification.ramps`` printed.
 
-    The measure of the time lost has no interval. An unknown time lost has no point, as has forced
-    braking that was not measured.
+    The measure of the time lost has no interval, and an unknown time lost has no point.
     """
     found: dict[str, list[Point]] = defaultdict(list)
     for each in PRINTED.finditer(text):
-        numbers = [float(number) for number in _NUMBER.findall(each[measure] or "")]
+        numbers = [float(number) for number in _NUMBER.findall(each[measure])]
         if numbers:
             value, low, high = numbers * 3 if len(numbers) == 1 else numbers
             found[each["driver"]].append(Point(float(each["flow"]), value, low, high))

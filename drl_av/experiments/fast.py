@@ -16,7 +16,6 @@ from drl_av.experiments.cells import trained_drives
 from drl_av.experiments.curves import variant_config
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.figures import curves_by_density
-from drl_av.experiments.final_policies import FINAL_POLICIES
 from drl_av.experiments.markdown import (
     PAPER_VEHICLES,
     count,
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMNS = ("seed", "mean_reward", "mean_speed_m_s", "ego_hit")
-TRAINED = ("paper", "paper, stopped early", "fast")
+TRAINED = ("paper", "fast")
 
 
 def fast_plan(options: ReproduceOptions) -> Plan:
@@ -94,8 +93,6 @@ def driven_by(rows: Iterable[Row]) -> dict[str, list[list[Row]]]:
     for row in rows:
         name = row.get("training") or row["driver"]
         line = name.rpartition("-")[0] if "training" in row else name
-        if row.get("table") == FINAL_POLICIES.table:
-            line += ", stopped early"
         if int(row["vehicles"]) <= PAPER_VEHICLES:
             driven.setdefault(line, {}).setdefault(name, []).append(row)
     trained = [line for line in TRAINED if line in driven]
@@ -156,5 +153,5 @@ FAST = Experiment(
     plan=fast_plan,
     summaries={"fast": fast_table, "whole_schedule": whole_schedule_table},
     figures={"whole_schedule": whole_schedule_figure},
-    beside=(FINAL_POLICIES.table, density_sweep.TABLE),
+    beside=(density_sweep.TABLE,),
 )

@@ -23,9 +23,6 @@ def test_each_measure_has_its_value_and_the_ends_of_its_interval() -> None:
     assert points(text, "success")["sumo"] == [Point(900.0, 90.0, 59.6, 98.2)]
     assert points(text, "behind")["sumo"] == [Point(900.0, 10.0, 1.8, 40.4)]
     assert points(text, "forced")["sumo"] == [Point(900.0, 0.0, 0.0, 27.8)]
-    before = text.replace("braking behind", "forced braking").replace(", forced 0", "; 0")
-    assert points(before, "behind") == points(text, "behind")
-    assert points(before, "forced") == {}
     assert points(text, "lost") == {"sumo": [Point(900.0, 7.8, 7.8, 7.8)]}  # the other is unknown
 
 
