@@ -15,6 +15,7 @@ from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import training_plan
+from drl_av.experiments.convergence import curve
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.options import ReproduceOptions
@@ -102,25 +103,15 @@ def adaptation_figure(rows: list[Row]) -> "Figure":
         "episode", f"safety triggers an episode\n(mean of the last {FILTERED_OVER:,} episodes)"
     )
     for variant, label in LABELS.items():
-        episodes, triggers = _over_seeds([row for row in rows if row["variant"] == variant])
-        if len(episodes):
+        found = curve(rows, variant, "training_safety_triggers")
+        if found.episodes:
+            episodes, triggers = np.array(found.episodes, float), found.values.mean(axis=0)
             axes.plot(episodes, triggers, color=COLORS[variant], alpha=0.2, linewidth=0.7)
             filtered = moving_average(episodes, triggers, FILTERED_OVER)
             axes.plot(episodes, filtered, color=COLORS[variant], label=label, linewidth=2)
     axes.set_ylim(bottom=0)
     axes.legend(frameon=False)
     return figure
-
-
-def _over_seeds(rows: list[Row]) -> tuple[FloatArray, FloatArray]:
-    """Return the episodes that all seeds have, and the mean number of triggers over the seeds."""
-    seeds: dict[str, dict[int, float]] = {}
-    for row in rows:
-        own = seeds.setdefault(row["seed"], {})
-        own[int(row["episode"])] = float(row["training_safety_triggers"])
-    episodes = sorted(set.intersection(*map(set, seeds.values()))) if seeds else []
-    means = [np.mean([seed[episode] for seed in seeds.values()]) for episode in episodes]
-    return np.array(episodes, float), np.array(means, float)
 
 
 def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> FloatArray:

@@ -166,9 +166,17 @@ def driven_with(config: Config, drivers: Sequence[str]) -> MadeWith:
 
     Raises RunError or CheckpointError if a learned driver cannot be read.
     """
-    learned = [driver.run for driver in find_drivers(drivers) if driver.run]
-    policies = [checksum(find_policy(run)) for run in learned]
-    return MadeWith({"": config}, {"": "+".join(policies) or None})
+    return MadeWith({"": config}, {"": "+".join(policies_of(drivers).values()) or None})
+
+
+def policies_of(drivers: Sequence[str]) -> dict[str, str]:
+    """Return the checksum of the policy of each of these drivers that is learned, by name.
+
+    Raises RunError or CheckpointError if a learned driver cannot be read.
+    """
+    return {
+        each.name: checksum(find_policy(each.run)) for each in find_drivers(drivers) if each.run
+    }
 
 
 def trained_drives(

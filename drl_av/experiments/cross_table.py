@@ -1,13 +1,13 @@
 """Drivers that were trained in one kind of traffic or in all, evaluated in each kind (ours)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import partial
+from typing import NamedTuple
 
 from drl_av.config import SINGLE_KINDS, Config
 from drl_av.config.presets import preset
-from drl_av.drivers.policy_file import find_policy
-from drl_av.drivers.registry import find_drivers
 from drl_av.evaluation.statistics import Mean, mean_difference
-from drl_av.experiments.cells import Drives
+from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.density_sweep import DRIVER
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import (
@@ -18,7 +18,6 @@ from drl_av.experiments.markdown import (
 )
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
-from drl_av.experiments.provenance import checksum
 from drl_av.experiments.store import MadeWith
 from drl_av.experiments.training_jobs import TrainingJob
 from drl_av.files import Row
@@ -42,9 +41,8 @@ COLUMNS = ("seed", "mean_speed_m_s", "mean_reward", "collided", "ego_hit", "safe
 def trainings(options: ReproduceOptions) -> list[TrainingJob]:
     """Return a training with the preset ``fast`` in each kind of ``TRAINED_IN``."""
     config = options.laid_over(preset("fast").updated("learning", evaluate_every=100))
-    stop, every = config.learning.episodes, config.learning.evaluate_every
     return [
-        TrainingJob(kind, config.with_traffic(kind), stop, options.runs / (NAME + kind), every)
+        TrainingJob.whole(kind, config.with_traffic(kind), options.runs / (NAME + kind))
         for kind in TRAINED_IN
     ]
 
@@ -55,33 +53,54 @@ def cross_table_plan(options: ReproduceOptions) -> Plan:
     All drive the same traffic seeds.
     """
     jobs = trainings(options)
-    [shipped] = find_drivers([DRIVER])
     config = options.settings_of([DRIVER])
-    drivers: list[tuple[str, str, Config, TrainingJob | None]] = [
-        *((name, name, config, None) for name in (*UNTRAINED, DRIVER)),
-        *((job.name, str(job.folder), job.config, job) for job in jobs),
-    ]
-    cells = [
-        Drives(
-            own.with_traffic(kind),
-            (driver,),
-            vehicles,
-            min(options.drives, DRIVES),
-            COLUMNS,
-            (("driver", name), ("traffic", kind)),
-            job,
-            FIRST_SEED,
-        )
-        for name, driver, own, job in drivers
-        for kind in SINGLE_KINDS
-        for vehicles in DENSITIES
-    ]
+    drivers = [TableDriver(name, name, config) for name in (*UNTRAINED, DRIVER)]
+    drivers += [TableDriver(job.name, str(job.folder), job.config, job) for job in jobs]
+    cells = in_each_kind(drivers, DENSITIES, FIRST_SEED, min(options.drives, DRIVES), COLUMNS)
     made_with = MadeWith(
-        {name: own for name, _, own, _ in drivers},
-        {DRIVER: checksum(find_policy(shipped.run))} if shipped.run else {},
+        {each.name: each.config for each in drivers},
+        policies_of([DRIVER]),
         {job.name: job.stop for job in jobs},
     )
     return Plan(made_with, [cells], _place, named="driver")
+
+
+class TableDriver(NamedTuple):
+    """A driver of the table, trained by the experiment or not."""
+
+    name: str
+    """Name of the driver in the table."""
+    driver: str
+    """Name of the driver, or folder of its run."""
+    config: Config
+    """The settings with which it drives."""
+    job: TrainingJob | None = None
+    """The training that makes it; None if the driver exists already."""
+
+
+def in_each_kind(
+    drivers: Iterable[TableDriver],
+    densities: Iterable[int],
+    first_seed: int,
+    seeds: int,
+    columns: tuple[str, ...],
+) -> list[Drives]:
+    """Return the cells in which each driver drives in each kind of traffic at each density."""
+    return [
+        Drives(
+            each.config.with_traffic(kind),
+            (each.driver,),
+            vehicles,
+            seeds,
+            columns,
+            (("driver", each.name), ("traffic", kind)),
+            each.job,
+            first_seed,
+        )
+        for each in drivers
+        for kind in SINGLE_KINDS
+        for vehicles in densities
+    ]
 
 
 def _place(row: Row) -> tuple[int, int, int, int]:
@@ -102,17 +121,13 @@ def gains(rows: Sequence[Row], driver: str) -> dict[str, Mean]:
     return found
 
 
-def gain_table(results: Results) -> str:
-    """Return ``gain_markdown`` of the cross table."""
-    return gain_markdown(results.rows(CROSS_TABLE.table))
-
-
-def gain_markdown(rows: Sequence[Row]) -> str:
+def gain_table(results: Results, table: str) -> str:
     """Return the Markdown table of the speed of ``REFERENCE``, and of each driver's gain over it.
 
     The first rows are those of ``REFERENCE``. The last column names the kind of traffic with the
     smallest gain.
     """
+    rows = results.rows(table)
     speeds = (mean_speed(_cell(rows, REFERENCE, kind)) for kind in SINGLE_KINDS)
     lines = [[f"speed of `{REFERENCE}`", *speeds, ""]]
     for driver in _drivers(rows)[1:]:
@@ -122,13 +137,9 @@ def gain_markdown(rows: Sequence[Row]) -> str:
     return markdown_table(["driver", *SINGLE_KINDS, "worst"], lines)
 
 
-def hits_table(results: Results) -> str:
-    """Return ``hits_markdown`` of the cross table."""
-    return hits_markdown(results.rows(CROSS_TABLE.table))
-
-
-def hits_markdown(rows: Sequence[Row]) -> str:
+def hits_table(results: Results, table: str) -> str:
     """Return the Markdown table of each driver's collisions in each kind of traffic."""
+    rows = results.rows(table)
     lines = [
         [_label(name), *(collisions_cell(_cell(rows, name, kind)) for kind in SINGLE_KINDS)]
         for name in _drivers(rows)
@@ -155,5 +166,8 @@ CROSS_TABLE = Experiment(
     meaning="drivers trained in one kind of traffic or in all, evaluated in each kind",
     row="an episode of a driver in a kind of traffic",
     plan=cross_table_plan,
-    summaries={"cross_table": gain_table, "cross_table_hits": hits_table},
+    summaries={
+        "cross_table": partial(gain_table, table="cross_table.csv"),
+        "cross_table_hits": partial(hits_table, table="cross_table.csv"),
+    },
 )

@@ -73,13 +73,9 @@ def curve_jobs(options: ReproduceOptions, config: Config) -> list[TrainingJob]:
     """Return the training jobs of the learning curves: each variant on each seed."""
     schedule = config.learning.episodes
     return [
-        TrainingJob(
-            variant,
-            variant_config(config, variant, seed),
-            schedule if seed < options.full_seeds else min(options.episodes, schedule),
-            options.runs / f"{variant}-{seed}",
-            config.learning.evaluate_every,
-        )
+        TrainingJob.whole(
+            variant, variant_config(config, variant, seed), options.runs / f"{variant}-{seed}"
+        ).until(schedule if seed < options.full_seeds else min(options.episodes, schedule))
         for seed, variant in product(range(options.seeds), options.variants)
     ]
 

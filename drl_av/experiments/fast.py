@@ -47,13 +47,7 @@ def fast_plan(options: ReproduceOptions) -> Plan:
         for seed in range(max(1, options.full_seeds))
     } | {f"fast-{seed}": short.updated("learning", seed=seed) for seed in range(options.seeds)}
     jobs = [
-        TrainingJob(
-            name.partition("-")[0],
-            config,
-            config.learning.episodes,
-            options.runs / name,
-            config.learning.evaluate_every,
-        )
+        TrainingJob.whole(name.partition("-")[0], config, options.runs / name)
         for name, config in configs.items()
     ]
     return trained_drives(jobs, options, COLUMNS)

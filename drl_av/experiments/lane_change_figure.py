@@ -13,7 +13,7 @@ from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.maneuver import next_lane_change, plan
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.driving.steering import STRAIGHT, curvature_command
-from drl_av.experiments.canvas import panels
+from drl_av.experiments.canvas import label_axes, panels
 from drl_av.traffic.road import FloatArray, Road
 from drl_av.traffic.scenario import ScenarioDescription
 from drl_av.traffic.snapshot import Command, Snapshot
@@ -135,8 +135,7 @@ def _story(column: "Sequence[Axes]", laterals: Sequence[Lateral], ego: EgoConfig
     for second, lateral in decided.items():
         position.text(second + 0.1, width_m, f"change {lateral.name.lower()}", va="top", size=9)
     for axes in column:
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
+        label_axes(axes)
         for second in decided:
             axes.axvline(second, color="#37474f", linewidth=0.8, linestyle=":")
     curvature.set_xlabel("time, s")

@@ -8,7 +8,7 @@ from drl_av.config import Config
 from drl_av.config.presets import LITERAL
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.statistics import mean_difference
-from drl_av.experiments.cells import Drives, driven_with
+from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.density_sweep import DRIVER
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import count, markdown_table, mean_of, speeds_by_traffic
@@ -53,8 +53,7 @@ def literal_plan(options: ReproduceOptions) -> Plan:
         driver = DRIVERS.index(row["driver"])
         return int(row["vehicles"]), int(row["seed"]), names.index(row["variant"]), driver
 
-    policies = {DRIVER: driven_with(base, [DRIVER]).policies[""]}
-    return Plan(MadeWith(configs, policies), [cells], place)
+    return Plan(MadeWith(configs, policies_of([DRIVER])), [cells], place)
 
 
 def changed(config: Config, settings: Settings) -> Config:

@@ -10,11 +10,12 @@ from drl_av.config import SINGLE_KINDS, Config
 from drl_av.evaluation.aggregates import interquartile_mean, probability_of_improvement
 from drl_av.evaluation.statistics import Mean, mean_difference, mean_with_interval
 from drl_av.experiments.canvas import label_axes, legend_of_names, panels
-from drl_av.experiments.cells import Drives, driven_with
+from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import collisions_cell, densities_of, markdown_table
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
+from drl_av.experiments.store import MadeWith
 from drl_av.files import Row
 
 if TYPE_CHECKING:
@@ -89,10 +90,8 @@ def opponents_plan(options: ReproduceOptions) -> Plan:
         for (kind, name), config in configs.items()
         for variant in (VARIANTS[name],)
     ]
-    made_with = driven_with(base, OURS[:1])
     settings = {f"{kind}, {name}": config for (kind, name), config in configs.items()}
-    policies = {"pretrained": made_with.policies[""]}
-    return Plan(made_with._replace(settings=settings, policies=policies), [cells], _place)
+    return Plan(MadeWith(settings, policies_of(OURS[:1])), [cells], _place)
 
 
 def _place(row: Row) -> tuple[int, int, int, int]:

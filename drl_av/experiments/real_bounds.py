@@ -10,19 +10,16 @@ from typing import TYPE_CHECKING
 
 from drl_av.config import Config
 from drl_av.config.presets import preset
-from drl_av.drivers.policy_file import find_policy
-from drl_av.drivers.registry import find_drivers
 from drl_av.evaluation.statistics import Mean, mean_with_interval
 from drl_av.experiments.canvas import label_axes, panels
-from drl_av.experiments.cells import Drives
+from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.density_sweep import DRIVER
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import collisions, densities_of, markdown_table
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
-from drl_av.experiments.provenance import checksum
 from drl_av.experiments.store import MadeWith
-from drl_av.experiments.strictness import speed_change, under
+from drl_av.experiments.strictness import draw_changes, speed_change, under
 from drl_av.experiments.training_jobs import TrainingJob
 from drl_av.files import Row
 
@@ -51,12 +48,12 @@ def trainings(options: ReproduceOptions) -> list[TrainingJob]:
     config = under(options.laid_over(preset("fast")), "real").updated(
         "learning", evaluate_every=100
     )
-    jobs = []
-    for seed in range(min(options.seeds, TRAININGS)):
-        own = config.updated("learning", seed=seed)
-        learning, folder = own.learning, options.runs / f"real_bounds-{seed}"
-        jobs.append(TrainingJob("trained", own, learning.episodes, folder, learning.evaluate_every))
-    return jobs
+    return [
+        TrainingJob.whole(
+            "trained", config.updated("learning", seed=seed), options.runs / f"real_bounds-{seed}"
+        )
+        for seed in range(min(options.seeds, TRAININGS))
+    ]
 
 
 def real_bounds_plan(options: ReproduceOptions) -> Plan:
@@ -65,7 +62,6 @@ def real_bounds_plan(options: ReproduceOptions) -> Plan:
     Drivers that are trained under the real bounds are evaluated under the real bounds.
     """
     jobs = trainings(options)
-    [shipped] = find_drivers([DRIVER])
     config = options.settings_of([DRIVER])
     drivers: list[tuple[str, str, str, Config, TrainingJob | None]] = [
         (DRIVER, bounds, DRIVER, under(config, bounds), None)
@@ -95,7 +91,7 @@ def real_bounds_plan(options: ReproduceOptions) -> Plan:
 
     made_with = MadeWith(
         {DRIVER: config} | {job.name: job.config for job in jobs},
-        {DRIVER: checksum(find_policy(shipped.run))} if shipped.run else {},
+        policies_of([DRIVER]),
         {job.name: job.stop for job in jobs},
     )
     return Plan(made_with, [cells], place, named="driver")
@@ -151,8 +147,7 @@ def real_bounds_figure(rows: list[Row]) -> "Figure":
         if not all(groups):
             continue
         changes = [cost(rows, kind, bounds, number) for number in densities]
-        values, halves = [c.value for c in changes], [c.half_width for c in changes]
-        left.errorbar(densities, values, yerr=halves, capsize=3, marker=mark, label=label)
+        draw_changes(left, densities, changes, marker=mark, label=label)
         episodes = [[row for own in group for row in own] for group in groups]
         share = [100 * sum(collisions(own)) / len(own) for own in episodes]
         right.plot(densities, share, marker=mark, clip_on=False)

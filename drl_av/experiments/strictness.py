@@ -146,7 +146,7 @@ def strict_figure(rows: list[Row]) -> "Figure":
     plain = [row for row in rows if not row["bound"]]
     numbers = densities_of(row for row in plain if row["check"] == "strict")
     changes = [change(plain, plain, number) for number in numbers]
-    _curve(by_density, numbers, changes, color="#d55e00", marker="o")
+    draw_changes(by_density, numbers, changes, color="#d55e00", marker="o")
     by_density.set_title("the check as it is")
     changed = [row for row in rows if row["bound"]]
     for mark, bound in zip(MARKS, dict.fromkeys(row["bound"] for row in changed), strict=False):
@@ -204,10 +204,11 @@ def _bound(axes: "Axes", rows: Sequence[Row], bound: str, mark: str) -> None:
         found[float(value) / usual] = change(changed, plain, vehicles)
     places = sorted(found)
     label = LABELS.get(bound, bound)
-    _curve(axes, places, [found[place] for place in places], label=label, marker=mark)
+    draw_changes(axes, places, [found[place] for place in places], label=label, marker=mark)
 
 
-def _curve(axes: "Axes", x: Sequence[float], means: Sequence[Mean], **looks: Any) -> None:
+def draw_changes(axes: "Axes", x: Sequence[float], means: Sequence[Mean], **looks: Any) -> None:
+    """Draw a curve of changes with their 95 % intervals; ``looks`` go to ``axes.errorbar``."""
     values, halves = [mean.value for mean in means], [mean.half_width for mean in means]
     axes.errorbar(x, values, yerr=halves, capsize=3, **looks)
 

@@ -26,6 +26,12 @@ class TrainingJob:
     origin: "TrainingJob | None" = None
     """The training whose driver this training continues; None for a new driver."""
 
+    @classmethod
+    def whole(cls, variant: str, config: Config, folder: Path) -> "TrainingJob":
+        """Return the job of a training's whole schedule, with a row for each evaluation."""
+        learning = config.learning
+        return cls(variant, config, learning.episodes, folder, learning.evaluate_every)
+
     @property
     def name(self) -> str:
         """Name of the folder: variant and seed."""

@@ -1,12 +1,21 @@
 """The training of the shipped driver with several seeds, evaluated under ``strict`` (ours)."""
 
+from functools import partial
+
 from drl_av.config import SINGLE_KINDS
-from drl_av.experiments.cells import Drives, driven_with
-from drl_av.experiments.cross_table import REFERENCE, gain_markdown, hits_markdown
+from drl_av.experiments.cells import policies_of
+from drl_av.experiments.cross_table import (
+    REFERENCE,
+    TableDriver,
+    gain_table,
+    hits_table,
+    in_each_kind,
+)
 from drl_av.experiments.density_sweep import DRIVER
-from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.experiment import Experiment
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
+from drl_av.experiments.store import MadeWith
 from drl_av.experiments.training_jobs import TrainingJob
 from drl_av.files import Row
 
@@ -28,41 +37,22 @@ def training_seeds_plan(options: ReproduceOptions) -> Plan:
     trained = options.settings_of([DRIVER])
     strict = trained.updated("safety", check="strict")
     jobs = [
-        TrainingJob(
-            DRIVER,
-            trained.updated("learning", seed=seed),
-            trained.learning.episodes,
-            options.runs / f"shipped-{seed}",
-            trained.learning.evaluate_every,
+        TrainingJob.whole(
+            DRIVER, trained.updated("learning", seed=seed), options.runs / f"shipped-{seed}"
         )
         for seed in range(options.seeds)
     ]
-    drivers: list[tuple[str, str, TrainingJob | None]] = [
-        (REFERENCE, REFERENCE, None),
-        (DRIVER, DRIVER, None),
-        *((f"{NAME}{seed}", str(job.folder), job) for seed, job in enumerate(jobs)),
+    drivers = [TableDriver(name, name, strict) for name in (REFERENCE, DRIVER)]
+    drivers += [
+        TableDriver(f"{NAME}{seed}", str(job.folder), strict, job) for seed, job in enumerate(jobs)
     ]
-    cells = [
-        Drives(
-            strict.with_traffic(kind),
-            (driver,),
-            vehicles,
-            min(options.drives, DRIVES),
-            COLUMNS,
-            (("driver", name), ("traffic", kind)),
-            job,
-            FIRST_SEED,
-        )
-        for name, driver, job in drivers
-        for kind in SINGLE_KINDS
-        for vehicles in DENSITIES
-    ]
-    made_with = driven_with(strict, [DRIVER])._replace(
-        settings={name: job.config if job else strict for name, _, job in drivers},
-        episodes={f"{NAME}{seed}": job.stop for seed, job in enumerate(jobs)},
+    cells = in_each_kind(drivers, DENSITIES, FIRST_SEED, min(options.drives, DRIVES), COLUMNS)
+    made_with = MadeWith(
+        {each.name: each.job.config if each.job else strict for each in drivers},
+        policies_of([DRIVER]),
+        {each.name: each.job.stop for each in drivers if each.job},
     )
-    policies = {DRIVER: made_with.policies[""]}
-    return Plan(made_with._replace(policies=policies), [cells], _place, named="driver")
+    return Plan(made_with, [cells], _place, named="driver")
 
 
 def _place(row: Row) -> tuple[int, int, int, int]:
@@ -73,20 +63,13 @@ def _place(row: Row) -> tuple[int, int, int, int]:
     return driver, SINGLE_KINDS.index(row["traffic"]), vehicles, int(row["seed"])
 
 
-def gain_table(results: Results) -> str:
-    """Return the Markdown table of each driver's gain over ``REFERENCE``, with its worst kind."""
-    return gain_markdown(results.rows(TRAINING_SEEDS.table))
-
-
-def hits_table(results: Results) -> str:
-    """Return the Markdown table of each driver's collisions in each kind of traffic."""
-    return hits_markdown(results.rows(TRAINING_SEEDS.table))
-
-
 TRAINING_SEEDS = Experiment(
     name="training_seeds",
     meaning="the training of the shipped driver with several seeds, evaluated under strict",
     row="an episode of a driver in a kind of traffic",
     plan=training_seeds_plan,
-    summaries={"training_seeds": gain_table, "training_seeds_hits": hits_table},
+    summaries={
+        "training_seeds": partial(gain_table, table="training_seeds.csv"),
+        "training_seeds_hits": partial(hits_table, table="training_seeds.csv"),
+    },
 )
