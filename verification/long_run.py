@@ -21,6 +21,7 @@ from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv, Observation
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import rollout
+from drl_av.evaluation.statistics import grouped
 from drl_av.experiments.provenance import provenance, read_sidecar, write_sidecar
 from drl_av.experiments.store import settings_mismatch, stored_config
 from drl_av.files import append_rows, read_table
@@ -218,10 +219,9 @@ def report_breaches(rows: list[dict[str, str]]) -> bool:
     every = [approach for row in rows for approach in approaches(row["all_breaches"])]
     episodes = sum(bool(row["all_breaches"]) for row in rows)
     print(f"bounds broken {sum(a.breaches for a in every)} times, in {episodes} episodes:")
-    groups: dict[tuple[str, str, str], list[Approach]] = {}
-    for each in every:
-        cause = CAUSES.get(each.circumstance, UNKNOWN)
-        groups.setdefault((each.bound, each.driver, cause), []).append(each)
+    groups = grouped(
+        every, lambda each: (each.bound, each.driver, CAUSES.get(each.circumstance, UNKNOWN))
+    )
     for (bound, driver, cause), members in sorted(groups.items()):
         times = sum(each.breaches for each in members)
         print(f"  {bound}, {driver}: {times} times in {len(members)} approaches: {cause}")

@@ -1,8 +1,9 @@
 """Makes the table and the figure of ``verification/shielding.py``."""
 
+from operator import itemgetter
 from pathlib import Path
 
-from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.experiments.canvas import label_axes, panels, save_figure
 from drl_av.experiments.experiment import Results
 from drl_av.experiments.markdown import markdown_table
@@ -29,10 +30,9 @@ def over_seeds(rows: list[Row], column: str) -> Mean:
 
     For each training the mean over its rows is computed first.
     """
-    by_seed: dict[str, list[float]] = {}
-    for row in rows:
-        by_seed.setdefault(row["seed"], []).append(float(row[column]))
-    return mean_with_interval(sum(values) / len(values) for values in by_seed.values())
+    trainings = grouped(rows, itemgetter("seed")).values()
+    values = ([float(row[column]) for row in own] for own in trainings)
+    return mean_with_interval(sum(own) / len(own) for own in values)
 
 
 def table(rows: list[Row]) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from drl_av.env.decision import Decision
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+from drl_av.evaluation.statistics import grouped
 from drl_av.evaluation.surrogates import (
     Motion,
     Track,
@@ -214,10 +215,8 @@ def styles(rows: Iterable[EpisodeResult]) -> list[Style]:
 
     Other rows are ignored. The drivers are in the order of their first rows.
     """
-    groups: dict[str, list[CriticalityResult]] = {}
-    for row in rows:
-        if isinstance(row, CriticalityResult):
-            groups.setdefault(row.driver, []).append(row)
+    measured = (row for row in rows if isinstance(row, CriticalityResult))
+    groups = grouped(measured, lambda row: row.driver)
     return [_style(driver, group) for driver, group in groups.items()]
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from drl_av.drivers.registry import baselines
 from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.criticality import CriticalityResult
-from drl_av.evaluation.statistics import Mean, fastest, mean_difference
+from drl_av.evaluation.statistics import Mean, fastest, grouped, mean_difference
 
 
 class Judgement(NamedTuple):
@@ -83,9 +83,7 @@ def judge(rows: Iterable[EpisodeResult]) -> list[Judgement]:
     Raises:
         DrlAvError: a driver and the fastest rule-based driver did not drive the same traffic.
     """
-    drives: dict[str, list[EpisodeResult]] = {}
-    for row in rows:
-        drives.setdefault(row.driver, []).append(row)
+    drives = grouped(rows, lambda row: row.driver)
     rules = baselines(drives)
     best = fastest((row for own in drives.values() for row in own), rules)
     if best is None:

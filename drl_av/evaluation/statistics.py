@@ -2,9 +2,9 @@
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,18 @@ from drl_av.traffic.road import FloatArray
 
 OF_A_WAY = ("exits_taken", "merged", "missed", "fewest_missed")
 """Fields that are None on a road on which the ego has neither an exit nor a lane to leave."""
+
+
+Item = TypeVar("Item")
+Key = TypeVar("Key")
+
+
+def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
+    """Return the items by their keys; the groups, and the items of a group, keep their order."""
+    groups: dict[Key, list[Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
 
 
 class Mean(NamedTuple):
@@ -94,9 +106,7 @@ def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
 
     The summaries are in the order of their first rows.
     """
-    groups: dict[tuple[int, str, str], list[EpisodeResult]] = {}
-    for row in rows:
-        groups.setdefault((row.vehicles, row.driver, row.safety_check), []).append(row)
+    groups = grouped(rows, lambda row: (row.vehicles, row.driver, row.safety_check))
     return [
         Summary(
             driver=driver,
@@ -147,14 +157,10 @@ def overall(rows: Sequence[EpisodeResult], baselines: Iterable[str]) -> list[Ove
     Raises:
         DrlAvError: a driver and a baseline did not drive among the same numbers of vehicles.
     """
-    speeds: dict[str, dict[int, list[float]]] = {}
-    for row in rows:
-        own = speeds.setdefault(row.driver, {}).setdefault(row.vehicles, [])
-        own.append(row.mean_speed_m_s)
-    strata = {
-        driver: [np.array(own[vehicles]) for vehicles in sorted(own)]
-        for driver, own in speeds.items()
-    }
+    strata = {}
+    for driver, own in grouped(rows, lambda row: row.driver).items():
+        cells = grouped(own, lambda row: row.vehicles)
+        strata[driver] = [np.array([r.mean_speed_m_s for r in cells[n]]) for n in sorted(cells)]
     best = fastest(rows, baselines)
     return [
         Overall(
@@ -176,10 +182,8 @@ def fastest(rows: Iterable[EpisodeResult], drivers: Iterable[str]) -> str | None
 
     On a road with a way only those count that miss their exit or do not merge least often.
     """
-    names, driven = set(drivers), dict[str, list[EpisodeResult]]()
-    for row in rows:
-        if row.driver in names:
-            driven.setdefault(row.driver, []).append(row)
+    names = set(drivers)
+    driven = grouped((row for row in rows if row.driver in names), lambda row: row.driver)
     missed = {driver: sum(row.missed for row in own) for driver, own in driven.items()}
     means = {
         driver: sum(row.mean_speed_m_s for row in own) / len(own)

@@ -4,9 +4,10 @@ It corresponds to Sec. II-C of the paper, "Need for safety". The same agent is t
 without the check, on a highway whose right lane is closed. Then the greedy policies are evaluated.
 """
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,7 @@ from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import rollout
+from drl_av.evaluation.statistics import grouped
 from drl_av.experiments.canvas import label_axes, panels
 from drl_av.experiments.experiment import Experiment
 from drl_av.experiments.options import ReproduceOptions
@@ -170,8 +172,7 @@ def barricade_figure(rows: list[Row]) -> "Figure":
     how often the trained drivers propose to enter the closed lane.
     """
     figure, (learning, trained) = panels((9, 3.8), 1, 2, width_ratios=(3, 2))
-    for place, check in enumerate(dict.fromkeys(row["safety_check"] for row in rows)):
-        own = [row for row in rows if row["safety_check"] == check]
+    for place, (check, own) in enumerate(grouped(rows, itemgetter("safety_check")).items()):
         color, label = STYLES[check]
         _draw_learning(learning, [row for row in own if row["phase"] == "training"], color, label)
         bar = (place, label, color)
@@ -186,17 +187,13 @@ def barricade_figure(rows: list[Row]) -> "Figure":
     return figure
 
 
-def _by_seed(rows: Sequence[Row]) -> Iterator[list[Row]]:
-    for seed in dict.fromkeys(row["seed"] for row in rows):
-        yield [row for row in rows if row["seed"] == seed]
-
-
 def _draw_learning(axes: "Axes", rows: Sequence[Row], color: str, label: str) -> None:
     """Draw the cumulative number of collisions with the barricade.
 
     A thin line is one training, the bold line is the mean.
     """
-    runs = [np.cumsum([row["hit"] == "barricade" for row in own]) for own in _by_seed(rows)]
+    seeds = grouped(rows, itemgetter("seed"))
+    runs = [np.cumsum([row["hit"] == "barricade" for row in own]) for own in seeds.values()]
     episodes = np.arange(1, len(runs[0]) + 1)
     for run in runs:
         axes.plot(episodes, run, color=color, alpha=0.35, linewidth=1)
@@ -214,7 +211,7 @@ def _draw_trained(axes: "Axes", rows: Sequence[Row], bar: tuple[int, str, str]) 
         100
         * sum(int(row["barricade_proposals"]) for row in own)
         / sum(int(row["decisions"]) for row in own)
-        for own in _by_seed(rows)
+        for own in grouped(rows, itemgetter("seed")).values()
     ]
     hits = sum(row["hit"] not in ("", "by vehicle") for row in rows)
     axes.bar(place, float(np.mean(shares)), width=0.6, color=color, alpha=0.35)

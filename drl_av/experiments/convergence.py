@@ -1,11 +1,12 @@
 """Computes the final performance of learning curves, and the episode at which they converged."""
 
 from collections.abc import Iterable, Sequence
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.files import Row
 from drl_av.traffic.road import FloatArray
 
@@ -109,8 +110,7 @@ def convergence(rows: Sequence[Row]) -> list[Row]:
     driven. If some trainings are longer, a second row covers only the longest trainings.
     """
     summaries = []
-    for variant in dict.fromkeys(row["variant"] for row in rows):
-        own = [row for row in rows if row["variant"] == variant]
+    for variant, own in grouped(rows, itemgetter("variant")).items():
         last: dict[str, int] = {}
         for row in own:
             last[row["seed"]] = max(last.get(row["seed"], 0), int(row["episode"]))

@@ -7,13 +7,14 @@ paper's baselines are equally fast. Stronger opponents (ours) drive the same tra
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from drl_av.config import Config
 from drl_av.errors import counted
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.paired import Paired, Speed, paired
-from drl_av.evaluation.statistics import Mean, mean_difference
+from drl_av.evaluation.statistics import Mean, grouped, mean_difference
 from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.experiment import Experiment, Results
@@ -112,11 +113,8 @@ def paired_rows(rows: Iterable[Row]) -> list[Row]:
 
     Raises ValueError or LookupError if a row is damaged.
     """
-    densities: dict[int, list[Speed]] = {}
-    for row in rows:
-        densities.setdefault(int(row["vehicles"]), []).append(speed_of(row))
     gains: list[Paired] = []
-    for episodes in densities.values():
+    for episodes in grouped(map(speed_of, rows), lambda episode: episode.vehicles).values():
         driven = Counter(episode.driver for episode in episodes)
         complete = [name for name in OPPONENTS if driven[name] == driven[DRIVER]]
         gains += paired(episodes, DRIVER, complete)
@@ -179,9 +177,7 @@ def gains_over_all(rows: Iterable[Row]) -> dict[str, Mean]:
 
     The gains are paired by traffic. Raises DrlAvError if a driver did not drive the same traffic.
     """
-    driven: dict[str, list[Row]] = {}
-    for row in rows:
-        driven.setdefault(row["driver"], []).append(row)
+    driven = grouped(rows, itemgetter("driver"))
     ours = speeds_by_traffic(driven.pop(DRIVER))
     return {
         name: mean_difference(ours, speeds_by_traffic(theirs), f"{DRIVER} and {name}")

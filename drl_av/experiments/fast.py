@@ -4,12 +4,13 @@ The drivers of the whole schedule are those of Fig. 8 of the paper.
 """
 
 from collections.abc import Iterable, Sequence
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from drl_av.config import Config
 from drl_av.config.presets import preset
 from drl_av.errors import counted
-from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.experiments import density_sweep
 from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import trained_drives
@@ -60,16 +61,12 @@ def fast_table(results: Results) -> str:
     the mean difference in the same traffic, in the unit of the column before it.
     """
     seconds = results.made_by("fast.csv")["wall_time_s"]
-    rows = results.rows("fast.csv")
-    trainings = list(dict.fromkeys(row["training"] for row in rows))
-    driven = {name: [row for row in rows if row["training"] == name] for name in trainings}
-    lines = []
+    driven, lines = grouped(results.rows("fast.csv"), itemgetter("training")), []
+    reference = next(iter(driven.values()))
     for name, own in driven.items():
         cells = [f"`{name}`", f"{seconds[name]:,.0f}", f"{count(own, 'ego_hit')} of {len(own)}"]
         for column, digits in (("mean_reward", 3), ("mean_speed_m_s", 2)):
-            here, there = (
-                [float(row[column]) for row in side] for side in (own, driven[trainings[0]])
-            )
+            here, there = ([float(row[column]) for row in side] for side in (own, reference))
             gain = mean_with_interval(a - b for a, b in zip(here, there, strict=True))
             for mean in (mean_with_interval(here), gain):
                 cells.append(f"{mean.value:.{digits}f} ± {mean.half_width:.{digits}f}")

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ from drl_av.config import Config
 from drl_av.env.reward import gap_reward, lateral_reward, safe_gap, speed_reward
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.aggregates import performance_profile
-from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.experiments.canvas import legend_of_names, one_panel, panels
 from drl_av.files import PlainNumber, read_table
 
@@ -99,13 +100,11 @@ def profile_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
     Each driver has one curve, over all its numbers of vehicles.
     """
     figure, axes = one_panel("speed v, m/s", "share of episodes with a mean speed above v")
-    speeds: dict[str, list[float]] = {}
-    for row in rows:
-        speeds.setdefault(row["driver"], []).append(row["mean_speed_m_s"])
-    thresholds = sorted({0.0, *(speed for own in speeds.values() for speed in own)})
+    thresholds = sorted({0.0, *(row["mean_speed_m_s"] for row in rows)})
     curves = {}
-    for driver, own in speeds.items():
-        profile = performance_profile([np.array(own)], thresholds)
+    for driver, own in grouped(rows, itemgetter("driver")).items():
+        speeds = np.array([row["mean_speed_m_s"] for row in own])
+        profile = performance_profile([speeds], thresholds)
         [curves[driver]] = axes.step(thresholds, profile, where="post")
     legend_of_names(axes, curves)
     return figure
@@ -120,19 +119,19 @@ def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
     Raises:
         DrlAvError: there are more than ``MOST_DRIVERS`` drivers.
     """
-    drivers = list(dict.fromkeys(row["driver"] for row in rows))
+    drivers = grouped(rows, itemgetter("driver"))
     if len(drivers) > MOST_DRIVERS:
         raise DrlAvError(
             f"The tables hold {len(drivers)} drivers, but a figure shows at most {MOST_DRIVERS}: "
             "draw some of them."
         )
     means = {}
-    for driver in drivers:
-        speeds: dict[int, list[float]] = {}
-        for row in rows:
-            if row["driver"] == driver:
-                speeds.setdefault(int(row["vehicles"]), []).append(float(row["mean_speed_m_s"]))
-        means[driver] = {number: mean_with_interval(own) for number, own in sorted(speeds.items())}
+    for driver, driven in drivers.items():
+        cells = grouped(driven, lambda row: int(row["vehicles"]))
+        means[driver] = {
+            number: mean_with_interval(float(row["mean_speed_m_s"]) for row in cells[number])
+            for number in sorted(cells)
+        }
     figure, axes = one_panel("vehicles on the loop", "mean speed of the ego, m/s")
     curves_by_density(axes, means)
     return figure

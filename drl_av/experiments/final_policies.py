@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from operator import itemgetter
 
 from drl_av.config import Config
-from drl_av.evaluation.statistics import mean_with_interval
+from drl_av.evaluation.statistics import grouped, mean_with_interval
 from drl_av.experiments.cells import trained_drives
 from drl_av.experiments.curves import curve_jobs
 from drl_av.experiments.experiment import Experiment, Results
@@ -41,10 +42,9 @@ def final_table(results: Results) -> str:
         "ego hit something": (lambda row: row["ego_hit"] == "True", 3),
     }
     lines = []
-    trainings = list(dict.fromkeys(row["training"] for row in rows))
-    driven = {name: [row for row in rows if row["training"] == name] for name in trainings}
-    for variant in dict.fromkeys(name.rpartition("-")[0] for name in trainings):
-        own = [driven[name] for name in trainings if name.rpartition("-")[0] == variant]
+    driven = grouped(rows, itemgetter("training"))
+    for variant, names in grouped(driven, lambda name: name.rpartition("-")[0]).items():
+        own = [driven[name] for name in names]
         cells = [f"`{variant}`", str(len(own)), str(len(own[0]))]
         for value, digits in columns.values():
             mean = mean_with_interval(mean_with_interval(map(value, rows)).value for rows in own)

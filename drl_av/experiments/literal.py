@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from itertools import product
+from operator import itemgetter
 from typing import Any
 
 from drl_av.config import Config
 from drl_av.config.presets import LITERAL
 from drl_av.evaluation import DENSITIES
-from drl_av.evaluation.statistics import mean_difference
+from drl_av.evaluation.statistics import grouped, mean_difference
 from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.density_sweep import DRIVER
 from drl_av.experiments.experiment import Experiment, Results
@@ -68,9 +69,7 @@ def literal_table(results: Results) -> str:
 
     The change of the speed from the first variant is paired by traffic, with its 95 % interval.
     """
-    driven: dict[tuple[str, str], list[Row]] = {}
-    for row in results.rows(LITERAL_PAPER.table):
-        driven.setdefault((row["driver"], row["variant"]), []).append(row)
+    driven = grouped(results.rows(LITERAL_PAPER.table), itemgetter("driver", "variant"))
     lines = []
     for driver, variant in product(DRIVERS, VARIANTS):
         rows = driven[driver, variant]

@@ -1,8 +1,9 @@
 """Makes the Markdown tables of the documentation, and the statistics that several tables share."""
 
 from collections.abc import Callable, Iterable, Sequence
+from operator import itemgetter
 
-from drl_av.evaluation.statistics import mean_with_interval
+from drl_av.evaluation.statistics import grouped, mean_with_interval
 from drl_av.files import Row
 
 PAPER_VEHICLES = 30
@@ -24,8 +25,7 @@ def by_density(rows: Sequence[Row], column: str, cell: Callable[[list[Row]], str
     """
     densities = densities_of(rows)
     lines = []
-    for value in dict.fromkeys(row[column] for row in rows):
-        own = [row for row in rows if row[column] == value]
+    for value, own in grouped(rows, itemgetter(column)).items():
         found = [[row for row in own if int(row["vehicles"]) == density] for density in densities]
         lines.append([f"`{value}`", *(cell(each) if each else "" for each in found)])
     return markdown_table(["vehicles", *map(str, densities)], lines)

@@ -1,6 +1,7 @@
 """The drivers beside the strongest rule-based ones, in each kind of traffic (ours)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from operator import itemgetter
 from statistics import fmean
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -8,11 +9,11 @@ import numpy as np
 
 from drl_av.config import SINGLE_KINDS, Config
 from drl_av.evaluation.aggregates import interquartile_mean, probability_of_improvement
-from drl_av.evaluation.statistics import Mean, mean_difference, mean_with_interval
+from drl_av.evaluation.statistics import Mean, grouped, mean_difference, mean_with_interval
 from drl_av.experiments.canvas import label_axes, legend_of_names, panels
 from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.experiment import Experiment, Results
-from drl_av.experiments.markdown import collisions_cell, densities_of, markdown_table
+from drl_av.experiments.markdown import collisions_cell, markdown_table
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
 from drl_av.experiments.store import MadeWith
@@ -134,12 +135,14 @@ def _is_ours(name: str) -> bool:
     return name.split(",")[0] in OURS
 
 
-def _cells(rows: Sequence[Row], kind: str) -> dict[int, dict[str, dict[str, float]]]:
-    own = [row for row in rows if row["traffic"] == kind]
-    return {
-        vehicles: speeds(row for row in own if int(row["vehicles"]) == vehicles)
-        for vehicles in densities_of(own)
-    }
+def _cells(rows: Iterable[Row]) -> dict[int, dict[str, dict[str, float]]]:
+    """Return ``speeds`` by number of vehicles, in ascending order."""
+    found = grouped(rows, lambda row: int(row["vehicles"]))
+    return {vehicles: speeds(found[vehicles]) for vehicles in sorted(found)}
+
+
+def _by_kind(results: Results) -> dict[str, list[Row]]:
+    return grouped(results.rows(OPPONENTS_SWEEP.table), itemgetter("traffic"))
 
 
 def gain_table(results: Results) -> str:
@@ -147,10 +150,9 @@ def gain_table(results: Results) -> str:
 
     The last column pools the episodes with ``MIDDLE`` vehicles, over their best opponent.
     """
-    rows, lines = results.rows(OPPONENTS_SWEEP.table), []
-    for kind in dict.fromkeys(row["traffic"] for row in rows):
-        cells = list(_cells(rows, kind).values())
-        cells.append(_pooled([row for row in rows if row["traffic"] == kind]))
+    lines = []
+    for kind, rows in _by_kind(results).items():
+        cells = [*_cells(rows).values(), _pooled(rows)]
         best = [best_opponent(found) for found in cells]
         lines.append([kind, "the best opponent", *(f"`{name}`" for name in best)])
         for name in filter(_is_ours, cells[0]):
@@ -173,10 +175,10 @@ def aggregate_table(results: Results) -> str:
     The statistics are the interquartile mean of the speeds, and the probability of being faster
     than the best opponent in these episodes; both with 95 % intervals.
     """
-    rows, lines = results.rows(OPPONENTS_SWEEP.table), []
-    for kind in dict.fromkeys(row["traffic"] for row in rows):
-        best = best_opponent(_pooled([row for row in rows if row["traffic"] == kind]))
-        cells = [found for number, found in _cells(rows, kind).items() if number in MIDDLE]
+    lines = []
+    for kind, rows in _by_kind(results).items():
+        best = best_opponent(_pooled(rows))
+        cells = [found for number, found in _cells(rows).items() if number in MIDDLE]
         strata = {name: [np.array([*found[name].values()]) for found in cells] for name in cells[0]}
         for name, own in strata.items():
             improvement = "" if name == best else str(probability_of_improvement(own, strata[best]))
@@ -187,11 +189,10 @@ def aggregate_table(results: Results) -> str:
 def speed_table(results: Results) -> str:
     """Return the Markdown table of mean speeds, m/s, and of how each driver drives."""
     rows, lines = results.rows(OPPONENTS_SWEEP.table), []
-    for kind, name in dict.fromkeys((row["traffic"], label(row)) for row in rows):
-        own = [row for row in rows if (row["traffic"], label(row)) == (kind, name)]
+    for (kind, name), own in grouped(rows, lambda row: (row["traffic"], label(row))).items():
         means = [
             f"{mean_with_interval(found[name].values()).value:.2f}"
-            for found in _cells(own, kind).values()
+            for found in _cells(own).values()
         ]
         aborts, changes = (
             sum(int(row[column]) for row in own)
@@ -205,12 +206,12 @@ def speed_table(results: Results) -> str:
 
 def opponents_figure(rows: list[Row]) -> "Figure":
     """Draw each driver's gain over ``REFERENCE`` against the number of vehicles, by traffic."""
-    kinds = list(dict.fromkeys(row["traffic"] for row in rows))
+    kinds = grouped(rows, itemgetter("traffic"))
     figure, axes = panels((7, 4.2 * len(kinds)), len(kinds), squeeze=False)
-    for kind, (panel,) in zip(kinds, axes, strict=True):
+    for (kind, own), (panel,) in zip(kinds.items(), axes, strict=True):
         label_axes(panel, "vehicles on the loop", f"gain over {REFERENCE}, m/s")
         panel.set_title(kind)
-        cells = _cells(rows, kind)
+        cells = _cells(own)
         curves = {}
         for name in next(iter(cells.values())):
             gains = [gain(found[name], found[REFERENCE]) for found in cells.values()]

@@ -6,11 +6,12 @@ is measured for the shipped driver, and for drivers that were trained under thes
 """
 
 from collections.abc import Iterable
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from drl_av.config import Config
 from drl_av.config.presets import preset
-from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.experiments.canvas import label_axes, panels
 from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.density_sweep import DRIVER
@@ -102,12 +103,13 @@ def driven(rows: Iterable[Row], kind: str, bounds: str, vehicles: int) -> list[l
 
     ``kind`` is ``pretrained`` or ``trained``.
     """
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        own = (row["driver"] == DRIVER) == (kind == DRIVER)
-        if own and row["bounds"] == bounds and int(row["vehicles"]) == vehicles:
-            found.setdefault(row["driver"], []).append(row)
-    return list(found.values())
+    own = [
+        row
+        for row in rows
+        if (row["driver"] == DRIVER) == (kind == DRIVER)
+        and (row["bounds"], int(row["vehicles"])) == (bounds, vehicles)
+    ]
+    return list(grouped(own, itemgetter("driver")).values())
 
 
 def cost(rows: list[Row], kind: str, bounds: str, vehicles: int) -> Mean:

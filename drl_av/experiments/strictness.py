@@ -1,12 +1,13 @@
 """The experiment ``strict`` (ours): what the check ``strict`` costs the shipped driver in speed."""
 
 from collections.abc import Iterable, Sequence
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 from drl_av.config import Config, StrictConfig
 from drl_av.errors import DrlAvError
 from drl_av.evaluation import DENSITIES
-from drl_av.evaluation.statistics import Mean, mean_with_interval
+from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.experiments import density_sweep
 from drl_av.experiments.canvas import label_axes, panels
 from drl_av.experiments.cells import Drives, driven_with
@@ -149,8 +150,8 @@ def strict_figure(rows: list[Row]) -> "Figure":
     draw_changes(by_density, numbers, changes, color="#d55e00", marker="o")
     by_density.set_title("the check as it is")
     changed = [row for row in rows if row["bound"]]
-    for mark, bound in zip(MARKS, dict.fromkeys(row["bound"] for row in changed), strict=False):
-        _bound(by_bound, rows, bound, mark)
+    for mark, own in zip(MARKS, grouped(changed, itemgetter("bound")).values(), strict=False):
+        _bound(by_bound, plain, own, mark)
     if changed:
         by_bound.set_title(f"one bound moved, among {changed[0]['vehicles']} vehicles")
         figure.legend(loc="outside right center", frameon=False)
@@ -194,13 +195,11 @@ def speed_change(changed: Iterable[Row], plain: Iterable[Row]) -> Mean:
     return mean_with_interval(100 * (after[seed] - before[seed]) / speed for seed in after)
 
 
-def _bound(axes: "Axes", rows: Sequence[Row], bound: str, mark: str) -> None:
-    plain = [row for row in rows if not row["bound"]]
-    own = [row for row in rows if row["bound"] == bound]
-    vehicles, usual = int(own[0]["vehicles"]), float(getattr(StrictConfig(), bound))
+def _bound(axes: "Axes", plain: Sequence[Row], own: Sequence[Row], mark: str) -> None:
+    bound, vehicles = own[0]["bound"], int(own[0]["vehicles"])
+    usual = float(getattr(StrictConfig(), bound))
     found = {1.0: change(plain, plain, vehicles)}
-    for value in {row["value"] for row in own}:
-        changed = [row for row in own if row["value"] == value]
+    for value, changed in grouped(own, itemgetter("value")).items():
         found[float(value) / usual] = change(changed, plain, vehicles)
     places = sorted(found)
     label = LABELS.get(bound, bound)

@@ -1,10 +1,12 @@
 """The experiments that evaluate drivers of the density sweep with other settings."""
 
 from functools import partial
+from operator import itemgetter
 from typing import Any
 
 from drl_av.config import Config
 from drl_av.evaluation import DENSITIES
+from drl_av.evaluation.statistics import grouped
 from drl_av.experiments import density_sweep
 from drl_av.experiments.barricade import SCENARIO, TRAINED_VEHICLES
 from drl_av.experiments.cells import Drives, driven_with
@@ -63,8 +65,9 @@ def check_table(results: Results) -> str:
         if row["driver"] == "idm-sumo" and row["vehicles"] in densities
     ]
     lines = []
-    for driver, check in sorted({(row["driver"], row["safety_check"]) for row in rows}):
-        own = [r for r in rows if (r["driver"], r["safety_check"]) == (driver, check)]
+    driven = grouped(rows, itemgetter("driver", "safety_check"))
+    for driver, check in sorted(driven):
+        own = driven[driver, check]
         hits = map(str, (len(own), *collisions(own)))
         lines.append([f"`{driver}`", f"`{check}`", *hits, mean_speed(own)])
     names = ("driver", "check", "episodes", "ego hit something", "was hit", "mean speed, m/s")
