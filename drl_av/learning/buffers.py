@@ -39,6 +39,11 @@ def batch_of(rows: Float32Array, observation_size: int) -> Batch:
     )
 
 
+def part_of(state: State, prefix: str) -> State:
+    """Return the arrays whose names begin with ``prefix``, by the rest of their names."""
+    return {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
+
+
 class Buffer(Protocol):
     """The interface of an experience buffer.
 
@@ -148,8 +153,7 @@ class TwoBuffers(Buffer):
     def restore(self, state: State) -> None:
         """Restore exactly the result of ``state``; raises CheckpointError if it does not fit."""
         for name, ring in (("safe", self.safe), ("collision", self.collision)):
-            prefix = f"{name}."
-            ring.restore({k[len(prefix) :]: v for k, v in state.items() if k.startswith(prefix)})
+            ring.restore(part_of(state, f"{name}."))
 
 
 class UniformBuffer(Buffer):

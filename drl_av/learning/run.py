@@ -1,11 +1,8 @@
 """Writes and reads the folder of a run (settings, tables, checkpoint, policy); trains in it."""
 
-import csv
-import io
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import astuple, fields
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +11,7 @@ from drl_av.config.reference import annotated_toml
 from drl_av.config.stored import load_stored
 from drl_av.drivers.policy_file import load
 from drl_av.errors import CheckpointError, ConfigError, RunError
-from drl_av.files import replacing
+from drl_av.files import replacing, table_bytes
 from drl_av.learning import checkpoint
 from drl_av.learning.training import EpisodeRow, EvaluationRow, Training
 
@@ -65,8 +62,8 @@ class Run:
             folder.mkdir()
             new = Run(folder)
             new.config_file.write_text(annotated_toml(config), encoding="utf-8")
-            new.episodes_file.write_bytes(_header(EpisodeRow))
-            new.evaluations_file.write_bytes(_header(EvaluationRow))
+            new.episodes_file.write_bytes(table_bytes(EpisodeRow))
+            new.evaluations_file.write_bytes(table_bytes(EvaluationRow))
             if training is not None:
                 new.save(training)
 
@@ -106,8 +103,8 @@ class Run:
             RunError: a table cannot be written.
         """
         sizes = {
-            self.episodes_file.name: len(_header(EpisodeRow)),
-            self.evaluations_file.name: len(_header(EvaluationRow)),
+            self.episodes_file.name: len(table_bytes(EpisodeRow)),
+            self.evaluations_file.name: len(table_bytes(EvaluationRow)),
         }
         episodes = 0
         if self.checkpoint_file.exists():
@@ -149,7 +146,7 @@ class Run:
             )
         header, *rows = held.decode(errors="replace").split("\n")
         of_episodes = file == self.episodes_file
-        names = _header(EpisodeRow if of_episodes else EvaluationRow).decode().rstrip()
+        names = table_bytes(EpisodeRow if of_episodes else EvaluationRow).decode().rstrip()
         numbers = [row.partition(",")[0] for row in rows[:-1]]
         is_whole = bool(rows) and not rows[-1] and header == names
         if not is_whole or (of_episodes and numbers != [str(n + 1) for n in range(episodes)]):
@@ -178,7 +175,7 @@ class Run:
     def append(self, file: Path, row: EpisodeRow | EvaluationRow) -> None:
         """Add a row to one of the CSV files; raises RunError if it cannot be written."""
         with _refusals_of(file), file.open("ab") as stream:
-            stream.write(_line(astuple(row)))
+            stream.write(table_bytes(type(row), [row], header=False))
 
 
 def _fits(stored: str, config: Config) -> bool:
@@ -218,13 +215,3 @@ def train(run: Run, training: Training) -> Iterator[Progress]:
         if training.episodes_done % config.checkpoint_every == 0 or last:
             run.save(training)
         yield Progress(row, evaluation)
-
-
-def _header(row: type[EpisodeRow] | type[EvaluationRow]) -> bytes:
-    return _line(field.name for field in fields(row))
-
-
-def _line(values: Iterable[object]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(values)
-    return text.getvalue().encode()

@@ -14,7 +14,7 @@ from drl_av.env.episode import TRAINING_SEEDS
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import drive, rollout
-from drl_av.learning.buffers import Batch, Buffer
+from drl_av.learning.buffers import Batch, Buffer, part_of
 from drl_av.learning.checkpoint import restore_rng, rng_to_json
 from drl_av.learning.experience import Store
 from drl_av.learning.exploration import ExploringDriver, GreedyDriver, linear_epsilon
@@ -253,14 +253,10 @@ class Training:
     def restore(self, tensors: State, numbers: dict[str, Any]) -> None:
         """Restore exactly the result of ``state``; raises CheckpointError if it does not fit."""
         for name, learner in self._named_learners():
-            learner.restore(_part(tensors, f"{name}."))
-        self._buffer.restore(_part(tensors, "buffer."))
+            learner.restore(part_of(tensors, f"{name}."))
+        self._buffer.restore(part_of(tensors, "buffer."))
         restore_rng(self._rng, numbers["rng"])
         self.episodes_done = index(numbers["episodes_done"])
 
     def _named_learners(self) -> list[tuple[str, Learner]]:
         return list(zip(learner_names(len(self._learners)), self._learners, strict=True))
-
-
-def _part(tensors: State, prefix: str) -> State:
-    return {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}

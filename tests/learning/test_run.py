@@ -166,11 +166,10 @@ def test_a_folder_that_takes_no_more_keeps_what_was_saved(
 def test_row_that_finds_the_disk_full_is_reported_in_one_sentence(
     copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(values: object) -> bytes:
+    def full(*values: object, **options: object) -> bytes:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(module, "_line", full)
-    monkeypatch.setattr(module, "astuple", lambda row: row)
+    monkeypatch.setattr(module, "table_bytes", full)
     run = Run(copy)
     with pytest.raises(RunError, match=r"No space left on device.*--resume"):
         run.append(run.episodes_file, ())  # type: ignore[arg-type]
