@@ -10,11 +10,14 @@ safety check needs, remain constant accelerations.
 
 import math
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from drl_av.config import EgoConfig, MobilConfig, SimulationConfig
 from drl_av.driving.actions import Longitudinal
 from drl_av.driving.affordances import Affordances, Neighbor
+from drl_av.traffic.road import FloatArray
+
+Number = TypeVar("Number", float, FloatArray)
 
 
 class Idm(NamedTuple):
@@ -71,9 +74,9 @@ def acc_acceleration(
 
 
 def time_gap_acceleration(
-    speed_m_s: float, gap_m: float, closing_m_s: float, headway_s: float, ego: EgoConfig
-) -> float:
-    """Return the acceleration of the constant time-gap law, m/s^2.
+    speed_m_s: Number, gap_m: Number, closing_m_s: Number, headway_s: float, ego: EgoConfig
+) -> Number:
+    """Return the acceleration of the constant time-gap law, m/s^2, of one vehicle or of arrays.
 
     It is (lambda (d - d_0 - h v) - c) / h (Rajamani, Vehicle Dynamics and Control, ch. 6), with the
     gap d, the closing speed c (positive if the gap shrinks), the speed v and the time gap h. The

@@ -13,6 +13,7 @@ from drl_av.config.traffic import CONGESTED_M_S
 from drl_av.drivers.planner.limits import Limits, Near
 from drl_av.drivers.planner.others import FAR_M, BoolArray, IntArray
 from drl_av.drivers.planner.plans import SIDE, YIELDS
+from drl_av.driving.car_following import time_gap_acceleration
 from drl_av.traffic.road import FloatArray
 
 SHORT_HEADWAY_S = 1.0
@@ -222,11 +223,9 @@ class Chooser:
         return np.where(hard, -ego.hard_brake_m_s2, np.where(brakes, -ego.brake_m_s2, 0.0))
 
     def _law(self, speed: FloatArray, front: Near, headway_s: float) -> FloatArray:
-        """Return the acceleration that ``car_following.time_gap_acceleration`` gives, m/s^2."""
-        spare_m = front.gap_m - self._ego.reference_standstill_gap_m - headway_s * speed
+        """Return the acceleration of the time-gap law behind ``front``, m/s^2."""
         closing = speed - front.speed_m_s
-        law: FloatArray = (self._ego.acc_gap_gain_per_s * spare_m - closing) / headway_s
-        return law
+        return time_gap_acceleration(speed, front.gap_m, closing, headway_s, self._ego)
 
 
 def _is_passed_on_the_left(front: Near) -> BoolArray:
