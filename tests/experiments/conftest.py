@@ -1,10 +1,12 @@
-"""An engine that works in this process, so that tests can look into the work."""
+"""An engine that works in this process, so that tests see the work, and a short experiment."""
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
 from drl_av.experiments import engines
+from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.training_jobs import TrainingJob
 
 
@@ -19,3 +21,11 @@ def here(
 @pytest.fixture(autouse=True)
 def _engine_here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(engines.ENGINES, "here", here)
+
+
+@pytest.fixture
+def short(tmp_path: Path) -> ReproduceOptions:
+    """Two evaluation episodes of 5 decisions in each cell; a training has two episodes."""
+    config, runs = tmp_path / "short.toml", tmp_path / "runs"
+    config.write_text("[simulation]\ndecisions_per_episode = 5\n[learning]\nepisodes = 2\n")
+    return ReproduceOptions(drives=2, jobs=1, runs=runs, out=tmp_path, config=str(config))

@@ -56,15 +56,12 @@ def test_gains_are_paired_by_seed_in_each_kind_and_the_smallest_is_named(
 
 
 def test_each_driver_learns_in_its_own_traffic_and_meets_the_same_episodes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, short: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cross_table, "TRAINED_IN", ("hazards", "all"))
     monkeypatch.setattr(cross_table, "DENSITIES", (5,))
     monkeypatch.setattr(cross_table, "DRIVES", 2)
-    short = "[simulation]\ndecisions_per_episode = 3\n[learning]\nepisodes = 2\n"
-    (tmp_path / "short.toml").write_text(short)
-    config = str(tmp_path / "short.toml")
-    options = ReproduceOptions(jobs=1, runs=tmp_path / "runs", out=tmp_path, config=config)
+    options = short._replace(drives=100)
     list(reproduce(CROSS_TABLE, options))
     results = Results(tmp_path)
     rows, made = results.rows(CROSS_TABLE.table), results.made_by(CROSS_TABLE.table)["settings"]

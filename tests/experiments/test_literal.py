@@ -12,12 +12,10 @@ from drl_av.experiments.options import ReproduceOptions
 
 
 def test_each_variant_is_driven_on_the_same_traffic_with_its_own_settings(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, short: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(literal, "DENSITIES", (2,))
-    (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 5\n")
-    options = ReproduceOptions(drives=2, jobs=1, out=tmp_path, config=str(tmp_path / "short.toml"))
-    list(reproduce(LITERAL_PAPER, options))
+    list(reproduce(LITERAL_PAPER, short))
     rows = Results(tmp_path).rows("literal.csv")
     assert len(rows) == 3 * 7 * 2
     for variant in VARIANTS:
@@ -47,7 +45,7 @@ def test_each_variant_is_driven_on_the_same_traffic_with_its_own_settings(
         "literal": ("best-lane", 0.0),
     }
     assert ours > 0.0
-    assert list(reproduce(LITERAL_PAPER, options)) == []
+    assert list(reproduce(LITERAL_PAPER, short)) == []
 
 
 def test_the_preset_literal_is_the_paper_with_all_of_them() -> None:

@@ -73,16 +73,13 @@ def test_a_gain_is_that_of_the_episodes_that_both_drove() -> None:
 
 
 def test_every_driver_drives_the_same_seeds_in_its_own_settings_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, short: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(opponents, "VEHICLES", (5,))
     few = {name: each._replace(episodes=1) for name, each in VARIANTS.items() if name == "search"}
     monkeypatch.setattr(opponents, "VARIANTS", VARIANTS | few)
     monkeypatch.setattr(opponents, "SINGLE_KINDS", ("calm", "naturalistic"))
-    (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 3\n")
-    config = str(tmp_path / "short.toml")
-    options = ReproduceOptions(jobs=1, out=tmp_path, config=config, drives=2)
-    list(reproduce(OPPONENTS_SWEEP, options))
+    list(reproduce(OPPONENTS_SWEEP, short))
     results = Results(tmp_path)
     rows, made = results.rows("opponents.csv"), results.made_by("opponents.csv")["settings"]
     assert [(each["traffic"], each["variant"], each["driver"], each["seed"]) for each in rows] == [
@@ -104,7 +101,7 @@ def test_every_driver_drives_the_same_seeds_in_its_own_settings_once(
     )
     assert (tmp_path / "opponents.png").is_file()
     before = (tmp_path / "opponents.csv").read_bytes()
-    list(reproduce(OPPONENTS_SWEEP, options))
+    list(reproduce(OPPONENTS_SWEEP, short))
     assert (tmp_path / "opponents.csv").read_bytes() == before
     for table in OPPONENTS_SWEEP.summaries.values():
         assert "| naturalistic | `pretrained, strict` | " in table(results)

@@ -57,11 +57,8 @@ SOBER = Experiment(
 
 
 @pytest.fixture
-def options(tmp_path: Path) -> ReproduceOptions:
-    """Two episodes of 5 decisions in each cell."""
-    (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 5\n")
-    config = str(tmp_path / "short.toml")
-    return ReproduceOptions(drives=2, jobs=1, out=tmp_path / "out", config=config)
+def options(short: ReproduceOptions) -> ReproduceOptions:
+    return short._replace(out=short.out / "out")
 
 
 @pytest.fixture

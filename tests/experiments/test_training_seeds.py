@@ -56,14 +56,11 @@ def test_the_tables_have_a_line_for_each_seed_with_its_worst_kind(tmp_path: Path
 
 
 def test_each_seed_trains_under_paper_and_all_drive_the_same_episodes_under_strict(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, short: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(training_seeds, "DENSITIES", (5,))
     monkeypatch.setattr(training_seeds, "DRIVES", 2)
-    short = "[simulation]\ndecisions_per_episode = 3\n[learning]\nepisodes = 2\n"
-    (tmp_path / "short.toml").write_text(short)
-    config = str(tmp_path / "short.toml")
-    options = ReproduceOptions(jobs=1, runs=tmp_path / "runs", out=tmp_path, config=config, seeds=2)
+    options = short._replace(seeds=2, drives=100)
     list(reproduce(TRAINING_SEEDS, options))
     results = Results(tmp_path)
     rows, made = results.rows(TRAINING_SEEDS.table), results.made_by(TRAINING_SEEDS.table)

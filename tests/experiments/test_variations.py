@@ -21,19 +21,16 @@ ROWS = {CHECK_PAPER: 2, CHECK_PERMIT_ALL: 4, REFERENCE_ACC: 8, EXACT_SPEED: 2}
 
 
 def test_each_is_driven_once_in_its_own_settings(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, short: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(variations, "DENSITIES", (2,))
-    (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 5\n")
-    config = str(tmp_path / "short.toml")
-    options = ReproduceOptions(drives=2, jobs=1, out=tmp_path, config=config)
     rows, made = {}, {}
     for experiment in (*ROWS, BARRICADE_PRETRAINED):
-        list(reproduce(experiment, options))
+        list(reproduce(experiment, short))
         rows[experiment] = Results(tmp_path).rows(experiment.table)
         made[experiment] = Results(tmp_path).made_by(experiment.table)
         assert made[experiment]["settings"]["simulation"]["decisions_per_episode"] == 5
-        assert list(reproduce(experiment, options)) == []
+        assert list(reproduce(experiment, short)) == []
     assert {experiment: len(rows[experiment]) for experiment in ROWS} == ROWS
     assert {row["safety_check"] for row in rows[CHECK_PERMIT_ALL]} == {"permit_all"}
     for paper in (REFERENCE_ACC, EXACT_SPEED, BARRICADE_PRETRAINED):
