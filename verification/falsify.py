@@ -14,7 +14,6 @@ lanes begin and end. The exit status is 1 if the ego hit something under ``stric
 import json
 import sys
 import warnings
-from dataclasses import replace
 from itertools import pairwise, product
 from typing import Any
 
@@ -165,8 +164,7 @@ def main() -> int:
     parser.add_argument("--sumo", action="store_true", help="drive random scenes in SUMO")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     arguments = parser.parse_args()
-    config = Config()
-    config = replace(config, safety=replace(config.safety, check=arguments.check))
+    config = Config().updated("safety", check=arguments.check)
     strict = arguments.check == "strict"
     scenes = arguments.scenes or (50 if arguments.sumo else 100_000 if strict else 1000)
     work = in_sumo if arguments.sumo else search if strict or arguments.search else envelope
