@@ -180,14 +180,14 @@ class Fleet:
 
     def exchange(
         self, time_s: float, s_m: Sequence[float], y_m: Sequence[float], speed_m_s: Sequence[float]
-    ) -> int | None:
+    ) -> Sequence[int] | None:
         """Remove the vehicles that have left an open road, and add those that enter it now.
 
         ``time_s`` is the time since the reset; the sequences hold the state of each vehicle.
 
         Returns:
-            The number of vehicles that enter; they become the last rows. None if no vehicle enters
-            or leaves.
+            The rows of the vehicles that stay, which become the first rows, before those of the
+            vehicles that enter. None if no vehicle enters or leaves.
         """
         start, inflow = self._start, self._inflow
         if start is None:
@@ -203,7 +203,7 @@ class Fleet:
         known = [self.type_ids[row] for row in kept]
         self._describe(population if entering is None else population.joined(entering), known)
         self.kinds = np.zeros(len(self.population.ids), dtype=np.intp)
-        return 0 if entering is None else len(entering.ids)
+        return kept
 
     def _last(
         self,

@@ -14,20 +14,23 @@ STATE = (
 
 
 class Readings:
-    """Reads the state of the vehicles; a row is an index into ``ids``, the ego's is 0."""
+    """Reads the state of the vehicles on the road, which ``watch`` names."""
 
-    def __init__(
-        self, sumo: ModuleType, scenario: Scenario, ids: Sequence[str], length_m: FloatArray
-    ) -> None:
-        self._ids = ids
+    _ids: Sequence[str]
+    _half_m: list[float]
+
+    def __init__(self, sumo: ModuleType, scenario: Scenario) -> None:
         self._lane_positions = scenario.layout.lane_positions
         self._lap_m, self._lane_m = scenario.road.lap_m, scenario.road.lane_width_m
-        self._half_m = (length_m / 2).tolist()
         self._lane, self._at, self._aside, self._speed, *others = getters(sumo, STATE)
         self._lateral_speed, self._lane_change = others
         bits = sumo.constants
         self._wanted = (1, bits.LCA_LEFT), (-1, bits.LCA_RIGHT)
         self._blocked: int = bits.LCA_BLOCKED
+
+    def watch(self, ids: Sequence[str], length_m: FloatArray) -> None:
+        """Set the vehicles on the road; a row is an index into ``ids``, the ego's is 0."""
+        self._ids, self._half_m = ids, (length_m / 2).tolist()
 
     def place(self, row: int) -> tuple[float, float]:
         """Return the position of a vehicle's centre along (s) and across (y) the road, metres."""
@@ -36,14 +39,14 @@ class Readings:
         along_m = (start_m + self._at(name) - self._half_m[row]) % self._lap_m
         return along_m, lane * self._lane_m + self._aside(name)
 
-    def state(self) -> tuple[list[float], ...]:
-        """Return s, y, speed and lateral speed: four lists with one value for each vehicle."""
-        ids, lap_m, lane_m = self._ids, self._lap_m, self._lane_m
+    def state(self, first: int = 0) -> tuple[list[float], ...]:
+        """Return s, y, speed and lateral speed: four lists, a value for each row from ``first``."""
+        ids, lap_m, lane_m = self._ids[first:], self._lap_m, self._lane_m
         at_m, aside_m = [*map(self._at, ids)], [*map(self._aside, ids)]
         speed, lateral = [*map(self._speed, ids)], [*map(self._lateral_speed, ids)]
         along_m, across_m = [], []
         found = map(self._lane_positions.__getitem__, map(self._lane, ids))
-        rows = zip(found, at_m, aside_m, self._half_m, strict=True)
+        rows = zip(found, at_m, aside_m, self._half_m[first:], strict=True)
         for (lane, start_m), at, aside, half_m in rows:
             along_m.append((start_m + at - half_m) % lap_m)
             across_m.append(lane * lane_m + aside)

@@ -5,14 +5,13 @@ import struct
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
 
 from drl_av.config import Config
 from drl_av.errors import SimulationError
-from drl_av.traffic.collisions import LATERAL_SPEED_M_S, Motion, bodies, motion
+from drl_av.traffic.collisions import LATERAL_SPEED_M_S, Bodies, Motion, motion
 from drl_av.traffic.connection import connection, require_display, start
 from drl_av.traffic.ego_model import EgoModel, hand_over
 from drl_av.traffic.fleet import Fleet
@@ -58,6 +57,9 @@ class Simulation:
         self.after_step: Callable[[Snapshot], None] | None = None
         """A function that the simulation calls after each SUMO step, or None."""
         self._ids: tuple[str, ...] = ()
+        others = scenario.vehicle_types.others.values()
+        speeds_m_s = (kind.lateral_speed_m_s for kind in others)
+        self._fastest_aside_m_s = max(LATERAL_SPEED_M_S, *speeds_m_s)
         self._step_ms = round(1000 * config.simulation.step_length_s)
 
     def reset(self, seed: int, vehicles: int) -> Snapshot:
@@ -90,17 +92,17 @@ class Simulation:
         self._steps = 0
         self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
-        return self._described()
+        self._readings = Readings(self._sumo, self.scenario)
+        self._watch()
+        self._read()
+        return self._snapshot()
 
-    def _described(self) -> Snapshot:
-        """Prepare to read the vehicles that are on the road now, and return their snapshot."""
-        self._ids = self.fleet.population.ids
-        self._readings = Readings(self._sumo, self.scenario, self._ids, self.fleet.length_m)
-        snapshot = self._snapshot()
-        others = self.scenario.vehicle_types.others.values()
-        lateral_m_s = max(LATERAL_SPEED_M_S, *(kind.lateral_speed_m_s for kind in others))
-        self._bodies = replace(bodies(snapshot, self.road), lateral_speed_m_s=lateral_m_s)
-        return snapshot
+    def _watch(self) -> None:
+        """Prepare to read the vehicles that are on the road now, and to find their collisions."""
+        fleet = self.fleet
+        self._readings.watch(self._ids, fleet.length_m)
+        sizes_m = fleet.length_m.tolist(), fleet.width_m.tolist()
+        self._bodies = Bodies(self._ids, *sizes_m, self.road, self._fastest_aside_m_s)
 
     def hand_over(self, model: EgoModel) -> None:
         """Let SUMO drive the ego until the next reset; commands for the ego are then ignored."""
@@ -141,9 +143,10 @@ class Simulation:
                 collision = self._step(command, near)
                 if collision is not None:
                     break
-            snapshot = self._snapshot()
+            self._read()
             if not self.road.is_loop:
-                snapshot = self._exchanged(snapshot)
+                self._exchange()
+            snapshot = self._snapshot()
         except self._errors as error:
             self.close()
             raise SimulationError(
@@ -164,15 +167,20 @@ class Simulation:
         """Return whether this simulation has reserved an instance of SUMO."""
         return self._release is not None and self._release.alive
 
-    def _exchanged(self, snapshot: Snapshot) -> Snapshot:
-        """Return the snapshot after vehicles have left an open road and others have entered it."""
-        state = self._s_m, self._y_m, self._speed_m_s
-        entered = self.fleet.exchange(snapshot.time_s, *state)
-        if entered is None:
-            return snapshot
+    def _exchange(self) -> None:
+        """Remove the vehicles that have left an open road, and add those that enter it."""
+        kept = self.fleet.exchange(self._time_s, self._s_m, self._y_m, self._speed_m_s)
+        if kept is None:
+            return
         self._ids = self.fleet.population.ids
-        self._populate(range(len(self._ids) - entered, len(self._ids)))
-        return self._described()
+        self._populate(range(len(kept), len(self._ids)))
+        self._watch()
+        before = self._s_m, self._y_m, self._speed_m_s, self._aside_m_s
+        entered = self._readings.state(len(kept))
+        columns = zip(before, entered, strict=True)
+        self._s_m, self._y_m, self._speed_m_s, self._aside_m_s = (
+            [column[row] for row in kept] + new for column, new in columns
+        )
 
     def _put_on_the_road(self, seed: int) -> None:
         """Place the vehicles in the running SUMO, which is three times faster, or start SUMO."""
@@ -214,6 +222,7 @@ class Simulation:
             self._window.follow()
         collision = self._bodies.ego_collision(self._moves((EGO, *near))) if near else None
         if self.after_step is not None:
+            self._read()
             self.after_step(self._snapshot())
         return collision
 
@@ -267,12 +276,15 @@ class Simulation:
         """The time since the reset, seconds."""
         return self._steps * self._step_ms / 1000
 
-    def _snapshot(self) -> Snapshot:
-        """Read the state of all vehicles from SUMO, and return it as a snapshot."""
-        self._s_m, self._y_m, self._speed_m_s, lateral_m_s = self._readings.state()
+    def _read(self) -> None:
+        """Read the state of all vehicles from SUMO."""
+        self._s_m, self._y_m, self._speed_m_s, self._aside_m_s = self._readings.state()
         if self._ego_lateral_speed_m_s is not None:
-            lateral_m_s[EGO] = self._ego_lateral_speed_m_s
-        rows = *self._s_m, *self._y_m, *self._speed_m_s, *lateral_m_s
+            self._aside_m_s[EGO] = self._ego_lateral_speed_m_s
+
+    def _snapshot(self) -> Snapshot:
+        """Return the state that ``_read`` has read as a snapshot."""
+        rows = *self._s_m, *self._y_m, *self._speed_m_s, *self._aside_m_s
         packed = struct.pack(f"{len(rows)}d", *rows)  # takes half the time of np.array
         s_m, y_m, speed, lateral = np.frombuffer(packed).reshape(4, -1)
         return Snapshot(
