@@ -104,6 +104,12 @@ class Simulation:
         sizes_m = fleet.length_m.tolist(), fleet.width_m.tolist()
         self._bodies = Bodies(self._ids, *sizes_m, self.road, self._fastest_aside_m_s)
 
+    def _read(self) -> None:
+        """Read the state of all vehicles from SUMO."""
+        self._s_m, self._y_m, self._speed_m_s, self._aside_m_s = self._readings.state()
+        if self._ego_lateral_speed_m_s is not None:
+            self._aside_m_s[EGO] = self._ego_lateral_speed_m_s
+
     def hand_over(self, model: EgoModel) -> None:
         """Let SUMO drive the ego until the next reset; commands for the ego are then ignored."""
         hand_over(self._sumo.vehicle, model, self._config.ego, self.road.lane_width_m)
@@ -275,12 +281,6 @@ class Simulation:
     def _time_s(self) -> float:
         """The time since the reset, seconds."""
         return self._steps * self._step_ms / 1000
-
-    def _read(self) -> None:
-        """Read the state of all vehicles from SUMO."""
-        self._s_m, self._y_m, self._speed_m_s, self._aside_m_s = self._readings.state()
-        if self._ego_lateral_speed_m_s is not None:
-            self._aside_m_s[EGO] = self._ego_lateral_speed_m_s
 
     def _snapshot(self) -> Snapshot:
         """Return the state that ``_read`` has read as a snapshot."""
