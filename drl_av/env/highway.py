@@ -70,8 +70,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         if scenario is not None:
             if not isinstance(scenario, str | Path):
                 raise ConfigError(
-                    f"scenario is {scenario!r}, but must be a folder or the name of a shipped "
-                    "scenario."
+                    f"scenario is of the type {type(scenario).__name__}, but must be a folder or "
+                    "the name of a shipped scenario; settings are the argument config."
                 )
             folder = Path(scenario)
             name = str(folder.absolute() if folder.is_dir() else scenario)

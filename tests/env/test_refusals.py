@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 from drives import KEEP, start
 
+from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError
 
@@ -41,7 +42,8 @@ def test_reset_refuses_more_vehicles_than_fit_and_continues_after_it(env: Highwa
         ({"safety_check": "permitall"}, r"\(did you mean 'permit_all'\?\)"),
         ({"render_mode": "ansi"}, r"render_mode is 'ansi', but must be None, 'human' or 'rgb_arr"),
         ({"config": "/nowhere/settings.toml"}, r"/nowhere/settings.toml', but must be a preset"),
-        ({"scenario": 3}, r"scenario is 3, but must be a folder or the name of a shipped"),
+        ({"scenario": 3}, r"^scenario is of the type int, but must be a folder or the name of a"),
+        ({"scenario": Config()}, r"^scenario is of the type Config, .* are the argument config\.$"),
         ({"observation": [["ego"]]}, r"no group of indicators \['ego'\].*; the groups are"),
     ],
 )
