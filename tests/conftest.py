@@ -1,5 +1,6 @@
 """Puts this folder on the import path, so that every room's tests find ``worlds``."""
 
+import errno
 import os
 import shutil
 import subprocess
@@ -26,6 +27,16 @@ def stack() -> Iterator[ExitStack]:
     """Closes after a test what its fixtures have made."""
     with ExitStack() as entered:
         yield entered
+
+
+@pytest.fixture
+def full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No file can be brought to the disk."""
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
 
 
 @pytest.fixture(scope="session")

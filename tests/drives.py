@@ -1,16 +1,15 @@
 """Driving an environment by the numbers of actions."""
 
-import hashlib
 import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from programs import python
 
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
+from drl_av.files import Row
 
 KEEP, BRAKE, HARD_BRAKE, RIGHT, LEFT = 0, 2, 3, 4, 8
 """Numbers of actions; right and left at an unchanged speed."""
@@ -44,6 +43,19 @@ RESULT = EpisodeResult(
 """The row of an episode."""
 
 
+def traffic_row(driver: str, traffic: str, seed: int, speed: float, hit: bool = False) -> Row:
+    """The row of an episode in a kind of traffic, as a table has it."""
+    return {
+        "driver": driver,
+        "traffic": traffic,
+        "vehicles": "10",
+        "seed": str(seed),
+        "mean_speed_m_s": str(speed),
+        "collided": str(hit),
+        "ego_hit": str(hit),
+    }
+
+
 def start(env: HighwayEnv, vehicles: int, seed: int = 0) -> dict[str, Any]:
     return env.reset(seed=seed, options={"vehicles": vehicles})[1]
 
@@ -61,19 +73,6 @@ def until_over(env: HighwayEnv, action: int, at_most: int = 20) -> dict[str, Any
             return info
         assert not info["collision"]
     raise AssertionError(f"nothing ended in {at_most} decisions")
-
-
-def trajectory(env: HighwayEnv, seed: int, decisions: int = 200) -> str:
-    """SHA-256 over all positions and speeds of an episode of fixed decisions."""
-    env.reset(seed=seed, options={"vehicles": 30})
-    digest = hashlib.sha256()
-    for decision in range(decisions + 1):
-        shot = env.scene.snapshot
-        for values in (shot.s_m, shot.y_m, shot.speed_m_s, shot.lateral_speed_m_s):
-            digest.update(np.ascontiguousarray(values).tobytes())
-        if decision == decisions or env.step(decision * 5 % 12)[2]:
-            break
-    return f"{env.decisions} {digest.hexdigest()}"
 
 
 def printed_by_a_fresh_process(program: str) -> list[str]:

@@ -14,6 +14,12 @@ from drl_av.drivers.network import QNetwork
 from drl_av.learning.checkpoint import save_policy
 
 SHORT = Config().updated("simulation", decisions_per_episode=10)
+TINY = (
+    Config()
+    .updated("simulation", decisions_per_episode=20)
+    .updated("learning", episodes=12, evaluate_every=3, checkpoint_every=2, evaluation_episodes=2)
+)
+"""A training of 12 short episodes."""
 
 HARNESS = """
 import os, signal, sys, threading

@@ -116,6 +116,8 @@ def test_a_crowd_that_was_taken_off_the_road_leaves_nothing_behind(
         assert any(ends)
         assert driven(env).hash() == first
         assert env.scene.snapshot.time_s == env.decisions
+        env.close()  # SUMO starts again
+        assert driven(env).hash() == first
 
 
 def test_chance_that_a_user_put_into_a_scenario_is_drawn_from_the_seed(tmp_path: Path) -> None:

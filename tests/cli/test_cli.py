@@ -1,6 +1,5 @@
 """The command line: its help, and every bad input reported in one sentence without a traceback."""
 
-import errno
 import json
 import os
 import re
@@ -222,18 +221,11 @@ sys.meta_path.insert(0, Finder())
 
 
 def test_full_disk_is_reported_and_the_table_of_before_is_kept(
-    settings: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    settings: Path, tmp_path: Path, full_disk: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "rows.csv"
     out.write_text("before")
 
-    def full(descriptor: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, "fsync", full)
     words = ["evaluate", "idm", "--vehicles", "3", "--episodes", "1", "--config", str(settings)]
     assert main([*words, "--out", str(out)]) == 1
     assert "rows.partial.csv cannot be written (No space left on device)" in error_message(capsys)

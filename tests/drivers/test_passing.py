@@ -7,10 +7,11 @@ import pytest
 from worlds import LEFT, RIGHT, Car, ahead, scene
 
 from drl_av.config import Config
+from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.passing import NoPassingOnTheRight
 from drl_av.drivers.registry import RULE_DRIVERS, rule_driver
 from drl_av.drivers.sumo import TUNED, SumoDriver
-from drl_av.driving.actions import Action, Lateral, Longitudinal
+from drl_av.driving.actions import Lateral, Longitudinal
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
@@ -19,6 +20,7 @@ from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_sc
 FREE = Config()
 BANNED = FREE.updated("ego", overtake_right=False)
 OBSERVATION = np.zeros(27, np.float32)
+TO_THE_RIGHT = 4
 
 
 def longitudinal(world: Scene, config: Config, name: str = "gap-mobil") -> Longitudinal:
@@ -49,14 +51,6 @@ def test_it_passes_in_congestion_those_alongside_and_on_the_left(world: Scene) -
     assert longitudinal(world, BANNED) is Longitudinal.ACCELERATE
 
 
-class ToTheRight:
-    def start(self, seed: int) -> None:
-        pass
-
-    def act(self, scene: Scene, observation: object) -> Action:
-        return Action(Lateral.RIGHT, Longitudinal.MAINTAIN)
-
-
 @pytest.mark.parametrize(
     ("world", "lateral"),
     [
@@ -68,7 +62,7 @@ class ToTheRight:
 def test_it_does_not_change_to_the_right_of_one_that_it_would_pass(
     world: Scene, lateral: Lateral
 ) -> None:
-    driver = NoPassingOnTheRight(ToTheRight(), BANNED.ego)
+    driver = NoPassingOnTheRight(PolicyDriver(lambda o: TO_THE_RIGHT), BANNED.ego)
     assert driver.act(world, OBSERVATION).lateral is lateral
 
 

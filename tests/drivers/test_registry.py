@@ -4,7 +4,6 @@ import os
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from runs import SHORT, run_folder
 from worlds import ALONE
@@ -12,6 +11,7 @@ from worlds import ALONE
 import drl_av
 from drl_av.cli import main
 from drl_av.config import Config
+from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.policy_file import PRETRAINED, SHIPPED
 from drl_av.drivers.registry import (
@@ -23,32 +23,16 @@ from drl_av.drivers.registry import (
     load_learned,
     make_drivers,
 )
-from drl_av.driving.actions import ACTIONS, Action
-from drl_av.driving.scene import Scene
-from drl_av.errors import CheckpointError, ConfigError, RunError
+from drl_av.errors import CheckpointError, RunError
 from drl_av.learning.checkpoint import save_policy
 
 KEEP, LEFT, BRAKE = 0, 8, 2
 
 
-class AlwaysBrakes:
-    """A driver of another program."""
-
-    def __init__(self, config: Config) -> None:
-        self.most_m_s = config.ego.max_speed_m_s
-
-    def start(self, seed: int) -> None:
-        """Stateless and deterministic."""
-
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Brake."""
-        return ACTIONS[BRAKE]
-
-
 def test_a_driver_of_another_program_is_one_line_away(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(RULE_DRIVERS, "cautious", AlwaysBrakes)
+    monkeypatch.setitem(RULE_DRIVERS, "cautious", lambda config: PolicyDriver(lambda o: BRAKE))
     settings, out = tmp_path / "short.toml", tmp_path / "rows.csv"
     settings.write_text("[simulation]\ndecisions_per_episode = 10\n")
     words = ["evaluate", "--driver", "cautious", "idm", "--vehicles", "0", "--episodes", "1"]
@@ -68,11 +52,6 @@ def test_a_driver_of_another_program_is_one_line_away(
 def test_the_planner_and_learned_drivers_are_no_baselines() -> None:
     names = ["mine", "planner", "sumo", "pretrained", "idm", "sumo"]
     assert baselines(names) == ["sumo", "idm"]
-
-
-def test_a_word_that_is_neither_a_driver_nor_a_path_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"no driver or run folder 'idm-mobli' \(did you mean"):
-        find_drivers(["idm", "idm-mobli"])
 
 
 def test_runs_of_one_name_are_distinguished_and_drivers_mix(tmp_path: Path) -> None:

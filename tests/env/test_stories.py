@@ -10,7 +10,7 @@ from drives import HARD_BRAKE, KEEP, LEFT, RIGHT
 
 from drl_av.cli import main
 from drl_av.env.highway import HighwayEnv
-from drl_av.traffic.scenario import find_scenario, read_description, write_scenario
+from drl_av.traffic.scenario import find_scenario, read_description
 from drl_av.traffic.snapshot import Snapshot
 
 ACCELERATE = 1
@@ -151,16 +151,6 @@ def test_two_enter_the_middle_lane_from_its_two_sides() -> None:
 def test_hard_braking_alone_is_safe_in_each_story() -> None:
     for story in STORIES:
         assert end(tell(story, HARD_BRAKE, decisions=4)) == ""
-
-
-@pytest.mark.parametrize("story", STORIES)
-def test_a_story_is_what_its_own_file_describes(story: str, tmp_path: Path) -> None:
-    kept = find_scenario(story)
-    write_scenario(tmp_path / "again", read_description(kept / "scenario.toml"))
-    names = sorted(path.name for path in kept.iterdir())
-    assert names == sorted(path.name for path in (tmp_path / "again").iterdir())
-    for name in names:
-        assert (tmp_path / "again" / name).read_bytes() == (kept / name).read_bytes(), name
 
 
 def refused(words: Sequence[str], capsys: pytest.CaptureFixture[str]) -> str:

@@ -2,12 +2,10 @@
 
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from drl_av.driving.actions import ACTIONS, Action
-from drl_av.driving.scene import Scene
+from drl_av.drivers.checked import PolicyDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import DrlAvError
@@ -25,24 +23,12 @@ from drl_av.experiments.options import ReproduceOptions
 RIGHT, LEFT = 4, 8
 
 
-class Insistent:
-    """A driver that always proposes to change the lane in one direction."""
-
-    def __init__(self, direction: int) -> None:
-        self._action = ACTIONS[direction]
-
-    def start(self, seed: int) -> None: ...
-
-    def act(self, scene: Scene, observation: Any) -> Action:
-        return self._action
-
-
 def driven(check: str, direction: int) -> BarricadeMetrics:
-    """An episode of 12 decisions at most, alone on the road."""
+    """An episode of 12 decisions at most, alone on the road, by a driver that insists."""
     config = barricade_config(check, 0, 1).updated("simulation", decisions_per_episode=12)
     with closing(HighwayEnv(config=config)) as env:
         metrics = BarricadeMetrics(env.road)
-        for decision in rollout(env, Insistent(direction), 0, 0):
+        for decision in rollout(env, PolicyDriver(lambda observation: direction), 0, 0):
             metrics.add(decision)
     return metrics
 

@@ -3,24 +3,13 @@
 from pathlib import Path
 
 import pytest
+from drives import traffic_row as row
 
 from drl_av.experiments import cross_table
 from drl_av.experiments.cross_table import CROSS_TABLE, gains
 from drl_av.experiments.experiment import Results, reproduce
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.files import Row, write_table
-
-
-def row(driver: str, traffic: str, seed: int, speed: float, hit: bool = False) -> Row:
-    return {
-        "driver": driver,
-        "traffic": traffic,
-        "vehicles": "10",
-        "seed": str(seed),
-        "mean_speed_m_s": str(speed),
-        "collided": str(hit),
-        "ego_hit": str(hit),
-    }
+from drl_av.files import write_table
 
 
 def test_gains_are_paired_by_seed_in_each_kind_and_the_smallest_is_named(

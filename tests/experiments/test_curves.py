@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from runs import files_of
+from runs import TINY, files_of
 
 from drl_av.config import Config
 from drl_av.errors import DrlAvError, RunError
@@ -22,11 +22,6 @@ from drl_av.experiments.options import Progress, ReproduceOptions
 from drl_av.experiments.store import ResultStore
 from drl_av.experiments.training_jobs import TrainingJob, train_job
 
-TINY = (
-    Config()
-    .updated("simulation", decisions_per_episode=20)
-    .updated("learning", episodes=12, evaluate_every=3, checkpoint_every=2, evaluation_episodes=2)
-)
 LAST = 9
 """Episode at which the longer trainings are killed once, of 12; their last checkpoint is 8's."""
 

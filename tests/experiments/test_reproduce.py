@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from runs import files_of
 
 from drl_av.cli import main
 from drl_av.config import Config
@@ -73,7 +74,7 @@ def driven(options: ReproduceOptions) -> list[int]:
 
 
 def content(options: ReproduceOptions) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in options.out.iterdir()}
+    return files_of(options.out)
 
 
 def test_it_has_a_row_for_each_driver_on_each_seed_and_says_what_made_them(

@@ -3,18 +3,13 @@
 from pathlib import Path
 
 import pytest
+from runs import TINY
 
-from drl_av.config import Config
 from drl_av.errors import RunError
 from drl_av.experiments import training_jobs
 from drl_av.experiments.training_jobs import TrainingJob, blocks_of, evaluations_of, train_job
 from drl_av.learning.training import EpisodeRow, Training
 
-TINY = (
-    Config()
-    .updated("simulation", decisions_per_episode=20)
-    .updated("learning", episodes=12, evaluate_every=3, checkpoint_every=2, evaluation_episodes=2)
-)
 HEADER = "episode,mean_reward,safety_triggers,collided,ego_hit\n"
 
 

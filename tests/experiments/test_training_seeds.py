@@ -3,24 +3,13 @@
 from pathlib import Path
 
 import pytest
+from drives import traffic_row as row
 
 from drl_av.experiments import training_seeds
 from drl_av.experiments.experiment import Results, reproduce
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.training_seeds import TRAINING_SEEDS
-from drl_av.files import Row, write_table
-
-
-def row(driver: str, traffic: str, seed: int, speed: float, hit: bool = False) -> Row:
-    return {
-        "driver": driver,
-        "traffic": traffic,
-        "vehicles": "5",
-        "seed": str(seed),
-        "mean_speed_m_s": str(speed),
-        "collided": str(hit),
-        "ego_hit": str(hit),
-    }
+from drl_av.files import write_table
 
 
 def test_the_tables_have_a_line_for_each_seed_with_its_worst_kind(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """Files and folders appear whole or not at all, and only over regular files."""
 
-import errno
 import os
 import subprocess
 import sys
@@ -47,14 +46,10 @@ def test_two_names_of_one_file_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_figure_that_does_not_fit_on_the_disk_leaves_the_one_of_before(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, full_disk: None
 ) -> None:
-    def full(descriptor: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
     path = tmp_path / "figure.png"
     path.write_text("before")
-    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(DrlAvError, match="No space left on device"):
         save_figure(one_panel("x", "y")[0], path)
     assert path.read_text() == "before"

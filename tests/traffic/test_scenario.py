@@ -12,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from plain_sumo import states
+from runs import files_of
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
@@ -26,6 +27,7 @@ from drl_av.traffic.scenario import (
     ScenarioDescription,
     find_scenario,
     load_scenario,
+    read_description,
     shipped_scenarios,
     write_scenario,
 )
@@ -58,11 +60,13 @@ STORIES = (
 )
 
 
-@pytest.mark.parametrize("name", [*SHIPPED, *OPEN])
+@pytest.mark.parametrize("name", shipped_scenarios())
 def test_shipped_scenario_is_regenerated_byte_for_byte(name: str, tmp_path: Path) -> None:
-    write_scenario(tmp_path / "elsewhere", (SHIPPED | OPEN)[name])
-    made = {path.name: path.read_bytes() for path in (tmp_path / "elsewhere").iterdir()}
-    kept = {path.name: path.read_bytes() for path in (CHECKOUT / "sumo_scenarios" / name).iterdir()}
+    folder = CHECKOUT / "sumo_scenarios" / name
+    described = read_description(folder / "scenario.toml")
+    assert described == (SHIPPED | OPEN).get(name, described)
+    write_scenario(tmp_path / "elsewhere", described)
+    made, kept = files_of(tmp_path / "elsewhere"), files_of(folder)
     assert made == kept
 
 
@@ -283,10 +287,10 @@ def test_missing_folder_is_reported(tmp_path: Path) -> None:
 
 
 def test_full_folder_is_never_overwritten(folder: Path) -> None:
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    before = files_of(folder)
     with pytest.raises(ScenarioError, match="exists and is not empty"):
         write_scenario(folder, ScenarioDescription(1000.0))
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    assert files_of(folder) == before
 
 
 def test_empty_folder_is_filled_and_parents_are_made(tmp_path: Path) -> None:

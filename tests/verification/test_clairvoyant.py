@@ -6,6 +6,7 @@ import pytest
 from worlds import CENTER, LANE_M, LEFT, ahead, scene
 
 from drl_av.config import Config
+from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.registry import find_drivers, make_drivers
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.scene import LaneChange
@@ -65,14 +66,9 @@ def test_with_its_base_alone_the_search_drives_as_that_does_and_foresees_its_way
 
 
 def test_the_search_takes_the_plan_that_comes_farther(env: HighwayEnv) -> None:
-    class Brakes:
-        def start(self, seed: int) -> None: ...
-
-        def act(self, *_: object) -> Action:
-            return BRAKES
-
+    brakes = PolicyDriver(lambda observation: BRAKES.number)
     alone, together = (
-        Search(env, Brakes(), plans).drive(3, 1)
+        Search(env, brakes, plans).drive(3, 1)
         for plans in ((Plan(),), (Plan(), Plan(wait=4, brake=0), Plan(sides=(1,))))
     )
     assert alone == together  # none of these plans is faster than its base
