@@ -3,12 +3,10 @@
 import re
 import subprocess
 import sys
-from contextlib import ExitStack, closing
 
 import pytest
 from shown import ROOT
 
-from drl_av.env.highway import HighwayEnv
 from tools import measure_memory
 
 SHORT = ["--resets", "60", "--warm-up", "40", "--environments", "3", "--vehicles", "10"]
@@ -35,20 +33,3 @@ def test_memory_that_grows_by_a_twentieth_is_a_failure(
     monkeypatch.setattr(sys, "argv", ["measure_memory.py", *words, "--decisions", "1"])
     assert measure_memory.main() == 1
     assert "growth over 10 resets of 2 environments: +5.00%" in capsys.readouterr().out
-
-
-def test_after_many_resets_in_turns_each_environment_drives_as_a_new_one() -> None:
-    with ExitStack() as stack:
-        old = [stack.enter_context(closing(HighwayEnv())) for _ in range(3)]
-        for _ in zip(*(measure_memory.resets(env, 25, 10, 1) for env in old), strict=True):
-            pass
-        new = stack.enter_context(closing(HighwayEnv()))
-        for seed, env in enumerate(old):
-            driven = []
-            for each in (env, new):
-                each.reset(seed=seed, options={"vehicles": 10})
-                for _ in range(5):
-                    each.step(4)
-                seen = each.scene.snapshot
-                driven.append((seen.s_m.tobytes(), seen.y_m.tobytes(), seen.speed_m_s.tobytes()))
-            assert driven[0] == driven[1]

@@ -1,7 +1,7 @@
 """The nearest of four accelerations to a time-gap law, worked out by hand, and MOBIL across."""
 
 import pytest
-from worlds import ALONE, RIGHT, SLOW_LEADER, ahead, scene
+from worlds import RIGHT, SLOW_LEADER, ahead, scene
 
 from drl_av.config import Config
 from drl_av.drivers.gap_mobil import GapMobilDriver
@@ -53,16 +53,6 @@ def test_a_longer_headway_keeps_a_longer_gap() -> None:
     # 1.1 s: (0.4 * 0.5) / 1.1 = 0.18; 1.3 s: 0.4 * -3.5 / 1.3 = -1.08
     assert act(world, 1.1) == Action(KEEP, Longitudinal.MAINTAIN)
     assert act(world, 1.3) == Action(KEEP, Longitudinal.BRAKE)
-
-
-def test_on_a_free_road_it_accelerates() -> None:
-    assert act(ALONE) == Action(KEEP, Longitudinal.ACCELERATE)
-
-
-def test_it_overtakes_as_mobil_does() -> None:
-    world = scene(ahead(40.0, speed_m_s=15.0), ahead(40.0, RIGHT, 15.0))
-    # (0.4 * (40 - 24.5) - 5) / 1.1 = 1.09: nearer to 2 than to 0; the left lane is free
-    assert act(world) == Action(Lateral.LEFT, Longitudinal.ACCELERATE)
 
 
 def test_both_headways_are_drivers_by_name() -> None:

@@ -19,9 +19,8 @@ from drl_av.drivers.registry import find_drivers, load_learned, make_drivers
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS, SLOTS, ObservationScale
 from drl_av.driving.scene import LaneChange
-from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.rollout import drive, rollout
+from drl_av.env.rollout import drive
 from drl_av.errors import DrlAvError
 
 
@@ -146,28 +145,6 @@ def test_a_driver_whose_inputs_the_file_lacks_is_not_exported(
     with pytest.raises(DrlAvError, match=message):
         export(tmp_path / "driver.onnx", networks, config, scale)
     assert not any(tmp_path.iterdir())
-
-
-def test_a_lane_change_begins_only_above_the_margin_and_continues_without_one(
-    exported: Path,
-) -> None:
-    session = onnxruntime.InferenceSession(exported, providers=["CPUExecutionProvider"])
-    indicators = np.stack([decision.scene.affordances.vector() for decision in shipped_episode()])
-    changing = np.zeros(len(indicators), dtype=bool)
-    free, q = session.run(None, {"indicators": indicators, "lane_change": changing})
-    busy, _ = session.run(None, {"indicators": indicators, "lane_change": ~changing})
-    assert (busy == q.argmax(axis=1)).all()
-    held_back = free != busy
-    assert held_back.any()
-    assert (busy[held_back] >= 4).all()  # the actions 4 to 11 change lanes
-    gain = q.max(axis=1) - q[:, :4].max(axis=1)
-    assert (gain[held_back] <= 0.04).all()  # the shipped driver's margin
-
-
-def shipped_episode() -> list[Decision]:
-    driver, config = load_learned(PRETRAINED)
-    with closing(HighwayEnv(config=config)) as env:
-        return list(rollout(env, driver, 800_001, 15))
 
 
 def test_the_exported_driver_drives_the_same_episode(exported: Path) -> None:

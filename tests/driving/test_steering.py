@@ -89,18 +89,6 @@ def test_left_and_right_are_steered_alike(offset_m: float, heading: float, speed
     assert left == pytest.approx(-right, abs=1e-12)
 
 
-@pytest.mark.parametrize("speed", [3.0, 10.0, 20.0, 30.0])
-def test_the_steered_ego_follows_the_cubic_at_any_speed(speed: float) -> None:
-    pose, ways = Pose(0.0, 0.0), []
-    for _ in range(5):
-        pose = steer(pose, 3.8, speed, 1.0, LANE_M, EGO)
-        ways.append(pose.y_m)
-    cubic = [3.8 * (3 * s**2 - 2 * s**3) for s in (0.2, 0.4, 0.6, 0.8, 1.0)]
-    assert ways == pytest.approx(cubic, abs=0.02)
-    assert ways[-1] == pytest.approx(3.8, abs=0.005)
-    assert settled(pose, 3.8, speed, LANE_M, EGO)
-
-
 def test_at_1_5_m_s_a_lane_change_takes_7_s() -> None:
     # 10.677 m / 1.5 m/s = 7.12 s
     pose, taken_s = Pose(0.0, 0.0), 0.0

@@ -6,9 +6,8 @@ import warnings
 import gymnasium
 import numpy as np
 import pytest
-from drives import HARD_BRAKE, ID, KEEP, RIGHT, start, y_m
+from drives import HARD_BRAKE, ID, start
 from gymnasium.utils.env_checker import check_env
-from worlds import CENTER
 
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
@@ -77,16 +76,6 @@ def test_info_of_a_step_tells_what_happened(env: HighwayEnv) -> None:
     assert set(info["rewards"]) == {"r_v", "r_y", "r_x"}
     assert reward == pytest.approx(sum(info["rewards"].values()) / 3)
     assert isinstance(reward, float)
-
-
-def test_a_rule_that_fires_is_reported_with_both_actions(barricaded: HighwayEnv) -> None:
-    start(barricaded, 0)
-    while y_m(barricaded) != pytest.approx(CENTER):
-        barricaded.step(RIGHT)
-    _, _, terminated, _, info = barricaded.step(RIGHT)
-    assert (info["proposed_action"], info["executed_action"]) == (RIGHT, KEEP)
-    assert info["rule"] == "off_road"
-    assert not terminated
 
 
 def test_info_and_observation_of_a_step_are_not_overwritten_by_the_next(env: HighwayEnv) -> None:

@@ -3,7 +3,7 @@
 import itertools
 
 import pytest
-from drives import KEEP, LEFT, RIGHT, Place, start, until_over, y_m
+from drives import KEEP, LEFT, RIGHT, Place, start, until_over
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
@@ -63,15 +63,6 @@ def test_a_collision_ends_the_episode_with_its_kind(
     info = until_over(made, action)
     assert (info["collision"], info["collided_with"]) == (kind.value, "other" if other else "")
     assert made.decisions == decisions
-
-
-def test_ego_runs_into_the_barricade(unchecked: HighwayEnv) -> None:
-    made = HighwayEnv("barricaded_right_lane", safety_check="permit_all")
-    start(made, 0)
-    info = until_over(made, RIGHT)
-    assert info["collision"] == CollisionKind.HIT_EDGE.value
-    assert y_m(made) > 2.8
-    made.close()
 
 
 def test_under_the_check_the_same_driver_does_none_of_this(place: Place) -> None:

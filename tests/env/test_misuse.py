@@ -62,12 +62,6 @@ def test_results_name_the_check_that_was_handed_in() -> None:
     assert drive(env, driver, "idm", 1, 2).safety_check == "permit_all"
 
 
-@pytest.mark.parametrize("arguments", [{"safety_check": 5}, {"config": {"a": 1}}])
-def test_arguments_of_other_types_are_refused(arguments: dict[str, object]) -> None:
-    with pytest.raises(ConfigError):
-        HighwayEnv(**arguments)  # type: ignore[arg-type]
-
-
 def test_training_refuses_more_vehicles_than_fit_before_it_begins() -> None:
     config = SHORT.updated("traffic", vehicles_max=500)
     with pytest.raises(ConfigError, match=r"vehicles_max is 500, but this road takes 113"):

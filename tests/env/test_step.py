@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from drives import BRAKE, HARD_BRAKE, KEEP, LEFT, Place, start
+from drives import BRAKE, LEFT, start
 
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.actions import ACTIONS, Action, Longitudinal
@@ -17,7 +17,6 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.safety.check import Rule, Verdict
 from drl_av.traffic import simulation
-from drl_av.traffic.scenario import PlacedVehicle
 
 
 class TapedDriver:
@@ -80,19 +79,6 @@ def test_the_check_judges_the_scene_of_the_last_observation_and_is_obeyed() -> N
         speeds.append(info["speed_m_s"])
     assert np.diff(speeds) == pytest.approx([-2, -2, -2], abs=1e-6)
     made.close()
-
-
-@pytest.mark.parametrize(
-    ("action", "change"),
-    [(KEEP, 0.0), (1, 2.0), (BRAKE, -2.0), (HARD_BRAKE, -4.0)],
-)
-def test_speed_changes_by_the_acceleration_in_one_second(
-    place: Place, action: int, change: float
-) -> None:
-    made = place(PlacedVehicle("ego", 1, 20.0, 20.0, 30.0))
-    made.reset(seed=0)
-    _, _, _, _, info = made.step(action)
-    assert info["speed_m_s"] == pytest.approx(20 + change, abs=1e-9)
 
 
 def test_hard_brake_is_the_hardest_the_check_may_answer(env: HighwayEnv) -> None:

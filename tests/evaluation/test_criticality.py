@@ -3,7 +3,7 @@
 import csv
 import math
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from drl_av.cli import main
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.decision import Decision
-from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+from drl_av.env.metrics import EpisodeMetrics
 from drl_av.evaluation.criticality import CriticalityMetrics, CriticalityResult, styles
 
 INFO = {
@@ -140,17 +140,6 @@ def test_the_pet_is_the_smallest_of_the_ego_s_and_of_the_others_behind_it() -> N
     # 17.5 m behind at 2 s, at 25 m/s; where the ego is at the end, at 3 s, it never comes
     assert measured(*moving((-32.5, 25.0))).min_pet_s == pytest.approx(17.5 / 25)
     assert measured(*moving()).min_pet_s == math.inf
-
-
-def test_the_columns_of_before_keep_their_values_and_come_first() -> None:
-    scenes = [scene(ahead(20.0, speed_m_s=15.0)), *speeds(18.0, 20.0, 22.0)]
-    plain = EpisodeMetrics()
-    for before, after in pairwise(scenes):
-        plain.add(Decision(before, None, ACTIONS[0], 0.0, after, None, False, False, INFO))
-    row, expected = measured(*scenes), plain.result("mine", "paper", 1, 0)
-    names = [field.name for field in fields(EpisodeResult)]
-    assert [field.name for field in fields(CriticalityResult)][: len(names)] == names
-    assert {name: getattr(row, name) for name in names} == vars(expected)
 
 
 def test_a_driver_s_style_is_over_all_its_decisions() -> None:

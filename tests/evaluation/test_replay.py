@@ -99,25 +99,6 @@ def test_tampered_file_is_refused(recording: Recording, file: Path) -> None:
         load_recording(file)
 
 
-def test_file_cut_anywhere_is_refused(file: Path) -> None:
-    data = file.read_bytes()
-    for size in (0, 1, 100, len(data) // 2, len(data) - 1):
-        file.write_bytes(data[:size])
-        with pytest.raises(RecordingError, match=r"or is (damaged|cut short)"):
-            load_recording(file)
-
-
-def test_no_flipped_byte_gets_through(recording: Recording, file: Path) -> None:
-    data = file.read_bytes()
-    for place in range(0, len(data), 97):
-        file.write_bytes(data[:place] + bytes([data[place] ^ 0xFF]) + data[place + 1 :])
-        try:
-            loaded = load_recording(file)
-        except RecordingError:
-            continue
-        assert loaded.hash() == recording.hash()
-
-
 def test_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="There is no recording"):
         load_recording(tmp_path / "missing.npz")

@@ -74,12 +74,3 @@ def test_it_drives_on_its_own_road_and_refuses_other_observations(
     network.touch()
     with pytest.raises(DrlAvError, match=r"network.onnx observes 27 indicators, but observation"):
         load_driver(network, Config().updated("observation", way=True))
-
-
-def test_it_cannot_be_exported_and_nothing_is_written(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["export", str(run), str(tmp_path / "way.onnx")]) == 1
-    said = capsys.readouterr().err
-    assert "observation.way and learning.permitted_only cannot be exported" in said
-    assert not (tmp_path / "way.onnx").exists()

@@ -101,10 +101,6 @@ def test_it_keeps_its_lane_behind_a_vehicle_as_fast_as_all_others() -> None:
     assert scores(world, PLANS).max() < scores(world, KEEP)[0] + Prices().change_of_plan
 
 
-def test_it_overtakes_a_slow_vehicle_where_the_lane_beside_is_free() -> None:
-    assert best(scene(ahead(40.0, speed_m_s=15.0), Car(0.0, RIGHT, 15.0)))[0] == Intent.LEFT
-
-
 def test_boxed_in_it_brakes_changes_behind_its_neighbour_and_goes_round() -> None:
     # on the right, 20 m/s behind 20 m/s and beside 20 m/s; the left lane is free
     box = scene(ahead(25.0, RIGHT), Car(0.0), y_m=RIGHT)
