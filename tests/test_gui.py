@@ -2,15 +2,14 @@
 
 import json
 import math
-import os
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
+from programs import python
 
 from drl_av.config import Config
 from drl_av.drawing.sheet import EGO_COLOR, speed_color
@@ -51,21 +50,8 @@ print(json.dumps({"hash": again.hash(), "decisions": shown}))
 """
 
 
-def environment(screen: str | None) -> dict[str, str]:
-    kept = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
-    shown = {"DISPLAY": screen, "LIBGL_ALWAYS_SOFTWARE": "1"} if screen else {}
-    return kept | shown
-
-
-def run(screen: str | None, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, *arguments],
-        env=environment(screen),
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+def run(screen: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return python(*arguments, DISPLAY=screen, LIBGL_ALWAYS_SOFTWARE="1")
 
 
 def recorded(scenario: str, vehicles: int, decisions: int) -> Recording:
@@ -193,9 +179,9 @@ def test_command_replays_a_recording_in_sumo_gui(screen: str, folder: Path) -> N
     assert (ended.returncode, "exactly as recorded" in ended.stdout) == (0, True), ended.stderr
 
 
-@pytest.mark.parametrize("display", [None, ":987"])
+@pytest.mark.parametrize("display", ["", ":987"])
 def test_without_a_screen_one_sentence_and_the_interpreter_lives(
-    display: str | None, folder: Path
+    display: str, folder: Path
 ) -> None:
     words = "['replay', sys.argv[1], '--gui']"
     program = f"import sys; from drl_av.cli import main; print('status', main({words}))"

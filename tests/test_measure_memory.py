@@ -1,10 +1,10 @@
 """Memory of several environments over many resets, and the tool that measures it."""
 
 import re
-import subprocess
 import sys
 
 import pytest
+from programs import python
 from shown import ROOT
 
 from tools import measure_memory
@@ -14,7 +14,7 @@ SHORT = ["--resets", "60", "--warm-up", "40", "--environments", "3", "--vehicles
 
 def test_three_environments_of_a_process_keep_their_memory_over_resets() -> None:
     words = [str(ROOT / "tools" / "measure_memory.py"), *SHORT, "--decisions", "1"]
-    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=120)
+    done = python(*words)
     assert done.returncode == 0, done.stdout + done.stderr
     lines = done.stdout.splitlines()
     assert lines.pop().startswith("made by python tools/measure_memory.py --resets 60 ")

@@ -1,7 +1,5 @@
 """Pictures of a scene, moments between decisions, and videos."""
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,6 +7,7 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 from PIL import Image
+from programs import python
 
 from drl_av.drawing import Caption, Picture, draw
 from drl_av.drawing.film import interpolated, write_video
@@ -262,8 +261,8 @@ except RecordingError as error:
 def test_full_disk_is_reported_in_one_sentence_and_leaves_nothing(
     tmp_path: Path, name: str
 ) -> None:
-    command = [sys.executable, "-c", FULL_DISK, str(tmp_path / name)]
-    ended = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    ended = python("-c", FULL_DISK, tmp_path / name)
+    assert ended.returncode == 0, ended.stderr
     assert "check that the disk has room" in ended.stdout
     assert ended.stdout.count("\n") == 1
     assert list(tmp_path.iterdir()) == []

@@ -1,8 +1,9 @@
 """A trained driver drives where torch cannot be imported; only learning needs it."""
 
 import subprocess
-import sys
 from pathlib import Path
+
+from programs import python
 
 WITHOUT_TORCH = """
 import sys
@@ -23,8 +24,7 @@ level_1_share = 1.0
 
 
 def without_torch(*words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", WITHOUT_TORCH, *words]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    return python("-c", WITHOUT_TORCH, *words)
 
 
 def test_evaluate_and_replay_drive_among_level_1_traffic(tmp_path: Path) -> None:

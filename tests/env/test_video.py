@@ -1,7 +1,5 @@
 """``drl_av.RecordVideo``: films with the motion between two decisions, of the chosen episodes."""
 
-import subprocess
-import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,6 +9,7 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 from gymnasium.utils.save_video import capped_cubic_video_schedule
+from programs import python
 
 import drl_av
 from drl_av.config import Config
@@ -58,35 +57,6 @@ def test_an_episode_that_does_not_end_is_written_too(tmp_path: Path, end: str) -
     assert len(list(tmp_path.iterdir())) == 1  # the second episode has no decision
 
 
-class Several(gymnasium.Env[int, int]):
-    """An environment of two steps that returns three pictures of each, of growing brightness."""
-
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array_list"], "render_fps": 3}  # noqa: RUF012
-    observation_space = action_space = gymnasium.spaces.Discrete(2)
-    render_mode = "rgb_array_list"
-
-    def reset(self, **_: Any) -> tuple[int, dict[str, Any]]:
-        self.shown = 0
-        return 0, {}
-
-    def step(self, action: int) -> tuple[int, float, bool, bool, dict[str, Any]]:
-        return 0, 0.0, False, False, {}
-
-    def render(self) -> Any:
-        self.shown += 3
-        return [np.full((8, 8, 3), self.shown - back, np.uint8) for back in (2, 1, 0)]
-
-
-def test_gymnasium_s_wrapper_keeps_one_picture_of_each_step_even_of_several(tmp_path: Path) -> None:
-    # the reason for a wrapper of our own: if this fails, rgb_array_list could give motion there too
-    env = gymnasium.wrappers.RecordVideo(Several(), str(tmp_path / "films"), lambda episode: True)
-    env.reset()
-    for _ in range(2):
-        env.step(0)
-    assert [int(frame[0, 0, 0]) for frame in env.recorded_frames] == [3, 6, 9]
-    env.close()
-
-
 def test_a_film_needs_no_moviepy_and_the_default_films_the_episodes_that_gymnasium_films(
     tmp_path: Path,
 ) -> None:
@@ -100,7 +70,7 @@ env.reset(seed=1)
 env.step(0)
 env.close()
 """
-    subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, timeout=120)
+    python("-c", program, cwd=tmp_path)
     assert (tmp_path / "films" / "rl-video-episode-0.mp4").stat().st_size > 1000
     filmed = [episode for episode in range(5000) if cubic_schedule(episode)]
     assert filmed == [n**3 for n in range(10)] + [1000, 2000, 3000, 4000]

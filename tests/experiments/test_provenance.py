@@ -1,11 +1,9 @@
 """What a results file says of its origin, without a path of the machine that made it."""
 
-import os
-import subprocess
-import sys
 from dataclasses import asdict
 
 import pytest
+from programs import python
 
 from drl_av.config import Config
 from drl_av.experiments.provenance import command, made_by
@@ -40,10 +38,7 @@ def test_a_text_tells_its_origin_in_one_line(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_it_names_the_kernels_on_which_the_last_bits_of_a_training_depend() -> None:
     code = "from drl_av.experiments.provenance import made_by; print(made_by(1))"
-    chosen = {**os.environ, "OPENBLAS_CORETYPE": "Nehalem"}  # every x86-64 processor can
-    made = subprocess.run(
-        [sys.executable, "-c", code], env=chosen, capture_output=True, text=True, check=True
-    )
+    made = python("-c", code, OPENBLAS_CORETYPE="Nehalem")  # every x86-64 processor can
     assert made.stdout.rstrip().endswith(" Nehalem")
 
 

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from programs import python
 from runs import disk_tape
 
 from drl_av.errors import DrlAvError, RecordingError
@@ -171,7 +172,7 @@ with replacing(Path(sys.argv[1])) as unfinished:
 def test_the_next_writer_clears_up_after_one_that_was_killed(tmp_path: Path) -> None:
     path = tmp_path / "[rows].csv"
     path.write_text("before")
-    subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False)
+    python("-c", KILLED, path)
     assert path.read_text() == "before"
     assert len(list(tmp_path.iterdir())) == 2
     write_whole(path, b"new")
