@@ -5,14 +5,14 @@ from functools import partial
 import numpy as np
 import worlds
 from hypothesis import given
-from worlds import BARRICADED_ROAD, LONG_ROAD, SLOW_LEADER, ahead, behind, scene, scenes
+from worlds import BARRICADED_ROAD, SLOW_LEADER, ahead, behind, scene, scenes
 
 from drl_av.config import SafetyConfig
 from drl_av.drivers.checked import CheckedDriver, PolicyDriver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
 from drl_av.safety import action_mask
-from drl_av.safety.check import Rule, Verdict, permit_all
+from drl_av.safety.check import Rule, Verdict
 from drl_av.safety.paper import paper
 
 PAPER = partial(paper, config=SafetyConfig())
@@ -32,11 +32,6 @@ def test_at_two_seconds_only_the_hard_brake_is_left() -> None:
 def test_a_barricaded_lane_masks_its_side_alone() -> None:
     free = scene(road=BARRICADED_ROAD)
     assert action_mask(PAPER, free).tolist() == [1, 1, 1, 1, 0, 0, 0, 0, 1, 1, 1, 1]
-
-
-def test_without_a_check_everything_is_permitted() -> None:
-    mask = action_mask(permit_all, scene(ahead(0.5), road=LONG_ROAD))
-    assert (mask.dtype, mask.tolist()) == (np.int8, 12 * [1])
 
 
 def test_a_check_that_couples_both_axes_is_masked_action_by_action() -> None:

@@ -13,19 +13,6 @@ def network(seed: int = 0, **sizes) -> QNetwork:
     return QNetwork(np.random.default_rng(seed), **sizes)
 
 
-def test_default_network_has_the_papers_two_hidden_layers_of_100():
-    """Sec. IV-C."""
-    shapes = {name: tensor.shape for name, tensor in network().tensors().items()}
-    assert shapes == {
-        "layers.0.weight": (100, 27),
-        "layers.0.bias": (100,),
-        "layers.1.weight": (100, 100),
-        "layers.1.bias": (100,),
-        "layers.2.weight": (12, 100),
-        "layers.2.bias": (12,),
-    }
-
-
 def test_start_is_drawn_within_one_over_root_of_inputs_from_the_generator_alone():
     first = network(3)
     assert np.array_equal(first.flat, network(3).flat)

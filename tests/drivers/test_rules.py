@@ -65,10 +65,6 @@ def test_as_printed_idm_accelerates_above_8_s_at_any_gap(
     assert act(IdmDriver(SafetyConfig(printed_idm=True)), world) == Action(Lateral.KEEP, how)
 
 
-def test_idm_alone_accelerates_in_its_lane() -> None:
-    assert act(IdmDriver(CONFIG), ALONE) == Action(Lateral.KEEP, ACCELERATE)
-
-
 def test_idm_looks_at_its_own_lane_only_and_never_leaves_it() -> None:
     world = scene(ahead(1, LEFT, 0.0), ahead(1, RIGHT, 0.0), behind(1, speed_m_s=40.0), wish=1)
     assert act(IdmDriver(CONFIG), world) == Action(Lateral.KEEP, ACCELERATE)

@@ -133,14 +133,6 @@ def test_a_duration_that_is_no_whole_number_of_decisions_ends_within_one() -> No
     assert [world.lane_change for world in worlds] == [LaneChange(1, 2)] * 2 + [None] * 2
 
 
-def test_keeping_the_lane_moves_nothing_sideways() -> None:
-    done = plan(scene(y_m=LEFT), Action(KEEP, MAINTAIN), EGO, SIMULATION)
-    assert [(command.y_m, command.lateral_speed_m_s) for command in done.commands] == [
-        (LEFT, 0.0),
-        (LEFT, 0.0),
-    ]
-
-
 def test_a_lane_change_is_judged_by_where_the_ego_is_not_by_when_it_began() -> None:
     world = changing(origin=1, target=2, seconds=4)
     done = plan(world, Action(KEEP, MAINTAIN), EGO, SIMULATION)

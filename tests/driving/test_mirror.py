@@ -54,13 +54,6 @@ def mirrored_action(action: Action) -> Action:
     return ACTIONS[MIRROR.action_permutation[action.number]]
 
 
-def test_a_mirror_of_a_mirror_is_the_road_itself() -> None:
-    observation = np.arange(1, 28, dtype=np.float32)
-    assert not np.array_equal(in_the_mirror(observation), observation)
-    assert np.array_equal(in_the_mirror(in_the_mirror(observation)), observation)
-    assert [mirrored_action(mirrored_action(action)) for action in ACTIONS] == list(ACTIONS)
-
-
 def test_right_and_left_actions_change_places_and_accelerations_stay() -> None:
     assert MIRROR.action_permutation.tolist() == [0, 1, 2, 3, 8, 9, 10, 11, 4, 5, 6, 7]
     for action in ACTIONS:

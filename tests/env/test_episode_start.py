@@ -31,21 +31,6 @@ def test_every_vehicle_is_on_the_road_from_the_first_decision(
         env.step(KEEP)
 
 
-def test_traffic_moves_by_its_speed_and_the_ego_is_where_its_commands_put_it(
-    env: HighwayEnv,
-) -> None:
-    start(env, 30, seed=2)
-    before = env.scene.snapshot
-    env.step(KEEP)
-    after = env.scene.snapshot
-    moved_m = (after.s_m - before.s_m) % 500
-    lowest = np.minimum(before.speed_m_s, after.speed_m_s)
-    highest = np.maximum(before.speed_m_s, after.speed_m_s)
-    assert (moved_m > lowest - 3).all()
-    assert (moved_m < highest + 3).all()
-    assert moved_m[0] == pytest.approx(before.speed_m_s[0], abs=1e-6)
-
-
 def test_without_the_option_the_number_of_vehicles_is_drawn_from_the_config() -> None:
     config = Config().updated("traffic", vehicles_min=2, vehicles_max=4)
     made = HighwayEnv(config=config)

@@ -75,11 +75,6 @@ def test_what_is_no_reward_is_refused(wrong: Any) -> None:
     env.close()
 
 
-def test_what_is_no_function_is_refused() -> None:
-    with pytest.raises(ConfigError, match="reward is 3, but must be a function"):
-        HighwayEnv(reward=3)  # type: ignore[arg-type]
-
-
 @pytest.mark.parametrize("decisions", [4, 250])
 def test_the_spec_has_the_length_of_an_episode_and_nothing_truncates_earlier(
     decisions: int,

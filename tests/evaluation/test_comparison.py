@@ -13,15 +13,13 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from drives import RESULT
 from runs import SHORT, run_folder
 
 from drl_av import cli
-from drl_av.config import Config
 from drl_av.drivers.registry import find_drivers
-from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
+from drl_av.drivers.rules import IdmDriver, IdmSumoDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import ConfigError, RunError
@@ -38,37 +36,10 @@ from drl_av.evaluation.statistics import (
 KEEP, LEFT = 0, 8
 
 
-class Spy:
-    """A driver that notes the traffic it finds, and keeps its lane."""
-
-    def __init__(self) -> None:
-        self.starts: list[tuple[tuple[str, ...], bytes]] = []
-        self._fresh = False
-
-    def start(self, seed: int) -> None:
-        self._fresh = True
-
-    def act(self, scene, observation):  # type: ignore[no-untyped-def]
-        if self._fresh:
-            affordances = scene.snapshot
-            places = np.stack((affordances.s_m, affordances.y_m, affordances.speed_m_s)).tobytes()
-            self.starts.append((affordances.ids, places))
-            self._fresh = False
-        return IdmDriver(Config().safety).act(scene, observation)
-
-
 @pytest.fixture
 def env() -> Iterator[HighwayEnv]:
     with closing(HighwayEnv(config=SHORT)) as env:
         yield env
-
-
-def test_every_driver_finds_the_same_traffic(env: HighwayEnv) -> None:
-    first, second = Spy(), Spy()
-    drivers = {"first": first, "random": RandomDriver(), "second": second}
-    list(drive_all(env, drivers, (0, 12), (4, 5)))
-    assert first.starts == second.starts
-    assert len({places for _, places in first.starts}) == 4
 
 
 def test_rows_come_by_vehicles_then_seed_then_driver(env: HighwayEnv) -> None:

@@ -112,17 +112,6 @@ def test_more_trainings_are_trained_alone_and_fewer_lose_nothing(
     assert places(options, "fast.csv") == cells("paper-0", "fast-0", "fast-1", "fast-2")
 
 
-def test_other_settings_are_refused_before_anything_is_trained(
-    options: ReproduceOptions, tmp_path: Path
-) -> None:
-    make(FAST, options._replace(seeds=1))
-    before = (options.out / "fast.csv").read_bytes()
-    (tmp_path / "short.toml").write_text(SHORT.replace("decisions_per_episode = 4", ""))
-    with pytest.raises(DrlAvError, match=r"fast\.csv was made with other settings"):
-        next(reproduce(FAST, options))
-    assert (options.out / "fast.csv").read_bytes() == before
-
-
 def test_final_policies_are_driven_each_with_the_check_of_its_training(
     options: ReproduceOptions,
 ) -> None:

@@ -243,16 +243,6 @@ def test_a_new_run_is_on_the_disk_before_it_has_its_name(
     assert (name, home) == (f"rename {made} to run", f"fsync {tmp_path.name}")
 
 
-def test_what_a_killed_beginning_left_is_removed_by_the_next(settings: str, tmp_path: Path) -> None:
-    prelude = MOMENTS["before the run is there"]
-    ended = interrupted(prelude, command(tmp_path / "run", "--config", settings))
-    assert ended.returncode == -signal.SIGKILL
-    [left] = tmp_path.iterdir()
-    assert left.name.startswith(".run.")
-    Run(tmp_path / "run").create(load_config(settings))
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [

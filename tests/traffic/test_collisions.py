@@ -189,15 +189,6 @@ def test_a_long_and_wide_vehicle_is_touched_sooner() -> None:
     assert kind(snapshot(beside._replace(width_m=1.8))) is None
 
 
-def test_ego_hit_names_the_three_kinds_that_are_its_doing() -> None:
-    guilty = {kind for kind in CollisionKind if kind.ego_hit}
-    assert guilty == {
-        CollisionKind.HIT_AHEAD,
-        CollisionKind.HIT_BESIDE,
-        CollisionKind.HIT_EDGE,
-    }
-
-
 @given(CARS, st.floats(0, 40, width=16), st.sampled_from([-0.76, 0.0, 0.76]))
 def test_left_and_right_are_distinguished_alike(car: Car, speed: float, v_y: float) -> None:
     mirrored = car._replace(y_m=7.6 - car.y_m, lateral_speed_m_s=-car.lateral_speed_m_s)

@@ -6,7 +6,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from nets import needed
 from plain_sumo import states
@@ -79,18 +78,6 @@ def test_sumo_drives_each_vehicle_with_its_type_and_the_snapshot_has_its_size(fo
         assert sumo.vehicle.getLength(name) == shot.length_m[row]
     assert sumo.vehicletype.getParameter("taxi", "carFollowModel") in ("", "Krauss")
     env.close()
-
-
-def test_an_episode_of_own_types_depends_on_its_seed_alone(folder: Path) -> None:
-    env, driven = HighwayEnv(folder), []
-    for seed in (5, 6, 5):
-        env.reset(seed=seed, options={"vehicles": 14})
-        for _ in range(25):
-            env.step(0)
-        driven.append(env.scene.snapshot.s_m)
-    env.close()
-    assert np.array_equal(driven[0], driven[2])
-    assert not np.array_equal(driven[0], driven[1])
 
 
 def test_the_shares_are_those_of_the_types_and_the_ego_has_its_own() -> None:

@@ -115,16 +115,6 @@ def test_level_1_changes_lanes_where_rule_3_permits_it(others: tuple[Car, ...], 
     assert Level1(always(8), CONFIG, ROAD)(neighbors).side.tolist() == [side]
 
 
-def test_level_1_decides_for_each_by_what_it_sees_itself() -> None:
-    # accelerate is worth the gap ahead in hundreds of metres, hard brake 0.5
-    weight, bias = np.zeros((12, 27), dtype=np.float32), np.full(12, -1.0, dtype=np.float32)
-    weight[1, 0], bias[1], bias[3] = 1.0, 0.0, 0.5
-    shot = snapshot(ahead(40.0), Car(105.0))
-    decisions = Level1([(weight, bias)], CONFIG, ROAD)(look(shot))
-    # gaps of 40, 60 and, round the loop, 500 - 105 - 5 = 390: no vehicle within 250 m
-    assert decisions.acceleration_m_s2.tolist() == [HARD_BRAKE, ACCELERATE, ACCELERATE]
-
-
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     """The folder of a run with an untrained policy and another top speed than the default."""

@@ -2,10 +2,9 @@
 
 import numpy as np
 from hypothesis import given
-from worlds import BARRICADED_ROAD, CENTER, LEFT, RIGHT, ROAD, Car, ahead, behind, scenes, snapshot
+from worlds import BARRICADED_ROAD, LEFT, RIGHT, ROAD, Car, ahead, behind, scenes, snapshot
 
-from drl_av.drivers.background import surroundings as lanes
-from drl_av.drivers.background.surroundings import FRONT, REAR, Surroundings, surroundings
+from drl_av.drivers.background.surroundings import Surroundings, surroundings
 from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.scene import Scene
 from drl_av.traffic.road import Road
@@ -43,35 +42,6 @@ def test_only_those_asked_for_look_and_in_their_order() -> None:
     all_vehicles = look(shot, 0, 1, 2).vectors()
     np.testing.assert_array_equal(look(shot, 2, 0).vectors(), all_vehicles[[2, 0]])
     assert look(shot).vectors().shape == (0, 27)
-
-
-def test_own_right_and_left_and_front_and_rear_are_where_they_are_said_to_be() -> None:
-    # the vehicle in the middle is row 1; the ego is 30 m behind it, all gaps are different
-    shot = snapshot(
-        ahead(30.0, speed_m_s=22.0),
-        Car(80.0, CENTER, 20.0),
-        Car(95.0, LEFT, 31.0),
-        Car(10.0, RIGHT, 19.0),
-        speed_m_s=24.0,
-    )
-    neighbors = look(shot, 1)
-    own, right, left = lanes.OWN, lanes.RIGHT, lanes.LEFT
-    assert (neighbors.gap_m[0, own, FRONT], neighbors.gap_m[0, own, REAR]) == (40.0, 30.0)
-    assert (neighbors.gap_m[0, left, FRONT], neighbors.gap_m[0, right, REAR]) == (55.0, 20.0)
-    assert np.isinf(neighbors.gap_m[0, left, REAR])
-    assert np.isinf(neighbors.gap_m[0, right, FRONT])
-    assert neighbors.relative_speed_m_s[0].tolist() == [[-2.0, 2.0], [0.0, -3.0], [9.0, 0.0]]
-    assert neighbors.has_lane[0].tolist() == [True, True, True]
-
-
-def test_lanes_at_the_edges_and_behind_a_barricade_are_missing() -> None:
-    shot = snapshot(Car(50.0, RIGHT), Car(50.0, LEFT))
-    assert look(shot, 0, 1, 2).has_lane.tolist() == [
-        [True, True, True],
-        [True, False, True],
-        [True, True, False],
-    ]
-    assert look(shot, 0, road=BARRICADED_ROAD).has_lane.tolist() == [[True, False, True]]
 
 
 def test_a_lane_change_is_under_way_off_the_centre_of_either_lane() -> None:
