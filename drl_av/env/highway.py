@@ -276,7 +276,6 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         return reward, terms
 
     def _renderer_of(self, render_mode: str | None) -> Renderer:
-        """Return the renderer of a render mode."""
         if render_mode == "rgb_array":
             return PictureRenderer(self.road)
         if render_mode is None:

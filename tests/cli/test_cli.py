@@ -265,16 +265,12 @@ def test_long_names_fold_and_checks_are_distinguished(capsys: pytest.CaptureFixt
     mean = Mean(123.456, 10.0)
     long = "runs/" + "x" * 60 + "/end"
     summary = Summary(long, "paper", 30, 50, mean, mean, 50, 50, mean, mean)
-    tables.print_summaries([summary, replace_check(summary)])
+    tables.print_summaries([summary, summary._replace(safety_check="permit_all")])
     text = capsys.readouterr().out
     assert "…" not in text
     assert max(map(len, text.splitlines())) <= console.WIDTH
     assert "permit_all" in text
     assert "123.46±10.00" in text
-
-
-def replace_check(summary: Summary) -> Summary:
-    return summary._replace(safety_check="permit_all")
 
 
 @pytest.mark.parametrize(

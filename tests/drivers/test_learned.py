@@ -97,6 +97,11 @@ def test_a_driver_with_a_check_takes_the_best_action_that_it_permits(refused, ex
     assert driver.act(ALONE, S_T).number == expected
 
 
+def considerate_act(values: dict[int, float], world: Scene) -> int:
+    driver = LearnedDriver(stated(values)).limited_to(considerate(permit_all, MobilConfig()))
+    return driver.act(world, S_T).number
+
+
 @pytest.mark.parametrize(
     ("other", "expected"),
     [
@@ -116,8 +121,7 @@ def test_a_considerate_driver_begins_no_lane_change_that_forces_a_vehicle_to_bra
     # with 1.5 ((24.5 / gap)^2 - 1) = 2 m/s^2 at 16.04 m. At 28 m/s, 8 m/s faster than the ego, it
     # wants 2.5 + 30.8 + 28 * 8 / (2 sqrt 3) = 97.96 m, and the limit is at 64.13 m.
     values = {MAINTAIN: 0.3, ACCELERATE: 0.5, ACCELERATE_LEFT: 0.9}
-    driver = LearnedDriver(stated(values)).limited_to(considerate(permit_all, MobilConfig()))
-    assert driver.act(scene(other), S_T).number == expected
+    assert considerate_act(values, scene(other)) == expected
 
 
 @pytest.mark.parametrize(
@@ -133,9 +137,8 @@ def test_a_considerate_driver_begins_no_lane_change_away_from_its_way(
 ) -> None:
     world = scene(road=road, s_m=600.0, y_m=lane * LANE_M)
     assert world.affordances.mandatory.lanes == lanes
-    driver = LearnedDriver(stated({MAINTAIN: 0.3, ACCELERATE: 0.5, ACCELERATE_LEFT: 0.9}))
-    driver = driver.limited_to(considerate(permit_all, MobilConfig()))
-    assert driver.act(world, S_T).number == expected
+    values = {MAINTAIN: 0.3, ACCELERATE: 0.5, ACCELERATE_LEFT: 0.9}
+    assert considerate_act(values, world) == expected
 
 
 @pytest.mark.parametrize(("s_m", "expected"), [(647.0, MAINTAIN), (648.0, MAINTAIN_RIGHT)])
@@ -144,16 +147,12 @@ def test_a_considerate_driver_forces_its_way_where_less_than_250_m_are_left_for_
 ) -> None:
     # 2 lane changes by 1,150 m; the front bumper has 500.5 m left at 647 m, and 499.5 m at 648 m
     world = scene(behind(5.0, LANE_M), road=LEAVE, s_m=s_m, y_m=2 * LANE_M)
-    driver = LearnedDriver(stated({MAINTAIN: 0.3, MAINTAIN_RIGHT: 0.9}))
-    driver = driver.limited_to(considerate(permit_all, MobilConfig()))
-    assert driver.act(world, S_T).number == expected
+    assert considerate_act({MAINTAIN: 0.3, MAINTAIN_RIGHT: 0.9}, world) == expected
 
 
 def test_a_lane_change_that_has_begun_goes_on_before_any_vehicle() -> None:
     world = changing(behind(5.0, LEFT), origin=1, target=2, seconds=1)
-    driver = LearnedDriver(stated({MAINTAIN: 0.3, ACCELERATE_LEFT: 0.9}))
-    driver = driver.limited_to(considerate(permit_all, MobilConfig()))
-    assert driver.act(world, S_T).number == ACCELERATE_LEFT
+    assert considerate_act({MAINTAIN: 0.3, ACCELERATE_LEFT: 0.9}, world) == ACCELERATE_LEFT
 
 
 def test_the_margin_counts_before_the_permission() -> None:

@@ -1,8 +1,7 @@
-"""Aggregate statistics by hand, against rliable, and against scipy's bootstrap."""
+"""Aggregate statistics by hand, and against rliable."""
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.aggregates import (
@@ -80,18 +79,3 @@ def test_values_and_intervals_are_those_of_rliable() -> None:
     taus = np.arange(14.0, 34.0)
     profile = library.score_distributions(matrices[0], taus)
     assert performance_profile(ours, taus.tolist()) == pytest.approx(profile, abs=1e-12)
-
-
-def test_the_interval_of_one_number_of_vehicles_is_that_of_scipy_s_bootstrap() -> None:
-    scores = drawn(5)[0]
-    found = interquartile_mean([scores])
-    expected = stats.bootstrap(
-        (scores,),
-        lambda x, axis: stats.trim_mean(x, 0.25, axis=axis),
-        n_resamples=5000,
-        method="percentile",
-        rng=np.random.default_rng(1),
-    ).confidence_interval
-    width = expected.high - expected.low
-    assert found[1:] == pytest.approx((expected.low, expected.high), abs=0.1 * width)
-    assert width > 0.5

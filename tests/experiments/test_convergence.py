@@ -81,11 +81,6 @@ def test_ends_are_means_of_seeds_each_over_its_last_tenth() -> None:
     assert float(found["training_reward"]) == -0.7
 
 
-def test_a_single_seed_has_no_interval() -> None:
-    [found] = convergence([row("paper", 0, 100, -1.0, 0)])
-    assert math.isinf(float(found["reward_ci95"]))
-
-
 def test_a_curve_goes_as_far_as_every_seed() -> None:
     rows = [row("paper", 0, 100, -1, 0), row("paper", 0, 200, 0, 0), row("paper", 1, 100, -3, 0)]
     found = curve([*rows, row("permit_all", 0, 100, -9, 0)], "paper", "mean_reward")

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from runs import error_message
 
 from drl_av.cli import main
 from drl_av.config import Config
@@ -113,9 +114,7 @@ def test_a_number_that_cannot_be_drawn_is_one_sentence(
         (tmp_path / name).write_text(text)
         source = tmp_path if name == "evaluations.csv" else tmp_path / name
         assert main(["figures", str(source), "--out", str(tmp_path / "out")]) == 1
-        message = capsys.readouterr().err
-        assert message.count("\n") == 1
-        assert "must be a finite number" in message
+        assert "must be a finite number" in error_message(capsys)
 
 
 @pytest.mark.parametrize("number", ["nan", "inf", "1e308", "9" * 400])
@@ -127,8 +126,7 @@ def test_a_number_of_the_results_that_cannot_be_drawn_is_one_sentence(
     rows[0][first.index(column)] = number
     (tmp_path / "curves.csv").write_text("".join(",".join(row) + "\n" for row in [first, *rows]))
     assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
-    message = capsys.readouterr().err
-    assert message.count("\n") == 1
+    message = error_message(capsys)
     assert "curves.csv, or the file beside it, is damaged or of another version" in message
     assert f"(ValueError('line 2: {column} is" in message
     assert len(message) < 300 + len(str(tmp_path))

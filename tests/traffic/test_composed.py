@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from drives import KEEP
+from runs import error_message
 
 from drl_av.cli import main
 from drl_av.env.highway import HighwayEnv
@@ -118,9 +119,7 @@ def test_stories_on_different_roads_are_refused_by_the_command(
         ("two_into_one_lane", "The ego of cut_in and two_into_one_lane starts differently"),
     ):
         assert main(["scenario", str(tmp_path / "x"), "--from", "cut_in", "--from", other]) == 1
-        error = capsys.readouterr().err
-        assert said in error
-        assert error.count("\n") == 1
+        assert said in error_message(capsys)
     assert not (tmp_path / "x").exists()
 
 
