@@ -64,7 +64,8 @@ TABLES: dict[str, Callable[[Results], str]] = {
 } | {name: table for each in EXPERIMENTS.values() for name, table in each.summaries.items()}
 
 
-for name in (*ramps.SUCCESS, *(f"{kind}_learned" for kind in ramps.SUCCESS), "merge_planner"):
+LEARNED = [f"{kind}_learned" for kind in ramps.SUCCESS]
+for name in (*ramps.SUCCESS, *LEARNED, "merge_planner", "merge_paper"):
     TABLES[name] = partial(lambda file, results: ramps.table(read(file)), f"{name}.txt")
 
 
