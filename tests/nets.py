@@ -59,7 +59,14 @@ def chain(
         f'<node id="n{k}" x="{500 * k}" y="{60 * k * k}" type="{kind if k == 1 else "priority"}"/>'
         for k in range(len(parts) + 1)
     )
-    inputs = {"node": places + nodes, "edge": roads + edges}
+    return converted(folder, places + nodes, roads + edges, ways, options)
+
+
+def converted(
+    folder: Path, nodes: str, edges: str, ways: Sequence[str] | None, options: Sequence[str] = ()
+) -> Path:
+    """The network that netconvert makes of these elements and connections."""
+    inputs = {"node": nodes, "edge": edges}
     if ways is not None:
         form = '<connection from="{}" fromLane="{}" to="{}" toLane="{}"/>'
         inputs["connection"] = "".join(form.format(*way.split()) for way in ways)
@@ -77,3 +84,49 @@ def along(net: Path, last: int, **changed: object) -> ImportedDescription:
     """The route from e0 to the edge with the number ``last`` of a chain."""
     given = {"net": str(net), "from_edge": "e0", "to_edge": f"e{last}"} | changed
     return ImportedDescription(**given)  # type: ignore[arg-type]
+
+
+LEAVING_WAYS = (
+    *("e0 0 e1 1", "e0 1 e1 2", "e0 2 e1 3"),
+    *("e1 0 off 0", "e1 1 e2 0", "e1 2 e2 1", "e1 3 e2 2"),
+    *("off 0 away 0", "off 0 away 1"),
+)
+"""Three lanes, a fourth one that begins to their right, and the off-ramp that it becomes."""
+TWO_LANES = (3, 5, 3, 2)
+TWO_LANES_WAYS = (
+    *("e0 0 e1 2", "e0 1 e1 3", "e0 2 e1 4"),
+    *("e1 0 off 0", "e1 1 off 1", "e1 2 e2 0", "e1 3 e2 1", "e1 4 e2 2"),
+    *("off 0 away 0", "off 1 away 1"),
+)
+"""The numbers of lanes and the connections of an off-ramp of two lanes that both begin."""
+
+
+def leaving(
+    folder: Path,
+    before_m: float = 1000.0,
+    beside_m: float = 250.0,
+    ways: Sequence[str] = LEAVING_WAYS,
+    lanes: Sequence[int] = (3, 4, 3, 1),
+    aside_m: float = -90.0,
+) -> Path:
+    """A motorway e0, e1, e2 that the edges off and away leave; beside e1 lies the exit's lane.
+
+    ``before_m`` and ``beside_m`` are the lengths of e0 and e1, ``lanes`` the numbers of lanes of
+    e0, e1, e2 and off. The off-ramp leads to the right, or to the left if ``aside_m`` is positive.
+    """
+    cuts = [0.0, before_m, before_m + beside_m, before_m + beside_m + 600.0]
+    nodes = "".join(f'<node id="n{k}" x="{x_m}" y="0"/>' for k, x_m in enumerate(cuts))
+    nodes += f'<node id="r1" x="{cuts[2] + 250}" y="{aside_m}"/>'
+    nodes += f'<node id="r2" x="{cuts[2] + 450}" y="{4 * aside_m}"/>'
+    form = '<edge id="{}" from="{}" to="{}" numLanes="{}" priority="9" speed="{}" width="3.5"/>'
+    edges = "".join(
+        form.format(*edge)
+        for edge in (
+            ("e0", "n0", "n1", lanes[0], 40),
+            ("e1", "n1", "n2", lanes[1], 36),
+            ("e2", "n2", "n3", lanes[2], 40),
+            ("off", "n2", "r1", lanes[3], 32),
+            ("away", "r1", "r2", 2, 10),
+        )
+    )
+    return converted(folder, nodes, edges, ways)

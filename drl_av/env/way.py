@@ -21,7 +21,7 @@ class Way:
 
     def __init__(self, road: Road, start: Scene) -> None:
         self._has_exit = road.exit_m < math.inf
-        self._end_m = road.exit_m
+        self._end_m, self._exit_lane = road.exit_m, road.exit_lane
         if not self._has_exit and start.affordances.mandatory.lanes != 0:
             self._end_m = road.lane_end_m(start.affordances.lane, _front_m(start))
         self._outcome = ""
@@ -43,7 +43,7 @@ class Way:
             return ""
         if not self._has_exit:
             return MERGED
-        return EXIT_TAKEN if scene.affordances.lane == 0 else EXIT_MISSED
+        return EXIT_TAKEN if scene.affordances.lane <= self._exit_lane else EXIT_MISSED
 
 
 def _front_m(scene: Scene) -> float:

@@ -46,9 +46,7 @@ class OffRamp(OpenDescription):
                 f"The scenario's deceleration_lane_m is {self.deceleration_lane_m:g}, but must be "
                 f"at most approach_m - {SHORTEST_M:g}, {self.approach_m - SHORTEST_M:g}."
             )
-        plan, ego = self.plan(), EgoConfig()
-        slow = replace(ego, max_speed_m_s=min(ego.max_speed_m_s, self.speed_limit_m_s))
-        require_reachable(plan.road, plan.start, slow)
+        require_usual_ego_reaches_exit(self.plan(), self.speed_limit_m_s)
 
     def off_ramp(self, from_m: float) -> PartialLane:
         """Return the lane that begins as deceleration lane and becomes the off-ramp at the exit.
@@ -75,6 +73,13 @@ class OffRamp(OpenDescription):
         return Road(OPEN_LAP_M, self.lane_width_m, lanes, end_m, partial_lanes, exit_m)
 
 
+def require_usual_ego_reaches_exit(plan: OpenPlan, speed_limit_m_s: float) -> None:
+    """Raise ScenarioError if an ego of the default settings cannot reach the exit in time."""
+    ego = EgoConfig()
+    slow = replace(ego, max_speed_m_s=min(ego.max_speed_m_s, speed_limit_m_s))
+    require_reachable(plan.road, plan.start, slow)
+
+
 def require_reachable(road: Road, start: OpenStart, ego: EgoConfig) -> None:
     """Raise ScenarioError if the ego cannot change lanes to its exit in time without braking.
 
@@ -88,13 +93,15 @@ def require_reachable(road: Road, start: OpenStart, ego: EgoConfig) -> None:
         lane = max(start.lanes)
     elif road.mandatory_change(lane, from_m).lanes > 0:
         lane, from_m = lane + 1, road.lane_end_m(lane, from_m)
-    needed_m = lane * ego.lane_change_duration_s * ego.max_speed_m_s
-    if road.exit_m - from_m < needed_m:
+    changes, left_m = lane - road.exit_lane, road.exit_m - from_m
+    needed_m = changes * ego.lane_change_duration_s * ego.max_speed_m_s
+    if left_m < needed_m:
         raise ScenarioError(
-            f"The way to the exit is {road.exit_m - from_m:g} m long, but {lane} lane "
-            f"change{'s' * (lane > 1)} of {ego.lane_change_duration_s:g} s at "
-            f"{ego.max_speed_m_s:g} m/s take{'s' * (lane == 1)} {needed_m:g} m: make approach_m at "
-            f"least {math.ceil(needed_m)}."
+            f"The way to the exit is {left_m:g} m long, but {changes} lane "
+            f"change{'s' * (changes > 1)} of {ego.lane_change_duration_s:g} s at "
+            f"{ego.max_speed_m_s:g} m/s take{'s' * (changes == 1)} {needed_m:g} m: make approach_m "
+            f"at least {math.ceil(needed_m)}, or begin an imported route at least "
+            f"{math.ceil(needed_m - left_m)} m earlier."
         )
 
 

@@ -2,8 +2,8 @@
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import ClassVar
 
@@ -12,6 +12,7 @@ from drl_av.config.schema import setting
 from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import ScenarioError
 from drl_av.traffic import open_road
+from drl_av.traffic.carriageway import Carriageway, carriageway
 from drl_av.traffic.description import (
     LANE_WIDTH_M,
     LANES,
@@ -19,12 +20,14 @@ from drl_av.traffic.description import (
     check_numbers,
     toml_text,
 )
-from drl_av.traffic.kind import Edge, Layout, OpenPlan, OpenStart, Point, ScenarioKind
+from drl_av.traffic.exit import AFTER_M, ASIDE_M, require_usual_ego_reaches_exit
+from drl_av.traffic.kind import Edge, Layout, OpenPlan, OpenStart, ScenarioKind
 from drl_av.traffic.net_route import Route, Section, read_route
 from drl_av.traffic.network import NETWORK_FILE
 from drl_av.traffic.open_demo import traffic
 from drl_av.traffic.open_road import BEYOND_M, RUN_OUT_M, START_M, OpenDescription
-from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
+from drl_av.traffic.polyline import along, straight_on
+from drl_av.traffic.road import OPEN_LAP_M, Road
 
 SHORTEST_M, LONGEST_M = 600.0, 50_000.0
 """Lengths of the shortest and the longest route; on the shortest the ego drives 300 m."""
@@ -34,10 +37,14 @@ SHORTEST_M, LONGEST_M = 600.0, 50_000.0
 class ImportedDescription(OpenDescription):
     """A route through a user's network, which defines its lanes, their width and speed limits.
 
+    A route may leave the motorway by an exit whose lane begins on the way; the traffic then goes
+    straight on.
+
     Raises:
         ScenarioError: the route cannot be read (``net_route.read_route``), is too short or too
-            long, or has no lane along its whole length; or its speed limit is too low for the
-            inflow.
+            long, or has no lane along its whole length or to its exit
+            (``carriageway.carriageway``); the ego cannot reach the exit in time; or the speed limit
+            is too low for the inflow.
     """
 
     lanes: int = field(init=False)
@@ -53,6 +60,8 @@ class ImportedDescription(OpenDescription):
         1.0, "ours", "lower speed limits of the network are raised to this, m/s", low=1, high=100
     )
     route: Route = field(init=False, repr=False, compare=False)
+    way: Carriageway = field(init=False, repr=False, compare=False)
+    """What of the route the ego drives on, up to the exit if it has one."""
     limits_vary: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -66,45 +75,52 @@ class ImportedDescription(OpenDescription):
                     "of its edges."
                 )
         route = read_route(Path(self.net), self.from_edge, self.to_edge)
+        try:
+            way = carriageway(route)
+        except ScenarioError as error:
+            raise ScenarioError(f"{self.net}: the route {error}") from error
         derived = {
             "route": route,
-            "lanes": 1 + max(section.lanes[-1] for section in route.sections),
+            "way": way,
+            "to_edge": way.off_ramp[0].edge if way.off_ramp else self.to_edge,
+            "lanes": 1 + max(section.lanes[-1] for section in way.sections),
             "lane_width_m": route.lane_width_m,
-            "speed_limit_m_s": min(map(self._speed_limit, route.sections)),
+            "speed_limit_m_s": min(map(self._speed_limit, way.driven)),
         }
         for name, value in derived.items():
             object.__setattr__(self, name, value)
         self._check_route()
         super().__post_init__()
         self._check_flow()
+        require_usual_ego_reaches_exit(self.plan(), self.speed_limit_m_s)
 
     def plan(self) -> OpenPlan:
-        """Return the road: the edges of the route, and a straight edge beyond its end."""
-        edges = [*map(self._edge, self.route.sections)]
-        end_m = edges[-1].end_m
-        parts, through = partial_lanes(self.route.sections), self._through()
-        beyond = Edge(
-            f"{edges[-1].id}.beyond",
-            end_m,
-            end_m + RUN_OUT_M,
-            edges[-1].lanes,
-            speed_limit_m_s=edges[-1].speed_limit_m_s,
-            shape=_onward(edges[-1].shape),
-            spread=edges[-1].spread,
-        )
-        lanes = (True,) * self.lanes
+        """Return the road: the edges of the route, and straight on beyond its end or its exit."""
+        way, edges = self.way, tuple(map(self._edge, self.way.sections))
+        if way.off_ramp:
+            ends = {"through": self._straight_on("through", AFTER_M), "exit": self._off_ramp()}
+        else:
+            ends = {"way": self._straight_on("beyond", RUN_OUT_M)}
         return OpenPlan(
-            edges=(*edges, beyond),
-            routes={"way": tuple(edge.id for edge in (*edges, beyond))},
-            road=Road(OPEN_LAP_M, self.lane_width_m, lanes, end_m, parts),
+            edges=(*edges, *ends.values()),
+            routes={name: tuple(edge.id for edge in (*edges, end)) for name, end in ends.items()},
+            road=Road(
+                OPEN_LAP_M,
+                self.lane_width_m,
+                (True,) * self.lanes,
+                way.end_m,
+                way.partial_lanes,
+                way.exit_m,
+                exit_lane=max(way.exit_lanes, default=0),
+            ),
             start=OpenStart(
-                through,
-                end_m + BEYOND_M,
+                way.through,
+                way.end_m + BEYOND_M,
                 self.flow_per_h,
                 None,
                 START_M,
                 speed_limits=tuple(
-                    (section.end_m, self._speed_limit(section)) for section in self.route.sections
+                    (section.end_m, self._speed_limit(section)) for section in way.sections
                 ),
             ),
         )
@@ -127,28 +143,42 @@ class ImportedDescription(OpenDescription):
             spread=section.spread,
         )
 
-    def _through(self) -> tuple[int, ...]:
-        """Return the lanes that lead along the whole route."""
-        partial = {part.lane for part in partial_lanes(self.route.sections)}
-        return tuple(lane for lane in range(self.lanes) if lane not in partial)
+    def _straight_on(self, name: str, length_m: float) -> Edge:
+        """Return a straight edge of that length, on which all lanes without an exit go on."""
+        last, way = self._edge(self.way.sections[-1]), self.way
+        drawn_m = max(length_m, way.end_m + RUN_OUT_M - last.end_m)
+        return last._replace(
+            id=f"{last.id}.{name}",
+            begin_m=last.end_m,
+            end_m=last.end_m + length_m,
+            lanes=last.lanes[len(way.exit_lanes) :],
+            shape=straight_on(last.shape, drawn_m),
+        )
+
+    def _off_ramp(self) -> Edge:
+        """Return the edge after the exit, drawn along the edges of the route after it."""
+        way = self.way
+        points = chain.from_iterable(section.shape for section in way.off_ramp)
+        return self._edge(way.off_ramp[0])._replace(
+            begin_m=way.exit_m,
+            end_m=way.end_m,
+            lanes=way.exit_lanes,
+            drawn_aside_m=(0.0, ASIDE_M),
+            shape=along(points, AFTER_M + RUN_OUT_M),
+        )
 
     def _check_route(self) -> None:
         """Raise ScenarioError unless the ego can drive on the route."""
-        where, length_m = f"{self.net}: the route", self.route.length_m
+        where, length_m = f"{self.net}: the route", self.way.end_m
         if not SHORTEST_M <= length_m <= LONGEST_M:
             raise ScenarioError(
                 f"{where} is {length_m:.0f} m long, but must be {SHORTEST_M:g} to {LONGEST_M:g} m: "
                 "name other edges."
             )
-        if not self._through():
-            raise ScenarioError(
-                f"{where} has no lane that leads along all of it: name edges between which one "
-                "does."
-            )
         for name, value, bounds in (
             ("lanes", self.lanes, LANES),
             ("lane_width_m", self.lane_width_m, LANE_WIDTH_M),
-            ("speed_limit_m_s", max(map(self._speed_limit, self.route.sections)), SPEED_LIMIT_M_S),
+            ("speed_limit_m_s", max(map(self._speed_limit, self.way.driven)), SPEED_LIMIT_M_S),
         ):
             low, high = (bounds.keywords[key] for key in ("low", "high"))
             if not low <= value <= high:
@@ -169,31 +199,6 @@ class ImportedDescription(OpenDescription):
                 f"The scenario's flow_per_h is {self.flow_per_h:g}, but at {speed_m_s:g} m/s a "
                 f"lane takes at most {most_per_h}: lower it."
             )
-
-
-def partial_lanes(sections: Sequence[Section]) -> tuple[PartialLane, ...]:
-    """Return the lanes that do not lead along the whole route, in the order in which they begin.
-
-    A lane of the last section has no end: its ``end_m`` is inf.
-    """
-    begun = dict.fromkeys(sections[0].lanes, 0.0)
-    found = []
-    for section in sections:
-        for lane in section.lanes:
-            begun.setdefault(lane, section.begin_m)
-        ended = set(section.lanes) - set(section.leading_on)
-        found += [(begun.pop(lane), section.end_m, lane) for lane in sorted(ended)]
-    found += [(begin_m, math.inf, lane) for lane, begin_m in begun.items() if begin_m > 0.0]
-    return tuple(PartialLane(lane, *[begin_m, end_m] * 2) for begin_m, end_m, lane in sorted(found))
-
-
-def _onward(shape: Sequence[Point]) -> tuple[Point, ...]:
-    """Return a line that goes straight on for ``RUN_OUT_M`` where a shape ends."""
-    last = shape[-1]
-    before = next((point for point in reversed(shape) if point != last), (last[0] - 1.0, last[1]))
-    scale = RUN_OUT_M / math.dist(before, last)
-    further = tuple(end + scale * (end - begin) for begin, end in zip(before, last, strict=True))
-    return (last, (further[0], further[1]))
 
 
 def read_layout(network: ET.Element, description: ImportedDescription, name: str) -> Layout:

@@ -38,6 +38,8 @@ class Section(NamedTuple):
     """Indices of its lanes on the road, rightmost first."""
     leading_on: range
     """Indices of those ``lanes`` that continue on the next edge of the route."""
+    leading_away: frozenset[int]
+    """Indices of those ``lanes`` that lead cars to another edge than the next one of the route."""
     shape: tuple[Point, ...]
     spread: str
     """SUMO's spreadType: how the lanes lie about the shape."""
@@ -64,6 +66,8 @@ class _Step(NamedTuple):
     """The SUMO index of a lane on the second edge minus that of the same lane on the first."""
     length_m: float
     """Mean length of the lanes inside the junction between them."""
+    leading_away: frozenset[int]
+    """Lane indices in SUMO, on the first edge, of the lanes that lead to yet another edge."""
 
 
 def read_route(path: Path, from_edge: str, to_edge: str) -> Route:
@@ -177,7 +181,13 @@ def _step(net: Any, edge: Any, following: Any) -> _Step:
     for passage in passages:
         _require_priority(passage)
     lengths = [_inside_m(net, passage) for passage in passages]
-    return _Step(range(leading_on[0], leading_on[-1] + 1), shift, sum(lengths) / len(lengths))
+    away = frozenset(
+        way.getFromLane().getIndex()
+        for other, others in edge.getOutgoing().items()
+        for way in others
+        if other is not following and way.allows(CARS)
+    )
+    return _Step(range(leading_on[0], leading_on[-1] + 1), shift, sum(lengths) / len(lengths), away)
 
 
 def _require_priority(passage: Any) -> None:
@@ -215,7 +225,7 @@ def _sections(file: NetFile, edges: Sequence[Any], steps: Sequence[_Step]) -> li
         rightmost.append(rightmost[-1] - step.shift)
     lowest, begin_m = min(rightmost), 0.0
     sections: list[Section] = []
-    last = _Step(range(edges[-1].getLaneNumber()), 0, 0.0)
+    last = _Step(range(edges[-1].getLaneNumber()), 0, 0.0, frozenset())
     for edge, right, step in zip(edges, rightmost, (*steps, last), strict=True):
         first = right - lowest
         shape = tuple((float(x), float(y)) for x, y in edge.getRawShape())
@@ -234,6 +244,7 @@ def _sections(file: NetFile, edges: Sequence[Any], steps: Sequence[_Step]) -> li
                 float(edge.getSpeed()),
                 range(first, first + edge.getLaneNumber()),
                 range(first + step.leading_on.start, first + step.leading_on.stop),
+                frozenset(first + lane for lane in step.leading_away),
                 shape,
                 file.spreads[edge.getID()],
             )

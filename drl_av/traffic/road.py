@@ -90,7 +90,9 @@ class Road:
     partial_lanes: tuple[PartialLane, ...] = ()
     """The lanes that do not extend along the whole road."""
     exit_m: float = math.inf
-    """The position up to which a vehicle can enter the ego's exit, lane 0; inf without an exit."""
+    """The position up to which a vehicle can enter the ego's exit; inf without an exit."""
+    exit_lane: int = 0
+    """The leftmost lane that leads to the exit; each lane to its right leads there too."""
 
     @cached_property
     def is_loop(self) -> bool:
@@ -135,14 +137,19 @@ class Road:
         """Return the lane changes that the ego must make from ``lane`` at the position ``s_m``.
 
         If the lane ends before the ego's way does, the ego must change to the nearest lane that
-        continues there. Otherwise, if the road has an exit, it must reach lane 0 before the exit.
+        continues there. Otherwise, if the road has an exit, it must reach ``exit_lane`` before the
+        exit, even where that lane has not begun yet.
         """
         end_m = self.lane_end_m(lane, s_m)
         if end_m < min(self.end_m, self.exit_m):
             return MandatoryChange(self._lanes_aside(lane, end_m), end_m - s_m)
-        if lane > 0 and s_m < self.exit_m < math.inf:
-            return MandatoryChange(-lane, self.exit_m - s_m)
+        if lane > self.exit_lane and s_m < self.exit_m < math.inf:
+            return MandatoryChange(self.exit_lane - lane, self.exit_m - s_m)
         return NO_CHANGE
+
+    def misses_exit(self, lane: int, s_m: float) -> bool:
+        """Whether a vehicle in this lane with its front at ``s_m`` has passed the ego's exit."""
+        return lane > self.exit_lane and s_m >= self.exit_m
 
     def _lanes_aside(self, lane: int, end_m: float) -> int:
         """Return the number of lanes, left positive, from a lane that ends to one that goes on."""

@@ -270,7 +270,7 @@ class Simulation:
 
         SUMO stops a vehicle at the end of an edge from which its lane does not follow its route.
         """
-        return self.road.lane_of(command.y_m) > 0 and self._front_m(command) >= self.road.exit_m
+        return self.road.misses_exit(self.road.lane_of(command.y_m), self._front_m(command))
 
     def _front_m(self, command: Command) -> float:
         """Return the position of the ego's front bumper after the next step."""

@@ -235,7 +235,7 @@ def test_vehicles_are_placed_on_lanes_that_exist_there(vehicle: PlacedVehicle, r
         (
             ["--kind", "exit", "--approach-m", "440"],
             r"way to the exit is 440 m long, but 3 lane changes of 5 s at 30 m/s take 450 m: make "
-            r"approach_m at least 450\.",
+            r"approach_m at least 450, or begin an imported route at least 10 m earlier\.",
         ),
         (["--kind", "exit", "--lanes", "9"], r"1000 m long, .* 9 lane .* approach_m at least 1350"),
         (
