@@ -1,5 +1,6 @@
 """Scenario folders in plain SUMO, without drl-av."""
 
+import os
 import subprocess
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -9,8 +10,10 @@ from drl_av.traffic.network import program
 
 def run_sumo(*words: object) -> None:
     """Run SUMO, which must have nothing to complain about."""
-    command = [program("netconvert").with_name("sumo"), *map(str, words), "--no-step-log"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    home = program("netconvert").parents[1]
+    command = [home / "bin" / "sumo", *map(str, words), "--no-step-log"]
+    environment = os.environ | {"SUMO_HOME": str(home), "PROJ_LIB": str(home / "data" / "proj")}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert (done.returncode, done.stderr) == (0, "")
 
 
