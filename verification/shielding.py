@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.config import Config
+from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv, Observation
@@ -68,14 +69,11 @@ class PenalizedReward:
         return outcome.reward - self.penalty * refused
 
 
-class Agent:
+class Agent(Driver):
     """The greedy driver of a trained agent; with ``masking`` it chooses only permitted actions."""
 
     def __init__(self, model: Any, env: HighwayEnv, masking: bool) -> None:
         self._model, self._env, self._masking = model, env, masking
-
-    def start(self, seed: int) -> None:
-        """Do nothing: the agent has no state and draws no random numbers."""
 
     def act(self, scene: Scene, observation: Observation) -> Action:
         """Return the agent's action of highest probability."""

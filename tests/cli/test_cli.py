@@ -147,14 +147,12 @@ def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[
 def test_bad_input_is_reported_in_one_sentence(
     words: list[str],
     sentence: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    here: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     assert main(words) == 1
     assert re.search(sentence, error_message(capsys))
-    assert list(tmp_path.iterdir()) == []
+    assert list(here.iterdir()) == []
 
 
 @pytest.mark.parametrize(
@@ -175,17 +173,15 @@ def test_bad_settings_are_reported_with_the_file_and_a_remedy(
     verb: str,
     text: str,
     sentence: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    here: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.toml").write_text(text)
+    (here / "mine.toml").write_text(text)
     assert main([*verb.split(), "--config", "mine.toml"]) == 1
     message = error_message(capsys)
     assert re.search(sentence, message)
     assert "mine.toml" in message
-    assert not (tmp_path / "run").exists()
+    assert not (here / "run").exists()
 
 
 def test_place_that_is_a_file_is_no_run(settings: Path, capsys: pytest.CaptureFixture[str]) -> None:

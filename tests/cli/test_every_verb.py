@@ -46,10 +46,7 @@ def test_sigterm_ends_each_verb_as_ctrl_c_does(
 
 
 @pytest.mark.parametrize("what", WRITING)
-def test_each_verb_removes_what_a_killed_one_left(
-    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_each_verb_removes_what_a_killed_one_left(what: str, here: Path) -> None:
     Path("short.toml").write_text("[simulation]\ndecisions_per_episode = 2\n")
     Path("road.toml").write_text("circumference_m = 400\n")
     if what == "figures":
@@ -60,14 +57,13 @@ def test_each_verb_removes_what_a_killed_one_left(
     leave_unfinished(written)
     assert main([what.split()[0], *words]) == 0
     assert written.exists()
-    assert list(tmp_path.rglob(".*unfinished*")) == []
+    assert list(here.rglob(".*unfinished*")) == []
 
 
 @pytest.mark.parametrize("verb", ["train", "adapt"])
 def test_a_resumed_training_removes_what_a_killed_one_left_in_its_folder(
-    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    verb: str, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     Path("short.toml").write_text(
         "[simulation]\ndecisions_per_episode = 2\n[learning]\ncheckpoint_every = 1\n"
     )
@@ -85,7 +81,7 @@ def test_a_resumed_training_removes_what_a_killed_one_left_in_its_folder(
         leave_unfinished(Path("run", name))
     assert main([verb, "--out", "run", "--resume"]) == 0
     assert len(Path("run/episodes.csv").read_text().splitlines()) == 3
-    assert list(tmp_path.rglob(".*unfinished*")) == []
+    assert list(here.rglob(".*unfinished*")) == []
 
 
 def leave_unfinished(path: Path) -> None:

@@ -31,12 +31,10 @@ def test_the_pattern_finds_what_is_wrong() -> None:
 
 
 def test_one_of_a_kind_is_printed_and_drawn_in_the_singular(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    here: Path,
     capsys: pytest.CaptureFixture[str],
     drawn: list[str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     among = ["--vehicles", "1", "--config", "short.toml"]
     Path("short.toml").write_text("[simulation]\ndecisions_per_episode = 1\n")
     once = ["--episodes", "1"]
@@ -59,9 +57,8 @@ def test_one_of_a_kind_is_printed_and_drawn_in_the_singular(
 
 
 def test_one_of_a_kind_is_refused_in_the_singular(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     assert main(["scenario", "tiny", "--lanes", "1", "--circumference-m", "100"]) == 0
     assert main(["evaluate", "idm", "--scenario", "tiny", "--vehicles", "40"]) == 1
     refused = capsys.readouterr().err

@@ -46,12 +46,9 @@ def test_all_ways_to_give_settings_make_the_same_environment(tmp_path: Path) -> 
     assert drl_av.__version__
 
 
-def test_a_preset_has_its_name_and_nothing_stands_for_the_paper_s(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_preset_has_its_name_and_nothing_stands_for_the_paper_s(here: Path) -> None:
     assert as_config("fast") == preset("fast") != Config()
     assert as_config("paper") == as_config(None) == as_config({}) == Config()
-    monkeypatch.chdir(tmp_path)
     Path("fast").write_text("[traffic]\nvehicles_max = 5\n")
     assert as_config("fast") == preset("fast")
     assert as_config("./fast") == as_config(Path("fast")) == FIVE

@@ -47,10 +47,9 @@ OBSERVATION = np.zeros(27, np.float32)
 
 
 @pytest.fixture
-def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    (tmp_path / "my_own_drivers.py").write_text(OWN)
-    (tmp_path / "broken_module.py").write_text("def f(config:\n")
-    monkeypatch.chdir(tmp_path)
+def module(here: Path) -> str:
+    (here / "my_own_drivers.py").write_text(OWN)
+    (here / "broken_module.py").write_text("def f(config:\n")
     return "my_own_drivers"
 
 
@@ -118,9 +117,8 @@ def test_a_file_that_is_not_there_is_said_to_be_missing(
 
 @pytest.mark.parametrize("verb", ["evaluate", "replay"])
 def test_a_file_that_is_no_driver_is_refused_with_what_it_is(
-    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    verb: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     Path("mine.toml").write_text("[traffic]\nvehicles_max = 5\n", encoding="utf-8")
     short = [] if verb == "evaluate" else ["--video", "drive.gif", "--decisions", "3"]
     assert main([verb, "mine.toml", *short]) == 1

@@ -106,11 +106,9 @@ def test_the_help_of_export_describes_them_too(capsys: pytest.CaptureFixture[str
 def test_what_cannot_be_exported_is_named_with_what_can(
     word: str,
     message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    here: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     for file in ("dqn.zip", "net.onnx", "drive.npz", "fast.toml"):
         Path(file).write_bytes(b"PK")
     Path("empty").mkdir()

@@ -97,16 +97,15 @@ def _alive(pid: int) -> bool:
 
 
 def test_missing_ray_is_reported_before_anything_is_driven(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(engines, "find_spec", lambda name: None)
     with pytest.raises(DrlAvError, match=r"pip install 'drl-av\[ray\]'"):
         next(on_ray(print, [], 1))
-    monkeypatch.chdir(tmp_path)
     small = ["--drives", "1", "--out", "results"]  # without a training, which alone runs on Ray
     assert main(["reproduce", "check_paper", "--engine", "ray", *small]) == 1
     assert capsys.readouterr().err.startswith("drl-av: Ray is not installed: pip install")
-    assert not list(tmp_path.iterdir())
+    assert not list(here.iterdir())
 
 
 @pytest.mark.ray

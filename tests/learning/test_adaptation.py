@@ -234,18 +234,16 @@ def test_killed_or_stopped_by_ctrl_c_it_ends_with_the_same_bytes(
 def test_a_policy_that_cannot_be_adapted_is_reported_and_leaves_nothing_behind(
     words: list[str],
     message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    here: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "narrow.toml").write_text("[learning]\nhidden_units = 7\n")
-    (tmp_path / "two.toml").write_text("[learning]\nnetworks = 2\n")
-    (tmp_path / "blind.toml").write_text("[observation]\nrange_m = 100\n")
-    given = set(tmp_path.iterdir())
+    (here / "narrow.toml").write_text("[learning]\nhidden_units = 7\n")
+    (here / "two.toml").write_text("[learning]\nnetworks = 2\n")
+    (here / "blind.toml").write_text("[observation]\nrange_m = 100\n")
+    given = set(here.iterdir())
     assert main(["adapt", *words, "--out", "out"]) == 1
     assert message in error_message(capsys)
-    assert set(tmp_path.iterdir()) == given
+    assert set(here.iterdir()) == given
 
 
 def test_a_run_that_is_there_is_not_begun_again_nor_resumed_otherwise(

@@ -16,11 +16,8 @@ from verification.fuzz_driving import apart, require_sense
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_mutated_input_is_used_or_refused_in_one_sentence(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert os.getcwd() == str(tmp_path)
+def test_a_mutated_input_is_used_or_refused_in_one_sentence(kind: str, here: Path) -> None:
+    assert os.getcwd() == str(here)
     inputs = 25 if kind.startswith("driven") else 350
     refused, failures = fuzz(kind, inputs, seed=21)
     assert failures == []
