@@ -133,6 +133,20 @@ class LearningConfig(Section):
         low=0,
         high=1000,
     )
+    acceleration_penalty: float = setting(
+        0.0,
+        "ours",
+        "penalty of an action in the training, for each m/s^2 by which it accelerates or brakes",
+        low=0,
+        high=1000,
+    )
+    abort_penalty: float = setting(
+        0.0,
+        "ours",
+        "penalty of an action in the training that aborts a lane change",
+        low=0,
+        high=1000,
+    )
     lane_change_margin: float = setting(
         0.0,
         "ours",

@@ -15,6 +15,8 @@ ADDED_LATER = {
     ("traffic", "all_kinds"),
     ("traffic", "overtake_right"),
     ("learning", "permitted_only"),
+    ("learning", "acceleration_penalty"),
+    ("learning", "abort_penalty"),
     ("traffic", "keep_stopping_distance"),
     *(("traffic", f"truck_{name}") for name in ("share", "length_m", "width_m")),
     *(("traffic", f"truck_speed_{end}_m_s") for end in ("min", "max")),
