@@ -34,6 +34,17 @@ def test_online_network_selects_and_target_network_values():
     assert np.allclose(target, [0.5 + 0.9 * 2.0, -1.0 + 0.9 * 1.0])
 
 
+def test_error_is_target_minus_the_value_of_the_action_taken():
+    q_t = np.float32([[1.0, 4.0], [2.0, 8.0]])
+    assert td_error(np.float32([3.0, 3.0]), q_t, np.array([1, 0])).tolist() == [-1.0, 1.0]
+
+
+def test_only_the_action_taken_is_pulled_towards_its_target():
+    # d/dQ of ((y - Q)^2 + ...) / 2 with y - Q = -1 and 3: -2 * -1 / 2 and -2 * 3 / 2.
+    gradient = q_gradient(np.float32([-1.0, 3.0]), np.array([1, 0]), 3)
+    assert gradient.tolist() == [[0.0, 1.0, 0.0], [-3.0, 0.0, 0.0]]
+
+
 def reference(network: QNetwork, learning_rate: float):
     """The same update by torch's own autograd and Adam, a target for every row."""
     online = torch.nn.Sequential(
@@ -123,6 +134,18 @@ def test_an_update_returns_the_loss_and_the_errors_row_by_row():
     loss, td_errors = ours.update(batch)
     assert np.allclose(td_errors, batch.r_tp1 - q_t[np.arange(64), batch.a_t], atol=1e-6)
     assert loss == pytest.approx(np.mean(td_errors**2), rel=1e-5)
+
+
+def test_the_target_network_moves_only_on_sync():
+    ours = learner()
+    rng = np.random.default_rng(0)
+    before = ours.state()
+    ours.update(random_batch(rng))
+    moved = ours.state()
+    assert np.array_equal(moved["target"], before["target"])
+    assert not np.array_equal(moved["online"], before["online"])
+    ours.sync_target()
+    assert np.array_equal(ours.state()["target"], moved["online"])
 
 
 def learn(ours: Learner, rng: np.random.Generator, steps: int) -> None:
