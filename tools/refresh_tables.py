@@ -65,7 +65,7 @@ TABLES: dict[str, Callable[[Results], str]] = {
 
 
 LEARNED = [f"{kind}_learned" for kind in ramps.SUCCESS]
-for name in (*ramps.SUCCESS, *LEARNED, "merge_planner", "merge_paper"):
+for name in (*ramps.SUCCESS, *LEARNED, "merge_planner", "merge_paper", "exit_paper"):
     TABLES[name] = partial(lambda file, results: ramps.table(read(file)), f"{name}.txt")
 
 
