@@ -62,7 +62,7 @@ def test_the_lane_of_the_exit_begins_on_the_way_and_parts_at_the_exit(folder: Pa
     assert (start.lanes, start.ego_lane, start.ego_front_m) == ((1, 2, 3), None, 300.0)
     assert start.span_m == EXIT_M + 350.0
     assert start.speed_limits == ((BEGINS_M, 40.0), (EXIT_M, 36.0))
-    # the lowest limit is that of off, 32 m/s; nobody drives on away, where 10 m/s are allowed
+    # the lowest limit is that of off, 32 m/s; no vehicle drives on away, where 10 m/s are allowed
     assert load_scenario(folder).description.speed_limit_m_s == 32.0
 
 
