@@ -133,24 +133,25 @@ class LearningConfig(Section):
         low=0,
         high=1000,
     )
-    acceleration_penalty: float = setting(
-        0.0,
-        "ours",
-        "penalty of an action in the training, for each m/s^2 by which it accelerates or brakes",
-        low=0,
-        high=1000,
-    )
-    abort_penalty: float = setting(
-        0.0,
-        "ours",
-        "penalty of an action in the training that aborts a lane change",
-        low=0,
-        high=1000,
-    )
     lane_change_margin: float = setting(
         0.0,
         "ours",
         "Q-value by which a lane change must exceed keeping the lane to start; not in Alg. 1",
+        low=0,
+        high=1000,
+    )
+    abort_margin: float = setting(
+        0.0,
+        "ours",
+        "Q-value by which a lane change in progress must be worse than its abort to be aborted; "
+        "not in Alg. 1",
+        low=0,
+        high=1000,
+    )
+    acceleration_margin: float = setting(
+        0.0,
+        "ours",
+        "Q-value by which accelerating or braking must exceed keeping the speed; not in Alg. 1",
         low=0,
         high=1000,
     )

@@ -1,14 +1,15 @@
 """The learned driver: it follows the greedy policy of trained Q-networks, in numpy only."""
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import Config, MobilConfig
+from drl_av.config import Config, LearningConfig, MobilConfig
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.network import Float32Array, QNetwork, forward
-from drl_av.driving.actions import ACTIONS, Action, Lateral
+from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import Affordances, observed_indicators
 from drl_av.driving.car_following import acceleration_behind_ego
 from drl_av.driving.mirror import MIRROR, Mirror, mirror_of, mirrored_observations
@@ -25,6 +26,8 @@ URGENT_M = 250.0
 change that its way demands (ours)."""
 CHANGES_LANE = np.array([action.lateral is not Lateral.KEEP for action in ACTIONS])
 """For each action number, whether the action is a lane change; bool, shape (12,)."""
+CHANGES_SPEED = np.array([action.longitudinal is not Longitudinal.MAINTAIN for action in ACTIONS])
+"""For each action number, whether the action accelerates or brakes; bool, shape (12,)."""
 
 
 def network_values(network: QNetwork) -> Values:
@@ -100,49 +103,80 @@ def _may_begin(affordances: Affordances, sign: int, mobil: MobilConfig) -> bool:
     return rear is None or acceleration_behind_ego(affordances, rear, mobil) >= limit
 
 
+class Margins(NamedTuple):
+    """Differences of Q-values below which a learned driver does not do more than keep on (ours)."""
+
+    lane_change: float = 0.0
+    """By which starting a lane change must exceed keeping the lane."""
+    abort: float = 0.0
+    """By which an action that changes lanes must exceed going on with a lane change."""
+    acceleration: float = 0.0
+    """By which accelerating or braking must exceed keeping the speed."""
+
+    @classmethod
+    def of(cls, learning: LearningConfig) -> "Margins":
+        """Return the margins of the settings ``learning``."""
+        return cls(learning.lane_change_margin, learning.abort_margin, learning.acceleration_margin)
+
+    def prices(self, changing: bool) -> Float32Array:
+        """Return what each action loses, shape (12,).
+
+        ``changing`` says whether a lane change is in progress. Keeping the lane goes on with it.
+        """
+        lateral = self.abort if changing else self.lane_change
+        return (lateral * CHANGES_LANE + self.acceleration * CHANGES_SPEED).astype(np.float32)
+
+
+NO_MARGINS = Margins()
+"""The margins of the paper: none."""
+
+
 class LearnedDriver(Driver):
-    """Chooses the action of the greatest Q-value, with a margin for lane changes (ours).
+    """Chooses the action of the greatest Q-value, less the margin of the action (ours).
 
     Where two lanes are equally good, small errors of the networks can start a lane change and abort
-    it at the next decision. The driver therefore starts a lane change only if the Q-value of the
-    lane change exceeds that of the best action without one by more than the margin.
+    it at the next decision, and at the right speed they can accelerate and brake in turn. The
+    margins prevent both.
 
     Args:
         values: The function from an observation to the Q-values.
-        lane_change_margin: The margin, a difference of Q-values.
+        margins: The margins, differences of Q-values.
         permission: If given, the driver chooses only among the actions that it may propose.
     """
 
     def __init__(
-        self, values: Values, lane_change_margin: float = 0.0, permission: Permission | None = None
+        self,
+        values: Values,
+        margins: Margins = NO_MARGINS,
+        permission: Permission | None = None,
     ) -> None:
         self.values = values
-        self._margin, self._permission = lane_change_margin, permission
+        self._margins, self._permission = margins, permission
+        self._prices = margins.prices(changing=False), margins.prices(changing=True)
 
-    def with_margin(self, lane_change_margin: float) -> "LearnedDriver":
-        """Return a driver with the same Q-values and permission, and another margin."""
-        return LearnedDriver(self.values, lane_change_margin, self._permission)
+    def with_margins(self, margins: Margins) -> "LearnedDriver":
+        """Return a driver with the same Q-values and permission, and other margins."""
+        return LearnedDriver(self.values, margins, self._permission)
 
     def limited_to(self, permission: Permission) -> "LearnedDriver":
         """Return a driver that chooses only among the actions which ``permission`` admits."""
-        return LearnedDriver(self.values, self._margin, permission)
+        return LearnedDriver(self.values, self._margins, permission)
 
     def greedy(self, s_t: Float32Array) -> int:
-        """Return the number of the greedy action, argmax_a Q(s_t, a), without the margin.
+        """Return the number of the greedy action, argmax_a Q(s_t, a), without margins.
 
         The training chooses it with probability 1 - epsilon (Algorithm 1 of the paper, line 5).
         """
         return int(self.values(s_t).argmax())
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Return the action with the greatest Q(s, a), less the margin for each lane change action.
+        """Return the action with the greatest Q(s, a), less its margin.
 
-        The margin is not subtracted while a lane change is in progress. With a permission, the
-        maximum is over the actions that it admits, or over all actions if it admits none.
+        With a permission, the maximum is over the actions that it admits, or over all actions if
+        it admits none.
         """
         values = self.values(observation)
-        if scene.lane_change is None:
-            values[CHANGES_LANE] -= np.float32(self._margin)
+        values -= self._prices[scene.lane_change is not None]
         best = ACTIONS[values.argmax()]
         if self._permission is None:
             return best
@@ -151,7 +185,7 @@ class LearnedDriver(Driver):
 
 
 def learned_driver(networks: Sequence[QNetwork], config: Config) -> LearnedDriver:
-    """Build the driver that follows these networks, with the mirror and margin of ``config``.
+    """Build the driver that follows these networks, with the mirror and margins of ``config``.
 
     Several networks form an ensemble. The driver always uses their current weights, also while
     they are trained.
@@ -160,4 +194,4 @@ def learned_driver(networks: Sequence[QNetwork], config: Config) -> LearnedDrive
     if config.learning.mirrored:
         mirror = mirror_of(observed_indicators(config.observation))
         members = [mirrored_values(values, mirror) for values in members]
-    return LearnedDriver(mean_values(members), config.learning.lane_change_margin)
+    return LearnedDriver(mean_values(members), Margins.of(config.learning))

@@ -1,4 +1,4 @@
-"""Writes a learned driver as one ONNX graph, with scaling, mirror, ensemble and margin (ours)."""
+"""Writes a learned driver as one ONNX graph, with scaling, mirror, ensemble and margins (ours)."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,10 +8,9 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.drivers.external import INDICATORS_INPUT, LANE_CHANGE_INPUT
-from drl_av.drivers.learned import CHANGES_LANE
+from drl_av.drivers.learned import Margins
 from drl_av.drivers.network import LEAK, QNetwork
 from drl_av.drivers.onnx_interface import INPUTS, INSIDE, OUTPUTS, Port, metadata
-from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import ObservationScale
 from drl_av.driving.mirror import MIRROR
 from drl_av.errors import DrlAvError
@@ -77,7 +76,7 @@ def export(
     for member in members[1:]:
         total = graph.add("Add", total, member)
     q = graph.add("Div", total, graph.constant(np.float32(len(members))), name="q")
-    _chosen(graph, q, config.learning.lane_change_margin)
+    _chosen(graph, q, Margins.of(config.learning))
     helper, inputs, outputs = onnx.helper, *(_described(ports) for ports in (INPUTS, OUTPUTS))
     made = helper.make_graph(
         graph.nodes, "drl_av_driver", inputs, outputs, graph.constants, doc_string=INSIDE
@@ -136,10 +135,9 @@ def _forward(graph: _Graph, layers: Sequence[tuple[str, ...]], s: str) -> str:
     return s
 
 
-def _chosen(graph: _Graph, q: str, margin: float) -> None:
+def _chosen(graph: _Graph, q: str, margins: Margins) -> None:
     """Add nodes that choose the action as ``LearnedDriver.act`` does; the output is ``action``."""
     began = graph.add("Unsqueeze", LANE_CHANGE_INPUT, graph.constant(np.array([1])))
-    price = np.where(CHANGES_LANE, np.float32(margin), np.float32(0.0)).astype(np.float32)
-    free = graph.constant(np.zeros(len(ACTIONS), np.float32))
-    worth = graph.add("Sub", q, graph.add("Where", began, free, graph.constant(price)))
+    prices = (graph.constant(margins.prices(changing)) for changing in (True, False))
+    worth = graph.add("Sub", q, graph.add("Where", began, *prices))
     graph.add("ArgMax", worth, name="action", axis=1, keepdims=0)

@@ -4,6 +4,7 @@ import json
 from typing import NamedTuple
 
 from drl_av.config import Config
+from drl_av.drivers.learned import Margins
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS, SLOTS, indicator_meaning
 
@@ -47,15 +48,16 @@ OUTPUTS = (
         "int64",
         None,
         "number of the action with the greatest Q-value, 4 * lateral (keep, right, left) + "
-        "longitudinal (maintain, accelerate, brake, hard brake); without a lane change in progress "
-        "the actions that change lanes lose the margin first",
+        "longitudinal (maintain, accelerate, brake, hard brake); each Q-value first loses the "
+        "margin of its action",
     ),
-    Port("q", "float32", len(ACTIONS), "Q-values of the actions, without the margin"),
+    Port("q", "float32", len(ACTIONS), "Q-values of the actions, without the margins"),
 )
 INSIDE = (
     "The file contains the scaling and clipping of the indicators, all networks and their mean, "
-    "the mean over the scene and its mirror image if the driver was trained so, and the margin for "
-    "lane changes. It contains no safety check. One call is one decision, for the next second."
+    "the mean over the scene and its mirror image if the driver was trained so, and the margins "
+    "for starting and aborting lane changes and for accelerations. It has no safety check. One "
+    "call is one decision, for the next second."
 )
 
 
@@ -79,5 +81,8 @@ def metadata(config: Config) -> dict[str, str]:
         "config": config.to_toml(),
         "indicators": json.dumps(indicators),
         "actions": json.dumps([str(action) for action in ACTIONS]),
-        "lane_change_margin": repr(config.learning.lane_change_margin),
+        **{
+            f"{name}_margin": repr(margin)
+            for name, margin in Margins.of(config.learning)._asdict().items()
+        },
     }

@@ -16,7 +16,7 @@ from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory, is_factory
 from drl_av.drivers.gap_mobil import GapMobilDriver
-from drl_av.drivers.learned import LearnedDriver, considerate, learned_driver
+from drl_av.drivers.learned import LearnedDriver, Margins, considerate, learned_driver
 from drl_av.drivers.mobil import MobilDriver
 from drl_av.drivers.passing import NoPassingOnTheRight
 from drl_av.drivers.planner import PlannerDriver
@@ -163,8 +163,8 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
 def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Driver]:
     """Load or build each driver for an environment with this config; the keys are their names.
 
-    All learned drivers use ``learning.lane_change_margin`` of ``config``, except if it equals that
-    of the first learned driver: then each learned driver keeps its own margin.
+    All learned drivers use the margins of ``config.learning``, except if they equal those of the
+    first learned driver: then each learned driver keeps its own.
 
     Raises:
         RunError: a run has no policy file; or a learned driver was trained with other settings of
@@ -178,8 +178,8 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
     learned = {
         spec.name: load_learned(spec.run) for spec in specs if spec.run and not spec.is_external
     }
-    margins = [own.learning.lane_change_margin for _, own in learned.values()]
-    margin = config.learning.lane_change_margin
+    trained = [Margins.of(own.learning) for _, own in learned.values()]
+    margins = Margins.of(config.learning)
     for spec in specs:
         name, run, made, _ = spec
         if run is None:
@@ -196,7 +196,7 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
         driver, own = learned[name]
         if own.learning.permitted_only:
             driver = driver.limited_to(considerate(_check(config), config.mobil))
-        drivers[name] = driver if margin == margins[0] else driver.with_margin(margin)
+        drivers[name] = driver if margins == trained[0] else driver.with_margins(margins)
         if _observed_by(own) != _observed_by(config):
             raise RunError(
                 f"{run} was trained with other [observation] settings or another "

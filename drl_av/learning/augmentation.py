@@ -13,7 +13,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.reward import desired, rewards, speed_bonus
 from drl_av.errors import ConfigError
 from drl_av.learning.buffers import Batch, Buffer
-from drl_av.learning.experience import Store, discomfort
+from drl_av.learning.experience import Store
 from drl_av.traffic.road import Road
 from drl_av.traffic.snapshot import EGO
 
@@ -86,7 +86,6 @@ def store_counterfactuals(
       other vehicles move as they did. If it returns None, nothing is stored.
     - With ``learning.unsafe_penalty``, an action that the check replaces is stored like the action
       that replaces it, but with the penalty subtracted from the reward.
-    - The ``discomfort`` of the stored action is subtracted from each reward but r_col.
     """
     config, before, s_t = env.config, decision.scene, decision.observation
     after, penalty = decision.next_scene.affordances, config.learning.unsafe_penalty
@@ -109,7 +108,6 @@ def store_counterfactuals(
         target = desired(affordances, config.reward, config.safety)
         r_tp1 = rewards(affordances, target, config.reward, config.safety.minimum_gap_m).total
         r_tp1 += speed_bonus(affordances.ego_speed_m_s, config.ego, config.learning.speed_weight)
-        r_tp1 -= discomfort(before, other, config)
         s_tp1 = env.observation_of(decision.next_scene._replace(affordances=affordances))
         if unsafe:
             buffer.add_unsafe(s_t, other.number, r_tp1 - penalty, s_tp1)

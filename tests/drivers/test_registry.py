@@ -115,7 +115,7 @@ def test_config_is_that_of_the_first_run(tmp_path: Path) -> None:
     assert default_config(find_drivers(["idm"])) == Config()
 
 
-def test_a_run_drives_with_its_own_margin_unless_the_config_has_another(tmp_path: Path) -> None:
+def test_a_run_drives_with_its_own_margins_unless_the_config_has_others(tmp_path: Path) -> None:
     network = QNetwork(np.random.default_rng(0))
     network.flat[:] = 0
     network.flat[-12 + LEFT] = 1.0  # worth 1 more than any other in every state
@@ -134,6 +134,9 @@ def test_a_run_drives_with_its_own_margin_unless_the_config_has_another(tmp_path
     assert decided(base.updated("reward", collision_reward=-1.0)) == [KEEP, LEFT]
     assert decided(base.updated("learning", lane_change_margin=0.2)) == [LEFT, LEFT]
     assert decided(base.updated("learning", lane_change_margin=1.5)) == [KEEP, KEEP]
+    # with any other margin that of the first for lane changes holds for both
+    assert decided(base.updated("learning", abort_margin=0.1)) == [KEEP, KEEP]
+    assert decided(base.updated("learning", acceleration_margin=0.1)) == [KEEP, KEEP]
 
 
 @pytest.mark.parametrize(

@@ -126,17 +126,6 @@ def test_had_it_braked_the_reward_is_that_of_18_m_s_where_19_are_wanted() -> Non
     assert speed == pytest.approx((18 - 15) / 15)  # 0 at half of the ego's 30 m/s
 
 
-def test_an_action_that_was_not_taken_costs_its_own_discomfort() -> None:
-    # as above; braking is -2 m/s2
-    now = scene(ahead(26.0), ahead(26.0, LEFT), ahead(26.0, RIGHT))
-    config = CONFIG.updated("learning", acceleration_penalty=0.125)
-    free, priced = (
-        stored_after(now, now, MAINTAIN, BRAKE, config=each).safe.rows[0, -2]
-        for each in (CONFIG, config)
-    )
-    assert free - priced == pytest.approx(0.25)
-
-
 def test_under_a_penalty_it_is_worth_what_the_check_executes_in_its_place_and_less() -> None:
     # as above: accelerating becomes maintaining, which leads to what happened: 20 m/s, 20 m behind
     # 15 m/s, 0.5 m further than the d_safe of these 15 m/s, but nearer than the ego's 26 m; 1 m/s

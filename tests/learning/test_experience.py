@@ -9,14 +9,12 @@ from worlds import ALONE
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
-from drl_av.driving.scene import LaneChange
 from drl_av.env.decision import Decision
 from drl_av.learning.buffers import Buffer, TwoBuffers, UniformBuffer
 from drl_av.learning.experience import StoreDecision, StoreWithPenalty
 from drl_av.learning.prioritized import PrioritizedBuffer
 
-HARD_BRAKE, RIGHT_HARD_BRAKE, LEFT = 3, 7, 8
-RIGHT = ACTIONS[RIGHT_HARD_BRAKE]
+HARD_BRAKE, LEFT = 3, 8
 N, R_COL, GAMMA = len(INDICATORS), -3.0, np.float32(0.9)
 BEFORE, AFTER = np.full(N, 0.125, np.float32), np.full(N, 0.25, np.float32)
 
@@ -103,25 +101,6 @@ def test_speed_is_weighed_in_where_the_reward_is_kept_and_not_in_r_col() -> None
     safe, collision = stored(decision(), UNSAFE, crash, speed_weight=0.6, unsafe_penalty=1.0)
     assert safe[:, -2] == pytest.approx([0.15, 0.15])
     assert collision[:, -2] == pytest.approx([-0.85, R_COL])
-
-
-def test_an_action_costs_its_acceleration_and_an_abort_but_no_collision_does() -> None:
-    # in a lane change to the left: LEFT continues it, RIGHT aborts it; braking hard is -4 m/s2
-    price = {"acceleration_penalty": 0.0625, "abort_penalty": 0.5}
-    changing = ALONE._replace(lane_change=LaneChange(1, 2))
-    going_on = decision()._replace(scene=changing)
-    aborting = decision(RIGHT_HARD_BRAKE)._replace(scene=changing, proposed=RIGHT)
-    crash = decision(HARD_BRAKE, reward=R_COL, collided=True)
-    safe, collision = stored(going_on, aborting, decision(HARD_BRAKE), crash, **price)
-    assert safe[:, -2].tolist() == [-0.25, -0.25 - 0.75, -0.25 - 0.25]
-    assert collision[:, -2].tolist() == [R_COL]
-
-
-def test_an_unsafe_proposal_costs_its_own_discomfort_and_not_that_of_the_executed_action() -> None:
-    # the check replaces a change to the left at a constant speed by a hard brake, -4 m/s2
-    safe, collision = stored(UNSAFE, unsafe_penalty=1.5, acceleration_penalty=0.0625)
-    assert safe[:, -2].tolist() == [-0.5]
-    assert collision[:, -2].tolist() == [-1.75]
 
 
 @pytest.mark.parametrize(
