@@ -104,8 +104,10 @@ results: setup
 	$(call text,ramp_to_ramp_learned.txt,-m verification.ramps --kind ramp_to_ramp --driver pretrained-ramp_to_ramp --episodes 200)
 	$(BIN)/drl-av train --preset paper-merge --out runs/paper-merge
 	$(BIN)/drl-av train --preset paper-exit --out runs/paper-exit
+	$(BIN)/drl-av train --preset paper-ramp_to_ramp --out runs/paper-ramp_to_ramp
 	$(call text,merge_paper.txt,-m verification.ramps --kind merge --driver runs/paper-merge --episodes 200)
 	$(call text,exit_paper.txt,-m verification.ramps --kind exit --driver runs/paper-exit --episodes 200)
+	$(call text,ramp_to_ramp_paper.txt,-m verification.ramps --kind ramp_to_ramp --driver runs/paper-ramp_to_ramp --episodes 200)
 	$(BIN)/python -m verification.ramps_figure docs/results
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[benchmark]'
 	$(call text,crash_rate.txt,-m verification.crash_rate --tests 40000)

@@ -65,7 +65,8 @@ TABLES: dict[str, Callable[[Results], str]] = {
 
 
 LEARNED = [f"{kind}_learned" for kind in ramps.SUCCESS]
-for name in (*ramps.SUCCESS, *LEARNED, "merge_planner", "merge_paper", "exit_paper"):
+PAPER = [f"{kind}_paper" for kind in ramps.SUCCESS]
+for name in (*ramps.SUCCESS, *LEARNED, "merge_planner", *PAPER):
     TABLES[name] = partial(lambda file, results: ramps.table(read(file)), f"{name}.txt")
 
 
