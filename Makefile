@@ -4,7 +4,7 @@ BIN := .venv/bin
 DEMO := demo
 DENSITIES := 1 5 10 15 20 25 30
 
-.PHONY: setup demo test lint prove docs rllib crime pretrained pretrained-paper level_1 results clean
+.PHONY: setup demo test lint prove docs rllib crime pretrained pretrained-smooth pretrained-paper level_1 results clean
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
@@ -56,6 +56,12 @@ prove: setup
 pretrained: setup
 	$(BIN)/drl-av train --config drl_av/pretrained/config.toml --out runs/pretrained
 	cd runs/pretrained && cp config.toml evaluations.csv policy.safetensors ../../drl_av/pretrained/
+
+# The same with its margins (minutes); its networks are those of the shipped driver.
+pretrained-smooth: setup
+	$(BIN)/drl-av train --config drl_av/pretrained/smooth/config.toml --out runs/pretrained-smooth
+	cd runs/pretrained-smooth && cp config.toml evaluations.csv policy.safetensors \
+	    ../../drl_av/pretrained/smooth/
 
 # The driver by the paper's whole schedule, trained again (half an hour).
 pretrained-paper: setup

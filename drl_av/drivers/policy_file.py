@@ -20,11 +20,13 @@ State = dict[str, np.ndarray]
 PRETRAINED = Path(__file__).parent.parent / "pretrained"
 """Folder of the driver that ships with the package, in the layout of a run."""
 SHIPPED = {"pretrained": PRETRAINED} | {
-    f"pretrained-{name}": PRETRAINED / name for name in ("paper", "merge", "exit", "ramp_to_ramp")
+    f"pretrained-{name}": PRETRAINED / name
+    for name in ("smooth", "paper", "merge", "exit", "ramp_to_ramp")
 }
-"""The folder of each driver that ships with the package, by the driver's name. Two are for the
-loop, ``pretrained-paper`` by the paper's own schedule, and one for each kind of road with a ramp.
-"""
+"""The folder of each driver that ships with the package, by the driver's name. Three are for the
+loop: ``pretrained``; ``pretrained-smooth``, with its networks and with margins for accelerations
+and aborts; and ``pretrained-paper`` by the paper's own schedule. One is for each kind of road with
+a ramp."""
 FORMAT = "drl_av/1"
 """The only key in the metadata of a file. One key keeps files reproducible: safetensors writes
 several keys in random order."""

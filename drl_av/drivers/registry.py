@@ -48,7 +48,7 @@ Each worker process has its own copy of this table. An evaluation with a driver 
 adds at run time can therefore use one process only.
 """
 
-DRIVES_UNDER = {"pretrained": "strict"}
+DRIVES_UNDER = {"pretrained": "strict", "pretrained-smooth": "strict"}
 """The safety check under which a shipped driver drives by default, if its training had another."""
 
 DRIVER_FILES = (".safetensors", *LOADERS)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from drl_av.config import Config
 from drl_av.drivers.policy_file import find_policy
 from drl_av.drivers.registry import find_drivers
-from drl_av.env.metrics import EpisodeResult
+from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.errors import DrlAvError, counted
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.comparison import Evaluation
@@ -34,13 +34,15 @@ class Drives:
     seeds: int
     """Number of traffic seeds."""
     columns: tuple[str, ...] = ()
-    """The fields of ``EpisodeResult`` in a row, besides the key; empty for all fields."""
+    """The fields of an episode's result in a row, besides the key; empty for all fields."""
     named: tuple[tuple[str, str], ...] = ()
     """The (column, value) pairs of the key, besides ``vehicles``."""
     training: TrainingJob | None = None
     """The training that makes the driver; None if the drivers exist already."""
     first_seed: int = 0
     """Traffic seed of the first episode."""
+    metrics: type[EpisodeMetrics] = EpisodeMetrics
+    """The class that measures an episode; ``columns`` are fields of its results."""
 
     @property
     def key(self) -> Row:
@@ -73,7 +75,7 @@ class Drives:
         held = seeds_held(rows, len(self.drivers), self.first_seed)
         seeds = range(self.first_seed + held, self.first_seed + self.seeds)
         drivers = find_drivers(self.drivers)
-        evaluation = Evaluation(self.config, drivers, [self.vehicles], seeds)
+        evaluation = Evaluation(self.config, drivers, [self.vehicles], seeds, self.metrics)
         with closing(evaluation.rows(jobs)) as results:
             for result in results:
                 found = selected(result, *self.columns)

@@ -26,7 +26,8 @@ VEHICLES = (1, 5, 10, 15, 20, 25, 30, 40)
 MIDDLE = range(5, 26)
 """The numbers of vehicles over which the gains are also pooled."""
 FIRST_SEED = 910_000
-OURS = ("pretrained", "planner")
+LEARNED = ("pretrained", "pretrained-smooth")
+OURS = (*LEARNED, "planner")
 OPPONENTS = ("gap-mobil", "gap-mobil-1.3", "sumo", "sumo-tuned")
 COLUMNS = (
     "driver",
@@ -63,6 +64,7 @@ VARIANTS = {
     "paper": Variant(("pretrained", *OPPONENTS)),
     "acc": Variant(("idm-mobil", "idm-sumo"), reference="acc", setting="acc"),
     "strict": Variant(("pretrained",), check="strict", setting="strict", episodes=250),
+    "smooth": Variant(("pretrained-smooth",), check="strict", setting="strict", episodes=250),
     "search": Variant(("planner",), episodes=50),
 }
 """``planner`` has fewer episodes, because it needs most of the time."""
@@ -71,9 +73,12 @@ PLACES = [(name, driver) for name, each in VARIANTS.items() for driver in each.d
 
 def opponents_plan(options: ReproduceOptions) -> Plan:
     """Return the plan: every driver on the same traffic seeds, as many as its variant has."""
-    base = options.settings_of(OURS[:1])
+    bases = {
+        name: options.settings_of([one for one in variant.drivers if one in LEARNED] or LEARNED[:1])
+        for name, variant in VARIANTS.items()
+    }
     configs = {
-        (kind, name): variant.config(base, kind)
+        (kind, name): variant.config(bases[name], kind)
         for kind in SINGLE_KINDS
         for name, variant in VARIANTS.items()
     }
@@ -92,7 +97,7 @@ def opponents_plan(options: ReproduceOptions) -> Plan:
         for variant in (VARIANTS[name],)
     ]
     settings = {f"{kind}, {name}": config for (kind, name), config in configs.items()}
-    return Plan(MadeWith(settings, policies_of(OURS[:1])), [cells], _place)
+    return Plan(MadeWith(settings, policies_of(LEARNED)), [cells], _place)
 
 
 def _place(row: Row) -> tuple[int, int, int, int]:

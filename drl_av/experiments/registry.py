@@ -2,6 +2,7 @@
 
 from drl_av.experiments.adaptation import ADAPTATION
 from drl_av.experiments.barricade import BARRICADE
+from drl_av.experiments.comfort import COMFORT
 from drl_av.experiments.cross_table import CROSS_TABLE
 from drl_av.experiments.curves import CURVES
 from drl_av.experiments.density_sweep import DENSITY_SWEEP
@@ -29,6 +30,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         FAST,
         DENSITY_SWEEP,
         OPPONENTS_SWEEP,
+        COMFORT,
         CROSS_TABLE,
         TRAINING_SEEDS,
         CHECK_PAPER,

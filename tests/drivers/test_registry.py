@@ -76,7 +76,12 @@ def test_runs_of_one_name_are_distinguished_and_drivers_mix(tmp_path: Path) -> N
 
 @pytest.mark.parametrize(
     ("driver", "check"),
-    [("pretrained", "strict"), ("pretrained-paper", "paper"), (str(PRETRAINED), "paper")],
+    [
+        ("pretrained", "strict"),
+        ("pretrained-smooth", "strict"),
+        ("pretrained-paper", "paper"),
+        (str(PRETRAINED), "paper"),
+    ],
 )
 def test_the_shipped_driver_drives_under_strict_and_others_under_the_check_of_their_training(
     driver: str, check: str
