@@ -225,7 +225,7 @@ def opponents_figure(rows: list[Row]) -> "Figure":
             [curves[name]] = panel.plot(
                 list(cells), [each.value for each in gains], style, linewidth=width
             )
-        panel.set_xlim(0, 1.45 * max(cells))  # room for the legend
+        panel.set_xlim(0, 1.7 * max(cells))  # room for the legend
         legend_of_names(panel, curves)
     return figure
 
