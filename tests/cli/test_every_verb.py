@@ -40,9 +40,10 @@ def test_sigterm_ends_each_verb_as_ctrl_c_does(
 
     named = VERBS[verb]._replace(add_options=lambda parser: None, run=works)
     monkeypatch.setitem(cli.VERBS, verb, named)
+    former = signal.getsignal(signal.SIGTERM)
     assert main([verb]) == 130
     assert capsys.readouterr().err == "drl-av: interrupted.\n"
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    assert signal.getsignal(signal.SIGTERM) is former
 
 
 @pytest.mark.parametrize("what", WRITING)
