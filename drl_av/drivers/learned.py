@@ -151,7 +151,7 @@ class LearnedDriver(Driver):
         permission: Permission | None = None,
     ) -> None:
         self.values = values
-        self._margins, self._permission = margins, permission
+        self.margins, self._permission = margins, permission
         self._prices = margins.prices(changing=False), margins.prices(changing=True)
 
     def with_margins(self, margins: Margins) -> "LearnedDriver":
@@ -160,7 +160,7 @@ class LearnedDriver(Driver):
 
     def limited_to(self, permission: Permission) -> "LearnedDriver":
         """Return a driver that chooses only among the actions which ``permission`` admits."""
-        return LearnedDriver(self.values, self._margins, permission)
+        return LearnedDriver(self.values, self.margins, permission)
 
     def greedy(self, s_t: Float32Array) -> int:
         """Return the number of the greedy action, argmax_a Q(s_t, a), without margins.

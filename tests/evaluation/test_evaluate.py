@@ -78,8 +78,8 @@ def test_a_dictionary_changes_the_settings_of_the_trained_driver_and_not_the_pap
     own = drl_av.load_driver("pretrained")
     changed = drl_av.load_driver("pretrained", {"traffic": {"vehicles_max": 5}})
     bare = drl_av.load_driver("pretrained", Config())
-    margins = [driver._margin for driver in (own, changed, bare)]  # type: ignore[attr-defined]
-    assert margins == [0.04, 0.04, 0.0]
+    drivers: Any = own, changed, bare
+    assert [driver.margins.lane_change for driver in drivers] == [0.04, 0.04, 0.0]
 
 
 def test_a_loaded_driver_drives_the_environment_as_its_evaluation_does() -> None:
