@@ -143,8 +143,7 @@ class LearningConfig(Section):
     abort_margin: float = setting(
         0.0,
         "ours",
-        "Q-value by which a lane change in progress must be worse than its abort to be aborted; "
-        "not in Alg. 1",
+        "Q-value by which aborting a lane change must exceed going on with it; not in Alg. 1",
         low=0,
         high=1000,
     )

@@ -104,14 +104,14 @@ def _may_begin(affordances: Affordances, sign: int, mobil: MobilConfig) -> bool:
 
 
 class Margins(NamedTuple):
-    """Differences of Q-values below which a learned driver does not do more than keep on (ours)."""
+    """By how much an action must exceed one that changes less, in Q, to be taken (ours)."""
 
     lane_change: float = 0.0
-    """By which starting a lane change must exceed keeping the lane."""
+    """For starting a lane change, instead of keeping the lane."""
     abort: float = 0.0
-    """By which an action that changes lanes must exceed going on with a lane change."""
+    """For aborting a lane change, instead of going on with it."""
     acceleration: float = 0.0
-    """By which accelerating or braking must exceed keeping the speed."""
+    """For accelerating or braking, instead of keeping the speed."""
 
     @classmethod
     def of(cls, learning: LearningConfig) -> "Margins":
@@ -119,9 +119,10 @@ class Margins(NamedTuple):
         return cls(learning.lane_change_margin, learning.abort_margin, learning.acceleration_margin)
 
     def prices(self, changing: bool) -> Float32Array:
-        """Return what each action loses, shape (12,).
+        """Return the margin that each action loses, shape (12,).
 
-        ``changing`` says whether a lane change is in progress. Keeping the lane goes on with it.
+        ``changing`` says whether a lane change is in progress. Then all lateral actions lose the
+        margin for aborts, because the action that keeps the lane goes on with the lane change.
         """
         lateral = self.abort if changing else self.lane_change
         return (lateral * CHANGES_LANE + self.acceleration * CHANGES_SPEED).astype(np.float32)

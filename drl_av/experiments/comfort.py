@@ -8,12 +8,12 @@ from drl_av.evaluation.statistics import grouped
 from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import collisions_cell, markdown_table
+from drl_av.experiments.opponents import LEARNED
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
 from drl_av.experiments.store import MadeWith
 from drl_av.files import Row
 
-LEARNED = ("pretrained", "pretrained-smooth")
 DRIVERS = (*LEARNED, "gap-mobil", "gap-mobil-1.3", "sumo-tuned", "planner")
 DENSITIES = (5, 10, 15, 20, 25)
 DRIVES = 20
