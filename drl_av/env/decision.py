@@ -10,6 +10,8 @@ from drl_av.env.way import EXIT_MISSED
 from drl_av.safety.check import Rule
 from drl_av.traffic.snapshot import Collision, CollisionKind
 
+NO_RULE = str(Rule.NONE)
+
 
 class Decision(NamedTuple):
     """One transition of the environment: s_t, a_t, r_t+1 and s_t+1, with the two scenes."""
@@ -39,7 +41,7 @@ class Decision(NamedTuple):
     @property
     def triggered(self) -> bool:
         """Whether a rule of the safety check fired."""
-        return bool(self.info["rule"] != str(Rule.NONE))
+        return bool(self.info["rule"] != NO_RULE)
 
     @property
     def collision(self) -> Collision | None:
