@@ -51,6 +51,17 @@ def drive(env: HighwayEnv, actions: dict[int, list[int]]) -> float:
     return sum(map(len, actions.values())) / (time.perf_counter() - begun)
 
 
+def mean_vehicles(env: HighwayEnv, actions: dict[int, list[int]]) -> float:
+    """Execute the actions of each episode; return the mean number of other vehicles on the road."""
+    numbers = []
+    for seed, row in actions.items():
+        start(env, seed)
+        for action in row:
+            env.step(action)
+            numbers.append(len(env.scene.snapshot.ids) - 1)
+    return sum(numbers) / len(numbers)
+
+
 def recorded_calls(env: HighwayEnv, actions: dict[int, list[int]]) -> dict[int, list[Call]]:
     """Execute the actions of each episode; return the environment's calls of libsumo by seed."""
     calls: dict[int, list[Call]] = {}

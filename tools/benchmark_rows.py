@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium
-from benchmark_drives import drive, recorded_actions, recorded_calls, step_bare
+from benchmark_drives import drive, mean_vehicles, recorded_actions, recorded_calls, step_bare
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
@@ -68,7 +68,11 @@ def env_and_bare(
 ) -> tuple[Rate, Rate]:
     """Return two measurements of a driver's episodes: with the environment, with bare libsumo."""
     env = stack.enter_context(closing(HighwayEnv(config=config)))
-    actions = recorded_actions(env, driver, seeds)
+    return measurements(env, recorded_actions(env, driver, seeds))
+
+
+def measurements(env: HighwayEnv, actions: dict[int, list[int]]) -> tuple[Rate, Rate]:
+    """Return two measurements of episodes: with the environment, with bare libsumo."""
     return partial(drive, env, actions), partial(step_bare, env, recorded_calls(env, actions))
 
 
@@ -196,23 +200,27 @@ def long_road() -> StraightDescription:
 def roads_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     """Return rows of decisions per second on open roads beside a loop with as many vehicles.
 
-    A second row of each road does the same with bare libsumo. The number of vehicles is that of the
-    road's usual flow. The loop has 60 of them on each kilometre, as in the row ``env``.
+    A second row of each road does the same with bare libsumo. The number of vehicles is the mean
+    number on the open road. The loop has 60 of them on each kilometre, as in the row ``env``.
     """
     home, rows = Path(stack.enter_context(tempfile.TemporaryDirectory())), []
+
+    def recorded(folder: Path, number: int) -> tuple[HighwayEnv, dict[int, list[int]]]:
+        config = crowded(number).updated("simulation", scenario=str(folder))
+        config = config.updated("safety", check="strict")
+        env = stack.enter_context(closing(HighwayEnv(config=config)))
+        return env, recorded_actions(env, rule_driver("gap-mobil", config), seeds)
+
     for kind in ("straight", "merge", "exit", "ramp_to_ramp"):
         write_scenario(home / kind, KINDS[kind].description())
         with closing(HighwayEnv(home / kind)) as env:
-            number = env.simulation.fleet.usual
-        assert number is not None
+            usual = env.simulation.fleet.usual
+        assert usual is not None
+        open_road = recorded(home / kind, usual)
+        number = round(mean_vehicles(*open_road))
         loop = home / f"loop_{kind}"
         write_scenario(loop, ScenarioDescription(500.0 * number / VEHICLES))
-        pairs = []
-        for folder in (home / kind, loop):
-            config = crowded(number).updated("simulation", scenario=str(folder))
-            config = config.updated("safety", check="strict")
-            driver = rule_driver("gap-mobil", config)
-            pairs.append(env_and_bare(config, driver, seeds, stack))
+        pairs = measurements(*open_road), measurements(*recorded(loop, number))
         ours, bare = zip(*pairs, strict=True)
         rows.append(Row(f"{kind}, {number} vehicles | loop", *ours, least_ratio=0.9))
         rows.append(Row(f"{kind}, {number} vehicles | loop, bare libsumo", *bare))

@@ -25,9 +25,10 @@ from drl_av.traffic.kind import Edge, Layout, OpenPlan, OpenStart, ScenarioKind
 from drl_av.traffic.net_route import Route, Section, read_route
 from drl_av.traffic.network import NETWORK_FILE
 from drl_av.traffic.open_demo import traffic
-from drl_av.traffic.open_road import BEYOND_M, RUN_OUT_M, START_M, OpenDescription
+from drl_av.traffic.open_road import BEYOND_M, START_M, OpenDescription
 from drl_av.traffic.polyline import along, straight_on
 from drl_av.traffic.road import OPEN_LAP_M, Road
+from drl_av.traffic.sumo_edges import RUN_OUT_M
 
 SHORTEST_M, LONGEST_M = 600.0, 50_000.0
 """Lengths of the shortest and the longest route; on the shortest the ego drives 300 m."""

@@ -7,6 +7,7 @@ from drl_av.config import TrafficConfig
 from drl_av.traffic.kind import OpenPlan, route_on
 from drl_av.traffic.network import DEMO_END_S, vehicle_element
 from drl_av.traffic.population import EGO_ID
+from drl_av.traffic.sumo_edges import in_sumo
 
 EGO_DEPARTS_S = 60
 """Time at which the ego enters if the other vehicles come as an inflow."""
@@ -17,7 +18,7 @@ def traffic(description: Any) -> ET.Element:
 
     ``description`` is an ``OpenDescription``.
     """
-    plan: OpenPlan = description.plan()
+    plan = in_sumo(description.plan())
     root = ET.Element("routes")
     for name, edges in plan.routes.items():
         ET.SubElement(root, "route", id=name, edges=" ".join(edges))

@@ -26,14 +26,12 @@ from drl_av.traffic.kind import Edge, Layout, OpenPlan, Point, ScenarioKind
 from drl_av.traffic.network import PRECISION, netconvert, xml_text
 from drl_av.traffic.open_demo import traffic
 from drl_av.traffic.own_types import OwnVehicleType
-from drl_av.traffic.road import Road
+from drl_av.traffic.sumo_edges import in_sumo
 
 START_M = 300.0
 """Position at which the ego starts on the highway, farther from the beginning than its range."""
 BEYOND_M = 250.0
 """Length of road with other vehicles beyond the end of the ego's way; it is the ego's range."""
-RUN_OUT_M = 500.0
-"""Length of SUMO's road beyond the end of the ego's way; vehicles are removed before its end."""
 TOLERANCE = 1e-6
 __all__ = ["BEYOND_M", "START_M", "Edge", "OpenDescription", "OpenPlan", "open_kind", "xml_text"]
 
@@ -93,18 +91,6 @@ def open_kind(meaning: str, description: type[OpenDescription]) -> ScenarioKind:
     return ScenarioKind(meaning, description, network_text, read_layout, traffic)
 
 
-def _edges(description: OpenDescription) -> list[Edge]:
-    """Return the edges of a road in SUMO; the last ones extend beyond the end of the ego's way."""
-    plan = description.plan()
-    end_m = plan.road.end_m
-    if any(edge.begin_m == end_m for edge in plan.edges):
-        return [*plan.edges]
-    return [
-        edge._replace(end_m=end_m + RUN_OUT_M) if edge.end_m == end_m else edge
-        for edge in plan.edges
-    ]
-
-
 def network_text(description: OpenDescription) -> str:
     """Return the text of the network file of an open road.
 
@@ -112,10 +98,10 @@ def network_text(description: OpenDescription) -> str:
         ScenarioError: netconvert refuses the road.
         SimulationError: netconvert cannot be run.
     """
-    edges, road = _edges(description), description.plan().road
+    plan = in_sumo(description.plan())
     roots = {name: ET.Element(f"{name}s") for name in ("node", "edge", "connection")}
     nodes: dict[Point, str] = {}
-    for edge in edges:
+    for edge in plan.edges:
         ends = [*zip((edge.begin_m, edge.end_m), edge.drawn_aside_m, strict=True)]
         drawn = [edge.shape[0], edge.shape[-1]] if edge.shape else [(s, -y) for s, y in ends]
         for end, (x_m, y_m) in zip(ends, drawn, strict=True):
@@ -124,7 +110,7 @@ def network_text(description: OpenDescription) -> str:
                 place = {"x": _text(x_m), "y": _text(y_m), "type": "priority"}
                 ET.SubElement(roots["node"], "node", {"id": nodes[end]} | place)
         _add_edge(roots["edge"], edge, [nodes[end] for end in ends], description)
-    for way in sorted(_connections(edges, road)):
+    for way in sorted(_connections(plan)):
         keys = ("from", "fromLane", "to", "toLane")
         ET.SubElement(roots["connection"], "connection", dict(zip(keys, way, strict=True)))
     return netconvert(roots)
@@ -159,15 +145,15 @@ def _text(value_m: float) -> str:
     return f"{value_m + 0.0:.{PRECISION}f}"
 
 
-def _connections(edges: list[Edge], road: Road) -> set[tuple[str, str, str, str]]:
+def _connections(plan: OpenPlan) -> set[tuple[str, str, str, str]]:
     """Return the connections of lanes as (edge, its lane, next edge, its lane)."""
     return {
         (one.id, str(lane - one.lanes[0]), other.id, str(lane - other.lanes[0]))
-        for one in edges
-        for other in edges
+        for one in plan.edges
+        for other in plan.edges
         if one.end_m == other.begin_m
         for lane in one.lanes
-        if lane in other.lanes and road.lane_end_m(lane, one.begin_m) > one.end_m
+        if lane in other.lanes and plan.road.lane_end_m(lane, one.begin_m) > one.end_m
     }
 
 
@@ -177,19 +163,19 @@ def read_layout(network: ET.Element, description: OpenDescription, name: str) ->
     Raises:
         ScenarioError: the road is not the described one; the message contains ``name``.
     """
-    plan, edges = description.plan(), _edges(description)
+    plan = in_sumo(description.plan())
     positions = {
         f"{edge.id}_{index}": (lane, edge.begin_m)
-        for edge in edges
+        for edge in plan.edges
         for index, lane in enumerate(edge.lanes)
     }
-    wanted = {f"{edge.id}_{index}": edge for edge in edges for index in range(len(edge.lanes))}
+    wanted = {f"{edge.id}_{index}": edge for edge in plan.edges for index in range(len(edge.lanes))}
     reason = _difference(network, wanted, description)
     ways = {
         tuple(way.attrib.get(key, "") for key in ("from", "fromLane", "to", "toLane"))
         for way in network.iter("connection")
     }
-    if reason is None and ways != _connections(edges, plan.road):
+    if reason is None and ways != _connections(plan):
         reason = "leads its lanes on otherwise than described"
     if reason is not None:
         raise ScenarioError(
