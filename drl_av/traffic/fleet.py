@@ -195,7 +195,7 @@ class Fleet:
         rows = range(len(s_m))
         kept = [row for row in rows if row == EGO or s_m[row] < start.span_m]
         entering = None
-        if inflow is not None:
+        if inflow is not None and inflow.is_due(time_s):
             entering = inflow.entering(time_s, self._last(start, kept, s_m, y_m, speed_m_s))
         if entering is None and len(kept) == len(rows):
             return None

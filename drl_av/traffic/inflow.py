@@ -142,6 +142,10 @@ class Inflow:
             self._rng.exponential() * spare_s if spare_s < np.inf else spare_s
         )
 
+    def is_due(self, time_s: float) -> bool:
+        """Return whether a vehicle enters at ``time_s`` if there is room for it."""
+        return min(self._due_s.values()) <= time_s
+
     def entering(self, time_s: float, last: Mapping[int, Last]) -> Population | None:
         """Return the vehicles that enter at ``time_s``, or None if no vehicle enters.
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from operator import attrgetter
 
 import numpy as np
 import numpy.typing as npt
@@ -54,16 +55,17 @@ class Population:
     def rows(self, wanted: Sequence[int]) -> "Population":
         """Return the population of the wanted rows, in their order."""
         kept = list(wanted)
-        arrays = {item.name: getattr(self, item.name)[kept] for item in fields(self)[1:]}
-        return Population(ids=tuple(self.ids[row] for row in kept), **arrays)
+        arrays = (array[kept] for array in ARRAYS(self))
+        return Population(tuple(self.ids[row] for row in kept), *arrays)
 
     def joined(self, other: "Population") -> "Population":
         """Return this population followed by the rows of ``other``."""
-        arrays = {
-            item.name: np.concatenate((getattr(self, item.name), getattr(other, item.name)))
-            for item in fields(self)[1:]
-        }
-        return Population(ids=self.ids + other.ids, **arrays)
+        pairs = zip(ARRAYS(self), ARRAYS(other), strict=True)
+        return Population(self.ids + other.ids, *map(np.concatenate, pairs))
+
+
+ARRAYS = attrgetter(*(item.name for item in fields(Population)[1:]))
+"""Returns the arrays of a population, in the order of its fields."""
 
 
 def require_speed_limit(config: Config, description: ScenarioDescription) -> None:
