@@ -12,6 +12,7 @@ from drl_av.experiments.final_policies import FINAL_POLICIES
 from drl_av.experiments.literal import LITERAL_PAPER
 from drl_av.experiments.opponents import OPPONENTS_SWEEP
 from drl_av.experiments.real_bounds import REAL_BOUNDS
+from drl_av.experiments.straight import STRAIGHT
 from drl_av.experiments.strictness import STRICT
 from drl_av.experiments.training_seeds import TRAINING_SEEDS
 from drl_av.experiments.variations import (
@@ -31,6 +32,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         DENSITY_SWEEP,
         OPPONENTS_SWEEP,
         COMFORT,
+        STRAIGHT,
         CROSS_TABLE,
         TRAINING_SEEDS,
         CHECK_PAPER,
