@@ -5,7 +5,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from drl_av.config import TrafficConfig
-from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
+from drl_av.evaluation.statistics import Mean, grouped, mean_difference, mean_with_interval
 from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.experiment import Experiment, Results
@@ -28,6 +28,8 @@ FLOWS_PER_H = (0, 250, 500, 750, 1000, 1250, 1500, 2000)
 """Vehicles per hour that enter each lane, as far as there is room for them."""
 DRIVES = 30
 """Largest number of episodes of a driver at one flow."""
+REFERENCE = "gap-mobil"
+"""The driver to which the second table compares the others."""
 FIRST_SEED = 980_000
 COLUMNS = ("driver", "seed", "decisions", "mean_speed_m_s", "collided", "ego_hit")
 
@@ -85,6 +87,20 @@ def straight_table(results: Results) -> str:
     return markdown_table(["driver", *flows, "ego hit something / was hit"], lines)
 
 
+def straight_gain_table(results: Results) -> str:
+    """Return the Markdown table of each driver's gain over ``REFERENCE``, paired by seed, m/s."""
+    speeds: dict[str, dict[str, dict[str, float]]] = {}
+    for row in results.rows(STRAIGHT.table):
+        flows = speeds.setdefault(row["driver"], {})
+        flows.setdefault(row["flow_per_h"], {})[row["seed"]] = float(row["mean_speed_m_s"])
+    theirs = speeds.pop(REFERENCE)
+    lines = [
+        [f"`{driver}`", *(str(mean_difference(own[flow], theirs[flow], driver)) for flow in own)]
+        for driver, own in speeds.items()
+    ]
+    return markdown_table(["driver", *theirs], lines)
+
+
 def straight_figure(rows: list[Row]) -> "Figure":
     """Draw each driver's mean speed against the flow, with 95 % intervals."""
     figure, axes = one_panel("inflow, vehicles/h/lane", "mean speed of the ego, m/s")
@@ -97,6 +113,6 @@ STRAIGHT = Experiment(
     meaning="mean speed against the flow on a straight highway, under strict",
     row="an episode of a driver at a flow",
     plan=straight_plan,
-    summaries={"straight": straight_table},
+    summaries={"straight": straight_table, "straight_gain": straight_gain_table},
     figures={"straight": straight_figure},
 )

@@ -43,6 +43,20 @@ def test_the_table_has_each_driver_s_mean_speed_at_each_flow(tmp_path: Path) -> 
     assert sumo[3] == "0 / 0 of 4 |"
 
 
+def test_a_gain_over_gap_mobil_is_paired_by_seed(tmp_path: Path) -> None:
+    """The two gain 1 and 2 m/s, although the traffic of seed 2 is 10 m/s slower."""
+    rows = [
+        episode("planner", 500, 1, 26.0),
+        episode("gap-mobil", 500, 1, 25.0),
+        episode("planner", 500, 2, 17.0),
+        episode("gap-mobil", 500, 2, 15.0),
+    ]
+    write_table(tmp_path / STRAIGHT.table, [*rows[0]], rows)
+    header, _, line = STRAIGHT.summaries["straight_gain"](Results(tmp_path)).splitlines()
+    assert header == "| driver | 500 |"
+    assert line.startswith("| `planner` | 1.50 ± ")
+
+
 def test_all_drive_the_same_traffic_under_strict(
     tmp_path: Path, short: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
