@@ -20,12 +20,14 @@ from drl_av.traffic.snapshot import CollisionKind
 from verification.batch_check import one_by_one
 from verification.falsify import show
 from verification.families import placed
-from verification.in_sumo import ROADS, SumoWorld
+from verification.in_sumo import SumoWorld
 from verification.kinematic_simulator import LENGTH_M, Mover, Orders, World
 from verification.lateral_plants import PLANTS
 from verification.program import Program, run_program
 
 STEPS_S = (1.0, 0.5, 0.25)
+ROADS = ("loop", "straight")
+"""The roads of ``in_sumo`` on which a scene may lie anywhere, because no lane begins or ends."""
 DECISIONS = 5
 NEAR_M = 25.0
 """Largest distance between the other vehicle and the ego at the start."""
@@ -43,7 +45,7 @@ class Case(NamedTuple):
     plant: str = "kinematic"
     """The value of ``ego.lateral_plant``."""
     road: str = "loop"
-    """A key of ``in_sumo.ROADS``."""
+    """One of ``ROADS``."""
     step_s: float = 0.5
     """Length of a SUMO step, seconds."""
 

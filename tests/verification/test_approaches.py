@@ -28,6 +28,17 @@ def test_sumo_and_the_simulator_agree_on_random_approaches(
     assert row["unlike_the_simulator"] == 0
 
 
+def test_the_program_by_itself_drives_every_plant_and_road(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["approaches", "--scenes", "1", "--step-length", "1.0"])
+    assert not approaches.main()
+    rows = [line.split()[:2] for line in capsys.readouterr().out.splitlines()]
+    for plant in ("kinematic", "steering"):
+        for road in ("loop", "straight"):
+            assert [plant, road] in rows
+
+
 def test_the_steering_plant_moves_the_ego_on_another_path_than_the_kinematic_one() -> None:
     steered, kinematic = (Mover(Case(plant).config) for plant in ("steering", "kinematic"))
     y_m = []
