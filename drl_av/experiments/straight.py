@@ -11,6 +11,7 @@ from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.figures import curves_by_density
 from drl_av.experiments.markdown import collisions_cell, markdown_table
+from drl_av.experiments.opponents import LEARNED
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
 from drl_av.experiments.store import MadeWith
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SCENARIO = "straight"
-LEARNED = ("pretrained", "pretrained-smooth")
 DRIVERS = (*LEARNED, "planner", "gap-mobil", "gap-mobil-1.3", "idm-mobil", "sumo", "sumo-tuned")
 FLOWS_PER_H = (0, 250, 500, 750, 1000, 1250, 1500, 2000)
 """Vehicles per hour that enter each lane, as far as there is room for them."""

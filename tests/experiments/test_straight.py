@@ -72,5 +72,5 @@ def test_all_drive_the_same_traffic_under_strict(
     assert settings["safety"]["check"] == "strict"
     assert settings["simulation"]["scenario"] == "straight"
     alone = {row["driver"]: float(row["mean_speed_m_s"]) for row in rows if row["vehicles"] == "0"}
-    assert alone["planner"] == pytest.approx(alone["gap-mobil"], abs=0.1)  # nobody is in the way
+    assert alone["planner"] == pytest.approx(alone["gap-mobil"], abs=0.1)  # the road is empty
     assert (tmp_path / "straight.png").stat().st_size > 10_000
