@@ -107,7 +107,7 @@ class Watched:
 
     def _worded(self, breach: Breach) -> str:
         fleet = self.env.simulation.fleet
-        driver = Kind(fleet.kinds[fleet.population.ids.index(breach.vehicle)]).name.lower()
+        driver = Kind(fleet.kinds[fleet.ids.index(breach.vehicle)]).name.lower()
         facts = breach.bound, driver, breach.vehicle, f"{breach.time_s:g}", breach.circumstance
         return "|".join(facts)
 

@@ -1,6 +1,6 @@
 """The vehicles of an episode: those at the start, and those that enter and leave an open road."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import islice
 
 import numpy as np
@@ -44,6 +44,8 @@ class Fleet:
     """
 
     population: Population
+    """The vehicles at the start of the episode."""
+    ids: tuple[str, ...]
     kinds: npt.NDArray[np.intp]
     """The kind of driver of each vehicle, a value of ``population.Kind``."""
     type_ids: Sequence[str]
@@ -130,21 +132,20 @@ class Fleet:
             own = (start, length_m, config.traffic, config.ego)
             self._describe(draw_open_population(rng, vehicles, *own))
             self._inflow = Inflow(rng.spawn(1)[0], vehicles, *own)
-        self._first_ids = self.population.ids
         rate = config.traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
         self._lane_changes = (
-            random_lane_changes(rng, len(self.population.ids), rate)
+            random_lane_changes(rng, len(self.ids), rate)
             if self._inflow is None
             else self._random_lane_changes(rng, rate)
         )
-        self.kinds = draw_kinds(seed, len(self.population.ids), config.traffic)
+        self.kinds = draw_kinds(seed, len(self.ids), config.traffic)
 
     def _random_lane_changes(
         self, rng: np.random.Generator, chance: float
     ) -> Iterator[list[tuple[int, int]]]:
         """Yield random lane changes, like those of ``population``, for varying vehicles."""
         while True:
-            draws = rng.random((2, len(self.population.ids)))
+            draws = rng.random((2, len(self.ids)))
             rows = np.flatnonzero(draws[0] < chance).tolist()
             yield [(row, 1 if draws[1, row] < 0.5 else -1) for row in rows if row != EGO]
 
@@ -162,7 +163,7 @@ class Fleet:
             return changes
         due = [(name, to) for at_s, name, to in self._timed_changes if at_s <= time_s]
         self._timed_changes = [each for each in self._timed_changes if each[0] > time_s]
-        ids, lane_of = self.population.ids, self.scenario.road.lane_of
+        ids, lane_of = self.ids, self.scenario.road.lane_of
         rows = [(ids.index(name), to) for name, to in due if name in ids]
         set_changes = [(row, to - lane_of(y_m[row])) for row, to in rows]
         return [*changes, *(each for each in set_changes if each[1])]
@@ -172,38 +173,40 @@ class Fleet:
     ) -> list[tuple[int, int]]:
         """Return the random lane changes, by row and side, that lead to one of ``lanes``."""
         if self._inflow is None:  # drawn for the vehicles at the start, some of which have left
-            ids = self.population.ids
-            named = [(self._first_ids[row], side) for row, side in changes]
-            changes = [(ids.index(name), side) for name, side in named if name in ids]
+            named = [(self.population.ids[row], side) for row, side in changes]
+            changes = [(self.ids.index(name), side) for name, side in named if name in self.ids]
         lane_of = self.scenario.road.lane_of
         return [(row, side) for row, side in changes if lane_of(y_m[row]) + side in lanes]
 
     def exchange(
         self, time_s: float, s_m: Sequence[float], y_m: Sequence[float], speed_m_s: Sequence[float]
-    ) -> Sequence[int] | None:
+    ) -> tuple[Sequence[int], Sequence[Population]] | None:
         """Remove the vehicles that have left an open road, and add those that enter it now.
 
         ``time_s`` is the time since the reset; the sequences hold the state of each vehicle.
 
         Returns:
-            The rows of the vehicles that stay, which become the first rows, before those of the
-            vehicles that enter. None if no vehicle enters or leaves.
+            The rows of the vehicles that stay, which become the first rows, and the vehicles that
+            enter, which become the next rows. None if no vehicle enters or leaves.
         """
         start, inflow = self._start, self._inflow
         if start is None:
             return None
         rows = range(len(s_m))
         kept = [row for row in rows if row == EGO or s_m[row] < start.span_m]
-        entering = None
+        entering: Sequence[Population] = ()
         if inflow is not None and inflow.is_due(time_s):
             entering = inflow.entering(time_s, self._last(start, kept, s_m, y_m, speed_m_s))
-        if entering is None and len(kept) == len(rows):
+        if not entering and len(kept) == len(rows):
             return None
-        population = self.population if len(kept) == len(rows) else self.population.rows(kept)
-        known = [self.type_ids[row] for row in kept]
-        self._describe(population if entering is None else population.joined(entering), known)
-        self.kinds = np.zeros(len(self.population.ids), dtype=np.intp)
-        return kept
+        new_types = [*islice(self._types, len(entering))]
+        new_sizes_m = self._sizes_m(new_types, [bool(one.is_truck[0]) for one in entering])
+        self.ids = (*(self.ids[row] for row in kept), *(one.ids[0] for one in entering))
+        self.type_ids = [*(self.type_ids[row] for row in kept), *new_types]
+        sizes_m = np.array((self.length_m, self.width_m))[:, kept]
+        self.length_m, self.width_m = np.concatenate((sizes_m, new_sizes_m), axis=1)
+        self.kinds = np.zeros(len(self.ids), dtype=np.intp)
+        return kept, entering
 
     def _last(
         self,
@@ -219,23 +222,29 @@ class Fleet:
         """
         last: dict[int, Last] = {}
         lane_of, entered = self.scenario.road.lane_of, set(start.lanes)
-        rear_m = np.asarray(s_m)[rows] - self.length_m[rows] / 2
-        for place in rear_m.argsort(kind="stable").tolist():
-            row = rows[place]
-            half_m = self.width_m[row] / 2
+        rear_m = [
+            at_m - length_m / 2 for at_m, length_m in zip(s_m, self.length_m.tolist(), strict=True)
+        ]
+        for row in sorted(rows, key=rear_m.__getitem__):
+            half_m = float(self.width_m[row]) / 2
             for lane in {lane_of(y_m[row] - half_m), lane_of(y_m[row] + half_m)}:
-                last.setdefault(lane, Last(float(rear_m[place]), speed_m_s[row]))
+                last.setdefault(lane, Last(rear_m[row], speed_m_s[row]))
             if entered <= last.keys():
                 break
         return last
 
-    def _describe(self, population: Population, known: Sequence[str] = ()) -> None:
-        """Set the population, its types and its sizes; the first types are ``known``."""
-        self.population = population
+    def _describe(self, population: Population) -> None:
+        """Set the vehicles at the start of an episode, their types and their sizes."""
+        self.population, self.ids = population, population.ids
+        self.type_ids = [*islice(self._types, len(self.ids))]
+        self.length_m, self.width_m = self._sizes_m(self.type_ids, population.is_truck)
+
+    def _sizes_m(self, type_ids: Sequence[str], is_truck: Iterable[bool]) -> FloatArray:
+        """Return the lengths and the widths of vehicles, metres, shape (2, n)."""
         types, traffic = self.scenario.vehicle_types.by_id, self._config.traffic
-        self.type_ids = (*known, *islice(self._types, len(population.ids) - len(known)))
-        sizes = [types[name] for name in self.type_ids]
-        self.length_m = np.array([kind.length_m for kind in sizes])
-        self.width_m = np.array([kind.width_m for kind in sizes])
-        self.length_m[population.is_truck] = traffic.truck_length_m
-        self.width_m[population.is_truck] = traffic.truck_width_m
+        truck_m = traffic.truck_length_m, traffic.truck_width_m
+        sizes_m = [
+            truck_m if truck else (types[name].length_m, types[name].width_m)
+            for name, truck in zip(type_ids, is_truck, strict=True)
+        ]
+        return np.array(sizes_m).reshape(-1, 2).T.copy()

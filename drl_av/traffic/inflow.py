@@ -11,7 +11,7 @@ from drl_av.config import EgoConfig, TrafficConfig
 from drl_av.errors import ScenarioError, counted
 from drl_av.traffic.description import MOST_VEHICLES
 from drl_av.traffic.kind import OpenStart
-from drl_av.traffic.places import Places, ring_places, safe_speeds
+from drl_av.traffic.places import Places, ring_places, safe_speed
 from drl_av.traffic.population import Population, draw_trucks, pitches_m, with_drivers
 from drl_av.traffic.road import FloatArray
 
@@ -146,43 +146,29 @@ class Inflow:
         """Return whether a vehicle enters at ``time_s`` if there is room for it."""
         return min(self._due_s.values()) <= time_s
 
-    def entering(self, time_s: float, last: Mapping[int, Last]) -> Population | None:
-        """Return the vehicles that enter at ``time_s``, or None if no vehicle enters.
+    def entering(self, time_s: float, last: Mapping[int, Last]) -> list[Population]:
+        """Return the vehicles that enter at ``time_s``, each as a population of one row.
 
         ``last`` holds the last vehicle of each lane, by lane index; a lane without vehicles is
         missing.
         """
-        entering = [
-            vehicle
-            for lane in self._lanes
-            if self._due_s[lane] <= time_s
-            and (vehicle := self._placed(lane, last.get(lane, Last(np.inf, 0.0)))) is not None
-        ]
-        if not entering:
-            return None
-        found = entering[0]
-        for other in entering[1:]:
-            found = found.joined(other)
-        return found
+        due = (lane for lane in self._lanes if self._due_s[lane] <= time_s)
+        placed = (self._placed(lane, last.get(lane, Last(np.inf, 0.0))) for lane in due)
+        return [vehicle for vehicle in placed if vehicle is not None]
 
     def _placed(self, lane: int, last: Last) -> Population | None:
         """Return the next vehicle of a lane at its start, or None if there is no room for it."""
         vehicle = self._waiting.get(lane)
         if vehicle is None:
             vehicle = self._waiting[lane] = self._next()
-        front_m = float(pitches_m(vehicle.is_truck, self._length_m, self._traffic)[0])
-        front_m -= self._traffic.start_gap_m
+        front_m = self._traffic.truck_length_m if vehicle.is_truck[0] else self._length_m
         gap_m = last.rear_m - front_m
         if gap_m < self._traffic.start_gap_m:
             return None
-        speed = wanted = min(float(vehicle.desired_speed_m_s[0]), self._limit_m_s)
-        if gap_m < np.inf:
-            pair = np.array([speed, last.speed_m_s])
-            headways = np.array([vehicle.headway_s[0], 0.01])
-            gaps = np.array([gap_m, np.inf])
-            speed = float(safe_speeds(pair, headways, gaps, np.array([1, 1]))[0])
-            if speed < min(last.speed_m_s, wanted) - 1e-9:
-                return None
+        wanted = min(float(vehicle.desired_speed_m_s[0]), self._limit_m_s)
+        speed = safe_speed(wanted, float(vehicle.headway_s[0]), gap_m, last.speed_m_s)
+        if speed < min(last.speed_m_s, wanted) - 1e-9:
+            return None
         del self._waiting[lane]
         self._due_s[lane] += self._headway_s()
         self._entered += 1

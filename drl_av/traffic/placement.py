@@ -5,25 +5,24 @@ from typing import Any
 from drl_av.config import TrafficConfig
 from drl_av.traffic.ego_model import take_control
 from drl_av.traffic.kind import Layout, route_on
-from drl_av.traffic.population import Population
-from drl_av.traffic.snapshot import EGO
+from drl_av.traffic.population import EGO_ID, Population
 
 
 def place(
     vehicle: Any,
+    population: Population,
     row: int,
     type_id: str,
-    population: Population,
     layout: Layout,
     traffic: TrafficConfig,
 ) -> None:
-    """Add the vehicle with index ``row`` to SUMO at its start position, with its parameters.
+    """Add the vehicle in this row of a population to SUMO at its position, with its parameters.
 
     ``vehicle`` is the domain ``vehicle`` of libsumo or traci.
     """
     name, speed = population.ids[row], float(population.speed_m_s[row])
     lane_id, position_m = _lane_and_position(layout, population.lane[row], population.front_m[row])
-    is_way = row == EGO or layout.road.is_partial(int(population.lane[row]))
+    is_way = name == EGO_ID or layout.road.is_partial(int(population.lane[row]))
     route = route_on(layout.routes, lane_id.rpartition("_")[0], is_way)
     vehicle.add(name, route, type_id, "now", departSpeed="0")
     if population.is_truck[row]:
@@ -32,7 +31,7 @@ def place(
         vehicle.setShapeClass(name, "truck")
     vehicle.moveTo(name, lane_id, position_m)
     vehicle.setPreviousSpeed(name, speed)
-    if row == EGO:
+    if name == EGO_ID:
         take_control(vehicle, name)
     else:
         vehicle.setTau(name, float(population.headway_s[row]))

@@ -1,5 +1,6 @@
 """The positions and speeds at which the vehicles of an episode start: random, but safe."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -87,3 +88,13 @@ def safe_speeds(
             break
         speed = slower
     return speed
+
+
+def safe_speed(desired: float, headway_s: float, gap_m: float, speed_ahead: float) -> float:
+    """Return the largest safe start speed of one vehicle, m/s, as ``safe_speeds`` does.
+
+    ``speed_ahead`` is the speed of the vehicle ahead, m/s; without one ``gap_m`` is inf.
+    """
+    free_m = max(gap_m - STANDSTILL_GAP_M, 0.0)
+    reach = math.sqrt(speed_ahead * speed_ahead + 2 * COMFORTABLE_BRAKING_M_S2 * free_m)
+    return min(desired, free_m / headway_s, reach)

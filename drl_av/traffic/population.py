@@ -58,11 +58,6 @@ class Population:
         arrays = (array[kept] for array in ARRAYS(self))
         return Population(tuple(self.ids[row] for row in kept), *arrays)
 
-    def joined(self, other: "Population") -> "Population":
-        """Return this population followed by the rows of ``other``."""
-        pairs = zip(ARRAYS(self), ARRAYS(other), strict=True)
-        return Population(self.ids + other.ids, *map(np.concatenate, pairs))
-
 
 ARRAYS = attrgetter(*(item.name for item in fields(Population)[1:]))
 """Returns the arrays of a population, in the order of its fields."""

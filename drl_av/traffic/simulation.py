@@ -3,7 +3,7 @@
 import math
 import struct
 import weakref
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from types import ModuleType
 
@@ -17,7 +17,7 @@ from drl_av.traffic.ego_model import EgoModel, hand_over
 from drl_av.traffic.fleet import Fleet
 from drl_av.traffic.instances import acquire
 from drl_av.traffic.placement import place
-from drl_av.traffic.population import EGO_ID, Kind
+from drl_av.traffic.population import EGO_ID, Kind, Population
 from drl_av.traffic.readings import Readings
 from drl_av.traffic.requests import (
     ask_for_lane_changes,
@@ -75,7 +75,7 @@ class Simulation:
             SimulationError: SUMO refuses the scenario.
         """
         self.fleet.draw(seed, vehicles)
-        self._ids = self.fleet.population.ids
+        self._ids = self.fleet.ids
         try:
             self._put_on_the_road(seed)
         except BaseException as error:
@@ -175,11 +175,13 @@ class Simulation:
 
     def _exchange(self) -> None:
         """Remove the vehicles that have left an open road, and add those that enter it."""
-        kept = self.fleet.exchange(self._time_s, self._s_m, self._y_m, self._speed_m_s)
-        if kept is None:
+        exchanged = self.fleet.exchange(self._time_s, self._s_m, self._y_m, self._speed_m_s)
+        if exchanged is None:
             return
-        self._ids = self.fleet.population.ids
-        self._populate(range(len(kept), len(self._ids)))
+        kept, entering = exchanged
+        self._ids = self.fleet.ids
+        for first, vehicle in enumerate(entering, start=len(kept)):
+            self._populate(vehicle, first)
         self._watch()
         before = self._s_m, self._y_m, self._speed_m_s, self._aside_m_s
         entered = self._readings.state(len(kept))
@@ -195,7 +197,7 @@ class Simulation:
                 for name in self._sumo.vehicle.getLoadedIDList():
                     self._sumo.vehicle.remove(name)
                 self._sumo.simulationStep()  # frees the names of the vehicles
-                self._populate(range(len(self._ids)))
+                self._populate(self.fleet.population)
                 return
         self.close()
         instance = acquire(self._gui)
@@ -207,16 +209,16 @@ class Simulation:
         start(self._sumo, files, seed, self._config, view)
         for name, edges in self.scenario.layout.routes.items():
             self._sumo.route.add(name, list(edges))
-        self._populate(range(len(self._ids)))
+        self._populate(self.fleet.population)
 
-    def _populate(self, rows: Iterable[int]) -> None:
-        """Add the vehicles in these rows to SUMO."""
-        fleet, traffic = self.fleet, self._config.traffic
-        for row in rows:
-            own = (fleet.type_ids[row], fleet.population, self.scenario.layout, traffic)
-            place(self._sumo.vehicle, row, *own)
-            if fleet.kinds[row] != Kind.SUMO:
-                leave_to_commands(self._sumo.vehicle, self._ids[row])
+    def _populate(self, population: Population, first: int = 0) -> None:
+        """Add the vehicles of ``population`` to SUMO; ``first`` is the row of the first of them."""
+        fleet, layout, traffic = self.fleet, self.scenario.layout, self._config.traffic
+        for number, name in enumerate(population.ids):
+            type_id = fleet.type_ids[first + number]
+            place(self._sumo.vehicle, population, number, type_id, layout, traffic)
+            if fleet.kinds[first + number] != Kind.SUMO:
+                leave_to_commands(self._sumo.vehicle, name)
 
     def _step(self, command: Command, near: Sequence[int]) -> Collision | None:
         """Execute one SUMO step; return the ego's collision with a row in ``near``, or None."""
