@@ -1,12 +1,13 @@
-"""Measures how long ``fast`` and stable-baselines3's DQN train until they drive well.
+"""Measures how long three agents train until they drive well.
 
     python -m verification.time_to_quality
 
-fast  the preset fast
-dqn   stable-baselines3's DQN with the hyperparameters of ``examples/rl_zoo3.yml``; its reward is
-      the paper's, minus the ``learning.unsafe_penalty`` of ``fast`` for each replaced action
+fast   the preset fast
+dqn    stable-baselines3's DQN with the hyperparameters of ``examples/rl_zoo3.yml``; its reward is
+       the paper's, minus the ``learning.unsafe_penalty`` of ``fast`` for each replaced action
+qrdqn  the same with distributional targets: QR-DQN of sb3-contrib (Dabney et al. 2018)
 
-Both make 40,000 decisions in the same kind of traffic under the check ``paper``. After every 2,000
+All make 40,000 decisions in the same kind of traffic under the check ``paper``. After every 2,000
 decisions the networks are copied. When the training has ended, each copy drives the same 14
 episodes, in traffic that no training uses. Seconds are CPU seconds of the process while it trains;
 they exclude the evaluations. Leave a core free for the program: on a machine with too many programs
@@ -17,8 +18,9 @@ lacks.
 import copy
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
+from functools import partial
 from itertools import groupby, product
 from operator import itemgetter
 from pathlib import Path
@@ -80,9 +82,10 @@ def fast(seed: int) -> Drivers:
     return drivers
 
 
-def dqn(seed: int) -> Drivers:
-    """Train stable-baselines3's DQN; return the drivers of its checkpoints."""
+def stable_baselines3(name: str, seed: int) -> Drivers:
+    """Train the agent ``name``, dqn or qrdqn; return the drivers of its checkpoints."""
     import torch
+    from sb3_contrib import QRDQN
     from stable_baselines3 import DQN
 
     from tools.tune_rl_zoo3 import BY_HAND, draw
@@ -102,13 +105,18 @@ def dqn(seed: int) -> Drivers:
     reward = PenalizedReward(preset("fast").learning.unsafe_penalty)
     with closing(HighwayEnv(config=config, reward=reward)) as env:
         settings = BY_HAND | draw(TRIAL + 1)[TRIAL]
-        agent = DQN("MlpPolicy", env, seed=seed, device="cpu", **settings)
+        make = {"dqn": DQN, "qrdqn": QRDQN}[name]
+        agent = make("MlpPolicy", env, seed=seed, device="cpu", **settings)
         begun_s = time.process_time()
         agent.learn(CHECKPOINTS * every, callback=keep)
     return drivers
 
 
-TRAINED = {"fast": fast, "dqn": dqn}
+TRAINED: dict[str, Callable[[int], Drivers]] = {
+    "fast": fast,
+    "dqn": partial(stable_baselines3, "dqn"),
+    "qrdqn": partial(stable_baselines3, "qrdqn"),
+}
 
 
 def rows_of(agent: str, seed: int) -> list[dict[str, Any]]:

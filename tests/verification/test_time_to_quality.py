@@ -1,4 +1,4 @@
-"""How long two agents train until they drive well: the table, and the making of its rows."""
+"""How long the agents train until they drive well: the table, and the making of its rows."""
 
 import ast
 import math
@@ -14,6 +14,7 @@ from verification import time_to_quality
 from verification.time_to_quality import COLUMNS, QUALITIES, TABLE, kept_s, main, section
 
 ROOT = Path(__file__).parents[2]
+NEVER = "never (never to never)"
 
 
 def run(agent: str, seed: int, *checkpoints: tuple[float, float, float, float]) -> str:
@@ -41,20 +42,21 @@ def test_thresholds_lie_between_the_random_driver_and_the_final_drivers_of_fast(
     rows = run("random", 0, (0, 0, -1, 100))
     rows += run("fast", 0, (1, 17, -0.5, 40), (2, 20, 0, 0))
     rows += run("dqn", 0, (3, 18, -0.05, 90), (6, 19.9, 0, 50))
+    rows += run("qrdqn", 0, (9, 10, -1, 100))
     (tmp_path / TABLE).write_text(",".join(COLUMNS) + "\n" + rows)
     lines = [line.strip("| ").split(" | ") for line in section(Results(tmp_path)).splitlines()[2:]]
     assert lines[:5] == [
-        ["90%: mean speed, m/s 18.00", "2 (2 to 2)", "3 (3 to 3)"],
-        ["90%: reward per decision -0.100", "2 (2 to 2)", "3 (3 to 3)"],
-        ["90%: safety triggers an episode 10.0", "2 (2 to 2)", "never (never to never)"],
-        ["90%: all three", "2 (2 to 2)", "never (never to never)"],
-        ["99%: mean speed, m/s 19.80", "2 (2 to 2)", "6 (6 to 6)"],
+        ["90%: mean speed, m/s 18.00", "2 (2 to 2)", "3 (3 to 3)", NEVER],
+        ["90%: reward per decision -0.100", "2 (2 to 2)", "3 (3 to 3)", NEVER],
+        ["90%: safety triggers an episode 10.0", "2 (2 to 2)", NEVER, NEVER],
+        ["90%: all three", "2 (2 to 2)", NEVER, NEVER],
+        ["99%: mean speed, m/s 19.80", "2 (2 to 2)", "6 (6 to 6)", NEVER],
     ]
     assert lines[8:] == [
-        ["the whole training", "2 (2 to 2)", "6 (6 to 6)"],
-        ["final mean speed, m/s", "20.00", "19.90"],
-        ["final reward per decision", "0.000", "0.000"],
-        ["final safety triggers an episode", "0.0", "50.0"],
+        ["the whole training", "2 (2 to 2)", "6 (6 to 6)", "9 (9 to 9)"],
+        ["final mean speed, m/s", "20.00", "19.90", "10.00"],
+        ["final reward per decision", "0.000", "0.000", "-1.000"],
+        ["final safety triggers an episode", "0.0", "50.0", "100.0"],
     ]
 
 
@@ -76,8 +78,11 @@ def test_a_training_is_made_once_and_early_checkpoints_are_no_copies_of_the_last
     assert main() == 0
     before = (tmp_path / TABLE).read_bytes()
     rows = Results(tmp_path).rows(TABLE)
-    assert [row["agent"] for row in rows] == ["random", "fast", "fast", "dqn", "dqn"]
-    for early, late in (rows[1:3], rows[3:5]):
+    assert [row["agent"] for row in rows] == [
+        "random",
+        *("fast", "fast", "dqn", "dqn", "qrdqn", "qrdqn"),
+    ]
+    for early, late in (rows[1:3], rows[3:5], rows[5:7]):
         assert float(early["cpu_s"]) < float(late["cpu_s"])
         assert [early[name] for name in QUALITIES] != [late[name] for name in QUALITIES]
     assert main() == 0
