@@ -66,6 +66,7 @@ VARIANTS = {
     "strict": Variant(("pretrained",), check="strict", setting="strict", episodes=250),
     "smooth": Variant(("pretrained-smooth",), check="strict", setting="strict", episodes=250),
     "search": Variant(("planner",), episodes=50),
+    "search_strict": Variant(("planner",), check="strict", setting="strict"),
 }
 """``planner`` has fewer episodes, because it needs most of the time."""
 PLACES = [(name, driver) for name, each in VARIANTS.items() for driver in each.drivers]
