@@ -1,10 +1,11 @@
-"""Computes the gain over the best rule-based driver that no driver can exceed.
+"""Computes the gain over the best opponent that no driver can exceed, in each kind of traffic.
 
     python tools/bound_speeds.py
 
 The bound on the mean speed is that of an ego which accelerates at ``ego.accelerate_m_s2`` to
-``ego.max_speed_m_s`` on an empty road, in the episodes of ``docs/results/density_sweep.csv``. The
-gain of this bound over the best of the table's rule-based drivers is paired by episode.
+``ego.max_speed_m_s`` on an empty road, in the episodes of ``docs/results/opponents.csv``. The gain
+of this bound over the best opponent is paired by episode. The last column pools the episodes among
+5 to 25 vehicles.
 """
 
 import argparse
@@ -14,54 +15,67 @@ from pathlib import Path
 
 import numpy as np
 
-from drl_av.config import Config
+from drl_av.config import SINGLE_KINDS, Config
 from drl_av.env.highway import HighwayEnv
-from drl_av.evaluation.paired import Speed, paired
-from drl_av.experiments.density_sweep import OPPONENTS, TABLE
+from drl_av.experiments.experiment import Results
+from drl_av.experiments.opponents import (
+    MIDDLE,
+    OPPONENTS_SWEEP,
+    VEHICLES,
+    best_opponent,
+    gain,
+    speeds,
+)
 from drl_av.experiments.provenance import made_by
-from drl_av.files import read_rows
+from drl_av.files import Row
 
-BOUND = "full throttle"
-VEHICLES = (1, 5, 10)
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 
 def main() -> None:
-    """Print the largest possible gain at each number of vehicles."""
+    """Print the largest possible gain in each kind of traffic, at each number of vehicles."""
     argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     ).parse_args()
     begun_s = time.monotonic()
-    episodes = [
-        episode
-        for episode in read_rows(RESULTS / TABLE, Speed)
-        if episode.vehicles in VEHICLES and episode.driver in OPPONENTS
+    rows = [
+        row | {"seed": f"{row['vehicles']}, {row['seed']}"}
+        for row in Results(RESULTS).rows(OPPONENTS_SWEEP.table)
     ]
-    with closing(HighwayEnv(config=Config())) as env:
-        bounds = [
-            episode._replace(driver=BOUND, mean_speed_m_s=fastest_m_s(env, episode))
-            for episode in episodes
-            if episode.driver == OPPONENTS[0]
-        ]
-    print(f"{'vehicles':>8}{'best by rule':>16}{'most to gain, m/s':>24}")
-    for gain in paired([*episodes, *bounds], BOUND, OPPONENTS):
-        if gain.best:
-            mean, half_width = gain.difference_m_s
-            most = f"{mean:.4f} ± {half_width:.4f}"
-            print(f"{gain.vehicles:>8}{gain.baseline:>16}{most:>24}")
+    columns = [(number,) for number in VEHICLES]
+    pooled = tuple(number for number in VEHICLES if number in MIDDLE)
+    names = [*map(str, VEHICLES), f"{pooled[0]} to {pooled[-1]}"]
+    print("most to gain over the best opponent, m/s, by number of vehicles")
+    print(f"{'traffic':<14}" + "".join(f"{name:>14}" for name in names))
+    for kind in SINGLE_KINDS:
+        own = [row for row in rows if row["traffic"] == kind]
+        with closing(HighwayEnv(config=Config().with_traffic(kind))) as env:
+            gains = [most_to_gain(env, own, numbers) for numbers in (*columns, pooled)]
+        print(f"{kind:<14}" + "".join(f"{gain:>14}" for gain in gains))
     print(made_by(time.monotonic() - begun_s))
 
 
-def fastest_m_s(env: HighwayEnv, episode: Speed) -> float:
+def most_to_gain(env: HighwayEnv, rows: list[Row], numbers: tuple[int, ...]) -> str:
+    """Return the mean gain of the bound over the best opponent, with its 95 % interval, m/s.
+
+    ``rows`` are those of one kind of traffic, and ``numbers`` are the numbers of vehicles.
+    """
+    found = speeds(row for row in rows if int(row["vehicles"]) in numbers)
+    best = found[best_opponent(found)]
+    return str(gain({episode: fastest_m_s(env, episode) for episode in best}, best))
+
+
+def fastest_m_s(env: HighwayEnv, episode: str) -> float:
     """Return the ego's mean speed over an episode if no vehicle were in its way, m/s.
 
-    The mean is over the speeds after each decision.
+    The mean is over the speeds after each decision. ``episode`` is the text "vehicles, seed".
     """
-    env.reset(seed=episode.seed, options={"vehicles": episode.vehicles})
+    vehicles, seed = map(int, episode.split(","))
+    env.reset(seed=seed, options={"vehicles": vehicles})
     ego, simulation = env.config.ego, env.config.simulation
     ends_s = simulation.decision_interval_s * np.arange(1, simulation.decisions_per_episode + 1)
-    speeds = env.scene.affordances.ego_speed_m_s + ego.accelerate_m_s2 * ends_s
-    return float(np.minimum(speeds, ego.max_speed_m_s).mean())
+    speeds_m_s = env.scene.affordances.ego_speed_m_s + ego.accelerate_m_s2 * ends_s
+    return float(np.minimum(speeds_m_s, ego.max_speed_m_s).mean())
 
 
 if __name__ == "__main__":

@@ -56,6 +56,7 @@ TABLES: dict[str, Callable[[Results], str]] = {
     "experiments": experiment_table,
     "crash_rate": lambda results: crash_rate.table(read("crash_rate.txt")),
     "own_hits": lambda results: printed("own_hits.txt"),
+    "speed_bound": lambda results: printed("speed_bound.txt"),
     "clairvoyant": lambda results: printed("clairvoyant.txt"),
     "sharper": lambda results: printed("sharper.txt"),
     "shielding": shielding_report.section,
