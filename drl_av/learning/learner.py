@@ -121,6 +121,7 @@ class Learner:
         self._first_moment = torch.zeros_like(self._online)
         self._second_moment = torch.zeros_like(self._online)
         self._step = torch.zeros(())
+        self._counter = self._step.numpy()  # the same memory: torch's add_ is slower
         self._online_layers = network.layers
         self._target_layers = network.split(self._target.numpy())
         self._gradient_layers = network.split(self._gradient.numpy())
@@ -165,7 +166,7 @@ class Learner:
         if FUSED_ADAM is None:
             adam(*parameters, *state, fused=True, lr=self.learning_rate, **ADAM)
         else:
-            self._step.numpy()[...] += 1  # add_ takes longer than the kernel
+            self._counter += 1
             FUSED_ADAM(*parameters, *state, lr=self.learning_rate, **ADAM)
 
     def sync_target(self) -> None:

@@ -80,7 +80,7 @@ class Ring:
         row = self.rows[slot]
         row[:n] = s_t
         row[n:-3] = s_tp1
-        row[-3:] = a_t, r_tp1, discount
+        row[-3], row[-2], row[-1] = a_t, r_tp1, discount
         self.next_slot = (slot + 1) % len(self.rows)
         self.filled = max(self.filled, slot + 1)
         return slot
