@@ -1,10 +1,9 @@
 """Epsilon-greedy exploration, line 5 of Algorithm 1 of the paper, and its schedule."""
 
-from typing import Protocol
-
 import numpy as np
 
 from drl_av.drivers.driver import Driver
+from drl_av.drivers.learned import LearnedDriver
 from drl_av.drivers.network import Float32Array
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
@@ -22,20 +21,13 @@ def linear_epsilon(
     return (1.0 - progress) * start + progress * end
 
 
-class GreedyDriver(Driver, Protocol):
-    """A driver with a method for the greedy action, which Algorithm 1 needs."""
-
-    def greedy(self, s_t: Float32Array) -> int:
-        """Return the number of argmax_a Q(s_t, a) of a scaled observation, shape (size,)."""
-
-
 class ExploringDriver(Driver):
     """Adds epsilon-greedy exploration to a driver; set ``epsilon`` before each episode.
 
     The random numbers come from the training's generator, not from the episode's seed.
     """
 
-    def __init__(self, driver: GreedyDriver, rng: np.random.Generator) -> None:
+    def __init__(self, driver: LearnedDriver, rng: np.random.Generator) -> None:
         self._driver, self._rng = driver, rng
         self.epsilon = 1.0
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drl_av.drivers.learned import LearnedDriver
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.policy_file import State
 from drl_av.env.episode import TRAINING_SEEDS
@@ -17,7 +18,7 @@ from drl_av.env.rollout import drive, rollout
 from drl_av.learning.buffers import Batch, Buffer, part_of
 from drl_av.learning.checkpoint import restore_rng, rng_to_json
 from drl_av.learning.experience import Store
-from drl_av.learning.exploration import ExploringDriver, GreedyDriver, linear_epsilon
+from drl_av.learning.exploration import ExploringDriver, linear_epsilon
 from drl_av.learning.learner import Learner
 
 EVALUATION_SEEDS = 900_000
@@ -111,7 +112,7 @@ class Training:
     def __init__(
         self,
         env: HighwayEnv,
-        driver: GreedyDriver,
+        driver: LearnedDriver,
         learners: Sequence[Learner],
         buffer: Buffer,
         rng: np.random.Generator,

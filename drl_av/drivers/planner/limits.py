@@ -1,10 +1,15 @@
 """Computes what the checks ``paper`` and ``strict`` permit in many forecasts at once (ours).
 
-The functions apply the equations of the checks to the ego's neighbours. Arrays have shape (P,) for
-P forecasts. The safety check of the environment still examines the action that the driver proposes.
+The two classes apply the equations of the checks to the ego's neighbours. Arrays have shape (P,)
+for P forecasts. ``speed`` is the ego's speed, m/s. A lane change is permitted if the vehicles ahead
+in both lanes (``clear_ahead``) and the vehicle behind in the target lane (``clear_behind``) permit
+it. There the gap must be larger than necessary by ``margin_m``, and ``rate`` is the ego's
+acceleration in the next second, m/s^2, not above 0.
+
+The safety check of the environment still examines the action that the driver proposes.
 """
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,37 +33,11 @@ class Near(NamedTuple):
         )
 
 
-class Limits(Protocol):
-    """Computes what a safety check permits; the argument ``speed`` is the ego's speed, m/s."""
-
-    followers_stay_behind: bool
-    """Whether the check ignores the vehicles behind the ego in the lane of the ego's centre."""
-
-    def fastest(self, speed: FloatArray, front: Near) -> FloatArray:
-        """Return the largest acceleration that the vehicle ``front`` ahead permits, m/s^2."""
-
-    def clear_ahead(
-        self, speed: FloatArray, front: Near, margin_m: Any = 0.0, rate: float = 0.0
-    ) -> BoolArray:
-        """Return whether the vehicle ``front`` ahead permits a lane change.
-
-        The gap must be larger than necessary by ``margin_m``. ``rate`` is the ego's acceleration in
-        the next second, m/s^2, not above 0.
-        """
-
-    def clear_behind(
-        self, speed: FloatArray, rear: Near, margin_m: Any = 0.0, rate: float = 0.0
-    ) -> BoolArray:
-        """Return whether the vehicle ``rear`` behind in the target lane permits a lane change.
-
-        ``margin_m`` and ``rate`` are those of ``clear_ahead``.
-        """
-
-
 class PaperLimits:
     """Computes what rules 1 and 3 of the check ``paper`` permit."""
 
     followers_stay_behind = False
+    """Whether the check ignores the vehicles behind the ego in the lane of the ego's centre."""
 
     def __init__(self, config: Config) -> None:
         self._safety, self._ego = config.safety, config.ego
@@ -138,6 +117,9 @@ class StrictLimits:
         stop_m = stopping_distance(front.speed_m_s, strict.braking_m_s2, step_s)
         most_m: FloatArray = front.gap_m + stop_m - strict.clearance_m
         return most_m
+
+
+Limits = PaperLimits | StrictLimits
 
 
 def limits_of(config: Config) -> Limits:
