@@ -48,8 +48,9 @@ class Buffer(Protocol):
     """The interface of an experience buffer.
 
     ``add_safe`` stores a transition, ``add_collision`` stores a terminal transition, and ``sample``
-    draws a minibatch. ``collisions`` is the number of terminal transitions. ``state`` and
-    ``restore`` save and load the contents.
+    draws a minibatch. ``collisions`` is the number of terminal transitions. ``state`` returns a
+    copy of the contents; ``restore`` loads exactly these, or raises CheckpointError if they do not
+    fit.
     """
 
     def __len__(self) -> int: ...
@@ -117,10 +118,7 @@ class TwoBuffers(Buffer):
         self.collision.append(s_t, a_t, r_col, 0.0, 0.0)
 
     def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store in Buf_C an action that the check replaced, as a row that is not terminal (ours).
-
-        ``s_tp1`` is the state after the action that was executed instead.
-        """
+        """Store an action that the check replaced in Buf_C; the row is not terminal (ours)."""
         self.collision.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
@@ -151,7 +149,6 @@ class TwoBuffers(Buffer):
         return {f"{name}.{k}": v for name, ring in rings.items() for k, v in ring.state().items()}
 
     def restore(self, state: State) -> None:
-        """Restore exactly the result of ``state``; raises CheckpointError if it does not fit."""
         for name, ring in (("safe", self.safe), ("collision", self.collision)):
             ring.restore(part_of(state, f"{name}."))
 
@@ -187,9 +184,7 @@ class UniformBuffer(Buffer):
         return batch_of(self.ring.draw(batch_size, rng), self.ring.observation_size)
 
     def state(self) -> State:
-        """Return the state of the ring, which ``Ring.state`` describes."""
         return self.ring.state()
 
     def restore(self, state: State) -> None:
-        """Restore exactly the result of ``state``; raises CheckpointError if it does not fit."""
         self.ring.restore(state)

@@ -118,15 +118,11 @@ class PrioritizedBuffer(UniformBuffer):
         return batch_of(rows, self.ring.observation_size)._replace(weights=weights, slots=slots)
 
     def anneal(self, progress: float) -> None:
-        """Set the exponent beta for the training's ``progress``, from 0 to 1.
-
-        Beta rises linearly to 1 (Sec. 3.4 of Schaul et al. 2015).
-        """
+        """Raise the exponent beta linearly to 1 (Sec. 3.4 of Schaul et al. 2015)."""
         start = self.importance_exponent_start
         self.importance_exponent = start + (1.0 - start) * progress
 
     def update_priorities(self, batch: Batch, td_errors: Float32Array) -> None:
-        """Set the priorities of a sampled batch from its TD errors, shape (rows,)."""
         assert batch.slots is not None
         p = np.abs(td_errors, dtype=np.float64) + self.priority_floor
         weights = p**self.priority_exponent
@@ -139,7 +135,6 @@ class PrioritizedBuffer(UniformBuffer):
         return self.ring.state() | {"priorities": priorities, "greatest": np.array(self._greatest)}
 
     def restore(self, state: State) -> None:
-        """Restore exactly the result of ``state``; raises CheckpointError if it does not fit."""
         priorities = state.get("priorities", np.empty(0))
         greatest = state.get("greatest", np.empty(0))
         fits = (
