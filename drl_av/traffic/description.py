@@ -11,20 +11,25 @@ import tomli_w
 
 from drl_av.config.schema import setting
 from drl_av.errors import ScenarioError, counted
+from drl_av.traffic.bounds import LENGTHS_M, WIDTHS_M, Bounds, check_numbers
 from drl_av.traffic.own_types import OwnVehicleType, check_own_types
 
-BOUNDS: dict[str, tuple[float, float]] = {
+BOUNDS: dict[str, Bounds] = {
     "lane": (0, 9),
     "position_m": (0, 50_000),
     "speed_m_s": (0, 100),
     "desired_speed_m_s": (0.1, 100),
 }
-"""The smallest and the largest allowed value of each numeric field of a placed vehicle."""
+"""Bounds of the numeric fields of a placed vehicle."""
 LANES = partial(setting, 3, "ours", "number of lanes", low=1, high=10)
 LANE_WIDTH_M = partial(setting, 3.8, "Table I", "width of a lane, metres", low=2, high=10)
 SPEED_LIMIT_M_S = partial(setting, 40.0, "ours", "speed limit, m/s", low=1, high=100)
-VEHICLE_LENGTH_M = partial(setting, 5.0, "ours", "length of a vehicle, metres", low=1, high=25)
-VEHICLE_WIDTH_M = partial(setting, 1.8, "ours", "width of a vehicle, metres", low=0.5, high=5)
+VEHICLE_LENGTH_M = partial(
+    setting, 5.0, "ours", "length of a vehicle, metres", low=LENGTHS_M[0], high=LENGTHS_M[1]
+)
+VEHICLE_WIDTH_M = partial(
+    setting, 1.8, "ours", "width of a vehicle, metres", low=WIDTHS_M[0], high=WIDTHS_M[1]
+)
 """Fields that the descriptions of all kinds of roads have."""
 INNER_RADIUS_M = 5.0
 """Smallest radius of the inner edge of the innermost lane."""
@@ -66,7 +71,7 @@ class PlacedVehicle:
             raise ScenarioError(
                 f"A vehicle's id is {self.id!r}, but must be made of letters, digits, - and _."
             )
-        check_numbers(self, f"Vehicle {self.id!r}: ")
+        check_numbers(self, f"Vehicle {self.id!r}: ", BOUNDS)
         changes = read_changes(self.lane_changes, self.id, self.lane)
         object.__setattr__(self, "lane_changes", changes)
 
@@ -139,8 +144,8 @@ class ScenarioDescription:
 
     def _check_vehicles(self) -> None:
         """Raise ScenarioError if a placed vehicle is off the road or too fast, or two overlap."""
-        checked: list[PlacedVehicle] = []
-        for vehicle in self.vehicles:
+        lanes = [lane for lane, is_open in enumerate(self.open_lanes) if is_open]
+        for number, vehicle in enumerate(self.vehicles):
             if vehicle.lane >= self.lanes or not self.open_lanes[vehicle.lane]:
                 raise ScenarioError(
                     f"Vehicle {vehicle.id!r} is placed on lane {vehicle.lane}, but must be "
@@ -151,13 +156,7 @@ class ScenarioDescription:
                     f"Vehicle {vehicle.id!r} is placed at {vehicle.position_m:g} m, but must be "
                     f"on the loop of {self.circumference_m:g} m."
                 )
-            check_speed(vehicle, self.speed_limit_m_s)
-            check_changes(vehicle, sorted({*range(self.lanes)} - {*self.barricaded_lanes}))
-            for other in checked:
-                ahead_m = abs(vehicle.position_m - other.position_m)
-                apart_m = min(ahead_m, self.circumference_m - ahead_m)
-                check_pair(vehicle, other, apart_m, self.vehicle_length_m)
-            checked.append(vehicle)
+            check_placed(self, number, lanes, self.circumference_m)
 
 
 def toml_text(description: Any, **changed: str) -> str:
@@ -200,49 +199,38 @@ def check_sizes(description: Any) -> None:
     check_own_types(description)
 
 
-def check_speed(vehicle: PlacedVehicle, speed_limit_m_s: float) -> None:
-    """Raise ScenarioError if a placed vehicle starts faster than the speed limit."""
-    if vehicle.speed_m_s > speed_limit_m_s:
-        raise ScenarioError(
-            f"Vehicle {vehicle.id!r} starts at {vehicle.speed_m_s:g} m/s, but must not be "
-            f"faster than the scenario's speed_limit_m_s, {speed_limit_m_s:g}."
-        )
+def check_placed(
+    description: Any, number: int, lanes: Collection[int], lap_m: float = math.inf
+) -> None:
+    """Check the placed vehicle of this number: its speed, its lane changes and its neighbours.
 
-
-def check_pair(vehicle: PlacedVehicle, other: PlacedVehicle, apart_m: float, long_m: float) -> None:
-    """Raise ScenarioError if two placed vehicles overlap or have the same id.
-
-    ``apart_m`` is the distance between their front bumpers, ``long_m`` the length of each.
-    """
-    if vehicle.id == other.id:
-        raise ScenarioError(f"Two vehicles are called {vehicle.id!r}: rename one.")
-    if vehicle.lane == other.lane and apart_m < long_m:
-        raise ScenarioError(
-            f"Vehicles {other.id!r} and {vehicle.id!r} overlap on lane {vehicle.lane}: place "
-            f"them at least {long_m:g} m apart, front bumper to front bumper."
-        )
-
-
-def check_numbers(described: Any, prefix: str) -> None:
-    """Convert each numeric field that has bounds to int or float, and check its bounds.
+    ``lanes`` are the lanes to which it may change, ``lap_m`` is the circumference of a loop.
 
     Raises:
-        ScenarioError: a number has a wrong type or is out of bounds; the message begins with
-            ``prefix``.
+        ScenarioError: the vehicle starts faster than the speed limit, changes to another lane, or
+            overlaps one of the vehicles before it or has its id.
     """
-    for item in fields(described):
-        bounds = (item.metadata.get("low"), item.metadata.get("high"))
-        low, high = BOUNDS.get(item.name, bounds)
-        if low is None or high is None:
-            continue
-        value = getattr(described, item.name)
-        whole = item.type is int
-        if type(value) not in ((int,) if whole else (int, float)) or not low <= value <= high:
-            kind = "a whole number" if whole else "a number"
+    vehicle, long_m = description.vehicles[number], description.vehicle_length_m
+    if vehicle.speed_m_s > description.speed_limit_m_s:
+        raise ScenarioError(
+            f"Vehicle {vehicle.id!r} starts at {vehicle.speed_m_s:g} m/s, but must not be "
+            f"faster than the scenario's speed_limit_m_s, {description.speed_limit_m_s:g}."
+        )
+    for time_s, to in vehicle.lane_changes:
+        if to not in lanes:
             raise ScenarioError(
-                f"{prefix}{item.name} is {value!r}, but must be {kind} from {low:g} to {high:g}."
+                f"Vehicle {vehicle.id!r} changes to lane {to} at {time_s:g} s, but must change to "
+                f"one of the lanes along the whole road: {', '.join(map(str, lanes))}."
             )
-        object.__setattr__(described, item.name, value if whole else float(value))
+    for other in description.vehicles[:number]:
+        if vehicle.id == other.id:
+            raise ScenarioError(f"Two vehicles are called {vehicle.id!r}: rename one.")
+        ahead_m = abs(vehicle.position_m - other.position_m)
+        if vehicle.lane == other.lane and min(ahead_m, lap_m - ahead_m) < long_m:
+            raise ScenarioError(
+                f"Vehicles {other.id!r} and {vehicle.id!r} overlap on lane {vehicle.lane}: place "
+                f"them at least {long_m:g} m apart, front bumper to front bumper."
+            )
 
 
 def read_changes(changes: Any, vehicle: str, lane: int) -> tuple[TimedChange, ...]:
@@ -283,13 +271,3 @@ def _is_change(change: Any) -> bool:
         and 0 <= change[0] <= LATEST_S
         and type(change[1]) is int
     )
-
-
-def check_changes(vehicle: PlacedVehicle, lanes: Collection[int]) -> None:
-    """Raise ScenarioError if a placed vehicle changes to a lane that is not one of ``lanes``."""
-    for time_s, to in vehicle.lane_changes:
-        if to not in lanes:
-            raise ScenarioError(
-                f"Vehicle {vehicle.id!r} changes to lane {to} at {time_s:g} s, but must change to "
-                f"one of the lanes along the whole road: {', '.join(map(str, lanes))}."
-            )

@@ -16,10 +16,8 @@ from drl_av.traffic.description import (
     VEHICLE_LENGTH_M,
     VEHICLE_WIDTH_M,
     PlacedVehicle,
-    check_changes,
-    check_pair,
+    check_placed,
     check_sizes,
-    check_speed,
     toml_text,
 )
 from drl_av.traffic.kind import Edge, Layout, OpenPlan, Point, ScenarioKind
@@ -71,11 +69,7 @@ class OpenDescription(ABC):
                     f"Vehicle {vehicle.id!r} is placed on lane {vehicle.lane} at "
                     f"{vehicle.position_m:g} m, but must be on a lane that exists there."
                 )
-            check_speed(vehicle, self.speed_limit_m_s)
-            check_changes(vehicle, plan.start.lanes)
-            for other in self.vehicles[:number]:
-                apart_m = abs(vehicle.position_m - other.position_m)
-                check_pair(vehicle, other, apart_m, self.vehicle_length_m)
+            check_placed(self, number, plan.start.lanes)
 
     @abstractmethod
     def plan(self) -> OpenPlan:

@@ -8,10 +8,11 @@ import numpy as np
 
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
+from drl_av.traffic.bounds import LENGTHS_M, WIDTHS_M, check_numbers
 
 CAR_FOLLOWING_MODELS: dict[str, dict[str, str]] = {"IDM": {}, "Krauss": {"sigma": "0"}, "ACC": {}}
 """The allowed models of SUMO, with the attributes that make each of them deterministic."""
-BOUNDS = {"share": (0.0, 1.0), "length_m": (1.0, 25.0), "width_m": (0.5, 5.0)}
+BOUNDS = {"share": (0.0, 1.0), "length_m": LENGTHS_M, "width_m": WIDTHS_M}
 COLOR = "150,170,200"
 
 
@@ -41,14 +42,7 @@ class OwnVehicleType:
                 f"A vehicle type's id is {self.id!r}, which is the type of other vehicles: "
                 "rename it."
             )
-        for name, (low, high) in BOUNDS.items():
-            value = getattr(self, name)
-            if type(value) not in (int, float) or not low <= value <= high:
-                raise ScenarioError(
-                    f"Vehicle type {self.id!r}: {name} is {value!r}, but must be a number from "
-                    f"{low:g} to {high:g}."
-                )
-            object.__setattr__(self, name, float(value))
+        check_numbers(self, f"Vehicle type {self.id!r}: ", BOUNDS)
         model = self.car_following_model
         if model not in CAR_FOLLOWING_MODELS:
             raise ScenarioError(

@@ -7,6 +7,7 @@ from typing import Any
 
 from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import ScenarioError
+from drl_av.traffic.bounds import LENGTHS_M, WIDTHS_M
 
 VEHICLE = {
     "minGap": repr(STANDSTILL_GAP_M),
@@ -33,7 +34,7 @@ cutting in so closely that the model could not brake in time. Its tau of 1.5 s c
 in which the ego still accelerates."""
 COLORS = {"traffic": "240,190,40", "ego": "233,64,200"}
 APPEARANCE = ("id", "color", "guiShape")
-BOUNDS = {"length": (1.0, 25.0), "width": (0.5, 5.0)}
+BOUNDS = {"length": LENGTHS_M, "width": WIDTHS_M}
 """Smallest and largest allowed values of some attributes, metres; the others must be above 0."""
 
 
