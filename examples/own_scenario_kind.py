@@ -13,9 +13,9 @@ import drl_av  # registers the environments
 from drl_av.config import Config
 from drl_av.config.schema import setting
 from drl_av.drivers.registry import rule_driver
-from drl_av.traffic.kind import OpenStart
+from drl_av.traffic.kind import Edge, OpenPlan, OpenStart
 from drl_av.traffic.kinds import KINDS
-from drl_av.traffic.open_road import BEYOND_M, Edge, OpenDescription, OpenPlan, open_kind
+from drl_av.traffic.open_road import BEYOND_M, OpenDescription, open_kind
 from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
 from drl_av.traffic.scenario import write_scenario
 

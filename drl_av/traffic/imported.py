@@ -14,12 +14,7 @@ from drl_av.errors import ScenarioError
 from drl_av.traffic import open_road
 from drl_av.traffic.bounds import check_numbers
 from drl_av.traffic.carriageway import Carriageway, carriageway
-from drl_av.traffic.description import (
-    LANE_WIDTH_M,
-    LANES,
-    SPEED_LIMIT_M_S,
-    toml_text,
-)
+from drl_av.traffic.description import LANE_WIDTH_M, LANES, SPEED_LIMIT_M_S, toml_text
 from drl_av.traffic.exit import AFTER_M, ASIDE_M, require_usual_ego_reaches_exit
 from drl_av.traffic.kind import Edge, Layout, OpenPlan, OpenStart, ScenarioKind
 from drl_av.traffic.net_route import Route, Section, read_route

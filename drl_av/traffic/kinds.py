@@ -15,8 +15,6 @@ from drl_av.traffic.merge import MERGE
 from drl_av.traffic.ramp_to_ramp import RAMP_TO_RAMP
 from drl_av.traffic.straight import STRAIGHT
 
-__all__ = ["KINDS", "ScenarioKind", "kind_of", "stated_kind"]
-
 KINDS: dict[str, ScenarioKind] = {
     "loop": LOOP,
     "straight": STRAIGHT,

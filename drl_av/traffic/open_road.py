@@ -21,7 +21,7 @@ from drl_av.traffic.description import (
     toml_text,
 )
 from drl_av.traffic.kind import Edge, Layout, OpenPlan, Point, ScenarioKind
-from drl_av.traffic.network import PRECISION, netconvert, xml_text
+from drl_av.traffic.network import PRECISION, netconvert
 from drl_av.traffic.open_demo import traffic
 from drl_av.traffic.own_types import OwnVehicleType
 from drl_av.traffic.sumo_edges import in_sumo
@@ -31,7 +31,6 @@ START_M = 300.0
 BEYOND_M = 250.0
 """Length of road with other vehicles beyond the end of the ego's way; it is the ego's range."""
 TOLERANCE = 1e-6
-__all__ = ["BEYOND_M", "START_M", "Edge", "OpenDescription", "OpenPlan", "open_kind", "xml_text"]
 
 
 @dataclass(frozen=True)

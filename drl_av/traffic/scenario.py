@@ -141,7 +141,7 @@ def read_description(path: Path, remedy: str = WRITE_AGAIN) -> Any:
         ScenarioError: the file cannot be read, or its contents are wrong. If it cannot be read, the
             message ends with ``remedy``, which says what the user can do.
     """
-    described = {kind: KINDS[kind].description for kind in KINDS}
+    described = {name: kind.description for name, kind in KINDS.items()}
     return from_toml(_text(path, remedy), str(path), described)
 
 

@@ -3,15 +3,8 @@
 from dataclasses import dataclass
 
 from drl_av.config.schema import setting
-from drl_av.traffic.kind import OpenStart
-from drl_av.traffic.open_road import (
-    BEYOND_M,
-    START_M,
-    Edge,
-    OpenDescription,
-    OpenPlan,
-    open_kind,
-)
+from drl_av.traffic.kind import Edge, OpenPlan, OpenStart
+from drl_av.traffic.open_road import BEYOND_M, START_M, OpenDescription, open_kind
 from drl_av.traffic.road import OPEN_LAP_M, Road
 
 
