@@ -102,16 +102,18 @@ def network_text(description: OpenDescription) -> str:
                 nodes[end] = f"n{len(nodes)}"
                 place = {"x": _text(x_m), "y": _text(y_m), "type": "priority"}
                 ET.SubElement(roots["node"], "node", {"id": nodes[end]} | place)
-        _add_edge(roots["edge"], edge, [nodes[end] for end in ends], description)
+        _add_edge(roots["edge"], edge, [nodes[end] for end in ends], plan, description)
     for way in sorted(_connections(plan)):
         keys = ("from", "fromLane", "to", "toLane")
         ET.SubElement(roots["connection"], "connection", dict(zip(keys, way, strict=True)))
     return netconvert(roots)
 
 
-def _add_edge(root: ET.Element, edge: Edge, nodes: list[str], description: OpenDescription) -> None:
+def _add_edge(
+    root: ET.Element, edge: Edge, nodes: list[str], plan: OpenPlan, description: OpenDescription
+) -> None:
     """Add an edge to netconvert's input; without a shape its lanes lie to the right of a line."""
-    leftmost = len(description.plan().road.open_lanes) - 1
+    leftmost = len(plan.road.open_lanes) - 1
     line_m = -(leftmost - edge.lanes[-1]) * description.lane_width_m
     ends = zip((edge.begin_m, edge.end_m), edge.drawn_aside_m, strict=True)
     shape = edge.shape or tuple((s_m, line_m - aside_m) for s_m, aside_m in ends)
