@@ -56,7 +56,6 @@ class Simulation:
         self._release: weakref.finalize[..., Simulation] | None = None
         self.after_step: Callable[[Snapshot], None] | None = None
         """A function that the simulation calls after each SUMO step, or None."""
-        self._ids: tuple[str, ...] = ()
         others = scenario.vehicle_types.others.values()
         speeds_m_s = (kind.lateral_speed_m_s for kind in others)
         self._fastest_aside_m_s = max(LATERAL_SPEED_M_S, *speeds_m_s)
@@ -75,7 +74,6 @@ class Simulation:
             SimulationError: SUMO refuses the scenario.
         """
         self.fleet.draw(seed, vehicles)
-        self._ids = self.fleet.ids
         try:
             self._put_on_the_road(seed)
         except BaseException as error:
@@ -100,9 +98,9 @@ class Simulation:
     def _watch(self) -> None:
         """Prepare to read the vehicles that are on the road now, and to find their collisions."""
         fleet = self.fleet
-        self._readings.watch(self._ids, fleet.length_m)
+        self._readings.watch(fleet.ids, fleet.length_m)
         sizes_m = fleet.length_m.tolist(), fleet.width_m.tolist()
-        self._bodies = Bodies(self._ids, *sizes_m, self.road, self._fastest_aside_m_s)
+        self._bodies = Bodies(fleet.ids, *sizes_m, self.road, self._fastest_aside_m_s)
 
     def _read(self) -> None:
         """Read the state of all vehicles from SUMO."""
@@ -131,21 +129,21 @@ class Simulation:
         if not self._owns_sumo():
             raise SimulationError("SUMO does not run for this simulation: reset it first.")
         collision, timing = None, self._config.simulation
+        ids, vehicle = self.fleet.ids, self._sumo.vehicle
         try:
             for row, side in self.fleet.lane_changes(self._time_s, self._y_m):
-                vehicle = self._ids[row]
-                if self.fleet.kinds[row] == Kind.SUMO or is_centered(self._sumo.vehicle, vehicle):
-                    self._sumo.vehicle.changeLaneRelative(vehicle, side, LANE_CHANGE_S)
-            ask_for_lane_changes(self._sumo.vehicle, self._ids, traffic_commands, timing)
+                if self.fleet.kinds[row] == Kind.SUMO or is_centered(vehicle, ids[row]):
+                    vehicle.changeLaneRelative(ids[row], side, LANE_CHANGE_S)
+            ask_for_lane_changes(vehicle, ids, traffic_commands, timing)
             asks = traffic_commands or self._config.traffic.keep_stopping_distance
-            near: Sequence[int] = range(EGO + 1, len(self._ids))
+            near: Sequence[int] = range(EGO + 1, len(ids))
             if self._ego_lateral_speed_m_s is not None:
                 near = self._bodies.within_reach(
                     self._s_m, self._y_m, self._speed_m_s, commands, timing.step_length_s
                 )
             for command in commands:
                 if asks:
-                    ask_for_speeds(self._sumo.vehicle, self._ids, traffic_commands, self._config)
+                    ask_for_speeds(vehicle, ids, traffic_commands, self._config)
                 collision = self._step(command, near)
                 if collision is not None:
                     break
@@ -179,7 +177,6 @@ class Simulation:
         if exchanged is None:
             return
         kept, entering = exchanged
-        self._ids = self.fleet.ids
         for first, vehicle in enumerate(entering, start=len(kept)):
             self._populate(vehicle, first)
         self._watch()
@@ -291,7 +288,7 @@ class Simulation:
         s_m, y_m, speed, lateral = np.frombuffer(packed).reshape(4, -1)
         return Snapshot(
             time_s=self._time_s,
-            ids=self._ids,
+            ids=self.fleet.ids,
             s_m=s_m,
             y_m=y_m,
             speed_m_s=speed,
