@@ -3,6 +3,7 @@
 import os
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -151,20 +152,16 @@ def _first(frames: Iterator[Picture], path: Path) -> Picture:
 
 def _write_mp4(temporary: Path, path: Path, frames: Iterator[Picture], fps: float) -> int:
     """Write an .mp4 file to ``temporary``; return the number of frames. Errors name ``path``."""
-    frame = _even(_first(frames, path))
-    height, width = frame.shape[:2]
+    first = _even(_first(frames, path))
+    height, width = first.shape[:2]
     with _encoding(path):
         encoder = _encoder(temporary, (width, height), fps)
     count = 0
     with closing(encoder):
-        while True:
+        for frame in chain([first], map(_even, frames)):
             with _encoding(path):
                 encoder.send(np.ascontiguousarray(frame))
             count += 1
-            following = next(frames, None)
-            if following is None:
-                break
-            frame = _even(following)
     with _encoding(path):
         if imageio_ffmpeg.count_frames_and_secs(str(temporary))[0] != count:
             raise RuntimeError("frames are missing from the file")
