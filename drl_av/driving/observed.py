@@ -1,7 +1,5 @@
 """The action and the lane change that describe the observed motion of an ego driven by SUMO."""
 
-from typing import NamedTuple
-
 from drl_av.config import Config
 from drl_av.driving.actions import Action, Lateral, nearest_action, toward
 from drl_av.driving.scene import LaneChange, Scene
@@ -12,19 +10,14 @@ STILL_M = 1e-6
 """Largest lateral movement within a decision that is ignored."""
 
 
-class Observed(NamedTuple):
-    """The action that is nearest to an observed motion, and the lane change that results."""
-
-    action: Action
-    lane_change: LaneChange | None
-    """The lane change in progress after the decision, or None."""
-
-
-def observed(before: Scene, after: Snapshot, road: Road, config: Config) -> Observed:
+def observed(
+    before: Scene, after: Snapshot, road: Road, config: Config
+) -> tuple[Action, LaneChange | None]:
     """Return the action nearest to the ego's motion from ``before`` to ``after`` (ours).
 
-    A lane change begins when the ego leaves the centre of its lane. It is aborted when the ego
-    reverses its lateral direction, and it ends at the centre of a lane.
+    The second result is the lane change in progress after the decision, or None. A lane change
+    begins when the ego leaves the centre of its lane. It is aborted when the ego reverses its
+    lateral direction, and it ends at the centre of a lane.
     """
     gained_m_s = float(after.speed_m_s[EGO]) - before.affordances.ego_speed_m_s
     acceleration = gained_m_s / config.simulation.decision_interval_s
@@ -40,7 +33,7 @@ def observed(before: Scene, after: Snapshot, road: Road, config: Config) -> Obse
         change = LaneChange(lane, lane + sign) if change is None else change.reversed()
     lane = road.lane_of(y_m)
     if change is None or abs(y_m - road.center_m(lane)) <= ARRIVED_M:
-        return Observed(Action(lateral, longitudinal), None)
+        return Action(lateral, longitudinal), None
     if (y_m - road.center_m(change.target)) * change.sign > 0:  # it continues to the next lane
         change = LaneChange(change.target, change.target + change.sign)
-    return Observed(Action(lateral, longitudinal), change)
+    return Action(lateral, longitudinal), change
