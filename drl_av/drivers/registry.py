@@ -19,7 +19,7 @@ from drl_av.drivers.gap_mobil import GapMobilDriver
 from drl_av.drivers.learned import LearnedDriver, Margins, considerate, learned_driver
 from drl_av.drivers.mobil import MobilDriver
 from drl_av.drivers.passing import NoPassingOnTheRight
-from drl_av.drivers.planner import PlannerDriver
+from drl_av.drivers.planner.driver import PlannerDriver
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.drivers.sumo import TUNED, SumoDriver
 from drl_av.driving.affordances import INDICATORS

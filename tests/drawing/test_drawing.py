@@ -9,8 +9,9 @@ import pytest
 from PIL import Image
 from programs import python
 
-from drl_av.drawing import Caption, Picture, draw
 from drl_av.drawing.film import interpolated, write_video
+from drl_av.drawing.panels import Caption
+from drl_av.drawing.picture import Picture, draw
 from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, Band
 from drl_av.drawing.sheet import ALARM, AMBER, ASPHALT, EGO_COLOR, GROUND, speed_color
 from drl_av.errors import RecordingError

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from worlds import ROAD, ahead, snapshot
 
-from drl_av.drawing import Caption, draw, next_caption, renderer
-from drl_av.drawing.renderer import GuiRenderer, PictureRenderer, Renderer
+from drl_av.drawing import renderer
+from drl_av.drawing.panels import Caption
+from drl_av.drawing.picture import draw
+from drl_av.drawing.renderer import GuiRenderer, PictureRenderer, Renderer, next_caption
 from drl_av.env.highway import HighwayEnv
 
 START = {"seed": 42, "vehicles": 7, "speed_m_s": 20.0}

@@ -12,8 +12,9 @@ from drives import HARD_BRAKE, KEEP, LEFT, until_over
 from gymnasium.utils.env_checker import check_env
 
 from drl_av.config import Config
-from drl_av.drawing import Caption, draw
 from drl_av.drawing.film import Film
+from drl_av.drawing.panels import Caption
+from drl_av.drawing.picture import draw
 from drl_av.drivers.registry import rule_driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout

@@ -22,7 +22,7 @@ from worlds import (
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.planner import PlannerDriver
+from drl_av.drivers.planner.driver import PlannerDriver
 from drl_av.drivers.registry import rule_driver
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
