@@ -1,5 +1,7 @@
 """The vehicles of an open road: where they start, who enters, and who leaves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,6 +18,7 @@ from drl_av.traffic.inflow import (
     vehicles_of_flow,
 )
 from drl_av.traffic.kind import OpenStart
+from drl_av.traffic.places import safe_speed, safe_speeds
 from drl_av.traffic.population import Population
 
 TRAFFIC, EGO, LENGTH_M = TrafficConfig(), EgoConfig(), 5.0
@@ -53,8 +56,8 @@ def test_vehicles_start_and_enter_at_most_at_the_limit_of_their_place() -> None:
     assert population.desired_speed_m_s[slow].min() >= 20.0
     crawl = SLOW._replace(speed_limits=((50.0, 10.0), *SLOW.speed_limits))
     found = Inflow(np.random.default_rng(0), 100, crawl, LENGTH_M, TRAFFIC, EGO)
-    entering = [found.entering(float(second), {}) for second in range(60)]
-    assert {float(each.speed_m_s[0]) for each in entering if each is not None} == {10.0}
+    entering = [one for second in range(60) for one in found.entering(float(second), {})]
+    assert {float(one.speed_m_s[0]) for one in entering} == {10.0}
 
 
 @given(st.sampled_from([STRAIGHT, RAMP]), st.integers(0, 150), st.integers(0, 2**32))
@@ -101,36 +104,52 @@ def inflow(vehicles: int = 100, seed: int = 0) -> Inflow:
 
 def test_vehicles_enter_at_the_rate_that_keeps_their_number() -> None:
     # 100 vehicles at 20 m/s on 2,400 m: 0.83 a second
-    entered, found = 0, inflow()
-    for second in range(3000):
-        population = found.entering(float(second), {})
-        entered += 0 if population is None else len(population.ids)
+    found = inflow()
+    entered = sum(len(found.entering(float(second), {})) for second in range(3000))
     assert entered == pytest.approx(2500, rel=0.04)
 
 
 def test_a_vehicle_enters_on_the_road_as_a_whole_with_a_name_of_its_own() -> None:
     found, ids = inflow(), []
     for second in range(60):
-        population = found.entering(float(second), {})
-        if population is not None:
-            ids += population.ids
-            assert (population.front_m == LENGTH_M).all()
-            assert (population.speed_m_s == population.desired_speed_m_s).all()
+        for vehicle in found.entering(float(second), {}):
+            ids += vehicle.ids
+            assert vehicle.front_m == LENGTH_M
+            assert vehicle.speed_m_s == vehicle.desired_speed_m_s
     assert ids == [f"vehicle{101 + number}" for number in range(len(ids))]
 
 
 def test_a_vehicle_waits_while_the_last_one_is_too_near_and_enters_behind_it_safely() -> None:
     found = inflow()
     blocked = dict.fromkeys(range(3), Last(12.9, 0.0))  # 7.9 m behind it, below 8 m
-    assert all(found.entering(float(second), blocked) is None for second in range(100))
+    assert not any(found.entering(float(second), blocked) for second in range(100))
     slow = dict.fromkeys(range(3), Last(45.0, 10.0))
-    population = found.entering(100.0, slow)
-    assert population is not None
-    assert sorted(population.lane) == [0, 1, 2]
+    entering = found.entering(100.0, slow)
+    assert sorted(int(vehicle.lane[0]) for vehicle in entering) == [0, 1, 2]
     # free 40 - 2.5 m: sqrt(10^2 + 2 * 2 * 37.5) = 15.8 m/s stops behind it with 2 m/s^2
-    assert population.speed_m_s.max() <= 15.82
-    assert population.speed_m_s.min() >= 10.0
+    assert all(10.0 <= vehicle.speed_m_s[0] <= 15.82 for vehicle in entering)
+
+
+def test_a_truck_enters_on_the_road_as_a_whole_too() -> None:
+    trucks = replace(TRAFFIC, truck_share=1.0, truck_length_m=12.0)
+    found = Inflow(np.random.default_rng(0), 100, STRAIGHT, LENGTH_M, trucks, EGO)
+    # its front is at 12 m, so a rear at 19.9 m leaves 7.9 m, below 8 m, where a car has 14.9 m
+    near = dict.fromkeys(range(3), Last(19.9, 30.0))
+    assert not any(found.entering(float(second), near) for second in range(100))
+    assert {vehicle.front_m[0] for vehicle in found.entering(100.0, {})} == {12.0}
 
 
 def test_no_vehicle_enters_a_road_without_traffic() -> None:
-    assert all(inflow(0).entering(float(second), {}) is None for second in range(1000))
+    assert not any(inflow(0).entering(float(second), {}) for second in range(1000))
+
+
+@given(
+    *(st.floats(low, high) for low, high in ((0.1, 60.0), (0.5, 10.0), (0.0, 500.0), (0.0, 60.0)))
+)
+def test_one_vehicle_starts_as_fast_as_it_would_among_others(
+    desired: float, headway_s: float, gap_m: float, ahead: float
+) -> None:
+    speeds = np.array([desired, ahead])
+    gaps_m = np.array([gap_m, np.inf])
+    [one, _] = safe_speeds(speeds, np.array([headway_s, 0.5]), gaps_m, np.array([1, 1]))
+    assert safe_speed(desired, headway_s, gap_m, ahead) == pytest.approx(one, rel=1e-12)
