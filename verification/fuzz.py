@@ -7,15 +7,14 @@ The exit status is 1 if an input fails; each failure is named on a line of its o
 """
 
 import contextlib
-import io
 import random
+import shutil
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
-from drl_av.cli import main
-from drl_av.config import Config, from_toml
+from drl_av.config import Config, from_toml, load_config
 from drl_av.config.stored import load_stored
 from drl_av.drivers.policy_file import PRETRAINED, load_policy
 from drl_av.errors import DrlAvError
@@ -25,16 +24,28 @@ from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.store import MadeWith, ResultStore
 from drl_av.files import read_table
 from drl_av.traffic.imported import ImportedDescription
-from drl_av.traffic.scenario import find_scenario, load_scenario, read_description
-from verification.fuzz_driving import Attempt, apart, driven_config, driven_scenario, route
+from drl_av.traffic.scenario import (
+    find_scenario,
+    load_scenario,
+    read_description,
+    shipped_scenarios,
+)
+from verification.fuzz_driving import (
+    Attempt,
+    apart,
+    driven_config,
+    driven_scenario,
+    original_positions,
+    positions,
+    route,
+)
+from verification.fuzz_runs import checkpoint, command_line
 from verification.program import Program, run_program
 
 ABSURD = (b"nan", b"inf", b"-1", b"1e400", b"9" * 5000, b"\0", b"\xff\xfe", b"[" * 3000, b"'", b"$")
 TABLE = b"driver,vehicles,mean_speed_m_s\nidm,5,20.5\nmine,30,19.25\n"
-WORDS = (
-    *("evaluate", "figures", "config", "export", "--out", "--seed", "--episodes", "--jobs", "-1"),
-    *("--driver", "idm", "nan", "1e999", "", "--vehicles", "--config", "/dev/null", "--nonsense"),
-)
+ODD = (b"-1", b"0", b"3.5", b"1e400", b"true", b"'x'", b"[]", b"{a=1}", b"07:32:00", b"9" * 30)
+"""TOML values that most settings are not."""
 
 
 def mutated(data: bytes, rng: random.Random) -> bytes:
@@ -57,9 +68,20 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
 
 def _config(rng: random.Random, folder: Path) -> None:
     file = folder / "config.toml"
-    file.write_bytes(mutated(Config().to_toml().encode(), rng))
-    found = load_stored(file)
+    text = Config().to_toml().encode()
+    file.write_bytes(rng.choice((mutated, _odd_setting))(text, rng))
+    found = rng.choice((load_stored, load_config))(file)
     assert from_toml(found.to_toml()) == found
+
+
+def _odd_setting(text: bytes, rng: random.Random) -> bytes:
+    """Return the settings with another value, key or section in one line."""
+    lines = text.splitlines()
+    row = rng.randrange(len(lines))
+    key = lines[row].partition(b"=")[0].strip()
+    key = rng.choice((key, key, key, b"wings", b'"a\\nb"', b"learning.seed", b"[learning]"))
+    lines[row] = key + b" = " + rng.choice(ODD)
+    return b"\n".join((*lines, b""))
 
 
 def _scenario(rng: random.Random, folder: Path) -> None:
@@ -69,6 +91,22 @@ def _scenario(rng: random.Random, folder: Path) -> None:
     file = rng.choice(sorted(folder.iterdir()))
     file.write_bytes(mutated(file.read_bytes(), rng))
     assert np.isfinite(load_scenario(folder).road.lap_m)
+
+
+def _checked_scenario(rng: random.Random, folder: Path) -> None:
+    shipped = sorted(shipped_scenarios().values())
+    original, other = rng.choice(shipped), rng.choice(shipped)
+    home = Path(shutil.copytree(original, folder / "scenario"))
+    file = rng.choice(sorted(home.iterdir()))
+    how = rng.choice(("changed", "changed", "another's", "missing"))
+    if how == "missing":
+        file.unlink()
+    elif how == "changed":
+        file.write_bytes(mutated(file.read_bytes(), rng))
+    elif (other / file.name).exists():
+        file.write_bytes((other / file.name).read_bytes())
+    load_scenario(home)
+    assert positions(home) == original_positions(original)
 
 
 def _network(rng: random.Random, folder: Path) -> None:
@@ -128,28 +166,18 @@ def _store(rng: random.Random, folder: Path) -> None:
     assert np.isfinite([float(row["mean_speed_m_s"]) for row in found.rows]).all()
 
 
-def _command_line(rng: random.Random, folder: Path) -> None:
-    words = [rng.choice(WORDS) for _ in range(rng.randint(0, 5))]
-    said = io.StringIO()
-    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
-        try:
-            status = main([rng.choice(("figures", "config", "nonsense")), *words])
-        except SystemExit as ended:
-            status = int(ended.code or 0)
-    assert status in (0, 1, 2)
-    assert status != 1 or said.getvalue().count("\n") == 1
-
-
 KINDS: dict[str, Attempt] = {
     "config": _config,
     "scenario": _scenario,
+    "checked scenario": _checked_scenario,
     "network": _network,
     "description": _description,
     "policy": _policy,
+    "checkpoint": checkpoint,
     "recording": _recording,
     "table": _table,
     "store": _store,
-    "command line": _command_line,
+    "command line": command_line,
     "driven config": apart(driven_config),
     "driven scenario": apart(driven_scenario),
 }
