@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from nets import A10, EAST, WEST, Part, along, chain, east
 from plain_sumo import run_sumo, states
+from runs import files_of
 
 from drl_av.cli import main
 from drl_av.errors import ScenarioError
@@ -99,11 +100,7 @@ def test_what_is_written_reads_back_equal_and_to_the_same_bytes(a10: Path, tmp_p
     scenario = load_scenario(a10)
     assert scenario.as_written
     write_scenario(tmp_path / "again", scenario.description)
-    assert sorted(file.name for file in (tmp_path / "again").iterdir()) == sorted(
-        file.name for file in a10.iterdir()
-    )
-    for file in (tmp_path / "again").iterdir():
-        assert file.read_bytes() == (a10 / file.name).read_bytes(), file.name
+    assert files_of(tmp_path / "again") == files_of(a10)
     text = (a10 / "scenario.toml").read_text()
     assert text.startswith('kind = "imported"\n')
     assert 'net = "highway.net.xml"' in text

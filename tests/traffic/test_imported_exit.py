@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from nets import LEAVING_WAYS, TWO_LANES, TWO_LANES_WAYS, along, east, leaving
 from plain_sumo import trips
+from runs import files_of
 from worlds import scene
 
 from drl_av.cli import main
@@ -116,8 +117,7 @@ def test_what_is_written_reads_back_to_the_same_bytes(folder: Path, tmp_path: Pa
     scenario = load_scenario(folder)
     assert scenario.as_written
     write_scenario(tmp_path / "again", scenario.description)
-    for file in folder.iterdir():
-        assert (tmp_path / "again" / file.name).read_bytes() == file.read_bytes(), file.name
+    assert files_of(tmp_path / "again") == files_of(folder)
     # of the edges after the exit the folder has the first one
     assert 'to_edge = "off"' in (folder / "scenario.toml").read_text()
     network = ET.parse(folder / "highway.net.xml").getroot()

@@ -63,6 +63,9 @@ def test_shipped_scenario_is_regenerated_byte_for_byte(name: str, tmp_path: Path
     write_scenario(tmp_path / "elsewhere", described)
     made, kept = files_of(tmp_path / "elsewhere"), files_of(folder)
     assert made == kept
+    scenario = load_scenario(folder)
+    assert scenario.as_written
+    assert scenario.description == described
 
 
 @pytest.mark.parametrize("name", SHIPPED)
