@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.drivers.network import QNetwork
 from drl_av.learning.checkpoint import save_policy
@@ -98,6 +99,13 @@ def one_sentence(text: str) -> str:
 def error_message(capsys: pytest.CaptureFixture[str]) -> str:
     """The one sentence on stderr."""
     return one_sentence(capsys.readouterr().err)
+
+
+def refused_scenario(capsys: pytest.CaptureFixture[str], folder: Path, *words: str) -> str:
+    """The sentence with which ``drl-av scenario`` refuses to write ``folder/new``."""
+    assert main(["scenario", str(folder / "new"), *words]) == 1
+    assert not (folder / "new").exists()
+    return error_message(capsys)
 
 
 def disk_tape(monkeypatch: pytest.MonkeyPatch) -> list[str]:

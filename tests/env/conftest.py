@@ -36,9 +36,11 @@ def barricaded() -> Iterator[HighwayEnv]:
 def place(tmp_path: Path, stack: ExitStack) -> Place:
     """Makes an environment in which vehicles stand exactly where a test wants them."""
 
-    def placed(*vehicles: PlacedVehicle, **arguments: Any) -> HighwayEnv:
+    def placed(
+        *vehicles: PlacedVehicle, kind: type[Any] = ScenarioDescription, **arguments: Any
+    ) -> HighwayEnv:
         folder = tmp_path / f"scenario{len(list(tmp_path.iterdir()))}"
-        write_scenario(folder, ScenarioDescription(vehicles=vehicles))
+        write_scenario(folder, kind(vehicles=vehicles))
         env = HighwayEnv(folder, **({"safety_check": "permit_all"} | arguments))
         return stack.enter_context(closing(env))
 

@@ -1,11 +1,10 @@
 """Exits: the ego leaves by the off-ramp or misses it, and SUMO drives it on in both cases."""
 
 from collections.abc import Callable
-from contextlib import ExitStack, closing
-from pathlib import Path
+from contextlib import closing
 
 import pytest
-from drives import KEEP, LEFT, RIGHT, until_over
+from drives import KEEP, LEFT, RIGHT, Place, until_over
 
 from drl_av.config import Config
 from drl_av.drivers.registry import rule_driver
@@ -14,7 +13,6 @@ from drl_av.env.rollout import rollout
 from drl_av.traffic.description import PlacedVehicle
 from drl_av.traffic.exit import ExitDescription, OffRamp
 from drl_av.traffic.ramp_to_ramp import RampToRampDescription
-from drl_av.traffic.scenario import write_scenario
 from drl_av.traffic.snapshot import CollisionKind
 
 GORES_M = {ExitDescription: 1300.0, RampToRampDescription: 1750.0}
@@ -23,14 +21,13 @@ Placed = Callable[[type[OffRamp], int, float], HighwayEnv]
 
 
 @pytest.fixture
-def placed(tmp_path: Path, stack: ExitStack) -> Placed:
+def placed(place: Place) -> Placed:
     """Makes an environment with the ego alone in a lane, so many metres before the gore."""
 
     def make(kind: type[OffRamp], lane: int, before_m: float) -> HighwayEnv:
         ego = PlacedVehicle("ego", lane, GORES_M[kind] - before_m, 25.0, 30.0)
-        write_scenario(tmp_path / "placed", kind(vehicles=(ego,)))
-        env = HighwayEnv(tmp_path / "placed", safety_check="permit_all")
-        stack.enter_context(closing(env)).reset(seed=0)
+        env = place(ego, kind=kind)
+        env.reset(seed=0)
         return env
 
     return make
@@ -73,26 +70,20 @@ def test_ego_that_has_changed_lanes_before_the_gore_takes_the_exit(placed: Place
     assert info["way"] == "exit taken"
 
 
-def test_another_vehicle_placed_in_the_deceleration_lane_takes_the_off_ramp(
-    tmp_path: Path,
-) -> None:
+def test_another_vehicle_placed_in_the_deceleration_lane_takes_the_off_ramp(place: Place) -> None:
     others = (
         PlacedVehicle("in", 0, 1280.0, 20.0, 20.0),
         PlacedVehicle("by", 1, 1280.0, 20.0, 20.0),
     )
     ego = PlacedVehicle("ego", 3, 1200.0, 20.0, 30.0)
-    write_scenario(tmp_path / "placed", ExitDescription(vehicles=(ego, *others)))
-    with closing(HighwayEnv(tmp_path / "placed")) as env:
-        env.reset(seed=0)
-        for _ in range(4):
-            env.step(KEEP)
-        shot = env.scene.snapshot
-        assert dict(zip(shot.ids, shot.y_m.round(1), strict=True)) == {
-            "ego": 11.4,
-            "in": 0.0,
-            "by": 3.8,
-        }
-        assert shot.s_m[1:] == pytest.approx(1357.5, abs=1.0)
+    env = place(ego, *others, kind=ExitDescription, safety_check="paper")
+    env.reset(seed=0)
+    for _ in range(4):
+        env.step(KEEP)
+    shot = env.scene.snapshot
+    found = dict(zip(shot.ids, shot.y_m.round(1), strict=True))
+    assert found == {"ego": 11.4, "in": 0.0, "by": 3.8}
+    assert shot.s_m[1:] == pytest.approx(1357.5, abs=1.0)
 
 
 @pytest.mark.parametrize("scenario", ["exit", "ramp_to_ramp"])

@@ -8,7 +8,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-from drives import HARD_BRAKE, KEEP, LEFT, until_over
+from drives import HARD_BRAKE, KEEP, LEFT, Place, until_over
 from gymnasium.utils.env_checker import check_env
 
 from drl_av.config import Config
@@ -95,11 +95,9 @@ def test_the_flow_of_the_scenario_says_how_many_vehicles_there_are(merge: Highwa
 
 
 @pytest.fixture
-def unchecked(tmp_path: Path) -> Iterator[HighwayEnv]:
+def unchecked(place: Place) -> HighwayEnv:
     """The ego alone on the acceleration lane, 111 m before its end, without a check."""
-    write_scenario(tmp_path / "placed", MergeDescription(vehicles=(EGO,)))
-    with closing(HighwayEnv(tmp_path / "placed", safety_check="permit_all")) as env:
-        yield env
+    return place(EGO, kind=MergeDescription)
 
 
 def test_ego_that_drives_on_where_its_lane_ends_hits_the_edge(unchecked: HighwayEnv) -> None:
@@ -120,13 +118,11 @@ def test_ego_that_changes_in_time_drives_on(unchecked: HighwayEnv) -> None:
     assert unchecked.scene.snapshot.s_m[0] > 760.0
 
 
-def test_ego_that_crosses_the_divider_of_the_ramp_hits_the_edge(tmp_path: Path) -> None:
-    ego = PlacedVehicle("ego", 0, 410.0, 10.0, 30.0)
-    write_scenario(tmp_path / "placed", MergeDescription(vehicles=(ego,)))
-    with closing(HighwayEnv(tmp_path / "placed", safety_check="permit_all")) as env:
-        env.reset(seed=0)
-        assert until_over(env, LEFT)["collision"] == CollisionKind.HIT_EDGE.value
-        assert env.scene.snapshot.y_m[0] < 1.1
+def test_ego_that_crosses_the_divider_of_the_ramp_hits_the_edge(place: Place) -> None:
+    env = place(PlacedVehicle("ego", 0, 410.0, 10.0, 30.0), kind=MergeDescription)
+    env.reset(seed=0)
+    assert until_over(env, LEFT)["collision"] == CollisionKind.HIT_EDGE.value
+    assert env.scene.snapshot.y_m[0] < 1.1
 
 
 @pytest.mark.parametrize(

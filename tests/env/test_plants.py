@@ -1,8 +1,7 @@
 """Either lateral plant and any longitudinal reference in real SUMO, by the config alone."""
 
-from pathlib import Path
-
 import pytest
+from drives import Place
 from worlds import CENTER, LANE_M
 
 from drl_av.config import Config
@@ -12,7 +11,7 @@ from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
+from drl_av.traffic.scenario import PlacedVehicle
 
 KEEP, ACCELERATE, RIGHT, LEFT = 0, 1, 4, 8
 STEERED = Config().updated("ego", lateral_plant="steering")
@@ -53,20 +52,18 @@ def test_a_random_driver_under_the_check_stays_on_the_road(scenario: str) -> Non
 
 @pytest.mark.parametrize(("reference", "gap_m"), [("acc", 22.0), ("idm", 22.72)])
 def test_accelerate_follows_a_slower_vehicle_under_a_longitudinal_reference(
-    tmp_path: Path, reference: str, gap_m: float
+    place: Place, reference: str, gap_m: float
 ) -> None:
     # gaps as worked out in test_car_following; by number, accelerate would run into it
     slow = PlacedVehicle("slow", 1, 150.0, 15.0, 15.0)
     ego = PlacedVehicle("ego", 1, 50.0, 25.0, 30.0)
-    write_scenario(tmp_path / "two", ScenarioDescription(vehicles=(ego, slow)))
     quiet = Config().updated("traffic", random_lane_changes_per_s=0.0)
     config = quiet.updated("ego", longitudinal_reference=reference)
-    env = HighwayEnv(tmp_path / "two", "permit_all", config)
+    env = place(ego, slow, config=config)
     env.reset(seed=0)
     for _ in range(90):
         terminated, info = env.step(ACCELERATE)[2::2]
         assert not terminated
-    env.close()
     assert info["speed_m_s"] == pytest.approx(15.0, abs=0.1)
     assert env.scene.affordances.ego_y_m == pytest.approx(CENTER)
     assert info["indicators"][0] == pytest.approx(gap_m, abs=0.6)

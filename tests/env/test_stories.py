@@ -1,12 +1,12 @@
 """The stories that ship with drl-av, in the real SUMO: what happens in each of them."""
 
-from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from drives import HARD_BRAKE, KEEP, LEFT, RIGHT
+from runs import refused_scenario
 
 from drl_av.cli import main
 from drl_av.env.highway import HighwayEnv
@@ -153,11 +153,6 @@ def test_hard_braking_alone_is_safe_in_each_story() -> None:
         assert end(tell(story, HARD_BRAKE, decisions=4)) == ""
 
 
-def refused(words: Sequence[str], capsys: pytest.CaptureFixture[str]) -> str:
-    assert main(["scenario", *words]) == 1
-    return capsys.readouterr().err
-
-
 def test_a_story_is_written_by_its_name_and_changed_by_options(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -171,6 +166,6 @@ def test_a_story_is_written_by_its_name_and_changed_by_options(
     assert main(["scenario", str(tmp_path / "wider"), *again]) == 0
     with closing(HighwayEnv(tmp_path / "wider")) as env:
         assert len(env.road.open_lanes) == 4
-    said = refused([str(tmp_path / "none"), "--from", "stalled_vehicl"], capsys)
+    said = refused_scenario(capsys, tmp_path, "--from", "stalled_vehicl")
     assert "There is no scenario 'stalled_vehicl' (did you mean 'stalled_vehicle'?)" in said
-    assert "none.toml is missing" in refused([str(tmp_path / "x"), "--from", "none.toml"], capsys)
+    assert "none.toml is missing" in refused_scenario(capsys, tmp_path, "--from", "none.toml")

@@ -1,12 +1,10 @@
 """The outcome of the ego's way, which every episode on a road with an exit or a ramp has."""
 
 from collections.abc import Callable
-from contextlib import ExitStack, closing
-from pathlib import Path
 from typing import Any
 
 import pytest
-from drives import BRAKE, KEEP, LEFT, RIGHT
+from drives import BRAKE, KEEP, LEFT, RIGHT, Place
 
 from drl_av.config import Config
 from drl_av.drivers.registry import rule_driver
@@ -16,7 +14,6 @@ from drl_av.env.rollout import rollout
 from drl_av.traffic.description import PlacedVehicle
 from drl_av.traffic.exit import ExitDescription
 from drl_av.traffic.merge import MergeDescription
-from drl_av.traffic.scenario import write_scenario
 from drl_av.traffic.straight import StraightDescription
 
 EXIT_M, LANE_END_M = 1300.0, 750.0
@@ -29,15 +26,12 @@ def ego(lane: int, position_m: float, speed_m_s: float = 25.0) -> PlacedVehicle:
 
 
 @pytest.fixture
-def placed(tmp_path: Path, stack: ExitStack) -> Placed:
+def placed(place: Place) -> Placed:
     """Makes an environment without a check from the vehicles on a kind of road."""
 
     def make(kind: type[Any], *vehicles: PlacedVehicle, decisions: int = 200) -> HighwayEnv:
-        folder = tmp_path / str(len(list(tmp_path.iterdir())))
-        write_scenario(folder, kind(vehicles=vehicles))
-        config = Config().updated("simulation", scenario=str(folder))
-        config = config.updated("simulation", decisions_per_episode=decisions)
-        env = stack.enter_context(closing(HighwayEnv(safety_check="permit_all", config=config)))
+        config = Config().updated("simulation", decisions_per_episode=decisions)
+        env = place(*vehicles, kind=kind, config=config)
         env.reset(seed=0)
         return env
 

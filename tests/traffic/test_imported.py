@@ -2,6 +2,7 @@
 
 import gzip
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import pytest
 from nets import A10, EAST, WEST, Part, along, chain, east
 from plain_sumo import run_sumo, states
-from runs import files_of
+from runs import files_of, refused_scenario
 
 from drl_av.cli import main
 from drl_av.errors import ScenarioError
@@ -244,10 +245,8 @@ def refused(
     """The sentence with which the command line refuses a network."""
     first, last = ends.split()
     given = ["--net", str(net), f"--from-edge={first}", f"--to-edge={last}", *words]
-    assert main(["scenario", str(folder / "new"), "--kind", "imported", *given]) == 1
-    [line] = capsys.readouterr().err.splitlines()
+    line = refused_scenario(capsys, folder, "--kind", "imported", *given)
     assert str(net) in line or words
-    assert not (folder / "new").exists()
     return line
 
 
@@ -313,8 +312,7 @@ def test_a_road_that_cannot_be_driven_is_refused_in_one_sentence(
         assert along(net, len(parts) - 1).plan().start.lanes == (0,)
         return
     line = refused(capsys, tmp_path, net, ends=f"e0 e{len(parts) - 1}")
-    with pytest.raises(ScenarioError, match=reason):
-        raise ScenarioError(line)
+    assert re.search(reason, line)
 
 
 @pytest.mark.parametrize(
@@ -349,8 +347,7 @@ def test_a_route_that_is_not_there_and_settings_that_do_not_fit_are_refused(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     line = refused(capsys, tmp_path, A10, *words, ends=ends)
-    with pytest.raises(ScenarioError, match=reason):
-        raise ScenarioError(line)
+    assert re.search(reason, line)
 
 
 def test_a_road_that_is_too_slow_for_the_flow_is_refused(tmp_path: Path) -> None:
@@ -419,8 +416,7 @@ def test_a_file_that_is_no_sound_network_is_refused_in_one_sentence(
     assert spoilt != text
     (tmp_path / "own.net.xml").write_text(spoilt, encoding="utf-8")
     line = refused(capsys, tmp_path, tmp_path / "own.net.xml", ends=" ".join(EAST))
-    with pytest.raises(ScenarioError, match=reason):
-        raise ScenarioError(line)
+    assert re.search(reason, line)
 
 
 def test_absurd_routes_and_names_are_refused(
@@ -429,8 +425,8 @@ def test_absurd_routes_and_names_are_refused(
     net = chain(tmp_path, Part(2), Part(2), Part(2))
     net.write_text(net.read_text().replace('"e0"', '"e 0"').replace('"e0_', '"e 0_'))
     given = ["--kind", "imported", "--net", str(net), "--from-edge", "e 0", "--to-edge", "e2"]
-    assert main(["scenario", str(tmp_path / "new"), *given]) == 1
-    assert "netconvert cannot build this road: Error: Invalid edge id" in capsys.readouterr().err
+    line = refused_scenario(capsys, tmp_path, *given)
+    assert "netconvert cannot build this road: Error: Invalid edge id" in line
     monkeypatch.setattr(net_route, "MOST_EDGES", 4)
     line = refused(capsys, tmp_path, A10, ends=" ".join(EAST))
     assert "the route has 5 edges, but may have 4: join them by netconvert" in line

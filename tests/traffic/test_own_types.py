@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from nets import needed
 from plain_sumo import states
+from runs import refused_scenario
 
 from drl_av.cli import main
 from drl_av.env.highway import HighwayEnv
@@ -225,6 +226,4 @@ def test_a_wrong_file_is_refused_in_one_sentence(
     if text is not None:
         (tmp_path / "wrong.toml").write_text(text)
     source = ["--from", str(tmp_path / "wrong.toml")]
-    assert main(["scenario", str(tmp_path / "made"), *source, *words]) == 1
-    assert message in " ".join(capsys.readouterr().err.split())
-    assert not (tmp_path / "made").exists()
+    assert message in refused_scenario(capsys, tmp_path, *source, *words)
