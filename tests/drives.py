@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,11 @@ RESULT = EpisodeResult(
     d_safe_violations=0,
 )
 """The row of an episode."""
+
+
+def episode(driver: str, seed: int, speed_m_s: float, **changed: Any) -> EpisodeResult:
+    """The row of another episode."""
+    return replace(RESULT, driver=driver, seed=seed, mean_speed_m_s=speed_m_s, **changed)
 
 
 def traffic_row(driver: str, traffic: str, seed: int, speed: float, hit: bool = False) -> Row:

@@ -4,6 +4,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
+from drives import episode
 
 import drl_av
 from drl_av.cli import main
@@ -17,16 +18,10 @@ from drl_av.evaluation.judgement import judge
 COMFORT = dict.fromkeys(set(CriticalityResult.__annotations__), 0)
 
 
-def row(driver: str, seed: int, speed_m_s: float, **changed: object) -> EpisodeResult:
-    plain = dict.fromkeys(EpisodeResult.__annotations__, 0)
-    given = {"driver": driver, "seed": seed, "mean_speed_m_s": speed_m_s, "decisions": 100}
-    return EpisodeResult(**plain | given | changed)  # type: ignore[arg-type]
-
-
 def drives(driver: str, *speeds_m_s: float, **changed: object) -> list[EpisodeResult]:
     """Two episodes among each of as many numbers of vehicles as the speeds need."""
     return [
-        row(driver, index % 2, speed, vehicles=index // 2 * 5, **changed)
+        episode(driver, index % 2, speed, vehicles=index // 2 * 5, decisions=100, **changed)
         for index, speed in enumerate(speeds_m_s)
     ]
 
@@ -133,7 +128,7 @@ def test_a_pass_is_not_required_if_none_is_judged(capsys: pytest.CaptureFixture[
 
 
 def test_a_single_episode_has_no_interval_and_no_infinite_one_is_printed() -> None:
-    mine, theirs = row("mine", 1, 25.0), row("sumo", 1, 24.0)
+    mine, theirs = episode("mine", 1, 25.0), episode("sumo", 1, 24.0)
     [judgement] = judge([mine, theirs])
     assert judgement.failures == ("speed",)
     assert "  gain in speed 1.00 m/s; a single episode has no interval\n" in str(judgement)

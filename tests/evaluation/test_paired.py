@@ -1,22 +1,15 @@
 """Gains over baselines on the same traffic, paired by seed: worked by hand."""
 
-from dataclasses import replace
-
 import pytest
-from drives import RESULT
+from drives import episode
 
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.paired import paired
 
 
-def result(driver: str, vehicles: int, seed: int, speed_m_s: float) -> EpisodeResult:
-    seeded = replace(RESULT, driver=driver, vehicles=vehicles, seed=seed)
-    return replace(seeded, mean_speed_m_s=speed_m_s)
-
-
 def drives(driver: str, vehicles: int, **speeds_m_s: float) -> list[EpisodeResult]:
-    return [result(driver, vehicles, int(s[1:]), v) for s, v in speeds_m_s.items()]
+    return [episode(driver, int(s[1:]), v, vehicles=vehicles) for s, v in speeds_m_s.items()]
 
 
 ROWS = [
@@ -57,4 +50,4 @@ def test_drivers_that_did_not_drive_the_same_seeds_are_not_compared() -> None:
     with pytest.raises(DrlAvError, match="ours and sumo did not drive"):
         paired(ROWS, "ours", ["sumo"])
     with pytest.raises(DrlAvError, match="idm drove seed 0 among 5 vehicles twice"):
-        paired([*ROWS, result("idm", 5, 0, 1.0)], "ours", ["idm"])
+        paired([*ROWS, episode("idm", 0, 1.0, vehicles=5)], "ours", ["idm"])

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from drives import RESULT
+from drives import RESULT, episode
 
 from drl_av.cli import main
 from drl_av.env.metrics import EpisodeResult
@@ -17,7 +17,7 @@ def drives(driver: str, ways: str, *speeds_m_s: float) -> list[EpisodeResult]:
     """One episode for each letter of ``ways``, where x is a missed exit; the seeds count up."""
     outcomes = {"o": "exit taken", "x": "exit missed"}
     return [
-        replace(RESULT, driver=driver, seed=seed, mean_speed_m_s=speed, way=outcomes[way])
+        episode(driver, seed, speed, way=outcomes[way])
         for seed, (way, speed) in enumerate(zip(ways, speeds_m_s, strict=True))
     ]
 
