@@ -108,7 +108,8 @@ def stable_baselines3(name: str, seed: int) -> Drivers:
         settings = BY_HAND | draw(TRIAL + 1)[TRIAL]
         if name == "qrdqn":
             settings["policy_kwargs"] = settings["policy_kwargs"] | {"n_quantiles": 25}
-        agent = {"dqn": DQN, "qrdqn": QRDQN}[name]("MlpPolicy", env, seed=seed, device="cpu", **settings)
+        make = {"dqn": DQN, "qrdqn": QRDQN}[name]
+        agent = make("MlpPolicy", env, seed=seed, device="cpu", **settings)
         begun_s = time.process_time()
         agent.learn(CHECKPOINTS * every, callback=keep)
     return drivers
