@@ -6,7 +6,7 @@ fast   the preset fast
 dqn    stable-baselines3's DQN with the hyperparameters of ``examples/rl_zoo3.yml``; its reward is
        the paper's, minus the ``learning.unsafe_penalty`` of ``fast`` for each replaced action
 qrdqn  the same with distributional targets: QR-DQN of sb3-contrib (Dabney et al. 2018), with 25
-       quantiles; its default of 200 takes 20 times as long
+       quantiles; its default of 200 takes many times as long
 
 All make 40,000 decisions in the same kind of traffic under the check ``paper``. After every 2,000
 decisions the networks are copied. When the training has ended, each copy drives the same 14
