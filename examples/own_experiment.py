@@ -11,9 +11,8 @@ from drl_av.experiments.cells import Drives
 from drl_av.experiments.experiment import Experiment, Results, reproduce
 from drl_av.experiments.markdown import count, markdown_table, mean_speed
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.plan import Plan
+from drl_av.experiments.plan import Plan, by
 from drl_av.experiments.store import MadeWith
-from drl_av.files import Row
 
 T_MIN_S = ("3.0", "1.5")
 VEHICLES = 20
@@ -26,11 +25,7 @@ def plan(options: ReproduceOptions) -> Plan:
         Drives(config, ("idm-mobil",), VEHICLES, options.drives, named=(("t_min_s", t),))
         for t, config in configs.items()
     ]
-
-    def place(row: Row) -> tuple[int, int]:
-        return T_MIN_S.index(row["t_min_s"]), int(row["seed"])
-
-    return Plan(MadeWith(configs), [cells], place)
+    return Plan(MadeWith(configs), [cells], order=by(t_min_s=T_MIN_S, seed=int))
 
 
 def summary(results: Results) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from drl_av.config import Config
 from drl_av.drivers.policy_file import find_policy
@@ -12,7 +13,7 @@ from drl_av.errors import DrlAvError, counted
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.plan import Plan
+from drl_av.experiments.plan import Plan, by
 from drl_av.experiments.provenance import checksum
 from drl_av.experiments.store import MadeWith, seeds_held
 from drl_av.experiments.training_jobs import TrainingJob
@@ -80,6 +81,42 @@ class Drives:
             for result in results:
                 found = selected(result, *self.columns)
                 yield {name: v for name, v in self.key.items() if name not in found} | found
+
+
+class TableDriver(NamedTuple):
+    """A driver whose episodes are rows of a table; it exists, or a training makes it."""
+
+    name: str
+    """Name of the driver in the table, and of its settings in the provenance."""
+    driver: str
+    """Name of the driver, or folder of its run."""
+    config: Config
+    """The settings with which it drives."""
+    job: TrainingJob | None = None
+    """The training that makes it; None if the driver exists already."""
+    named: tuple[tuple[str, str], ...] = ()
+    """The (column, value) pairs that all of its rows have in common."""
+
+    def drives(
+        self, vehicles: int, seeds: int, columns: tuple[str, ...], first_seed: int = 0
+    ) -> Drives:
+        """Return the cell in which the driver drives; the arguments are those of ``Drives``."""
+        fields = (self.config, (self.driver,), vehicles, seeds, columns, self.named)
+        return Drives(*fields, self.job, first_seed)
+
+
+def made_with(drivers: Sequence[TableDriver]) -> MadeWith:
+    """Return the settings, policies and lengths of training of drivers, for the provenance.
+
+    The settings of a driver that is trained are those of its training.
+
+    Raises RunError or CheckpointError if a learned driver cannot be read.
+    """
+    return MadeWith(
+        {each.name: each.job.config if each.job else each.config for each in drivers},
+        policies_of([each.driver for each in drivers if each.job is None]),
+        {each.name: each.job.stop for each in drivers if each.job},
+    )
 
 
 def selected(result: EpisodeResult, *names: str) -> Row:
@@ -189,26 +226,18 @@ def trained_drives(
     Each driver drives ``options.drives`` episodes at each number of vehicles in DENSITIES. A row
     holds the fields ``columns``.
     """
-    cells = [
-        Drives(
-            job.config,
-            (str(job.folder),),
-            vehicles,
-            options.drives,
-            columns,
-            (("training", job.name),),
-            job,
-        )
+    drivers = [
+        TableDriver(job.name, str(job.folder), job.config, job, (("training", job.name),))
         for job in jobs
-        for vehicles in DENSITIES
     ]
-    settings = {job.name: job.config for job in jobs}
-    made_with = MadeWith(settings, {}, {job.name: job.stop for job in jobs})
-    return Plan(made_with, [cells], _place, named="training")
+    cells = [
+        each.drives(vehicles, options.drives, columns) for each in drivers for vehicles in DENSITIES
+    ]
+    order = by(training=_place, vehicles=DENSITIES, seed=int)
+    return Plan(made_with(drivers), [cells], order, named="training")
 
 
-def _place(row: Row) -> tuple[bool, str, int, int, int]:
-    """Return the sort key of a row: the variant "paper" first, then variant, seed and vehicles."""
-    variant, _, number = row["training"].rpartition("-")
-    vehicles = DENSITIES.index(int(row["vehicles"]))
-    return variant != "paper", variant, int(number), vehicles, int(row["seed"])
+def _place(training: str) -> tuple[bool, str, int]:
+    """Return the sort key of a training: the variant "paper" first, then variant and seed."""
+    variant, _, number = training.rpartition("-")
+    return variant != "paper", variant, int(number)

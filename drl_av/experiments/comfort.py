@@ -10,7 +10,7 @@ from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import collisions_cell, markdown_table
 from drl_av.experiments.opponents import LEARNED
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.plan import Plan
+from drl_av.experiments.plan import Plan, by
 from drl_av.experiments.store import MadeWith
 from drl_av.files import Row
 
@@ -55,12 +55,8 @@ def comfort_plan(options: ReproduceOptions) -> Plan:
         for kind, config in configs.items()
         for vehicles in DENSITIES
     ]
-    return Plan(MadeWith(configs, policies_of(LEARNED)), [cells], _place, named="traffic")
-
-
-def _place(row: Row) -> tuple[int, int, int, int]:
-    kind, driver = SINGLE_KINDS.index(row["traffic"]), DRIVERS.index(row["driver"])
-    return kind, DENSITIES.index(int(row["vehicles"])), int(row["seed"]), driver
+    order = by(traffic=SINGLE_KINDS, vehicles=DENSITIES, seed=int, driver=DRIVERS)
+    return Plan(MadeWith(configs, policies_of(LEARNED)), [cells], order, named="traffic")
 
 
 def _total(rows: Iterable[Row], column: str) -> float:

@@ -2,12 +2,11 @@
 
 from collections.abc import Iterable, Sequence
 from functools import partial
-from typing import NamedTuple
 
-from drl_av.config import SINGLE_KINDS, Config
+from drl_av.config import SINGLE_KINDS
 from drl_av.config.presets import preset
 from drl_av.evaluation.statistics import Mean, mean_difference
-from drl_av.experiments.cells import Drives, policies_of
+from drl_av.experiments.cells import Drives, TableDriver, made_with
 from drl_av.experiments.density_sweep import DRIVER
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import (
@@ -17,8 +16,7 @@ from drl_av.experiments.markdown import (
     speeds_by_traffic,
 )
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.plan import Plan
-from drl_av.experiments.store import MadeWith
+from drl_av.experiments.plan import Plan, by
 from drl_av.experiments.training_jobs import TrainingJob
 from drl_av.files import Row
 
@@ -57,25 +55,8 @@ def cross_table_plan(options: ReproduceOptions) -> Plan:
     drivers = [TableDriver(name, name, config) for name in (*UNTRAINED, DRIVER)]
     drivers += [TableDriver(job.name, str(job.folder), job.config, job) for job in jobs]
     cells = in_each_kind(drivers, DENSITIES, FIRST_SEED, min(options.drives, DRIVES), COLUMNS)
-    made_with = MadeWith(
-        {each.name: each.config for each in drivers},
-        policies_of([DRIVER]),
-        {job.name: job.stop for job in jobs},
-    )
-    return Plan(made_with, [cells], _place, named="driver")
-
-
-class TableDriver(NamedTuple):
-    """A driver of the table, trained by the experiment or not."""
-
-    name: str
-    """Name of the driver in the table."""
-    driver: str
-    """Name of the driver, or folder of its run."""
-    config: Config
-    """The settings with which it drives."""
-    job: TrainingJob | None = None
-    """The training that makes it; None if the driver exists already."""
+    order = by(driver=ORDER, traffic=SINGLE_KINDS, vehicles=DENSITIES, seed=int)
+    return Plan(made_with(drivers), [cells], order, named="driver")
 
 
 def in_each_kind(
@@ -86,26 +67,18 @@ def in_each_kind(
     columns: tuple[str, ...],
 ) -> list[Drives]:
     """Return the cells in which each driver drives in each kind of traffic at each density."""
-    return [
-        Drives(
-            each.config.with_traffic(kind),
-            (each.driver,),
-            vehicles,
-            seeds,
-            columns,
-            (("driver", each.name), ("traffic", kind)),
-            each.job,
-            first_seed,
+    in_kinds = [
+        each._replace(
+            config=each.config.with_traffic(kind), named=(("driver", each.name), ("traffic", kind))
         )
         for each in drivers
         for kind in SINGLE_KINDS
+    ]
+    return [
+        each.drives(vehicles, seeds, columns, first_seed)
+        for each in in_kinds
         for vehicles in densities
     ]
-
-
-def _place(row: Row) -> tuple[int, int, int, int]:
-    driver, kind = ORDER.index(row["driver"]), SINGLE_KINDS.index(row["traffic"])
-    return driver, kind, DENSITIES.index(int(row["vehicles"])), int(row["seed"])
 
 
 def gains(rows: Sequence[Row], driver: str) -> dict[str, Mean]:

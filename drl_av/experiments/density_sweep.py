@@ -31,7 +31,7 @@ from drl_av.experiments.markdown import (
     speeds_by_traffic,
 )
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.plan import Cell, Plan
+from drl_av.experiments.plan import Cell, Plan, by
 from drl_av.files import Row
 
 if TYPE_CHECKING:
@@ -74,7 +74,8 @@ def sweep_plan(options: ReproduceOptions) -> Plan:
         return cell(vehicles + STEP, DRIVER) if more else None
 
     cells = [cell(vehicles, driver) for vehicles in DENSITIES for driver in SWEPT]
-    return Plan(driven_with(config, DRIVERS), [cells], _place, next_cell, _line)
+    order = by(vehicles=_density, seed=int, driver=SWEPT)
+    return Plan(driven_with(config, DRIVERS), [cells], order, next_cell, _line)
 
 
 def _capacity(config: Config) -> int:
@@ -84,12 +85,12 @@ def _capacity(config: Config) -> int:
         return env.simulation.fleet.capacity
 
 
-def _place(row: Row) -> tuple[int, int, int]:
-    """Return the sort key of a row; raise ValueError if there is no such cell."""
-    vehicles, beyond = int(row["vehicles"]), int(row["vehicles"]) - DENSITIES[-1]
-    if vehicles not in DENSITIES and (beyond <= 0 or beyond % STEP):
+def _density(vehicles: str) -> int:
+    """Return a number of vehicles; raise ValueError if the sweep has no such number."""
+    number, beyond = int(vehicles), int(vehicles) - DENSITIES[-1]
+    if number not in DENSITIES and (beyond <= 0 or beyond % STEP):
         raise ValueError(f"vehicles is {vehicles}")
-    return vehicles, int(row["seed"]), SWEPT.index(row["driver"])
+    return number
 
 
 def gains_of(rows: Iterable[Row], cell: Cell, opponents: Sequence[str]) -> list[Paired]:

@@ -14,9 +14,8 @@ from drl_av.experiments.density_sweep import DRIVER
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import count, markdown_table, mean_of, speeds_by_traffic
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.plan import Plan
+from drl_av.experiments.plan import Plan, by
 from drl_av.experiments.store import MadeWith
-from drl_av.files import Row
 
 DRIVERS = (DRIVER, "idm", "idm-mobil")
 EPISODES = 15
@@ -48,13 +47,8 @@ def literal_plan(options: ReproduceOptions) -> Plan:
         for vehicles in DENSITIES
         for name, config in configs.items()
     ]
-    names = list(VARIANTS)
-
-    def place(row: Row) -> tuple[int, int, int, int]:
-        driver = DRIVERS.index(row["driver"])
-        return int(row["vehicles"]), int(row["seed"]), names.index(row["variant"]), driver
-
-    return Plan(MadeWith(configs, policies_of([DRIVER])), [cells], place)
+    order = by(vehicles=int, seed=int, variant=VARIANTS, driver=DRIVERS)
+    return Plan(MadeWith(configs, policies_of([DRIVER])), [cells], order)
 
 
 def changed(config: Config, settings: Settings) -> Config:

@@ -44,6 +44,20 @@ class Cell(Protocol):
         """Make and yield the missing rows in ``jobs`` processes; ``rows`` are the existing ones."""
 
 
+def by(**columns: Iterable[object] | Callable[[str], Any]) -> Callable[[Row], tuple[Any, ...]]:
+    """Return a function that returns the sort key of a row, for ``Plan.order``.
+
+    The rows are sorted by the first column, then by the second, and so on. For each column
+    ``columns`` holds all of its values in their order, or a function of its text, such as ``int``.
+    The sort key of a row with another value raises ValueError.
+    """
+    places = {
+        column: values if callable(values) else [*map(str, values)].index
+        for column, values in columns.items()
+    }
+    return lambda row: tuple(place(row[column]) for column, place in places.items())
+
+
 @dataclass(frozen=True)
 class Plan:
     """The cells of an experiment's results table, in stages that are done one after the other."""
@@ -52,7 +66,7 @@ class Plan:
     """The settings and drivers of the rows."""
     stages: Sequence[Sequence[Cell]]
     order: Callable[[Row], Any]
-    """Function that returns the sort key of a row, which is unique in the table."""
+    """Function that returns the sort key of a row, which is unique in the table; see ``by``."""
     next_cell: Callable[[list[Row], Cell], Cell | None] = lambda rows, cell: None
     """Function that returns a further cell, given the rows so far and the last cell; None ends the
     plan."""

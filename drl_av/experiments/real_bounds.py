@@ -9,17 +9,15 @@ from collections.abc import Iterable
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from drl_av.config import Config
 from drl_av.config.presets import preset
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.experiments.canvas import label_axes, panels
-from drl_av.experiments.cells import Drives, policies_of
+from drl_av.experiments.cells import TableDriver, made_with
 from drl_av.experiments.density_sweep import DRIVER
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import collisions, densities_of, markdown_table
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
-from drl_av.experiments.store import MadeWith
 from drl_av.experiments.strictness import draw_changes, speed_change, under
 from drl_av.experiments.training_jobs import TrainingJob
 from drl_av.files import Row
@@ -64,23 +62,18 @@ def real_bounds_plan(options: ReproduceOptions) -> Plan:
     """
     jobs = trainings(options)
     config = options.settings_of([DRIVER])
-    drivers: list[tuple[str, str, str, Config, TrainingJob | None]] = [
-        (DRIVER, bounds, DRIVER, under(config, bounds), None)
+    shipped = TableDriver(DRIVER, DRIVER, config)
+    trained = [TableDriver(job.name, str(job.folder), job.config, job) for job in jobs]
+    drivers = [
+        (shipped._replace(config=under(config, bounds)), bounds)
         for bounds in ("paper", "strict", "real")
     ]
-    drivers += [(job.name, "real", str(job.folder), job.config, job) for job in jobs]
+    drivers += [(each, "real") for each in trained]
     cells = [
-        Drives(
-            own,
-            (driver,),
-            vehicles,
-            min(options.drives, DRIVES),
-            COLUMNS,
-            (("driver", name), ("bounds", bounds)),
-            job,
-            FIRST_SEED,
+        each._replace(named=(("driver", each.name), ("bounds", bounds))).drives(
+            vehicles, min(options.drives, DRIVES), COLUMNS, FIRST_SEED
         )
-        for name, bounds, driver, own, job in drivers
+        for each, bounds in drivers
         for vehicles in DENSITIES
     ]
     order = [(DRIVER, bounds) for bounds in ("paper", "strict", "real")]
@@ -90,12 +83,7 @@ def real_bounds_plan(options: ReproduceOptions) -> Plan:
         vehicles = DENSITIES.index(int(row["vehicles"]))
         return order.index((row["driver"], row["bounds"])), vehicles, int(row["seed"])
 
-    made_with = MadeWith(
-        {DRIVER: config} | {job.name: job.config for job in jobs},
-        policies_of([DRIVER]),
-        {job.name: job.stop for job in jobs},
-    )
-    return Plan(made_with, [cells], place, named="driver")
+    return Plan(made_with([shipped, *trained]), [cells], place, named="driver")
 
 
 def driven(rows: Iterable[Row], kind: str, bounds: str, vehicles: int) -> list[list[Row]]:

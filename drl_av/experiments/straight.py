@@ -13,7 +13,7 @@ from drl_av.experiments.figures import curves_by_density
 from drl_av.experiments.markdown import collisions_cell, markdown_table
 from drl_av.experiments.opponents import LEARNED
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.plan import Plan
+from drl_av.experiments.plan import Plan, by
 from drl_av.experiments.store import MadeWith
 from drl_av.files import Row
 from drl_av.traffic.inflow import vehicles_of_flow
@@ -57,12 +57,8 @@ def straight_plan(options: ReproduceOptions) -> Plan:
         )
         for flow in FLOWS_PER_H
     ]
-    return Plan(MadeWith({SCENARIO: config}, policies_of(LEARNED)), [cells], _place)
-
-
-def _place(row: Row) -> tuple[int, int, int]:
-    driver = DRIVERS.index(row["driver"])
-    return FLOWS_PER_H.index(int(row["flow_per_h"])), int(row["seed"]), driver
+    order = by(flow_per_h=FLOWS_PER_H, seed=int, driver=DRIVERS)
+    return Plan(MadeWith({SCENARIO: config}, policies_of(LEARNED)), [cells], order)
 
 
 def _means(rows: Iterable[Row]) -> dict[str, dict[int, Mean]]:

@@ -3,21 +3,13 @@
 from functools import partial
 
 from drl_av.config import SINGLE_KINDS
-from drl_av.experiments.cells import policies_of
-from drl_av.experiments.cross_table import (
-    REFERENCE,
-    TableDriver,
-    gain_table,
-    hits_table,
-    in_each_kind,
-)
+from drl_av.experiments.cells import TableDriver, made_with
+from drl_av.experiments.cross_table import REFERENCE, gain_table, hits_table, in_each_kind
 from drl_av.experiments.density_sweep import DRIVER
 from drl_av.experiments.experiment import Experiment
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.plan import Plan
-from drl_av.experiments.store import MadeWith
+from drl_av.experiments.plan import Plan, by
 from drl_av.experiments.training_jobs import TrainingJob
-from drl_av.files import Row
 
 NAME = "seed "
 """Beginning of the names of the trained drivers; the seed of the training follows."""
@@ -47,20 +39,13 @@ def training_seeds_plan(options: ReproduceOptions) -> Plan:
         TableDriver(f"{NAME}{seed}", str(job.folder), strict, job) for seed, job in enumerate(jobs)
     ]
     cells = in_each_kind(drivers, DENSITIES, FIRST_SEED, min(options.drives, DRIVES), COLUMNS)
-    made_with = MadeWith(
-        {each.name: each.job.config if each.job else strict for each in drivers},
-        policies_of([DRIVER]),
-        {each.name: each.job.stop for each in drivers if each.job},
-    )
-    return Plan(made_with, [cells], _place, named="driver")
+    order = by(driver=_place, traffic=SINGLE_KINDS, vehicles=DENSITIES, seed=int)
+    return Plan(made_with(drivers), [cells], order, named="driver")
 
 
-def _place(row: Row) -> tuple[int, int, int, int]:
-    name = row["driver"]
-    rules = (REFERENCE, DRIVER)
-    driver = rules.index(name) if name in rules else len(rules) + int(name.removeprefix(NAME))
-    vehicles = DENSITIES.index(int(row["vehicles"]))
-    return driver, SINGLE_KINDS.index(row["traffic"]), vehicles, int(row["seed"])
+def _place(driver: str) -> int:
+    first = (REFERENCE, DRIVER)
+    return first.index(driver) if driver in first else len(first) + int(driver.removeprefix(NAME))
 
 
 TRAINING_SEEDS = Experiment(

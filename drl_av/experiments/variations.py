@@ -22,8 +22,7 @@ from drl_av.experiments.markdown import (
     mean_speed,
 )
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.plan import Plan
-from drl_av.files import Row
+from drl_av.experiments.plan import Plan, by
 
 CATCH_UP = {
     "longitudinal_reference": "acc",
@@ -47,12 +46,8 @@ def varied(
     config = options.settings_of(drivers).updated(section, **settings)
     numbers = densities or DENSITIES
     cells = [Drives(config, drivers, vehicles, options.drives) for vehicles in numbers]
-
-    def place(row: Row) -> tuple[int, int, int]:
-        place = numbers.index(int(row["vehicles"]))
-        return place, int(row["seed"]), drivers.index(row["driver"])
-
-    return Plan(driven_with(config, drivers), [cells], place)
+    order = by(vehicles=numbers, seed=int, driver=drivers)
+    return Plan(driven_with(config, drivers), [cells], order)
 
 
 def check_table(results: Results) -> str:

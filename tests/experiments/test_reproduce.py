@@ -14,7 +14,7 @@ from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.experiment import Experiment, Results, reproduce
 from drl_av.experiments.markdown import by_density, mean_speed
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.plan import Plan
+from drl_av.experiments.plan import Plan, by
 from drl_av.experiments.registry import EXPERIMENTS
 from drl_av.experiments.store import MadeWith
 from drl_av.files import Row
@@ -25,11 +25,7 @@ DRIVERS = ("idm", "random")
 def plan(options: ReproduceOptions) -> Plan:
     config = options.laid_over(Config())
     cells = [Drives(config, DRIVERS, vehicles, options.drives) for vehicles in (1, 3)]
-
-    def place(row: Row) -> tuple[int, int, int]:
-        return int(row["vehicles"]), int(row["seed"]), DRIVERS.index(row["driver"])
-
-    return Plan(driven_with(config, DRIVERS), [cells], place)
+    return Plan(driven_with(config, DRIVERS), [cells], by(vehicles=int, seed=int, driver=DRIVERS))
 
 
 def fastest(rows: list[Row]) -> list[Row]:
@@ -124,7 +120,7 @@ def test_cells_of_several_configs_continue_too(options: ReproduceOptions) -> Non
             Drives(config, ("idm",), 2, options.drives, named=(("check", check),))
             for check, config in configs.items()
         ]
-        return Plan(MadeWith(configs), [cells], lambda row: (row["check"], int(row["seed"])))
+        return Plan(MadeWith(configs), [cells], by(check=configs, seed=int))
 
     checks = Experiment(name="checks", meaning="two checks", row="an episode", plan=two_checks)
     assert [progress.done for progress in reproduce(checks, options)] == [1, 2, 3, 4]
