@@ -20,14 +20,14 @@ from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.figures import curves_by_density, speed_figure
 from drl_av.experiments.markdown import (
-    PAPER_VEHICLES,
     by_density,
     closer_than_safe,
     collisions_cell,
-    densities_of,
+    columns_by_density,
     markdown_table,
     mean_of,
     mean_speed,
+    rows_by_density,
     speeds_by_traffic,
 )
 from drl_av.experiments.options import ReproduceOptions
@@ -153,9 +153,7 @@ def driving_table(results: Results) -> str:
     The last column is over all densities up to 30 vehicles.
     """
     driven = [row for row in results.rows(TABLE) if row["driver"] == DRIVER]
-    densities = densities_of(driven)
-    columns = [[r for r in driven if int(r["vehicles"]) == density] for density in densities]
-    columns.append([r for r in driven if int(r["vehicles"]) <= PAPER_VEHICLES])
+    columns = columns_by_density(driven)
     values = {
         "reward per decision": ("mean_reward", 3),
         "r_v": ("mean_r_v", 3),
@@ -167,10 +165,11 @@ def driving_table(results: Results) -> str:
     }
     lines = []
     for name, (column, digits) in values.items():
-        means = [mean_of(rows, column) if column else closer_than_safe(rows) for rows in columns]
+        means = (
+            mean_of(rows, column) if column else closer_than_safe(rows) for rows in columns.values()
+        )
         lines.append([name, *(f"{mean:.{digits}f}" for mean in means)])
-    names = ["vehicles", *map(str, densities), f"up to {PAPER_VEHICLES}"]
-    return markdown_table(names, lines)
+    return markdown_table(["vehicles", *columns], lines)
 
 
 def gains_over_all(rows: Iterable[Row]) -> dict[str, Mean]:
@@ -192,13 +191,10 @@ def gain_table(results: Results) -> str:
     The smallest gain of each density, over the fastest opponent, is bold; a cell is empty if the
     opponent has not driven there. The last column is over all densities up to 30 vehicles.
     """
-    rows = rows_with_acc(results)
-    densities = densities_of(rows)
-    columns = [[row for row in rows if int(row["vehicles"]) == density] for density in densities]
-    columns.append([row for row in rows if int(row["vehicles"]) <= PAPER_VEHICLES])
-    gains = [gains_over_all(column) for column in columns]
+    columns = columns_by_density(rows_with_acc(results))
+    gains = [gains_over_all(rows) for rows in columns.values()]
     lines = [[f"over `{name}`", *(_gain(name, each) for each in gains)] for name in gains[0]]
-    return markdown_table(["vehicles", *map(str, densities), f"up to {PAPER_VEHICLES}"], lines)
+    return markdown_table(["vehicles", *columns], lines)
 
 
 def _gain(name: str, gains: Mapping[str, Mean]) -> str:
@@ -213,9 +209,8 @@ def gain_figure(rows: Sequence[Row]) -> "Figure":
     figure, axes = one_panel("vehicles on the loop", f"gain of {DRIVER} over each opponent, m/s")
     axes.axhline(0.0, color="#999999", linewidth=1)
     gains: dict[str, dict[int, Mean]] = {}
-    for density in densities_of(rows):
-        column = [row for row in rows if int(row["vehicles"]) == density]
-        for name, gain in gains_over_all(column).items():
+    for density, own in rows_by_density(rows).items():
+        for name, gain in gains_over_all(own).items():
             gains.setdefault(name, {})[density] = gain
     curves_by_density(axes, gains)
     return figure

@@ -23,6 +23,8 @@ from drl_av.experiments.markdown import (
     densities_of,
     markdown_table,
     mean_of,
+    rows_by_density,
+    up_to_30,
 )
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
@@ -81,11 +83,10 @@ def driven_by(rows: Iterable[Row]) -> dict[str, list[list[Row]]]:
     ``rows`` are the result of ``FAST.drawn``.
     """
     driven: dict[str, dict[str, list[Row]]] = {}
-    for row in rows:
+    for row in up_to_30(rows):
         name = row.get("training") or row["driver"]
         line = name.rpartition("-")[0] if "training" in row else name
-        if int(row["vehicles"]) <= PAPER_VEHICLES:
-            driven.setdefault(line, {}).setdefault(name, []).append(row)
+        driven.setdefault(line, {}).setdefault(name, []).append(row)
     trained = [line for line in TRAINED if line in driven]
     found = {f"{line}, {counted(len(driven[line]), 'seed')}": driven[line] for line in trained}
     baselines = (*density_sweep.DRIVERS, "gap-mobil")
@@ -105,12 +106,8 @@ def speed_over(drivers: Sequence[Sequence[Row]]) -> Mean:
 
 def by_vehicles(drivers: Sequence[Sequence[Row]]) -> dict[int, Mean]:
     """Return ``speed_over`` for each number of vehicles."""
-    return {
-        number: speed_over(
-            [[row for row in own if int(row["vehicles"]) == number] for own in drivers]
-        )
-        for number in densities_of(drivers[0])
-    }
+    driven = [rows_by_density(own) for own in drivers]
+    return {number: speed_over([own.get(number, []) for own in driven]) for number in driven[0]}
 
 
 def whole_schedule_table(results: Results) -> str:

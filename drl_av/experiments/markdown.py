@@ -26,9 +26,29 @@ def by_density(rows: Sequence[Row], column: str, cell: Callable[[list[Row]], str
     densities = densities_of(rows)
     lines = []
     for value, own in grouped(rows, itemgetter(column)).items():
-        found = [[row for row in own if int(row["vehicles"]) == density] for density in densities]
-        lines.append([f"`{value}`", *(cell(each) if each else "" for each in found)])
+        found = rows_by_density(own)
+        cells = (cell(found[number]) if number in found else "" for number in densities)
+        lines.append([f"`{value}`", *cells])
     return markdown_table(["vehicles", *map(str, densities)], lines)
+
+
+def columns_by_density(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return the rows of each column of a table by its heading: each density, then "up to 30".
+
+    The last column is over all densities up to ``PAPER_VEHICLES``.
+    """
+    columns = {str(number): own for number, own in rows_by_density(rows).items()}
+    return columns | {f"up to {PAPER_VEHICLES}": up_to_30(rows)}
+
+
+def up_to_30(rows: Iterable[Row]) -> list[Row]:
+    """Return the rows with at most ``PAPER_VEHICLES`` vehicles."""
+    return [row for row in rows if int(row["vehicles"]) <= PAPER_VEHICLES]
+
+
+def rows_by_density(rows: Iterable[Row]) -> dict[int, list[Row]]:
+    """Return the rows by their number of vehicles, in ascending order."""
+    return dict(sorted(grouped(rows, lambda row: int(row["vehicles"])).items()))
 
 
 def densities_of(rows: Iterable[Row]) -> list[int]:

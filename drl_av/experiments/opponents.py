@@ -13,7 +13,7 @@ from drl_av.evaluation.statistics import Mean, grouped, mean_difference, mean_wi
 from drl_av.experiments.canvas import label_axes, legend_of_names, panels
 from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.experiment import Experiment, Results
-from drl_av.experiments.markdown import collisions_cell, markdown_table
+from drl_av.experiments.markdown import collisions_cell, markdown_table, rows_by_density
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
 from drl_av.experiments.store import MadeWith
@@ -143,8 +143,7 @@ def _is_ours(name: str) -> bool:
 
 def _cells(rows: Iterable[Row]) -> dict[int, dict[str, dict[str, float]]]:
     """Return ``speeds`` by number of vehicles, in ascending order."""
-    found = grouped(rows, lambda row: int(row["vehicles"]))
-    return {vehicles: speeds(found[vehicles]) for vehicles in sorted(found)}
+    return {vehicles: speeds(own) for vehicles, own in rows_by_density(rows).items()}
 
 
 def _by_kind(results: Results) -> dict[str, list[Row]]:

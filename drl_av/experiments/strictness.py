@@ -14,13 +14,14 @@ from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.density_sweep import DRIVER
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import (
-    PAPER_VEHICLES,
     collisions_cell,
     count,
     densities_of,
     markdown_table,
     mean_of,
+    rows_by_density,
     speeds_by_traffic,
+    up_to_30,
 )
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
@@ -103,16 +104,12 @@ def strict_table(results: Results) -> str:
     It has one column for each density.
     """
     rows = [row for row in results.rows("strict.csv") if not row["bound"]]
-    densities = densities_of(rows)
-    strict = [
-        [row for row in rows if row["check"] == "strict" and int(row["vehicles"]) == density]
-        for density in densities
-    ]
+    strict = rows_by_density(row for row in rows if row["check"] == "strict")
     lines = [
-        ["change, %", *(str(change(rows, rows, density)) for density in densities)],
-        ["collisions", *map(collisions_cell, strict)],
+        ["change, %", *(str(change(rows, rows, density)) for density in strict)],
+        ["collisions", *map(collisions_cell, strict.values())],
     ]
-    return markdown_table(["vehicles", *map(str, densities)], lines)
+    return markdown_table(["vehicles", *map(str, strict)], lines)
 
 
 def summary_table(results: Results) -> str:
@@ -124,9 +121,7 @@ def summary_table(results: Results) -> str:
     strict = [row for row in results.rows("strict.csv") if row["check"] == "strict"]
     strict = [row | {"driver": f"{DRIVER}, strict"} for row in strict if not row["bound"]]
     driven: dict[str, list[Row]] = {DRIVER: [], f"{DRIVER}, strict": strict}
-    for row in density_sweep.rows_with_acc(results):
-        if int(row["vehicles"]) <= PAPER_VEHICLES:
-            driven.setdefault(row["driver"], []).append(row)
+    driven |= grouped(up_to_30(density_sweep.rows_with_acc(results)), itemgetter("driver"))
     gains = density_sweep.gains_over_all(row for rows in driven.values() for row in rows)
     lines = [
         [

@@ -13,13 +13,13 @@ from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.density_sweep import DRIVER, DRIVERS, GAP_RULES
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import (
-    PAPER_VEHICLES,
     closer_than_safe,
     collisions,
     count,
     markdown_table,
     mean_of,
     mean_speed,
+    up_to_30,
 )
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan, by
@@ -83,8 +83,7 @@ def reference_table(results: Results) -> str:
     lines = []
     for driver in (*DRIVERS, *GAP_RULES):
         for settings, rows in tables.items():
-            own = [row for row in rows if row["driver"] == driver]
-            own = [row for row in own if int(row["vehicles"]) <= PAPER_VEHICLES]
+            own = up_to_30(row for row in rows if row["driver"] == driver)
             if own:
                 means = [f"{mean_of(own, column):.3f}" for column in ("mean_reward", "mean_r_v")]
                 hits = f"{count(own, 'ego_hit')} of {len(own)}"
