@@ -193,13 +193,12 @@ def provenance_file(table: Path) -> Path:
 
 def _gains(rows: Sequence["EpisodeResult"], rules: Sequence[str]) -> list["Paired"]:
     """Compute each other driver's gain over the fastest rule-based driver, at each density."""
-    from drl_av.evaluation.paired import Speed, paired
+    from drl_av.evaluation.paired import paired
 
-    speeds = [Speed(row.driver, row.vehicles, row.seed, row.mean_speed_m_s) for row in rows]
     names = list(dict.fromkeys(row.driver for row in rows))
     if not rules:
         return []
-    gains = [paired(speeds, name, rules) for name in names if name not in rules]
+    gains = [paired(rows, name, rules) for name in names if name not in rules]
     return sorted((g for own in gains for g in own if g.best), key=lambda gain: gain.vehicles)
 
 

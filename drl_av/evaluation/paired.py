@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError, counted
 from drl_av.evaluation.statistics import Mean, mean_difference
 from drl_av.files import Row
@@ -50,7 +51,9 @@ class Paired(NamedTuple):
         }
 
 
-def paired(episodes: Iterable[Speed], driver: str, baselines: Sequence[str]) -> list[Paired]:
+def paired(
+    episodes: Iterable[Speed | EpisodeResult], driver: str, baselines: Sequence[str]
+) -> list[Paired]:
     """Compute the driver's gain in mean speed over each baseline at each number of vehicles.
 
     The confidence intervals are Student's t intervals (95 %) of the differences by seed.

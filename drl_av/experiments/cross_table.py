@@ -13,7 +13,7 @@ from drl_av.experiments.markdown import (
     collisions_cell,
     markdown_table,
     mean_speed,
-    speeds_by_traffic,
+    values_by_traffic,
 )
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan, by
@@ -89,7 +89,7 @@ def gains(rows: Sequence[Row], driver: str) -> dict[str, Mean]:
     """
     found = {}
     for kind in SINGLE_KINDS:
-        ours, theirs = (speeds_by_traffic(_cell(rows, name, kind)) for name in (driver, REFERENCE))
+        ours, theirs = (values_by_traffic(_cell(rows, name, kind)) for name in (driver, REFERENCE))
         found[kind] = mean_difference(ours, theirs, f"{driver} and {REFERENCE}")
     return found
 

@@ -28,7 +28,7 @@ from drl_av.experiments.markdown import (
     mean_of,
     mean_speed,
     rows_by_density,
-    speeds_by_traffic,
+    values_by_traffic,
 )
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Cell, Plan, by
@@ -178,9 +178,9 @@ def gains_over_all(rows: Iterable[Row]) -> dict[str, Mean]:
     The gains are paired by traffic. Raises DrlAvError if a driver did not drive the same traffic.
     """
     driven = grouped(rows, itemgetter("driver"))
-    ours = speeds_by_traffic(driven.pop(DRIVER))
+    ours = values_by_traffic(driven.pop(DRIVER))
     return {
-        name: mean_difference(ours, speeds_by_traffic(theirs), f"{DRIVER} and {name}")
+        name: mean_difference(ours, values_by_traffic(theirs), f"{DRIVER} and {name}")
         for name, theirs in driven.items()
     }
 

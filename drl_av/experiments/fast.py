@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from drl_av.config import Config
 from drl_av.config.presets import preset
 from drl_av.errors import counted
-from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
+from drl_av.evaluation.statistics import Mean, grouped, mean_difference, mean_with_interval
 from drl_av.experiments import density_sweep
 from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import trained_drives
@@ -25,6 +25,7 @@ from drl_av.experiments.markdown import (
     mean_of,
     rows_by_density,
     up_to_30,
+    values_by_traffic,
 )
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
@@ -64,13 +65,13 @@ def fast_table(results: Results) -> str:
     """
     seconds = results.made_by("fast.csv")["wall_time_s"]
     driven, lines = grouped(results.rows("fast.csv"), itemgetter("training")), []
-    reference = next(iter(driven.values()))
+    first = next(iter(driven))
     for name, own in driven.items():
         cells = [f"`{name}`", f"{seconds[name]:,.0f}", f"{count(own, 'ego_hit')} of {len(own)}"]
         for column, digits in (("mean_reward", 3), ("mean_speed_m_s", 2)):
-            here, there = ([float(row[column]) for row in side] for side in (own, reference))
-            gain = mean_with_interval(a - b for a, b in zip(here, there, strict=True))
-            for mean in (mean_with_interval(here), gain):
+            here, there = (values_by_traffic(side, column) for side in (own, driven[first]))
+            gain = mean_difference(here, there, f"{name} and {first}")
+            for mean in (mean_with_interval(here.values()), gain):
                 cells.append(f"{mean.value:.{digits}f} ± {mean.half_width:.{digits}f}")
         lines.append(cells)
     names = ("training", "seconds", "ego hit something", "reward per decision", "gain")

@@ -12,7 +12,7 @@ from drl_av.evaluation.statistics import grouped, mean_difference
 from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.density_sweep import DRIVER
 from drl_av.experiments.experiment import Experiment, Results
-from drl_av.experiments.markdown import count, markdown_table, mean_of, speeds_by_traffic
+from drl_av.experiments.markdown import count, markdown_table, mean_of, values_by_traffic
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan, by
 from drl_av.experiments.store import MadeWith
@@ -67,8 +67,8 @@ def literal_table(results: Results) -> str:
     lines = []
     for driver, variant in product(DRIVERS, VARIANTS):
         rows = driven[driver, variant]
-        own = speeds_by_traffic(rows)
-        plain = speeds_by_traffic(driven[driver, next(iter(VARIANTS))])
+        own = values_by_traffic(rows)
+        plain = values_by_traffic(driven[driver, next(iter(VARIANTS))])
         cells = [
             f"{mean_of(rows, 'mean_speed_m_s'):.2f}",
             str(mean_difference(own, plain, f"{driver} with {variant} and without")),

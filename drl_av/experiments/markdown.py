@@ -61,9 +61,14 @@ def mean_of(rows: Iterable[Row], column: str) -> float:
     return mean_with_interval(float(row[column]) for row in rows).value
 
 
-def speeds_by_traffic(rows: Iterable[Row]) -> dict[tuple[str, str], float]:
-    """Return the mean speed in each traffic, m/s; the keys are the number of vehicles and seed."""
-    return {(row["vehicles"], row["seed"]): float(row["mean_speed_m_s"]) for row in rows}
+def values_by_traffic(
+    rows: Iterable[Row], column: str = "mean_speed_m_s"
+) -> dict[tuple[str, str], float]:
+    """Return the value of a column in each traffic; the keys are the number of vehicles and seed.
+
+    The values of two drivers are compared by ``evaluation.statistics.mean_difference``.
+    """
+    return {(row["vehicles"], row["seed"]): float(row[column]) for row in rows}
 
 
 def mean_speed(rows: Iterable[Row]) -> str:

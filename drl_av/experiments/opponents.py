@@ -9,11 +9,17 @@ import numpy as np
 
 from drl_av.config import SINGLE_KINDS, Config
 from drl_av.evaluation.aggregates import interquartile_mean, probability_of_improvement
-from drl_av.evaluation.statistics import Mean, grouped, mean_difference, mean_with_interval
+from drl_av.evaluation.statistics import Mean, grouped, mean_difference
 from drl_av.experiments.canvas import label_axes, legend_of_names, panels
 from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.experiment import Experiment, Results
-from drl_av.experiments.markdown import collisions_cell, markdown_table, rows_by_density
+from drl_av.experiments.markdown import (
+    collisions_cell,
+    markdown_table,
+    mean_of,
+    rows_by_density,
+    values_by_traffic,
+)
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
 from drl_av.experiments.store import MadeWith
@@ -41,6 +47,8 @@ COLUMNS = (
 )
 REFERENCE = "gap-mobil"
 """The driver to which the figure compares the others."""
+Speeds = dict[tuple[str, str], float]
+"""The mean speeds of a driver, m/s, by number of vehicles and traffic seed."""
 
 
 class Variant(NamedTuple):
@@ -113,26 +121,23 @@ def label(row: Row) -> str:
     return f"{row['driver']}, {setting}" if setting else row["driver"]
 
 
-def speeds(rows: Iterable[Row]) -> dict[str, dict[str, float]]:
-    """Return the mean speeds by label and by traffic seed, m/s."""
-    found: dict[str, dict[str, float]] = {}
-    for row in rows:
-        found.setdefault(label(row), {})[row["seed"]] = float(row["mean_speed_m_s"])
-    return found
+def speeds(rows: Iterable[Row]) -> dict[str, Speeds]:
+    """Return the mean speeds by label and by traffic, m/s."""
+    return {name: values_by_traffic(own) for name, own in grouped(rows, label).items()}
 
 
-def gain(ours: dict[str, float], theirs: dict[str, float]) -> Mean:
+def gain(ours: Speeds, theirs: Speeds) -> Mean:
     """Return the mean difference of speeds with its 95 % interval, m/s.
 
     The difference is that of the episodes that both drove. Raises DrlAvError without such episodes.
     """
-    both = ours.keys() & theirs.keys()
-    ours, theirs = ({seed: own[seed] for seed in both} for own in (ours, theirs))
+    both = [traffic for traffic in ours if traffic in theirs]
+    ours, theirs = ({traffic: own[traffic] for traffic in both} for own in (ours, theirs))
     return mean_difference(ours, theirs, "The drivers")
 
 
-def best_opponent(found: dict[str, dict[str, float]]) -> str:
-    """Return the label of the fastest opponent on the mean; ``found`` is by label and episode."""
+def best_opponent(found: dict[str, Speeds]) -> str:
+    """Return the label of the fastest opponent on the mean; ``found`` is from ``speeds``."""
     theirs = {name: fmean(own.values()) for name, own in found.items() if not _is_ours(name)}
     return max(theirs, key=lambda name: theirs[name])
 
@@ -141,7 +146,7 @@ def _is_ours(name: str) -> bool:
     return name.split(",")[0] in OURS
 
 
-def _cells(rows: Iterable[Row]) -> dict[int, dict[str, dict[str, float]]]:
+def _cells(rows: Iterable[Row]) -> dict[int, dict[str, Speeds]]:
     """Return ``speeds`` by number of vehicles, in ascending order."""
     return {vehicles: speeds(own) for vehicles, own in rows_by_density(rows).items()}
 
@@ -168,10 +173,9 @@ def gain_table(results: Results) -> str:
     return markdown_table(["traffic", "driver", *map(str, VEHICLES), pooled], lines)
 
 
-def _pooled(rows: Iterable[Row]) -> dict[str, dict[str, float]]:
-    """Return ``speeds`` of the episodes with ``MIDDLE`` vehicles; keys name vehicles and seed."""
-    own = [row for row in rows if int(row["vehicles"]) in MIDDLE]
-    return speeds(row | {"seed": f"{row['vehicles']}, {row['seed']}"} for row in own)
+def _pooled(rows: Iterable[Row]) -> dict[str, Speeds]:
+    """Return ``speeds`` of the episodes with ``MIDDLE`` vehicles."""
+    return speeds(row for row in rows if int(row["vehicles"]) in MIDDLE)
 
 
 def aggregate_table(results: Results) -> str:
@@ -195,10 +199,8 @@ def speed_table(results: Results) -> str:
     """Return the Markdown table of mean speeds, m/s, and of how each driver drives."""
     rows, lines = results.rows(OPPONENTS_SWEEP.table), []
     for (kind, name), own in grouped(rows, lambda row: (row["traffic"], label(row))).items():
-        means = [
-            f"{mean_with_interval(found[name].values()).value:.2f}"
-            for found in _cells(own).values()
-        ]
+        cells = rows_by_density(own).values()
+        means = [f"{mean_of(episodes, 'mean_speed_m_s'):.2f}" for episodes in cells]
         aborts, changes = (
             sum(int(row[column]) for row in own)
             for column in ("aborted_lane_changes", "lane_changes")

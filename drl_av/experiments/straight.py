@@ -10,7 +10,7 @@ from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.figures import curves_by_density
-from drl_av.experiments.markdown import collisions_cell, markdown_table
+from drl_av.experiments.markdown import collisions_cell, markdown_table, values_by_traffic
 from drl_av.experiments.opponents import LEARNED
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan, by
@@ -85,10 +85,13 @@ def straight_table(results: Results) -> str:
 
 def straight_gain_table(results: Results) -> str:
     """Return the Markdown table of each driver's gain over ``REFERENCE``, paired by seed, m/s."""
-    speeds: dict[str, dict[str, dict[str, float]]] = {}
-    for row in results.rows(STRAIGHT.table):
-        flows = speeds.setdefault(row["driver"], {})
-        flows.setdefault(row["flow_per_h"], {})[row["seed"]] = float(row["mean_speed_m_s"])
+    speeds = {
+        driver: {
+            flow: values_by_traffic(rows)
+            for flow, rows in grouped(own, itemgetter("flow_per_h")).items()
+        }
+        for driver, own in grouped(results.rows(STRAIGHT.table), itemgetter("driver")).items()
+    }
     theirs = speeds.pop(REFERENCE)
     lines = [
         [f"`{driver}`", *(str(mean_difference(own[flow], theirs[flow], driver)) for flow in own)]

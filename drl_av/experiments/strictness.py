@@ -20,8 +20,8 @@ from drl_av.experiments.markdown import (
     markdown_table,
     mean_of,
     rows_by_density,
-    speeds_by_traffic,
     up_to_30,
+    values_by_traffic,
 )
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
@@ -180,7 +180,7 @@ def speed_change(changed: Iterable[Row], plain: Iterable[Row]) -> Mean:
     Raises:
         DrlAvError: ``rows`` and ``plain`` do not have the same traffic seeds.
     """
-    after, before = speeds_by_traffic(changed), speeds_by_traffic(plain)
+    after, before = values_by_traffic(changed), values_by_traffic(plain)
     if not after or after.keys() != before.keys():
         raise DrlAvError(
             "The drives under strict and paper are not of the same seeds: make them again with "

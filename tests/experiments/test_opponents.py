@@ -15,6 +15,7 @@ def row(driver: str, seed: int, speed: float, variant: str = "paper") -> Row:
     return {
         "driver": driver,
         "variant": variant,
+        "vehicles": "10",
         "seed": str(seed),
         "mean_speed_m_s": str(speed),
     }

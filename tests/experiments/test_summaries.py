@@ -158,8 +158,9 @@ def test_final_performance_is_the_mean_over_the_policies_of_the_mean_of_each(
 def test_gains_of_fast_are_paired_with_the_whole_schedule(tmp_path: Path) -> None:
     found = results(
         tmp_path,
-        fast="""training,mean_reward,mean_speed_m_s,ego_hit
-        paper-0,-0.1,20,False paper-0,-0.3,30,False fast-0,0.0,21,True fast-0,-0.2,31,False""",
+        fast="""training,vehicles,seed,mean_reward,mean_speed_m_s,ego_hit
+        paper-0,5,0,-0.1,20,False paper-0,5,1,-0.3,30,False
+        fast-0,5,1,-0.2,31,False fast-0,5,0,0.0,21,True""",
     )
     facts = {"wall_time_s": {"paper-0": 1271.7, "fast-0": 102.0}, "settings": {}}
     (tmp_path / "fast.json").write_text(json.dumps(facts))
