@@ -25,7 +25,7 @@ from drl_av.evaluation.statistics import grouped
 from drl_av.experiments.canvas import label_axes, panels
 from drl_av.experiments.experiment import Experiment
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.plan import Plan
+from drl_av.experiments.plan import Cell, Plan
 from drl_av.experiments.store import MadeWith
 from drl_av.experiments.values import require_numbers
 from drl_av.files import Row
@@ -88,8 +88,11 @@ def barricade_config(check: str, seed: int, episodes: int) -> Config:
 
 
 @dataclass(frozen=True)
-class BarricadeTraining:
-    """A cell of the table: one training beside the closed lane, and its driver's evaluation."""
+class BarricadeTraining(Cell):
+    """A cell of the table: one training beside the closed lane, and its driver's evaluation.
+
+    An interrupted training starts again from its beginning.
+    """
 
     config: Config
     trained_episodes: int
@@ -100,13 +103,6 @@ class BarricadeTraining:
     def key(self) -> Row:
         """The columns and values that all rows of the cell have in common."""
         return {"safety_check": self.config.safety.check, "seed": str(self.config.learning.seed)}
-
-    def check(self) -> None:
-        """Do nothing: the store of results compares the settings of the rows."""
-
-    def reported(self) -> list[Row]:
-        """Return no rows, because an interrupted training starts again from its beginning."""
-        return []
 
     def missing(self, rows: Sequence[Row]) -> int:
         """Return the number of missing rows, either all or 0.

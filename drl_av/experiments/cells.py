@@ -13,7 +13,7 @@ from drl_av.errors import DrlAvError, counted
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.plan import Plan, by
+from drl_av.experiments.plan import Cell, Plan, by
 from drl_av.experiments.provenance import checksum
 from drl_av.experiments.store import MadeWith, seeds_held
 from drl_av.experiments.training_jobs import TrainingJob
@@ -22,7 +22,7 @@ from drl_av.files import Row
 
 
 @dataclass(frozen=True)
-class Drives:
+class Drives(Cell):
     """A cell whose rows are evaluation episodes, one for each driver and traffic seed.
 
     All episodes have the same number of vehicles. The traffic seeds are consecutive.
@@ -63,10 +63,6 @@ class Drives:
         """
         drivers = len(self.drivers)
         return max(0, self.seeds - seeds_held(rows, drivers, self.first_seed)) * drivers
-
-    def reported(self) -> list[Row]:
-        """Return no rows, because all rows of this cell come from an evaluation."""
-        return []
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
         """Drive the seeds that ``rows`` lacks, in ``jobs`` processes, and yield the new rows.
@@ -126,7 +122,7 @@ def selected(result: EpisodeResult, *names: str) -> Row:
 
 
 @dataclass(frozen=True)
-class TrainingRows:
+class TrainingRows(Cell):
     """A cell whose rows are read from the folder of a training, up to its last episode."""
 
     training: TrainingJob

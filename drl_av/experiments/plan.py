@@ -17,16 +17,16 @@ from drl_av.files import Row, make_folder
 class Cell(Protocol):
     """A cell: the rows of a results table that one training or one evaluation makes."""
 
+    training: TrainingJob | None
+    """The training that must end before the rows can be made; None without a training."""
+
     @property
     def key(self) -> Row:
         """The columns and values that all rows of the cell have in common."""
 
-    @property
-    def training(self) -> TrainingJob | None:
-        """The training that must end before the rows can be made; None without a training."""
-
     def check(self) -> None:
         """Raise DrlAvError if the rows cannot be made; the plan calls this before any training."""
+        return
 
     def missing(self, rows: Sequence[Row]) -> int:
         """Return the number of episodes still to drive.
@@ -37,8 +37,9 @@ class Cell(Protocol):
     def reported(self) -> list[Row]:
         """Return the rows that the training has already written to its folder.
 
-        The list is empty if the rows come from an evaluation instead.
+        The list is empty if the rows come from ``make`` instead.
         """
+        return []
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
         """Make and yield the missing rows in ``jobs`` processes; ``rows`` are the existing ones."""
