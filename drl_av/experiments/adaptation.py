@@ -15,14 +15,13 @@ from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import training_plan
-from drl_av.experiments.convergence import curve
+from drl_av.experiments.convergence import curve, moving_average
 from drl_av.experiments.experiment import Experiment, Results
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
 from drl_av.experiments.training_jobs import TrainingJob, blocks_of
 from drl_av.files import Row
-from drl_av.traffic.road import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -112,20 +111,6 @@ def adaptation_figure(rows: list[Row]) -> "Figure":
     axes.set_ylim(bottom=0)
     axes.legend(frameon=False)
     return figure
-
-
-def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> FloatArray:
-    """Return the moving average of ``values`` over the last ``over`` episodes, shape (rows,).
-
-    ``values`` and ``episodes`` have shape (rows,). The value of a row is the mean over the episodes
-    since the previous row; ``episodes`` holds the last episode of each row. A row counts only if
-    all of its episodes are within the window.
-    """
-    counts = np.diff(episodes, prepend=0.0)
-    sums = np.concatenate(([0.0], np.cumsum(values * counts)))
-    ends = np.concatenate(([0.0], episodes))
-    begins = np.searchsorted(ends, episodes - over)
-    return np.asarray((sums[1:] - sums[begins]) / (episodes - ends[begins]))
 
 
 ADAPTATION = Experiment(

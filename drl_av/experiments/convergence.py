@@ -1,4 +1,4 @@
-"""Computes the final performance of learning curves, and the episode at which they converged."""
+"""Computes moving means of learning curves, their end, and the episode at which they converged."""
 
 from collections.abc import Iterable, Sequence
 from operator import itemgetter
@@ -86,6 +86,20 @@ def smoothed(values: Sequence[float], over: int = SMOOTHED_OVER) -> FloatArray:
     return np.array(
         [np.mean(values[max(0, place - half) : place + half + 1]) for place in range(len(values))]
     )
+
+
+def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> FloatArray:
+    """Return the moving average of ``values`` over the last ``over`` episodes, shape (rows,).
+
+    ``values`` and ``episodes`` have shape (rows,). The value of a row is the mean over the episodes
+    since the previous row; ``episodes`` holds the last episode of each row. A row counts only if
+    all of its episodes are within the window.
+    """
+    counts = np.diff(episodes, prepend=0.0)
+    sums = np.concatenate(([0.0], np.cumsum(values * counts)))
+    ends = np.concatenate(([0.0], episodes))
+    begins = np.searchsorted(ends, episodes - over)
+    return np.asarray((sums[1:] - sums[begins]) / (episodes - ends[begins]))
 
 
 def _end_of(count: int) -> int:

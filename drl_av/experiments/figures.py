@@ -14,6 +14,7 @@ from drl_av.errors import DrlAvError
 from drl_av.evaluation.aggregates import performance_profile
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.experiments.canvas import legend_of_names, one_panel, panels
+from drl_av.experiments.convergence import moving_average
 from drl_av.files import PlainNumber, read_table
 
 if TYPE_CHECKING:
@@ -58,18 +59,13 @@ def learning_figure(runs: Sequence[Path]) -> "Figure":
         [curve] = axes.plot(episodes, rewards, marker=".", zorder=2)
         if (run / "episodes.csv").is_file():
             driven = read_table(run / "episodes.csv", EVALUATION_COLUMNS, growing=True)
-            training = trailing_means([row["mean_reward"] for row in driven], SMOOTHED_OVER)
-            numbers = [row["episode"] for row in driven]
+            numbers, rewards = ([row[name] for row in driven] for name in EVALUATION_COLUMNS)
+            places = np.arange(1.0, len(driven) + 1)
+            training = moving_average(places, np.array(rewards), SMOOTHED_OVER)
             axes.plot(numbers, training, color=curve.get_color(), alpha=0.3, zorder=1)
         curves[run.name if run.name not in curves else str(run)] = curve
     legend_of_names(axes, curves)
     return figure
-
-
-def trailing_means(values: Sequence[float], count: int) -> list[float]:
-    """Compute, for each value, the mean of it and the up to ``count`` - 1 values before it."""
-    windows = (values[max(0, end - count) : end] for end in range(1, len(values) + 1))
-    return [sum(window) / len(window) for window in windows]
 
 
 def reward_figure(config: Config) -> "Figure":

@@ -9,8 +9,9 @@ from runs import error_message
 from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.errors import DrlAvError
-from drl_av.experiments.adaptation import adaptation_figure, moving_average
+from drl_av.experiments.adaptation import adaptation_figure
 from drl_av.experiments.canvas import save_figure
+from drl_av.experiments.convergence import moving_average
 from drl_av.experiments.curves import check_figure, replay_figure
 from drl_av.experiments.experiment import draw_results
 from drl_av.experiments.figures import (
