@@ -13,7 +13,7 @@ TYPES: Mapping[str, Any] = {
 """The types of the columns of an episode; a table of means has numbers in place of counts."""
 
 
-def require_values(rows: Sequence[Row], types: Mapping[str, Any] = TYPES) -> None:
+def require_values(rows: Sequence[Row]) -> None:
     """Raise ValueError if a cell does not have the type of its column.
 
     In a column without a type a number is at most ``files.LARGEST``, and no cell is NaN or
@@ -21,7 +21,7 @@ def require_values(rows: Sequence[Row], types: Mapping[str, Any] = TYPES) -> Non
     """
     for line, row in enumerate(rows, start=2):
         for column, cell in row.items():
-            kind = types.get(column) or (PlainNumber if _is_number(cell) else str)
+            kind = TYPES.get(column) or (PlainNumber if _is_number(cell) else str)
             try:
                 parse_cell(cell, kind)
             except ValueError as error:
