@@ -73,7 +73,7 @@ def test_a_gain_is_that_of_the_episodes_that_both_drove() -> None:
     assert gain(found["planner"], found["sumo"]).value == pytest.approx(3.0)
 
 
-def test_every_driver_drives_the_same_seeds_in_its_own_settings_once(
+def test_every_driver_drives_the_same_seeds_in_its_own_settings(
     tmp_path: Path, short: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(opponents, "VEHICLES", (5,))
@@ -104,8 +104,5 @@ def test_every_driver_drives_the_same_seeds_in_its_own_settings_once(
         > made["calm, acc"]["traffic"]["truck_share"]
     )
     assert (tmp_path / "opponents.png").is_file()
-    before = (tmp_path / "opponents.csv").read_bytes()
-    list(reproduce(OPPONENTS_SWEEP, short))
-    assert (tmp_path / "opponents.csv").read_bytes() == before
     for table in OPPONENTS_SWEEP.summaries.values():
         assert "| naturalistic | `pretrained, strict` | " in table(results)

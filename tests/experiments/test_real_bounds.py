@@ -16,6 +16,7 @@ from drl_av.experiments.real_bounds import (
     real_bounds_table,
 )
 from drl_av.experiments.strictness import under
+from drl_av.files import write_table
 
 SHORT = """
 [simulation]
@@ -63,9 +64,7 @@ def test_drivers_of_other_traffic_are_not_compared() -> None:
 
 def test_the_table_has_a_line_for_each_driver_that_was_driven(tmp_path: Path) -> None:
     rows = PLAIN + drives("pretrained", "real", 19.0, 29.0, hits=1)
-    names = list(rows[0])
-    lines = [",".join(names), *(",".join(row[name] for name in names) for row in rows)]
-    (tmp_path / "real_bounds.csv").write_text("\n".join(lines) + "\n")
+    write_table(tmp_path / REAL_BOUNDS.table, [*rows[0]], rows)
     table = real_bounds_table(Results(tmp_path)).splitlines()
     assert table[2:] == ["| shipped driver, bounds of real traffic | -4.00 ± 0.00 | 0 / 1 of 2 |"]
 
@@ -98,4 +97,3 @@ def test_each_driver_is_driven_in_the_same_traffic(
         )
         for seed in (0, 1)
     ]
-    assert not [step for step in reproduce(REAL_BOUNDS, options) if step.label]

