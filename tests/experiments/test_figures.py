@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drives import rows_of
 from runs import error_message
 
 from drl_av.cli import main
@@ -22,14 +23,8 @@ from drl_av.experiments.figures import (
 )
 from drl_av.experiments.registry import EXPERIMENTS
 from drl_av.experiments.values import require_values
-from drl_av.files import Row
 
 HEADER = "driver,vehicles,mean_speed_m_s\n"
-
-
-def rows_of(text: str) -> list[Row]:
-    names, *lines = (line.split(",") for line in text.split())
-    return [dict(zip(names, line, strict=True)) for line in lines]
 
 
 CURVES = """

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from drives import rows_of
 
 from drl_av.experiments import strictness
 from drl_av.experiments.experiment import Results, reproduce
@@ -29,16 +30,11 @@ def test_both_checks_meet_the_same_traffic(tmp_path: Path, monkeypatch: pytest.M
     assert bounds.get_legend_handles_labels()[1] == ["clearance"]
 
 
-def drives(check: str, *speeds: float) -> list[dict[str, str]]:
-    return [
-        {"check": check, "bound": "", "vehicles": "5", "seed": str(seed)}
-        | {"mean_speed_m_s": str(speed)}
-        for seed, speed in enumerate(speeds)
-    ]
-
-
 def test_the_cost_is_paired_by_seed_in_percent_of_the_speed_without() -> None:
-    rows = drives("paper", 20.0, 30.0) + drives("strict", 19.0, 29.0)
+    rows = rows_of(
+        """check,vehicles,seed,mean_speed_m_s
+        paper,5,0,20 paper,5,1,30 strict,5,0,19 strict,5,1,29"""
+    )
     # 1 m/s less in either traffic, of 25 m/s
     found = change(rows, rows, 5)
     assert found.value == pytest.approx(-4.0)

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from drives import rows_of
 
 from drl_av.errors import DrlAvError
 from drl_av.experiments.adaptation import adaptation_table
@@ -108,27 +109,21 @@ def test_the_summary_has_the_shipped_driver_under_both_checks_beside_all_opponen
 
 
 def test_the_figure_of_gains_has_a_curve_for_each_opponent() -> None:
-    names, *lines = (line.split(",") for line in SWEPT.split())
-    rows = [dict(zip(names, line, strict=True)) for line in lines]
-    [axes] = gain_figure(rows).axes
+    [axes] = gain_figure(rows_of(SWEPT)).axes
     curves = {c.get_label(): c.lines[0].get_ydata().tolist() for c in axes.containers}
     assert curves == {"idm-mobil": [6.0, -2.5], "gap-mobil": [-1.0, 1.0]}
 
 
 def test_a_seed_among_more_vehicles_is_other_traffic() -> None:
-    rows = [
-        {"driver": driver, "vehicles": vehicles, "seed": "0", "mean_speed_m_s": speed}
-        for driver, speeds in (("pretrained", ("30", "20")), ("idm", ("29", "17")))
-        for vehicles, speed in zip(("5", "10"), speeds, strict=True)
-    ]
+    rows = rows_of(
+        """driver,vehicles,seed,mean_speed_m_s
+        pretrained,5,0,30 pretrained,10,0,20 idm,5,0,29 idm,10,0,17"""
+    )
     assert gains_over_all(rows)["idm"].value == 2.0
 
 
 def test_a_driver_of_other_traffic_is_not_compared() -> None:
-    rows = [
-        {"driver": driver, "vehicles": "5", "seed": seed, "mean_speed_m_s": "20"}
-        for driver, seed in (("pretrained", "0"), ("idm", "1"))
-    ]
+    rows = rows_of("driver,vehicles,seed,mean_speed_m_s pretrained,5,0,20 idm,5,1,20")
     with pytest.raises(DrlAvError, match="pretrained and idm did not drive the same traffic"):
         gains_over_all(rows)
 
