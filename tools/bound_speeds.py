@@ -38,10 +38,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     ).parse_args()
     begun_s = time.monotonic()
-    rows = [
-        row | {"seed": f"{row['vehicles']}, {row['seed']}"}
-        for row in Results(RESULTS).rows(OPPONENTS_SWEEP.table)
-    ]
+    rows = Results(RESULTS).rows(OPPONENTS_SWEEP.table)
     columns = [(number,) for number in VEHICLES]
     pooled = tuple(number for number in VEHICLES if number in MIDDLE)
     names = [*map(str, VEHICLES), f"{pooled[0]} to {pooled[-1]}"]
@@ -62,15 +59,14 @@ def most_to_gain(env: HighwayEnv, rows: list[Row], numbers: tuple[int, ...]) -> 
     """
     found = speeds(row for row in rows if int(row["vehicles"]) in numbers)
     best = found[best_opponent(found)]
-    return str(gain({episode: fastest_m_s(env, episode) for episode in best}, best))
+    return str(gain({traffic: fastest_m_s(env, *map(int, traffic)) for traffic in best}, best))
 
 
-def fastest_m_s(env: HighwayEnv, episode: str) -> float:
+def fastest_m_s(env: HighwayEnv, vehicles: int, seed: int) -> float:
     """Return the ego's mean speed over an episode if no vehicle were in its way, m/s.
 
-    The mean is over the speeds after each decision. ``episode`` is the text "vehicles, seed".
+    The mean is over the speeds after each decision.
     """
-    vehicles, seed = map(int, episode.split(","))
     env.reset(seed=seed, options={"vehicles": vehicles})
     ego, simulation = env.config.ego, env.config.simulation
     ends_s = simulation.decision_interval_s * np.arange(1, simulation.decisions_per_episode + 1)
