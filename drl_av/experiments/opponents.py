@@ -212,21 +212,23 @@ def speed_table(results: Results) -> str:
 
 
 def opponents_figure(rows: list[Row]) -> "Figure":
-    """Draw each driver's gain over ``REFERENCE`` against the number of vehicles, by traffic."""
+    """Draw each driver's gain over ``REFERENCE`` against the number of vehicles, by traffic.
+
+    A driver has one colour; its curve under ``strict`` is dashed.
+    """
     kinds = grouped(rows, itemgetter("traffic"))
     figure, axes = panels((7, 4.2 * len(kinds)), len(kinds), squeeze=False)
     for (kind, own), (panel,) in zip(kinds.items(), axes, strict=True):
         label_axes(panel, "vehicles on the loop", f"gain over {REFERENCE}, m/s")
         panel.set_title(kind)
-        cells = _cells(own)
-        curves = {}
+        cells, curves, colors = _cells(own), {}, dict[str, str]()
         for name in next(iter(cells.values())):
             gains = [gain(found[name], found[REFERENCE]) for found in cells.values()]
             width = 2.5 if _is_ours(name) else 1.0
             style = "--" if name.endswith("strict") else "-"
-            [curves[name]] = panel.plot(
-                list(cells), [each.value for each in gains], style, linewidth=width
-            )
+            color = colors.setdefault(name.split(",")[0], f"C{len(colors)}")
+            values = [each.value for each in gains]
+            [curves[name]] = panel.plot([*cells], values, style, color=color, linewidth=width)
         panel.set_xlim(0, 1.7 * max(cells))  # room for the legend
         legend_of_names(panel, curves)
     return figure
