@@ -141,7 +141,7 @@ def positions(scenario: Path) -> bytes:
 
 
 original_positions = cache(positions)
-"""The same for a scenario that nobody changes."""
+"""Returns the same for a scenario whose files do not change, from memory after the first call."""
 
 
 def driven_config(rng: random.Random, folder: Path) -> None:

@@ -50,7 +50,7 @@ def by(**columns: Iterable[object] | Callable[[str], Any]) -> Callable[[Row], tu
 
     The rows are sorted by the first column, then by the second, and so on. For each column
     ``columns`` holds all of its values in their order, or a function of its text, such as ``int``.
-    The sort key of a row with another value raises ValueError.
+    The returned function raises ValueError for a row with another value.
     """
     places = {
         column: values if callable(values) else [*map(str, values)].index
