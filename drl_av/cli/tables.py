@@ -71,7 +71,7 @@ def _caption(summaries: Sequence["Summary"], several_checks: bool) -> str:
 
 
 def print_gains(gains: Sequence["Paired"]) -> None:
-    """Print a table with the gain in speed over the fastest baseline at each number of vehicles."""
+    """Print the gain in mean speed, m/s, of each driver over the fastest baseline, by density."""
     headings = ("vehicles", "driver", "fastest baseline", "gain in\nspeed, m/s")
     table = _table("paired by seed, ± half of the 95 % interval", *headings)
     for gain in gains:

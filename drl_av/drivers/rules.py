@@ -12,12 +12,13 @@ from drl_av.safety.paper import closing_speed, gap_condition, safe_action, time_
 
 
 def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
-    """Choose the action of the paper's IDM: accelerate if T_C > T_A, else the action of eq. 3.
+    """Choose the longitudinal action of the paper's IDM, with one added condition.
 
-    T_C is the time to collision with the vehicle ahead, infinite without a vehicle, and T_A is
-    ``config.accelerate_ttc_s``. We add one condition to the paper's rule: it accelerates only if
-    eq. 2, the gap condition, holds, too. At equal speeds T_C is infinite at any gap, so the paper's
-    rule would accelerate into the vehicle ahead; with ``config.printed_idm`` it does.
+    The action is to accelerate if T_C > T_A and the gap condition (eq. 2) holds, and otherwise that
+    of eq. 3. T_C is the time to collision with the vehicle ahead, s, infinite without a vehicle;
+    T_A is ``config.accelerate_ttc_s``. The gap condition is ours: at equal speeds T_C is infinite
+    at any gap, so without it the ego would accelerate into the vehicle ahead.
+    ``config.printed_idm`` removes the condition, as in the paper.
     """
     front = affordances.own_front
     if front is None:

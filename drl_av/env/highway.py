@@ -170,8 +170,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         return observation, info
 
     def hand_over(self, model: EgoModel) -> None:
-        """Let SUMO drive the ego with its own models until the next reset.
+        """Let SUMO drive the ego, by its IDM and SL2015, until the next reset.
 
+        ``model`` holds the parameters of these two models.
         The environment then ignores actions and the safety check, and ``info`` holds the action
         that is nearest to the ego's motion.
 

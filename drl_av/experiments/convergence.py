@@ -118,8 +118,9 @@ COLUMNS = {
 
 
 def convergence(rows: Sequence[Row]) -> list[Row]:
-    """Compute ``convergence.csv``: when each variant converged, and its final performance.
+    """Compute ``convergence.csv``: the episode at which each variant converges, and final means.
 
+    ``rows`` are those of ``curves.csv``.
     The first row of a variant covers all its seeds, up to the last episode that all of them have
     driven. If some trainings are longer, a second row covers only the longest trainings.
     """

@@ -112,9 +112,9 @@ def by_vehicles(drivers: Sequence[Sequence[Row]]) -> dict[int, Mean]:
 
 
 def whole_schedule_table(results: Results) -> str:
-    """Return the Markdown table of mean speeds by density: trained drivers and baselines.
+    """Return the Markdown table of mean speeds, m/s, by density: trained drivers and baselines.
 
-    Where there are several seeds, the slowest driver has a line of its own.
+    A training that has several seeds has a second line, for the driver of its slowest seed.
     """
     lines, cells = driven_by(FAST.drawn(results)), []
     for name, drivers in lines.items():

@@ -43,9 +43,10 @@ class ReproduceOptions(NamedTuple):
         return located(load_config(self.config, config))
 
     def settings_of(self, drivers: Iterable[str]) -> Config:
-        """Return the settings with which drivers drive in an experiment, under the paper's check.
+        """Return the settings with which ``drivers`` drive in an experiment.
 
-        They are those of the first learned driver, changed by the user's TOML file.
+        They are those of the first learned driver, or the defaults without one, with the check
+        ``paper`` and the changes of the user's TOML file.
 
         Raises ConfigError if the file or a setting in it is wrong.
         """

@@ -175,10 +175,11 @@ def change(rows: Iterable[Row], plain: Iterable[Row], vehicles: int) -> Mean:
 def speed_change(changed: Iterable[Row], plain: Iterable[Row]) -> Mean:
     """Return the mean change of the speed from ``plain`` to ``changed``, in percent of ``plain``.
 
-    The episodes are paired by traffic; a negative change is a loss of speed.
+    Episodes with the same number of vehicles and traffic seed are compared. A negative change is a
+    loss of speed.
 
     Raises:
-        DrlAvError: ``rows`` and ``plain`` do not have the same traffic seeds.
+        DrlAvError: ``changed`` and ``plain`` are not episodes in the same traffic.
     """
     after, before = values_by_traffic(changed), values_by_traffic(plain)
     if not after or after.keys() != before.keys():

@@ -72,8 +72,9 @@ def check_table(results: Results) -> str:
 def reference_table(results: Results) -> str:
     """Return the Markdown table of each driver's results under up to three settings.
 
-    The settings are the default (the paper's accelerations), the default with an exact v_des, and
-    the longitudinal reference ``acc``.
+    The settings are the default (the paper's accelerations), the default without a tolerance of the
+    desired speed, and adaptive cruise control as longitudinal reference. A driver has no line for a
+    setting in which it has not driven.
     """
     tables = {
         "the paper's accelerations": results.rows(density_sweep.TABLE),

@@ -118,11 +118,12 @@ def met(neighbors: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
 def must_reach(
     neighbors: Others, delay_s: FloatArray | float, strict: StrictConfig, step_s: float
 ) -> FloatArray:
-    """Return the distances, metres, that the ego must exceed before it stands, shape (N,).
+    """Return the distances, metres, that the ego must travel before it stands, shape (N,).
 
-    Then vehicle i of the N neighbours does not reach the ego from behind, although it accelerates
-    for ``delay_s`` seconds before it brakes to a standstill. A vehicle ahead demands nothing
-    (-inf); beside a vehicle no distance suffices (inf).
+    If the ego travels farther than distance i, vehicle i of the N neighbours does not reach it from
+    behind, even if that vehicle accelerates for ``delay_s`` seconds before it brakes to a
+    standstill. The distance is -inf for a vehicle ahead, which requires nothing, and inf for one
+    beside the ego, for which no distance is enough. ``step_s`` is the length of a SUMO step.
     """
     speed = neighbors.speed_m_s
     faster = speed + strict.acceleration_m_s2 * delay_s

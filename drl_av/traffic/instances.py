@@ -68,11 +68,11 @@ _numbers = itertools.count()
 
 
 def acquire(gui: bool) -> Instance:
-    """Reserve a free instance of this process: the installed libsumo first, then a copy of it.
+    """Reserve an instance of SUMO that is free in this process, and return it.
 
-    If ``gui`` is true, reserve the only instance of sumo-gui. The function is thread-safe, and a
-    forked process can use the free instances of its parent. Both hold because the shared state is
-    only a list that grows, and the lock of each instance, for which no thread waits.
+    Without ``gui`` it is the installed libsumo, or a copy of it if that is in use. With ``gui`` it
+    is sumo-gui, of which there is only one. The function is thread-safe, and a forked process can
+    use the instances that are free in its parent.
 
     Raises:
         SimulationError: sumo-gui is open already, or libsumo is in use and cannot be copied.

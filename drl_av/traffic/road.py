@@ -136,9 +136,10 @@ class Road:
     def mandatory_change(self, lane: int, s_m: float) -> MandatoryChange:
         """Return the lane changes that the ego must make from ``lane`` at the position ``s_m``.
 
-        If the lane ends before the ego's way does, the ego must change to the nearest lane that
-        continues there. Otherwise, if the road has an exit, it must reach ``exit_lane`` before the
-        exit, even where that lane has not begun yet.
+        If the lane ends before the ego's route does, the ego must change to the nearest lane that
+        continues beyond this end. Otherwise, if the road has an exit, the ego must be in
+        ``exit_lane`` before the exit; this also applies where ``exit_lane`` has not begun yet. The
+        result is ``NO_CHANGE`` if no lane change is necessary.
         """
         end_m = self.lane_end_m(lane, s_m)
         if end_m < min(self.end_m, self.exit_m):
