@@ -120,9 +120,9 @@ COLUMNS = {
 def convergence(rows: Sequence[Row]) -> list[Row]:
     """Compute ``convergence.csv``: the episode at which each variant converges, and final means.
 
-    ``rows`` are those of ``curves.csv``.
-    The first row of a variant covers all its seeds, up to the last episode that all of them have
-    driven. If some trainings are longer, a second row covers only the longest trainings.
+    ``rows`` are those of ``curves.csv``. The first row that is returned for a variant covers all of
+    its seeds, up to the last episode that all of them have driven. If some trainings are longer, a
+    second row covers only the longest trainings.
     """
     summaries = []
     for variant, own in grouped(rows, itemgetter("variant")).items():
