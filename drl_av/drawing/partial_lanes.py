@@ -14,7 +14,12 @@ FAR_M = 1e6
 
 
 def draw_partial_lanes(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> None:
-    """Draw the edges of the road, and each lane that begins or ends, where it exists."""
+    """Draw where the lanes of an open road begin and end, on a sheet that shows all lanes.
+
+    The function covers each partial lane where it does not exist. It draws solid lines along both
+    sides of the road and between divided lanes, and a bar where a lane ends. ``ego_s_m`` is the
+    ego's position along the road, metres.
+    """
     for lane in sorted({part.lane for part in road.partial_lanes}):
         _clear(sheet, band, road, lane, ego_s_m)
     for line in range(len(road.open_lanes) + 1):

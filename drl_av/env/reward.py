@@ -133,16 +133,20 @@ def tolerated_speed(speed_m_s: float, attainable_m_s: float, config: RewardConfi
 
 
 def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig) -> Desired:
-    """Return v_des and y_des, which depend on the affordance indicators only (ours).
+    """Return the desired speed v_des, m/s, and lateral position y_des, metres (ours).
 
-    If ``config.desired`` is "fixed", they are the two values in the config. If it is "traffic",
-    v_des is the ``tolerated_speed`` in one lane, and y_des is the centre of a lane:
+    Both depend on the affordance indicators only. ``config.desired`` says how:
 
-    - If mandatory lane changes are due (``due_changes``), v_des is that of the next lane in their
-      direction, or of the ego's lane until the next lane begins. y_des is the centre of the lane
-      that the ego reaches by these lane changes.
-    - Otherwise v_des is that of the ego's lane, and y_des the centre of the best lane
-      (``faster_side``). With "best-lane" v_des is that of the fastest lane (``best_speed``).
+    - "fixed": both are constants of the config.
+    - "traffic": v_des is the ``tolerated_speed`` of the ego's lane. y_des is the centre of the best
+      lane (``faster_side``).
+    - "best-lane": as "traffic", but v_des is the tolerated speed of the fastest lane
+      (``best_speed``).
+
+    While mandatory lane changes are due (``due_changes``), "traffic" and "best-lane" do not differ.
+    Then y_des is the centre of the lane to which these lane changes lead. v_des is the tolerated
+    speed of the next lane in their direction, or of the ego's lane if the next lane has not begun
+    yet.
     """
     if config.desired == "fixed":
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)

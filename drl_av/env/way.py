@@ -27,10 +27,12 @@ class Way:
         self._outcome = ""
 
     def outcome(self, scene: Scene, over: bool) -> str:
-        """Return one of the four outcomes after a decision; "" while the outcome is not decided.
+        """Return the outcome of the way after a decision, or "" while it is not decided.
 
-        ``over`` says whether the episode ends with ``scene``, by a collision or otherwise. An ego
-        that has not taken its exit or merged by then has missed it or not merged.
+        The outcome is "exit taken" or "exit missed" on a road with an exit, otherwise "merged" or
+        "not merged". It stays the same once it is decided. ``over`` says whether the episode ends
+        with ``scene``, by a collision or otherwise. If the outcome is still open then, it becomes
+        "exit missed" or "not merged".
         """
         if self._end_m < math.inf and not self._outcome:
             failed = EXIT_MISSED if self._has_exit else NOT_MERGED

@@ -39,7 +39,7 @@ COLORS = {"adaptation": "#d55e00", "no_adaptation": "#000000"}
 
 
 def adaptation_plan(options: ReproduceOptions) -> Plan:
-    """Plan to continue the training of the shipped driver, with and without learning.
+    """Return a plan to continue the training of the shipped driver, with and without learning.
 
     Each variant has ``options.full_seeds`` trainings, at least one. Because they continue with the
     experience that the shipped driver collected, its training is repeated first. The folder of this

@@ -217,7 +217,7 @@ def policies_of(drivers: Sequence[str]) -> dict[str, str]:
 def trained_drives(
     jobs: Sequence[TrainingJob], options: ReproduceOptions, columns: tuple[str, ...]
 ) -> Plan:
-    """Plan to evaluate the driver of each training with the settings of its training.
+    """Return a plan to evaluate the driver of each training with the settings of its training.
 
     Each driver drives ``options.drives`` episodes at each number of vehicles in DENSITIES. A row
     holds the fields ``columns``.

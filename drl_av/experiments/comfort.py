@@ -37,7 +37,7 @@ COLUMNS = (
 
 
 def comfort_plan(options: ReproduceOptions) -> Plan:
-    """Plan to evaluate every driver under ``strict`` on the same traffic seeds of each kind."""
+    """Return a plan to evaluate every driver under ``strict``, on the same seeds of each kind."""
     shipped = options.settings_of(LEARNED[:1]).updated("safety", check="strict")
     configs = {kind: shipped.with_traffic(kind) for kind in SINGLE_KINDS}
     seeds = min(options.drives, DRIVES)

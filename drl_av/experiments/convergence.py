@@ -63,11 +63,12 @@ def _value(row: Row, column: str) -> float:
 
 
 def converged_at(episodes: Sequence[int], values: Sequence[float]) -> int:
-    """Return the first episode from which on the smoothed curve stays near its end.
+    """Return the first episode from which on a learning curve stays near its end.
 
-    The end is the mean of the last tenth of ``values``. A value is near the end if it differs from
-    it by at most 10 % of the difference between the smoothed curve's first value and the end. The
-    values in the last tenth always count as near, because they define the end.
+    ``values``, at least one, are the results after ``episodes``. The function smooths them with
+    ``smoothed``. The end is the mean of the last tenth of ``values``. A smoothed value is near the
+    end if it differs from it by at most 10 % of |first smoothed value - end|. The values in the
+    last tenth always count as near, because they define the end.
     """
     smooth = smoothed(values)
     count = _end_of(len(values))

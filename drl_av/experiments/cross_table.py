@@ -46,9 +46,9 @@ def trainings(options: ReproduceOptions) -> list[TrainingJob]:
 
 
 def cross_table_plan(options: ReproduceOptions) -> Plan:
-    """Plan to evaluate ``UNTRAINED``, the shipped and the trained drivers in each kind of traffic.
+    """Return a plan to evaluate drivers in each kind of traffic, all on the same seeds.
 
-    All drive the same traffic seeds.
+    The drivers are ``UNTRAINED``, the shipped and the trained ones.
     """
     jobs = trainings(options)
     config = options.settings_of([DRIVER])

@@ -50,7 +50,7 @@ PANELS = {
 
 
 def curve_plan(options: ReproduceOptions) -> Plan:
-    """Plan to train each variant on each seed for ``options.episodes`` episodes.
+    """Return a plan to train each variant on each seed for ``options.episodes`` episodes.
 
     The first ``options.full_seeds`` seeds then continue to the end of the schedule.
     """

@@ -53,10 +53,12 @@ UNDER_ACC = ("idm-mobil", "idm-sumo")
 
 
 def sweep_plan(options: ReproduceOptions) -> Plan:
-    """Plan to evaluate all drivers at the published densities, then at higher and higher ones.
+    """Return a plan that evaluates all drivers at the published densities, then at higher ones.
 
-    The sweep stops when the learned driver's mean speed is not significantly above that of the best
-    of ``BASELINES`` (95 %), or when no more vehicles fit on the road. A cell holds one driver.
+    Each further density has ``STEP`` more vehicles. The sweep stops when ``DRIVER`` is no longer
+    significantly faster than the fastest of ``BASELINES``: the 95 % confidence interval of its gain
+    in mean speed, paired by seed, is not wholly above 0. It also stops when no more vehicles fit on
+    the road. Each cell of the plan has the rows of one driver at one density.
     """
     config = options.settings_of(DRIVERS)
 

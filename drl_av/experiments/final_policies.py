@@ -18,7 +18,7 @@ COLUMNS = ("seed", "mean_reward", "mean_speed_m_s", "collided", "ego_hit")
 
 
 def final_plan(options: ReproduceOptions) -> Plan:
-    """Plan to evaluate the drivers of the trainings that stop at ``options.episodes``.
+    """Return a plan to evaluate the drivers of the trainings that stop at ``options.episodes``.
 
     Each driver is evaluated with the settings of its training, including the safety check.
     """

@@ -56,7 +56,7 @@ def trainings(options: ReproduceOptions) -> list[TrainingJob]:
 
 
 def real_bounds_plan(options: ReproduceOptions) -> Plan:
-    """Plan to evaluate the shipped driver under ``paper`` and both bounds of ``strict``.
+    """Return a plan to evaluate the shipped driver under ``paper`` and both bounds of ``strict``.
 
     Drivers that are trained under the real bounds are evaluated under the real bounds.
     """

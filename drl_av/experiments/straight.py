@@ -41,7 +41,10 @@ def vehicles_at(flow_per_h: float) -> int:
 
 
 def straight_plan(options: ReproduceOptions) -> Plan:
-    """Plan to evaluate every driver under ``strict`` on the same traffic seeds at each flow."""
+    """Return a plan that evaluates every driver on the straight highway at each flow.
+
+    All drivers use the safety check ``strict``, and the same traffic seeds at each flow.
+    """
     config = options.settings_of(LEARNED[:1]).updated("safety", check="strict")
     config = config.updated("simulation", scenario=SCENARIO)
     seeds = min(options.drives, DRIVES)

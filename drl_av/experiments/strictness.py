@@ -72,7 +72,7 @@ def under(config: Config, bounds: str) -> Config:
 
 
 def strict_plan(options: ReproduceOptions) -> Plan:
-    """Plan to evaluate the shipped driver under ``paper`` and ``strict`` at each density.
+    """Return a plan to evaluate the shipped driver under ``paper`` and ``strict`` at each density.
 
     It is also evaluated among 15 vehicles under ``strict``, with one bound changed at a time.
     """

@@ -39,7 +39,7 @@ def varied(
     settings: dict[str, Any],
     densities: tuple[int, ...] = (),
 ) -> Plan:
-    """Plan to evaluate drivers with other settings in one section of the config.
+    """Return a plan to evaluate drivers with other settings in one section of the config.
 
     ``densities`` are the numbers of vehicles, by default those of the published tables.
     """

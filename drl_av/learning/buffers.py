@@ -122,7 +122,10 @@ class TwoBuffers(Buffer):
         self.collision.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
-        """Draw a minibatch: Algorithm 1 of the paper, line 13. The rows of Buf_S come first.
+        """Draw ``batch_size`` transitions with replacement: Algorithm 1 of the paper, line 13.
+
+        The rows of Buf_S come first, then those of Buf_C. ``collision_fraction`` says how many are
+        of Buf_C. If one buffer is empty, all rows are of the other one.
 
         Raises:
             ValueError: both buffers are empty.

@@ -128,10 +128,13 @@ ROUNDING = 1e-6
 def seconds_to_line(
     distance_m: Any, lane_width_m: float, ego: EgoConfig, sim: SimulationConfig
 ) -> Any:
-    """Return the time, seconds, until the ego's body crosses a line ``distance_m`` beside it.
+    """Return the time, seconds, until the ego's body is over a line beside it.
 
-    It is rounded up to whole SUMO steps, and 0 if the body is over the line already or does not
-    cross it within this decision. A body is over the line by more than ``LINE_M``.
+    ``distance_m`` is the distance from the nearer side of the body to the line, a number or an
+    array; it is negative if that side is already beyond the line. The body is over the line when
+    its side is more than ``LINE_M`` beyond it. The ego moves sideways at the speed of a lane
+    change. The time is rounded up to whole SUMO steps. It is 0 if the body is already over the
+    line, and also if it does not get there within this decision.
     """
     stride_m = lane_width_m / ego.lane_change_duration_s * sim.step_length_s
     steps = (distance_m + LINE_M) / stride_m

@@ -46,7 +46,11 @@ class Carriageway(NamedTuple):
 
     @property
     def partial_lanes(self) -> tuple[PartialLane, ...]:
-        """The lanes that begin or end on the way; the exit parts the leftmost of its lanes."""
+        """The lanes that do not lead along all ``sections``, in the order in which they begin.
+
+        If the leftmost of the ``exit_lanes`` is one of them, vehicles may change between it and the
+        lane to its left only before ``exit_m``, where the off-ramp begins.
+        """
         parting = (max(self.exit_lanes, default=None), math.inf)
         return tuple(
             replace(part, joined_to_m=self.exit_m) if (part.lane, part.end_m) == parting else part

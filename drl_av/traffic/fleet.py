@@ -152,9 +152,11 @@ class Fleet:
     def lane_changes(self, time_s: float, y_m: Sequence[float]) -> list[tuple[int, int]]:
         """Return the lane changes of the next decision, as pairs (row, number of lanes).
 
-        The number is positive to the left and negative to the right. The lane changes are random
-        ones, and those that the scenario sets for this time. ``time_s`` is the time since the
-        reset, and ``y_m`` holds the lateral position of each row.
+        A row is the index of a vehicle in ``ids``. The number of lanes is positive to the left.
+        Some lane changes are random; the scenario has set others for a time up to ``time_s``,
+        seconds since the reset. ``y_m`` is the lateral position of each vehicle, metres, the
+        ego's first. Call this once for each decision: it draws random numbers, and returns each
+        lane change of the scenario only once.
         """
         changes = next(self._lane_changes)
         if changes and self._start is not None:

@@ -51,10 +51,11 @@ class Edge(NamedTuple):
 class OpenPlan(NamedTuple):
     """An open road: its edges and routes in SUMO, and the same road as the simulation needs it.
 
-    Where an edge ends, each lane continues in the lane of the same index on every edge that begins
-    there, unless the lane ends there in ``road``. SUMO needs a road beyond the end of the ego's
-    way: if no edge begins there, the last edges are extended. The last route is the way of the ego.
-    The first route is the way of the traffic, and of an ego that has missed its exit.
+    An edge leads to each edge that begins where it ends. There each lane continues in the lane with
+    the same index, unless ``road`` says that the lane ends. The first route is the way of the
+    traffic, and of an ego that has missed its exit. The last route is the way of the ego. SUMO
+    needs a road beyond ``road.end_m``: if no edge begins there, ``in_sumo`` extends the edges that
+    end there.
     """
 
     edges: tuple[Edge, ...]
@@ -76,10 +77,14 @@ class Layout(NamedTuple):
 
 
 def route_on(routes: Mapping[str, tuple[str, ...]], edge: str, is_way: bool) -> str:
-    """Return the name of the first route that contains ``edge``; with ``is_way`` of the last one.
+    """Return the name of the route for a vehicle that starts on ``edge``.
 
+    Of the routes that contain ``edge`` it is the first one, or the last one if ``is_way`` is true.
     ``is_way`` is true for the ego, and for each vehicle that starts in a partial lane, because the
     other routes may not lead through such a lane.
+
+    Raises:
+        IndexError: no route contains ``edge``.
     """
     names = [name for name, edges in routes.items() if edge in edges]
     return names[-1 if is_way else 0]

@@ -58,7 +58,11 @@ class Prices(NamedTuple):
 
 
 class Forecaster:
-    """Makes forecasts that begin with one scene, and scores plans."""
+    """Forecasts the traffic from one scene for many plans of the ego, and scores the plans.
+
+    A plan is the ego's intent for each second. ``lap_m`` is the length of the loop, metres, or
+    ``FAR_M`` on an open road.
+    """
 
     def __init__(
         self,

@@ -42,8 +42,10 @@ PLANS = _plans()
 
 
 def usable_plans(is_changing: bool, has_right: bool, has_left: bool) -> IntArray:
-    """Return the plans that do not begin with a change to a missing lane, shape (P, seconds).
+    """Return the rows of ``PLANS`` that the ego can begin now, shape (usable plans, seconds).
 
+    A row holds one ``Intent`` for each second. A plan is not usable if it begins with a change to a
+    lane that does not exist: ``has_right`` and ``has_left`` say which lanes beside the ego exist.
     During a lane change (``is_changing``) all plans are usable.
     """
     first = SIDE[PLANS[:, 0]]
