@@ -1,9 +1,10 @@
-"""Adds a vehicle of a population to a running SUMO."""
+"""Adds a vehicle of a population to a running SUMO, and removes all vehicles from it."""
 
+from types import ModuleType
 from typing import Any
 
 from drl_av.config import TrafficConfig
-from drl_av.traffic.ego_model import take_control
+from drl_av.traffic.ego_model import NO_AUTONOMOUS_LANE_CHANGES, take_control
 from drl_av.traffic.kind import Layout, route_on
 from drl_av.traffic.population import EGO_ID, Population
 
@@ -39,6 +40,21 @@ def place(
         gain = repr(float(population.speed_gain[row]))
         vehicle.setParameter(name, "laneChangeModel.lcSpeedGain", gain)
     vehicle.setMaxSpeed(name, float(population.desired_speed_m_s[row]))
+
+
+def clear_the_road(sumo: ModuleType) -> None:
+    """Remove all vehicles, so that SUMO continues as if there had never been any.
+
+    ``sumo`` is the module libsumo or traci. The function makes two SUMO steps. In the first one
+    SUMO ends all lane changes: SUMO sometimes keeps the space for the lane change of a vehicle that
+    is removed, and later vehicles would brake behind this space. The second one frees the names.
+    """
+    for name in sumo.vehicle.getLoadedIDList():
+        sumo.vehicle.setLaneChangeMode(name, NO_AUTONOMOUS_LANE_CHANGES)
+    sumo.simulationStep()
+    for name in sumo.vehicle.getLoadedIDList():
+        sumo.vehicle.remove(name)
+    sumo.simulationStep()
 
 
 def _lane_and_position(layout: Layout, lane: int, front_m: float) -> tuple[str, float]:

@@ -16,7 +16,7 @@ from drl_av.traffic.connection import connection, require_display, start
 from drl_av.traffic.ego_model import EgoModel, hand_over
 from drl_av.traffic.fleet import Fleet
 from drl_av.traffic.instances import acquire
-from drl_av.traffic.placement import place
+from drl_av.traffic.placement import clear_the_road, place
 from drl_av.traffic.population import EGO_ID, Kind, Population
 from drl_av.traffic.readings import Readings
 from drl_av.traffic.requests import (
@@ -37,7 +37,7 @@ class Simulation:
     """A simulation in SUMO: in this process through libsumo, or in sumo-gui through traci.
 
     It reserves an instance of libsumo at the first reset, and frees it when it is closed or
-    garbage-collected.
+    garbage-collected. If ``gui`` is True and there is no screen, it raises DisplayError.
     """
 
     _sumo: ModuleType
@@ -64,10 +64,10 @@ class Simulation:
     def reset(self, seed: int, vehicles: int) -> Snapshot:
         """Remove all vehicles, and place the ego and ``vehicles`` others drawn with ``seed``.
 
-        The episode depends on (scenario, config, seed, vehicles) and the commands alone, whatever
-        ran in this process before. If the files of the scenario are as they were written, nothing
-        depends on SUMO's clock and random numbers, so SUMO continues to run. Otherwise SUMO starts
-        again at each reset.
+        The episode depends on (scenario, config, seed, vehicles) and the commands alone, and not on
+        earlier simulations. If the files of the scenario are as they were written, nothing depends
+        on SUMO's clock and random numbers, so SUMO continues to run. Otherwise, and always in
+        sumo-gui, SUMO starts again at each reset.
 
         Raises:
             ScenarioError: the vehicles do not fit on the road.
@@ -159,7 +159,7 @@ class Simulation:
         return snapshot, collision
 
     def show(self, text: str, colors: Mapping[str, Color]) -> None:
-        """Show a line of text, and vehicles by id in colours, in sumo-gui."""
+        """Show a line of text in sumo-gui, and colour the vehicles whose ids ``colors`` holds."""
         self._window.show(text, colors)
 
     def close(self) -> None:
@@ -191,9 +191,7 @@ class Simulation:
         """Place the vehicles in the running SUMO, which is three times faster, or start SUMO."""
         if self._owns_sumo() and self.scenario.as_written and not self._gui:
             with suppress(*self._errors):  # if SUMO has ended, or another program has changed it
-                for name in self._sumo.vehicle.getLoadedIDList():
-                    self._sumo.vehicle.remove(name)
-                self._sumo.simulationStep()  # frees the names of the vehicles
+                clear_the_road(self._sumo)
                 self._populate(self.fleet.population)
                 return
         self.close()

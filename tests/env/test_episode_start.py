@@ -1,13 +1,18 @@
 """The traffic that an episode starts with."""
 
+from contextlib import closing
+from itertools import islice
+
 import numpy as np
 import pytest
 from drives import KEEP, LEFT, RIGHT, Place, start
 from worlds import CENTER
 
 from drl_av.config import Config
+from drl_av.drivers.registry import rule_driver
 from drl_av.env.episode import TRAINING_SEEDS
 from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError
 from drl_av.traffic.scenario import PlacedVehicle
 
@@ -106,3 +111,19 @@ def test_a_scenario_that_places_its_vehicles_takes_no_other_number(place: Place)
         ConfigError, match=r"vehicles is 2, but the scenario places exactly 1 vehicle:"
     ):
         start(made, 2)
+
+
+@pytest.mark.parametrize("decisions", [150, 198])
+def test_no_vehicle_brakes_behind_a_lane_change_of_the_episode_before(decisions: int) -> None:
+    """SUMO would keep the space that vehicles beside standing ones reserved for their changes."""
+    config = Config().updated("safety", check="strict").with_traffic("hazards")
+    speeds = []
+    with closing(HighwayEnv(config=config)) as fresh, closing(HighwayEnv(config=config)) as used:
+        driver = rule_driver("gap-mobil", config)
+        for decision in islice(rollout(used, driver, 970_002, 20), decisions):
+            assert not decision.terminated
+        for env in (fresh, used):
+            env.reset(seed=970_003, options={"vehicles": 20})
+            env.step(KEEP)
+            speeds.append(env.scene.snapshot.speed_m_s)
+    np.testing.assert_array_equal(*speeds)
