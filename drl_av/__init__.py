@@ -39,7 +39,7 @@ _WITH_LANE_END = (
     *("own_front", "own_rear", "right_front", "right_rear", "left_front", "left_rear", "ego"),
     "lane_end",
 )
-"""The 27 indicators, and the distance to the end of the ego's lane."""
+"""Groups of the observation: the 27 indicators, and the distance to the end of the ego's lane."""
 
 register(
     id="drl_av/Highway-v0",

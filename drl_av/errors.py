@@ -7,7 +7,10 @@ def counted(number: int, noun: str) -> str:
 
 
 class DrlAvError(Exception):
-    """Base of all errors that a user can correct; the command line prints it, exit status 1."""
+    """Base class of all errors that a user can correct.
+
+    The command ``drl-av`` prints the message and exits with status 1.
+    """
 
 
 class ConfigError(DrlAvError):
@@ -31,7 +34,7 @@ class CheckpointError(DrlAvError):
 
 
 class RunError(DrlAvError):
-    """A run folder cannot be used: it exists already, or it holds no run."""
+    """A run folder cannot be used, for example because it exists already or holds no run."""
 
 
 class RecordingError(DrlAvError):

@@ -17,7 +17,7 @@ import drl_av  # registers the environment
 
 @dataclass
 class Args:
-    """Everything that can be changed."""
+    """The settings of the training."""
 
     env_id: str = "drl_av/Highway-v0"
     seed: int = 1
@@ -34,7 +34,7 @@ class Args:
 
 
 def network(env: gymnasium.vector.VectorEnv) -> nn.Sequential:
-    """The Q-network: observations, shape (rows, 27), to values, shape (rows, 12)."""
+    """Return the Q-network: from observations, shape (rows, 27), to Q-values, shape (rows, 12)."""
     size, actions = env.single_observation_space.shape[0], env.single_action_space.n
     return nn.Sequential(
         nn.Linear(size, 100), nn.ReLU(), nn.Linear(100, 100), nn.ReLU(), nn.Linear(100, actions)
@@ -42,7 +42,7 @@ def network(env: gymnasium.vector.VectorEnv) -> nn.Sequential:
 
 
 def evaluate(args: Args, q: nn.Module, episodes: int = 1) -> float:
-    """Mean return of greedy episodes in an environment of their own."""
+    """Compute the mean return of greedy episodes in a separate environment."""
     env, returns = gymnasium.make(args.env_id), []
     for episode in range(episodes):
         observation, _ = env.reset(seed=900_000 + episode)

@@ -21,7 +21,7 @@ class FullThrottle:
     """Accelerates always and leaves the braking to the safety check."""
 
     def start(self, seed: int) -> None:
-        """Stateless and deterministic."""
+        """Do nothing: the driver has no state and draws no random numbers."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Keep the lane and accelerate."""

@@ -17,7 +17,7 @@ ACCELERATE = 1
 
 
 def two_seconds(scene: Scene, proposed: Action) -> Verdict:
-    """The paper's verdict; but accelerating within two seconds of the vehicle ahead is refused."""
+    """Return the paper's verdict, but refuse to accelerate within 2 s of the vehicle ahead."""
     verdict = paper(scene, proposed, SafetyConfig())
     front, action = scene.affordances.own_front, verdict.action
     close = front is not None and front.gap_m < HEADWAY_S * scene.affordances.ego_speed_m_s

@@ -14,20 +14,20 @@ from drl_av.driving.scene import Scene
 
 
 class TimeGapDriver:
-    """Follows at a time gap; changes to the left where the vehicle ahead is slow."""
+    """Follows at a time gap; changes to the left if it has caught up with the vehicle ahead."""
 
     def __init__(self, headway_s: float = 1.5) -> None:
         self.headway_s = headway_s
 
     def start(self, seed: int) -> None:
-        """Stateless and deterministic."""
+        """Do nothing: the driver has no state and draws no random numbers."""
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """An action for the scene; the safety check examines it afterwards."""
+        """Return an action for the scene; the safety check examines it afterwards."""
         return Action(self.lateral(scene.affordances), self.longitudinal(scene.affordances))
 
     def longitudinal(self, affordances: Affordances) -> Longitudinal:
-        """Accelerate with room ahead, brake without."""
+        """Accelerate if there is much room ahead, brake if there is too little."""
         front = affordances.own_front
         if front is None or front.gap_m > 2 * self.headway_s * affordances.ego_speed_m_s:
             return Longitudinal.ACCELERATE
@@ -43,12 +43,12 @@ class TimeGapDriver:
 
 
 def time_gap(config: Config) -> TimeGapDriver:
-    """The driver for a config; --driver own_driver:time_gap names this function."""
+    """Return the driver for a config; --driver own_driver:time_gap names this function."""
     return TimeGapDriver()
 
 
 def main() -> None:
-    """Compare it with idm-mobil in the same traffic, as drl-av evaluate does."""
+    """Compare the driver with idm-mobil in the same traffic, by the command drl-av evaluate."""
     where = ["--vehicles", "15", "--episodes", "3", "--seed", "800000"]
     run_command(["evaluate", "--driver", "own_driver:time_gap", "idm-mobil", *where])
 

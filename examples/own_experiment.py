@@ -19,7 +19,7 @@ VEHICLES = 20
 
 
 def plan(options: ReproduceOptions) -> Plan:
-    """What must be driven: the same traffic with each T_min, and the order of the rows."""
+    """Return the episodes to drive, the same traffic with each T_min, and the order of the rows."""
     configs = {t: Config().updated("safety", minimum_ttc_s=float(t)) for t in T_MIN_S}
     cells = [
         Drives(config, ("idm-mobil",), VEHICLES, options.drives, named=(("t_min_s", t),))
@@ -29,7 +29,7 @@ def plan(options: ReproduceOptions) -> Plan:
 
 
 def summary(results: Results) -> str:
-    """A table for the documentation; the gain is paired by seed."""
+    """Return a Markdown table of the results; the gain is paired by seed."""
     rows = results.rows(T_MIN.table)
     driven = {t: [row for row in rows if row["t_min_s"] == t] for t in T_MIN_S}
     speeds = [[float(row["mean_speed_m_s"]) for row in own] for own in driven.values()]
@@ -49,7 +49,7 @@ T_MIN = Experiment(
 
 
 def main() -> None:
-    """Make what the folder lacks, and print the summary."""
+    """Drive the episodes that the folder lacks, and print the summary."""
     folder = Path("t_min_results")
     folder.mkdir(exist_ok=True)
     for progress in reproduce(T_MIN, ReproduceOptions(drives=5, jobs=1, out=folder)):

@@ -12,7 +12,7 @@ from drl_av.drivers.checked import PolicyDriver
 from drl_av.driving.scene import Scene
 
 GROUPS = ("own_front", "right_front", "left_front", "ego", "lanes", "lane_change")
-"""What is ahead in three lanes, the ego, whether there are lanes beside it, its lane change."""
+"""The vehicles ahead in three lanes, the ego's state, the lanes beside it, and its lane change."""
 
 MAINTAIN, ACCELERATE, BRAKE = 0, 1, 2
 
@@ -23,7 +23,7 @@ class TimeGaps:
     space = gymnasium.spaces.Box(0, 10, shape=(3,), dtype=np.float32)
 
     def __call__(self, scene: Scene) -> npt.NDArray[np.float32]:
-        """The observation of a scene, shape (3,), s."""
+        """Return the observation of a scene, shape (3,), s."""
         affordances = scene.affordances
         speed_m_s = max(affordances.ego_speed_m_s, 0.1)
         ahead = [affordances.front(sign) for sign in (0, -1, 1)]
@@ -32,7 +32,7 @@ class TimeGaps:
 
 
 def policy(gaps_s: npt.NDArray[np.float32]) -> int:
-    """Keep a time gap of 1.5 s in the own lane."""
+    """Return the action number that keeps a time gap of about 1.5 s in the ego's lane."""
     if gaps_s[0] < 1.2:
         return BRAKE
     return ACCELERATE if gaps_s[0] > 1.8 else MAINTAIN

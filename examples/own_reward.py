@@ -13,7 +13,7 @@ LANE_CHANGE, HARD_BRAKE = 0.2, 0.5
 
 
 def comfort(transition: Transition) -> float:
-    """The reward of one decision."""
+    """Return the reward of one decision."""
     begun = transition.scene.lane_change is None and transition.next_scene.lane_change is not None
     braked = transition.executed.longitudinal is Longitudinal.HARD_BRAKE
     return transition.reward - LANE_CHANGE * begun - HARD_BRAKE * braked

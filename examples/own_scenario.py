@@ -28,7 +28,7 @@ STORY = ScenarioDescription(
 
 
 def main() -> None:
-    """Write both, and drive in both without ever proposing to brake: the check does."""
+    """Write both scenarios, and drive in them; the ego never proposes to brake, the check does."""
     with tempfile.TemporaryDirectory() as folder:
         for name, description in (("roadworks", ROADWORKS), ("story", STORY)):
             write_scenario(Path(folder) / name, description)

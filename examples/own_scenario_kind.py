@@ -29,7 +29,7 @@ class LaneDropDescription(OpenDescription):
     )
 
     def plan(self) -> OpenPlan:
-        """The highway with all its lanes, and the highway after the right one has ended."""
+        """Return the plan of the road: all lanes up to ``drop_m``, then all but the right one."""
         end_m, others = self.drop_m + 300.0, range(1, self.lanes)
         right = PartialLane(0, 0.0, self.drop_m, joined_from_m=0.0, joined_to_m=self.drop_m)
         return OpenPlan(

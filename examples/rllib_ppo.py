@@ -1,7 +1,7 @@
 """RLlib: PPO with two remote runners of two environments each.
 
-RLlib needs another version of gymnasium than the other libraries, hence an environment of its own;
-`make rllib` installs it and runs this program.
+RLlib needs another version of gymnasium than the other libraries, so it has its own Python
+environment; `make rllib` installs it and runs this program.
 
 python examples/rllib_ppo.py [ITERATIONS]
 """

@@ -23,7 +23,7 @@ STORY = ScenarioDescription(
 
 
 def main(decisions: int = 10) -> None:
-    """Tell what the shipped driver does, decision by decision."""
+    """Print the shipped driver's action in each decision."""
     driver = drl_av.load_driver("pretrained")
     with tempfile.TemporaryDirectory() as folder:
         write_scenario(Path(folder) / "story", STORY)

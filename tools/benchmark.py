@@ -14,11 +14,11 @@
                  decision per second, simulated at its own default of 15 Hz
     processes    two processes that drive at the same time beside one
     scaling      the environment beside bare libsumo at 5 to 240 vehicles, from 30 on at one
-                 density; a last row compares the cost of a decision at both ends
-    straight     the environment beside bare libsumo on a straight road of 12 km with some 500
-                 vehicles, of which some enter and leave in each decision
+                 density; a last row compares the cost of a decision at 240 and at 5 vehicles
+    straight     the environment beside bare libsumo on a straight road of 12 km with about 500
+                 vehicles; in each decision some vehicles enter and some leave
     roads        the environment on an open road, with a ramp and without, beside a loop with as
-                 many vehicles; the same in bare libsumo
+                 many vehicles; then bare libsumo on both roads
 
 Numbers are per second, medians over rounds in which all rows take turns, after a round of warm-up;
 a ratio is the median of the ratios of the rounds. All rows but ``processes`` run on one core.
@@ -64,7 +64,10 @@ SEEDS = 1_000
 
 
 class Result(NamedTuple):
-    """The result of a row: medians per second of ours and of the rival, and their ratio."""
+    """The result of a row: medians per second of ours and of the rival, and the median ratio.
+
+    ``met`` is whether the medians are as ``wanted``; it is None if the row demands nothing.
+    """
 
     name: str
     ours: float

@@ -15,7 +15,7 @@ ENTERING = (
     *("add", "moveTo", "setLength", "setWidth", "setShapeClass", "setPreviousSpeed", "setTau"),
     *("setAccel", "setParameter", "setMaxSpeed"),
 )
-"""Those with which it adds vehicles that enter an open road."""
+"""The functions of ``sumo.vehicle`` with which the environment adds vehicles to an open road."""
 STEP = "simulationStep"
 Call = partial[Any]
 

@@ -1,4 +1,4 @@
-"""The rows of ``benchmark.py`` about learning, as ``benchmark_rows`` has those about driving."""
+"""Prepares the rows of ``benchmark.py`` about learning; ``benchmark_rows`` prepares the others."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -46,7 +46,10 @@ def repeat(step: Callable[[], None]) -> float:
 
 
 def bare_step(rows: int) -> Callable[[], None]:
-    """Return a function that makes a gradient step of double DQN on one batch in plain PyTorch."""
+    """Return a function that makes a gradient step of double DQN in plain PyTorch.
+
+    All steps use the same batch of ``rows`` transitions.
+    """
     rng = np.random.default_rng(0)
     online, target = multilayer_perceptron(), multilayer_perceptron()
     adam = torch.optim.Adam(online.parameters(), lr=1e-4, fused=True)

@@ -1,7 +1,7 @@
-"""The rows of ``benchmark.py``: what each measures, and the rival that it measures beside it.
+"""Prepares the rows of ``benchmark.py``: each has a measurement of ours and one of a rival.
 
-A function ``..._rows`` prepares the episodes of some traffic seeds and returns rows; ``stack``
-closes the environments in the end.
+A function ``..._rows`` prepares the episodes of the traffic seeds and returns rows; ``stack``
+closes the environments at the end.
 """
 
 import math
@@ -37,7 +37,7 @@ Rate = Callable[[], float]
 
 
 class Row(NamedTuple):
-    """Two functions that measure a rate per second, and the least values that we want."""
+    """Two functions that measure a rate per second, and the least ratio and rate that we want."""
 
     name: str
     ours: Rate
@@ -133,7 +133,11 @@ def processes_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
 
 
 def work(pipe: "Connection[Any, Any]", core: int, seeds: Sequence[int]) -> None:
-    """Run in a worker process: for each True on the pipe, drive and send the decisions made."""
+    """Run in a worker process: for each True on ``pipe``, drive and send the number of decisions.
+
+    The worker sends True when it is ready, and ends after it receives False. It runs on the CPU
+    ``core``; -1 means any.
+    """
     if core >= 0:
         os.sched_setaffinity(0, {core})
     with closing(HighwayEnv(config=crowded())) as env:

@@ -1,4 +1,4 @@
-"""Computes the gain over the best opponent that no driver can exceed, in each kind of traffic.
+"""Computes an upper bound of a driver's gain over the best opponent, in each kind of traffic.
 
     python tools/bound_speeds.py
 

@@ -41,9 +41,9 @@ def read(name: str) -> str:
 
 
 def printed(name: str) -> str:
-    """Return the output of a command, in a file of docs/results, as Markdown.
+    """Return the text of a file of docs/results as a Markdown code block.
 
-    Without the file, return a note that there is no output yet.
+    If the file does not exist, return a note instead.
     """
     if not (RESULTS / name).exists():
         return "*This has not been made yet.*"

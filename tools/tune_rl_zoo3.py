@@ -1,12 +1,12 @@
 """Searches hyperparameters of stable-baselines3's DQN, for ``examples/rl_zoo3.yml``.
 
     python tools/tune_rl_zoo3.py
-    python tools/tune_rl_zoo3.py --again 2 4 0  # without the search: these trials again
+    python tools/tune_rl_zoo3.py --again 2 4 0  # no search: train these trials again
 
 A trial draws each hyperparameter of ``RANGES`` at random, trains once and is rated in 12 episodes.
 The best trials, the values that were chosen by hand and the defaults of stable-baselines3 are then
-trained again with other training seeds and rated in other episodes, 30 for each training, in which
-the shipped driver drives too.
+trained again with other training seeds and rated in other episodes, 30 for each training. The
+shipped driver drives these episodes too.
 """
 
 import argparse
@@ -65,7 +65,7 @@ class Rating(NamedTuple):
 
 
 def draw(number: int) -> list[dict[str, Any]]:
-    """Return the values of ``RANGES`` in each trial; the same ones for the same number."""
+    """Return the drawn values of the first ``number`` trials; trial k is the same in each call."""
     rng = np.random.default_rng(SEARCH_SEED)
     return [
         {name: values[rng.integers(len(values))] for name, values in RANGES.items()}
@@ -74,7 +74,7 @@ def draw(number: int) -> list[dict[str, Any]]:
 
 
 def train(settings: Mapping[str, Any], seed: int, decisions: int) -> DQN:
-    """Train an agent in traffic that is drawn with ``seed``, never that of an evaluation."""
+    """Train an agent in traffic that is drawn with ``seed`` and that no evaluation uses."""
     with closing(gymnasium.make("drl_av/Highway-v0", action_mask=False)) as env:
         agent = DQN("MlpPolicy", env, seed=seed, device="cpu", **settings)
         return agent.learn(decisions)
@@ -100,7 +100,7 @@ def rate(traffic: int, episodes: int, agent: DQN | None = None) -> Rating:
 
 
 def search(trials: int, decisions: int) -> list[int]:
-    """Train and print each trial; return their numbers, the best rewarded first."""
+    """Train, rate and print each trial; return the trial numbers, the highest reward first."""
     print(f"{trials} trials, one training of {decisions:,} decisions each, 12 episodes")
     print("trial  reward  m/s    hit  " + "  ".join(RANGES))
     rewards = []
@@ -114,7 +114,7 @@ def search(trials: int, decisions: int) -> list[int]:
 
 
 def print_row(name: str, seed: object, rating: Rating) -> None:
-    """Print how the agent of one training drives, or the mean of several."""
+    """Print the rating of one training, or the mean of several trainings."""
     numbers = f"{rating.reward:.4f} {rating.speed_m_s:.2f} {rating.hits:>4}"
     print(f"{name:<11} {seed!s:>4}  {numbers}", flush=True)
 

@@ -81,10 +81,11 @@ def orders(rng: np.random.Generator) -> Iterator[Orders]:
 
 
 def compare(case: Case, scenes: int, seed: int) -> dict[str, Any]:
-    """Return a row with the number of collisions in SUMO and the number of disagreements.
+    """Drive ``scenes`` random approaches in SUMO and in the simulator; return a row of the results.
 
-    SUMO and the simulator disagree about an approach if they report different collisions, or if a
-    position differs by the tolerance or more.
+    The two disagree about an approach if they report different collisions, or if a position differs
+    by ``case.tolerance_m`` or more. The number of collisions in SUMO excludes those with the edge
+    of the road.
     """
     sumo, mover = SumoWorld(case.config, case.road), Mover(case.config)
     rng = np.random.default_rng(seed)

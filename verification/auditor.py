@@ -133,7 +133,11 @@ class Auditor:
     def _judge_entry(
         self, before: Snapshot, after: Snapshot, row: int, there: BoolArray, is_met: bool
     ) -> None:
-        """Record a vehicle that enters the ego's lane, among ``there``, with too small a gap."""
+        """Record the vehicle ``row`` if it enters the ego's lane with too small a gap.
+
+        ``there`` marks the other vehicles in this lane. ``is_met`` is whether the vehicle was in a
+        lane of the ego before the step.
+        """
         ahead_m = self._ahead_m(after)
         gap_m, behind_m = self._gaps(after, row)
         if min(gap_m, behind_m) <= 0:
@@ -176,7 +180,11 @@ class Auditor:
         return self._gaps(shot, row)[0] - float(needs_m)
 
     def _must_hit(self, shot: Snapshot, behind_m: FloatArray | float) -> BoolArray:
-        """Return which vehicles, ``behind_m`` behind, could not stop if both braked fully."""
+        """Return which vehicles would hit the ego from behind if both braked as hard as permitted.
+
+        ``behind_m`` is the gap of each vehicle to the ego ahead of it, m. The result has shape
+        (1 + others,).
+        """
         strict, step_s = self._config.strict, self._config.simulation.step_length_s
         rolled_m = stopping_distance(shot.speed_m_s, strict.braking_m_s2, step_s)
         hard_m_s2 = self._config.ego.hard_brake_m_s2

@@ -73,7 +73,7 @@ class SweptTally(TrafficTally):
         self._before = shot
 
     def _meeting(self, pair: tuple[str, str], shot: Snapshot) -> str:
-        """Return the kind of an overlap: the two drivers, and whether both keep to one lane."""
+        """Return the kind of an overlap: the two drivers, and if both are centred in a lane."""
         rows, road = [shot.ids.index(name) for name in pair], self._env.road
         drivers = " and ".join(
             sorted(Kind(self._env.simulation.fleet.kinds[row]).name.lower() for row in rows)

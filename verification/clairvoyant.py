@@ -85,7 +85,10 @@ PLANS = (
 
 
 class Execution:
-    """Carries out a plan, decision by decision."""
+    """Carries out a plan, decision by decision.
+
+    ``lane`` is the lane of the ego when the plan begins, or the lane into which it is changing.
+    """
 
     def __init__(self, plan: Plan, lane: int) -> None:
         self._plan, self._made = plan, 0

@@ -3,7 +3,7 @@
     python -m verification.completeness                # minutes
     python -m verification.completeness --scenes 400 --adversaries 200
 
-The families of scenes are those of ``verification/falsification.py``. The states are those to which
+The families of scenes are those of ``verification/families.py``. The states are those to which
 a random adversary leads. Each refused action is tried against several adversaries. A refused
 acceleration counts as safe if the ego can execute it for one decision and then brake hard, without
 a collision. A refused maneuver counts as safe if the ego can complete it without a collision, while
@@ -48,13 +48,14 @@ CHANGES = 0.3
 
 
 class Refusals(NamedTuple):
-    """Pairs of a state and an action that the check refuses in it; each scene is one pair."""
+    """Pairs of a state and an action that the check refuses in this state."""
 
     world: World
+    """The states: scene i is the state of pair i."""
     proposal: IntArray
     """The refused actions, 0 to 11; this field and the next have shape (scenes,)."""
     is_maneuver: BoolArray
-    """Whether the check refuses the lateral part of the action, or only its acceleration."""
+    """True if the check refuses the lateral part of the action, False if only its acceleration."""
 
     def at(self, rows: IntArray) -> "Refusals":
         """Return copies of the pairs with the indices ``rows``."""
@@ -62,11 +63,11 @@ class Refusals(NamedTuple):
 
 
 STATE = ("x_m", "y_m", "speed_m_s", "lateral_m_s", "origin", "target", "lane_s")
-"""Names of the arrays of a World."""
+"""Names of the arrays of a World that ``rows_of`` copies."""
 
 
 def rows_of(world: World, rows: IntArray) -> World:
-    """Return a World with copies of the R scenes with the indices ``rows``, shape (R,)."""
+    """Return a World with copies of some scenes; ``rows`` holds their indices, shape (R,)."""
     arrays: Any = [getattr(world, name)[rows].copy() for name in STATE]
     return World(*arrays)
 

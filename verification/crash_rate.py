@@ -9,9 +9,9 @@ With ``--people`` there is no adversary, and each weight is 1. For each check th
 with 95 % intervals, the crashes per test and the crashes in which the ego hit a vehicle. It also
 prints a lower bound of the mean distance between two hits by the ego.
 The published figures for a three-lane SUMO highway are 4.36e-4 crashes per test for a shield and
-2.22e-4 for a driver (Comparison-DenseLearning-ProvablySafeRL). Its tests differ: drivers follow
-tables of data in SUMO, change lanes within one second, and have other steering and gaps than in
-``naturalistic.py``.
+2.22e-4 for a driver (Comparison-DenseLearning-ProvablySafeRL). The tests of this publication
+differ from ours: its human drivers follow tables of data in SUMO and change lanes within one
+second, and their steering and gaps are not those of ``naturalistic.py``.
 """
 
 import argparse

@@ -2,13 +2,15 @@
 
     python -m verification.falsify                      # the envelope of the paper's check
     python -m verification.falsify --check strict --scenes 100000   # an adversary that learns
-    python -m verification.falsify --check strict --sumo --scenes 50  # the same scenes in SUMO
+    python -m verification.falsify --check strict --sumo --scenes 50  # random scenes in SUMO
 
-The envelope uses a scripted adversary for each family of scenes, in the kinematic simulator. It
-reports collisions by closing speed, integration method and step length; explicit Euler with 1 s is
-the plant of the paper. The search uses CMA-ES, which chooses the start, the motion of all other
-vehicles and the proposed actions of the ego. It has three more families of scenes, on roads whose
-lanes begin and end. The exit status is 1 if the ego hit something under ``strict``.
+The envelope is the share of starts that end in a collision with a scripted adversary, in the
+kinematic simulator. The program prints it by family of scenes, closing speed, integration method
+and step length; explicit Euler with 1 s is the plant of the paper. Under ``strict``, and with
+``--search``, the program instead searches for collisions with CMA-ES, which chooses the start, the
+motion of all other vehicles and the proposed actions of the ego. The search and ``--sumo`` have
+three more families of scenes, on roads whose lanes begin and end. The exit status is 1 if the ego
+hit something under ``strict``.
 """
 
 import json

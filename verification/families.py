@@ -24,8 +24,8 @@ class Family(NamedTuple):
     start: Callable[[FloatArray, Config], World]
     """Function that creates the starts from numbers in (0, 1), shape (scenes, PLACED * others)."""
     script: tuple[float, float, int]
-    """The scripted adversary: acceleration, m/s^2, and side of the other vehicles; the proposed
-    action of the ego."""
+    """The scripted adversary: acceleration of the other vehicles, m/s^2; the side to which they
+    move, right -1, none 0, left 1; and the proposed action of the ego, 0 to 11."""
     road_kind: str = "loop"
     """The kind of the road in SUMO, a key of ``in_sumo.ROADS``."""
 

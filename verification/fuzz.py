@@ -1,9 +1,10 @@
-"""Tries mutated inputs of every kind: each must be used, or refused in one sentence.
+"""Tries mutated inputs: drl-av must accept each one, or refuse it with an error of one sentence.
 
     python -m verification.fuzz                                   # 20,000 inputs in all
     python -m verification.fuzz --kind "driven config" --inputs 500 --seed 1
 
-The exit status is 1 if an input fails; each failure is named on a line of its own.
+An input fails if it leads to a wrong result, a traceback or any other message. The program prints
+a line for each failure; the exit status is 1 if there is one.
 """
 
 import contextlib
@@ -45,11 +46,11 @@ from verification.program import Program, run_program
 ABSURD = (b"nan", b"inf", b"-1", b"1e400", b"9" * 5000, b"\0", b"\xff\xfe", b"[" * 3000, b"'", b"$")
 TABLE = b"driver,vehicles,mean_speed_m_s\nidm,5,20.5\nmine,30,19.25\n"
 ODD = (b"-1", b"0", b"3.5", b"1e400", b"true", b"'x'", b"[]", b"{a=1}", b"07:32:00", b"9" * 30)
-"""TOML values that most settings are not."""
+"""TOML values that most settings do not accept."""
 
 
 def mutated(data: bytes, rng: random.Random) -> bytes:
-    """Return the bytes changed at one to four places: cut, flipped, repeated, or made absurd."""
+    """Return the bytes with one to four changes: deletion, bit flip, repetition, absurd value."""
     found = bytearray(data)
     for _ in range(rng.randint(1, 4)):
         start = rng.randrange(len(found) + 1)
@@ -206,7 +207,7 @@ def is_refused(kind: str, number: int, seed: int) -> bool:
 
 
 def fuzz(kind: str, inputs: int, seed: int) -> tuple[int, list[str]]:
-    """Try mutated inputs of a kind; return how many are refused, and the failures of others."""
+    """Try mutated inputs of a kind; return the number of refused ones, and each failure as text."""
     refused, failures = 0, []
     for number in range(inputs):
         try:
@@ -217,7 +218,7 @@ def fuzz(kind: str, inputs: int, seed: int) -> tuple[int, list[str]]:
 
 
 def run() -> int:
-    """Try as many inputs as the command line asks for, and print what became of them."""
+    """Try inputs of each kind, and print the refusals and failures; return 1 after a failure."""
     parser = Program(__doc__)
     parser.number("--inputs", 20_000, "number of inputs, divided among the kinds")
     parser.some("--kind", KINDS)

@@ -1,6 +1,6 @@
-"""Inputs of ``verification.fuzz`` that start SUMO: whatever is accepted is driven a few decisions.
+"""Inputs of ``verification.fuzz`` that start SUMO and drive a few decisions.
 
-Each is tried in a process of its own, because SUMO can crash.
+Each input is tried in its own process, because SUMO can crash.
 """
 
 import multiprocessing
@@ -39,7 +39,10 @@ NUMBERS = (b"0", b"-1", b"1", b"0.001", b"2.5", b"19", b"1000", b"-0.0", b"1e9",
 
 
 def value(item: "Field[Any]", rng: random.Random) -> Any:
-    """Return a value of a setting: mostly a bound or a value between the bounds."""
+    """Return a random value for the setting ``item``: mostly a bound, or between the bounds.
+
+    A number without bounds keeps its default.
+    """
     usual: Any = item.default
     low, high = item.metadata.get("low"), item.metadata.get("high")
     if item.metadata.get("choices"):
@@ -65,7 +68,10 @@ def config(rng: random.Random) -> Config:
 
 
 def description(rng: random.Random) -> Any:
-    """Return a description of any kind of road, with vehicles placed or types of its own."""
+    """Return a random description of a scenario of any kind.
+
+    Some descriptions place their vehicles exactly; others define their own vehicle types.
+    """
     name = rng.choice(list(KINDS))
     kind = KINDS[name].description
     items = [item for item in fields(kind) if item.metadata.get("low") is not None]
@@ -106,7 +112,7 @@ def _placed(name: str, rng: random.Random) -> PlacedVehicle:
 
 
 def drive(env: HighwayEnv, rng: random.Random) -> None:
-    """Drive a few random decisions; raises AssertionError if a number makes no sense."""
+    """Drive a few random decisions; raises AssertionError if any number is impossible."""
     observation, info = env.reset(seed=rng.randrange(2**31))
     for _ in range(DECISIONS):
         assert env.observation_space.contains(observation), observation
@@ -132,7 +138,7 @@ def require_sense(shot: Snapshot, road: Road) -> None:
 
 
 def positions(scenario: Path) -> bytes:
-    """Return the positions of all vehicles of a scenario after three decisions."""
+    """Return the positions of all vehicles of a scenario after three decisions, as bytes."""
     with closing(HighwayEnv(scenario, safety_check="permit_all")) as env:
         env.reset(seed=3)
         for action in (1, 8, 8):
@@ -141,7 +147,7 @@ def positions(scenario: Path) -> bytes:
 
 
 original_positions = cache(positions)
-"""Returns the same for a scenario whose files do not change, from memory after the first call."""
+"""The function ``positions`` with a cache, for scenarios whose files do not change."""
 
 
 def driven_config(rng: random.Random, folder: Path) -> None:
@@ -154,8 +160,8 @@ def driven_config(rng: random.Random, folder: Path) -> None:
 def driven_scenario(rng: random.Random, folder: Path) -> None:
     """Drive a new scenario; in half the cases its files are changed by hand.
 
-    Numbers are replaced, lines are lost, repeated or exchanged, or an attribute gets the value that
-    it has on another line.
+    The changes replace a number, delete, repeat or exchange lines, or give an attribute the value
+    that it has on another line.
     """
     home = folder / "scenario"
     write_scenario(home, description(rng))
@@ -195,9 +201,10 @@ def _rearranged(data: bytes, rng: random.Random) -> bytes:
 
 
 def apart(attempt: Attempt) -> Attempt:
-    """Return the attempt such that it runs in a process of its own.
+    """Return a function that runs ``attempt`` in its own process.
 
-    The returned function raises AssertionError if the process crashes or hangs.
+    The function raises ConfigError if the input is refused, and AssertionError if the attempt fails
+    or the process crashes or hangs.
     """
     context = multiprocessing.get_context("fork")
     connection(gui=False)  # imports libsumo once, not in each process
@@ -223,7 +230,7 @@ def apart(attempt: Attempt) -> Attempt:
 
 
 def _report(attempt: Attempt, rng: random.Random, folder: Path, sender: Connection) -> None:
-    """Try it, and send the refusal and the failure, each "" without one."""
+    """Run ``attempt``; send the texts of its refusal and its failure, "" if there is none."""
     refusal = failure = ""
     try:
         attempt(rng, folder)

@@ -1,6 +1,6 @@
-"""Inputs of ``verification.fuzz`` around a trained run: its checkpoint, and command lines.
+"""Inputs of ``verification.fuzz`` that need a trained run: checkpoints and command lines.
 
-The desk is a folder with one of everything that a command can be pointed at.
+They use the *desk*, a folder with a run, a scenario, config files, a table and an empty folder.
 """
 
 import atexit
@@ -35,7 +35,7 @@ evaluation_episodes = 1
 hidden_units = 4
 """
 FALSE: tuple[Any, ...] = (None, [], {}, {"a": 1}, "x", "9" * 5000, 0.5, 1e300, [[0.5, "x"], {}])
-"""JSON values that no number of a checkpoint is."""
+"""JSON values that are wrong for every number of a checkpoint."""
 FILES = ("run", "loop", "empty", "tiny.toml", "odd.toml", "rows.csv", "gone")
 PLACES = (*FILES, "run/policy.safetensors", "/dev/null")
 OPTIONS = {
@@ -52,7 +52,7 @@ ENOUGH = {
     "evaluate": ("--episodes", "1", "--config", "tiny.toml", "--vehicles", "1"),
     "replay": ("--video", "film.gif", "--decisions", "1", "--rate", "9"),
 }
-"""Said last, so that nothing takes long."""
+"""The last arguments of each command line, by verb, so that no command takes long."""
 ANY = (
     *PLACES,
     *("0", "1", "2", "-1", "x", "1e9", "1e999", "nan", "", "9" * 20, "a\nb", "--", "-x"),
@@ -62,7 +62,7 @@ ANY = (
 
 @cache
 def desk() -> Path:
-    """Return the desk, made at the first call; it is removed when Python ends."""
+    """Return the desk, which the first call creates; it is deleted when Python exits."""
     home = tempfile.TemporaryDirectory()
     atexit.register(home.cleanup)
     folder = Path(home.name)
@@ -77,7 +77,10 @@ def desk() -> Path:
 
 
 def checkpoint(rng: random.Random, folder: Path) -> None:
-    """Restore a run whose checkpoint has a true checksum, in most cases with false contents."""
+    """Restore a run from a checkpoint with a valid checksum, in most cases with false contents.
+
+    Raises AssertionError if the run accepts false contents or changes its table of episodes.
+    """
     run = Run(Path(shutil.copytree(desk() / "run", folder / "run")))
     tensors, numbers = load(run.checkpoint_file)
     name = rng.choice([*tensors, *numbers])
@@ -100,7 +103,7 @@ def checkpoint(rng: random.Random, folder: Path) -> None:
 
 
 def command_line(rng: random.Random, folder: Path) -> None:
-    """Give a verb options in any order, each with a word that may suit it or not."""
+    """Run ``drl-av`` with a random verb, random options, and values that often do not fit."""
     verb = rng.choice(list(OPTIONS))
     words = [verb]
     if verb == "train":
@@ -114,7 +117,10 @@ def command_line(rng: random.Random, folder: Path) -> None:
 
 
 def require_answer(words: list[str]) -> None:
-    """Raise AssertionError unless the command line works, or its message is a usage or sentence."""
+    """Run ``drl-av`` with these words; raise AssertionError if its answer is bad.
+
+    A good answer is status 0 without an error message, 1 with one sentence, or 2 with the usage.
+    """
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:

@@ -164,7 +164,10 @@ class Mover:
     def _collide(
         self, world: World, from_x_m: FloatArray, from_y_m: FloatArray, going: BoolArray
     ) -> None:
-        """Record the ego's collisions of a step that begins there; the edge comes first."""
+        """Record the ego's collisions in a step that begins at ``from_x_m`` and ``from_y_m``.
+
+        If the ego hits the edge of the road and a vehicle in one step, only the edge is recorded.
+        """
         sizes_m, places = (LENGTH_M, WIDTH_M), (world.x_m, world.y_m)
         least_m = swept_separation((from_x_m, from_y_m), places, *sizes_m)
         to_barriers_m = barrier_separation(world.road.barriers, places, *sizes_m)
@@ -184,7 +187,8 @@ class Mover:
     ) -> FloatArray:
         """Return the other vehicles' sides, with 0 where bound 3 of ``strict`` forbids a side.
 
-        No vehicle may pass beside one that begins a lane change, from ``from_x_m`` on in this step.
+        A vehicle begins a lane change only if no vehicle of the new lane is beside it at any time
+        in this step. ``from_x_m`` holds the positions at the start of the step.
         """
         strict, ego = self._config.strict, self._config.ego
         y_m, width_m = world.y_m[:, 1:], ROAD.lane_width_m
@@ -251,7 +255,10 @@ class Mover:
         return result
 
     def _shared_s(self, world: World) -> FloatArray:
-        """Return how long, s, the ego has been in a lane of each other vehicle; -1 if in none."""
+        """Return how long, s, the ego has been in a lane of each other vehicle; -1 if in none.
+
+        Then add this step to ``world.lane_s``.
+        """
         lowest, highest = lanes_under(world.y_m[:, :1], WIDTH_M, ROAD.lane_width_m)
         lanes = np.arange(len(ROAD.open_lanes))
         over = (lowest <= lanes) & (lanes <= highest)

@@ -5,7 +5,8 @@
 
 Each episode appends a row to the table. After an interruption, the same command continues.
 ``--first`` and ``--episodes`` select episodes, to divide the work. The exit status is 1 if the ego
-hit something, or if a vehicle that broke no bound hit the ego.
+hit something, if a vehicle that broke no bound hit the ego, or if a broken bound has no known
+cause.
 """
 
 from collections import Counter

@@ -1,4 +1,4 @@
-"""Bounds how often the ego under ``strict`` hits a vehicle, among drivers who may break the bounds.
+"""Estimates how often the ego hits a vehicle under ``strict`` if others may break its bounds.
 
     python -m verification.own_hits --tests 120000 --jobs 2
 

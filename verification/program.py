@@ -19,12 +19,12 @@ class Program(argparse.ArgumentParser):
         self._begun_s = time.monotonic()
 
     def number(self, name: str, default: int, meaning: str = "", low: int = 1) -> None:
-        """Add an option for a whole number from ``low`` on."""
+        """Add an option for a whole number, at least ``low``; its help shows ``meaning``."""
         text = f"{meaning} (default: {default})" if meaning else f"default: {default}"
         self.add_argument(name, type=whole(low), default=default, metavar="N", help=text)
 
     def some(self, name: str, choices: Iterable[str]) -> None:
-        """Add an option for some of the ``choices``; its default is all of them."""
+        """Add an option that takes one or more of the ``choices``; its default is all of them."""
         known = list(choices)
         self.add_argument(name, nargs="+", choices=known, default=known, help="default: all")
 
@@ -33,10 +33,13 @@ class Program(argparse.ArgumentParser):
         return time.monotonic() - self._begun_s
 
     def made_by(self, before_s: float = 0.0) -> str:
-        """Return what made the results, as ``made_by``; earlier runs took ``before_s`` seconds."""
+        """Return the line of ``provenance.made_by`` about this program.
+
+        Its wall time includes ``before_s``, the wall time of earlier runs, seconds.
+        """
         return made_by(before_s + self.spent_s())
 
 
 def run_program(main: Callable[[], int | None]) -> None:
-    """Run a program and exit with its status; bad input and Ctrl-C become one sentence."""
+    """Run a program and exit with its status; after an error or Ctrl-C it prints one sentence."""
     sys.exit(exit_status(Path(sys.argv[0]).stem, lambda: main() or 0))

@@ -1,18 +1,22 @@
-"""How drivers merge from an on-ramp and leave by an off-ramp, against the flow on the highway.
+"""Measures how drivers merge from an on-ramp and leave by an off-ramp, at several traffic flows.
 
     python -m verification.ramps --kind merge --episodes 100
     python -m verification.ramps --kind exit ramp_to_ramp --driver sumo --flow 1000 2000
 
 Prints one line for each kind of road, flow and driver. An episode is a success if the ego is on
 the highway where the acceleration lane has ended, or if it takes its exit. The ego waits while it
-stands in a lane that its way demands to leave. There is braking behind the ego if the nearest
-vehicle behind it, in its lane or in the one that it enters, brakes harder than 3 m/s^2 while the
-ego changes lanes as its way demands, or within 10 s after it has reached the next lane. The ego
-forces it if IDM behind the ego, as in MOBIL's safety criterion, demands more than 2 m/s^2 before or
-after that second; otherwise the vehicle brakes for another reason, such as a slower vehicle to its
-left that it may not pass on the right. The time lost is the mean time of the successful episodes to
-the end of the way, less the time of the same driver on the empty road. Intervals are Wilson's at
-95 %. Exits with 1 if the ego hit anything.
+stands in a lane that it must leave.
+
+There is braking behind the ego if the nearest vehicle behind it, in its lane or in the lane that it
+enters, brakes harder than 3 m/s^2. Such braking counts during a mandatory lane change of the ego,
+and for 10 s after the ego has reached the next lane. The ego forces the braking if IDM demands more
+than 2 m/s^2 of that vehicle, as in MOBIL's safety criterion, before or after that second. Otherwise
+the vehicle brakes for another reason, such as a slower vehicle to its left, which it may not pass
+on the right.
+
+The time lost is the mean time to the end of the road in the successful episodes, minus the time of
+the same driver on the empty road. Intervals are Wilson's at 95 %. The exit status is 1 if the ego
+hit anything.
 """
 
 import argparse
@@ -48,9 +52,9 @@ FLOWS = (0.0, 500.0, 1000.0, 1500.0, 2000.0)
 STANDING_M_S = 0.5
 HARD_M_S2 = 3.0
 DEMANDED_M_S2 = 2.0
-"""Braking that IDM must demand behind the ego if the ego is the reason; IDM's comfortable one."""
+"""The ego forces braking behind it if IDM demands more than this: its comfortable braking."""
 AFTER_CHANGE = 10
-"""Decisions after a lane change in which braking behind the ego counts."""
+"""Number of decisions after a lane change in which braking behind the ego counts."""
 SUCCESS = {
     "merge": ("merged", "on the highway"),
     "exit": ("took the exit", "in the exit lane"),
@@ -64,7 +68,7 @@ PRINTED = re.compile(
     r"forced (?P<forced>\S+ \(.*?\))",
     re.MULTILINE,
 )
-"""A line of this program."""
+"""Matches a line that this program prints."""
 
 
 @dataclass
@@ -77,19 +81,20 @@ class Trip:
     braking_behind: bool = False
     forced: bool = False
     waits: int = 0
-    """Decisions at which the ego stood while its way demanded a lane change."""
+    """Number of decisions at whose end the ego stood in a lane that it must leave."""
     decisions: int | None = None
-    """Decisions until its way demanded no lane change any more; None if it did to the end."""
+    """Number of decisions until no mandatory lane change was left; None if one was never made."""
     end_s: float | None = None
-    """Time to the end of the way; None if the ego did not reach it."""
+    """Time to the end of the road, seconds; None if the ego did not reach it."""
     flow_per_h: float = 0.0
-    """Flow on a lane of the highway where the last ramp meets it, as it was in the episode."""
+    """Measured flow in the episode, per lane of the highway, at the end of the last ramp's lane."""
 
 
 def drive(env: HighwayEnv, driver: Driver, seed: int, vehicles: int | None = None) -> Trip:
     """Drive one episode with the driver, and return its outcome.
 
-    ``vehicles`` is the number of other vehicles at the start; None is the number of the flow.
+    ``vehicles`` is the number of other vehicles at the start; None means the number that the
+    flow of the scenario gives.
     """
     trip, made, changed = Trip(), 0, -math.inf
     road, passed = env.road, 0
@@ -122,7 +127,7 @@ def drive(env: HighwayEnv, driver: Driver, seed: int, vehicles: int | None = Non
 
 
 def _demanded_of_braking_vehicles(decision: Decision, mobil: MobilConfig) -> Iterator[float]:
-    """Yield what IDM demands of each vehicle behind the ego that brakes hard in a decision, m/s^2.
+    """Yield the braking, m/s^2, that IDM demands of each vehicle that brakes hard behind the ego.
 
     These vehicles are the nearest ones in the ego's lane and in the lane that it enters. IDM has
     the parameters of MOBIL without a desired speed, and demands the braking behind the ego before

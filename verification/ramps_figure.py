@@ -43,7 +43,8 @@ class Point(NamedTuple):
 def points(text: str, measure: str) -> dict[str, list[Point]]:
     """Return the points of each driver in the text that ``verification.ramps`` printed.
 
-    The measure of the time lost has no interval, and an unknown time lost has no point.
+    ``measure`` is a key of ``MEASURES``. The time lost has no interval: ``low`` and ``high`` are
+    the value. An unknown time lost has no point.
     """
     found: dict[str, list[Point]] = defaultdict(list)
     for each in PRINTED.finditer(text):

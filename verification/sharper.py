@@ -1,15 +1,15 @@
-"""Estimates how much faster the shipped driver would be under a sharper check than ``strict``.
+"""Estimates how much faster the shipped driver would be if ``strict`` refused fewer safe actions.
 
     python -m verification.sharper
 
 An optimistic check is compared with ``strict`` in the same traffic, among the human drivers of
 ``naturalistic.py``. It permits each action that ``strict`` permits, and each other action after
-which a search finds no collision, as in ``completeness.py``. A check with a safety argument for the
-same bounds cannot permit an action after which a collision is possible, and the search misses some
-of these. The gain is therefore an upper bound of what a sharper argument can give this driver in
-this traffic. The check ``nothing`` permits every action. For each check, under our bounds
-(``strict``) and those of real traffic (``real``), the program prints the mean speed, the gain over
-``strict`` in percent with its 95 % interval, paired by test, and the collisions.
+which a search finds no collision, as in ``completeness.py``. The search misses some collisions, so
+the optimistic check also permits some actions that no safe check with the same bounds can permit.
+Its gain is therefore an upper bound of the gain of any such check, for this driver in this traffic.
+The check ``nothing`` permits every action. For each check, under our bounds (``strict``) and those
+of real traffic (``real``), the program prints the mean speed, the gain over ``strict`` in percent
+with its 95 % interval, paired by test, and the collisions.
 """
 
 from typing import Any

@@ -1,4 +1,4 @@
-"""Measures how the SUMO step length changes the traffic, and what it costs in speed.
+"""Measures how the SUMO step length changes the traffic and the speed of the simulation.
 
     python -m verification.step_lengths --out docs/results/step_length.csv
 

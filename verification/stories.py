@@ -4,8 +4,8 @@
 
 A story fixes the start of every vehicle, and no vehicle changes lanes at random. An episode
 therefore does not depend on its seed, and each driver drives one episode of each story under each
-check. It ends at the end of the road, with a collision of the ego, or after a minute. SUMO's own
-drivers drive once, without a check.
+check. The episode ends at the end of the road, with a collision of the ego, or after a minute.
+SUMO's own drivers drive each story once, without a check.
 """
 
 from collections.abc import Iterable, Sequence

@@ -58,7 +58,7 @@ QUALITIES = {
     "safety_triggers": ("safety triggers an episode", 1),
 }
 SHARES = (0.9, 0.99)
-"""The thresholds: shares of the way from the random driver to the final drivers of ``fast``."""
+"""The thresholds, as shares of the gain of the final drivers of ``fast`` over the random driver."""
 TABLE = "time_to_quality.csv"
 COLUMNS = ("agent", "seed", "checkpoint", "cpu_s", *QUALITIES, "ego_hits")
 Drivers = list[tuple[float, Driver]]
@@ -140,10 +140,11 @@ def rows_of(agent: str, seed: int) -> list[dict[str, Any]]:
 
 
 def kept_s(rows: list[Row], name: str, threshold: float, origin: float) -> float:
-    """Return the CPU seconds of the checkpoint from which on a training keeps to a threshold.
+    """Return the CPU seconds of the checkpoint from which on all checkpoints reach a threshold.
 
-    The result is infinite if its last driver does not. ``origin`` is a value of the quality
-    ``name`` on the other side of the threshold.
+    ``rows`` are the checkpoints of one training. One of them reaches the threshold if its quality
+    ``name`` is not on the side of ``origin``, the value of the random driver. The result is inf if
+    the last checkpoint does not reach the threshold.
     """
     sign = 1.0 if threshold > origin else -1.0
     missed = [sign * (float(row[name]) - threshold) < 0 for row in rows]

@@ -65,7 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def command_line(verbs: Container[str] = VERBS) -> argparse.ArgumentParser:
     """Build the argument parser of all verbs; only the verbs in ``verbs`` get their options.
 
-    The parser stores the chosen Verb as the attribute ``verb`` of the namespace.
+    ``main`` passes the words of the command line, so that the other verbs import no modules for
+    their options. The parser stores the chosen Verb as the attribute ``verb`` of the namespace.
     """
     parser = argparse.ArgumentParser(
         prog="drl-av",

@@ -45,7 +45,7 @@ class Bar:
         self._printed_s = self._begun_s
 
     def advance(self, text: str, decisions: int) -> None:
-        """Count one episode of ``decisions``; show ``text`` and decisions per second at the bar."""
+        """Count an episode with ``decisions`` decisions; show ``text`` and decisions per second."""
         self._decisions += decisions
         rate = self._decisions / (time.monotonic() - self._begun_s)
         self._progress.update(self._task, advance=1, text=f"{text}  {rate:.0f} decisions/s")
@@ -70,7 +70,7 @@ class Bar:
 
 @contextmanager
 def progress_bar(what: str, total: int, done: int = 0) -> Iterator[Bar]:
-    """Show a bar named ``what`` while the block runs, with ``done`` of ``total`` episodes done."""
+    """Show a bar named ``what`` during the block; it starts at ``done`` of ``total`` episodes."""
     console = make_console()
     progress = Progress(
         TextColumn("{task.description}"),

@@ -23,7 +23,10 @@ if TYPE_CHECKING:
     from drl_av.evaluation.paired import Paired
 
 SAVE_EVERY_S = 5.0
-"""Time between two writes of the table; if SUMO aborts the process, the rows since are lost."""
+"""Time between two writes of the table.
+
+If SUMO aborts the process, the rows after the last write are lost.
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -83,7 +86,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def evaluate(options: argparse.Namespace) -> int:
     """Drive all episodes, write one row for each, and print the summary; return the exit status.
 
-    If the file ``--out`` exists, it is replaced only after the last episode.
+    The status is 1 if a driver fails and ``--require-pass`` is given, 130 after Ctrl-C, else 0. If
+    the file ``--out`` exists, it is replaced only after the last episode.
     """
     from drl_av.cli.console import progress_bar
     from drl_av.cli.tables import print_gains, print_overall, print_styles, print_summaries

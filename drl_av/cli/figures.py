@@ -21,7 +21,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def figures(options: argparse.Namespace) -> int:
-    """Draw each figure for which the given tables and runs have data, and the two that need none.
+    """Draw ``reward``, ``lane_change`` and each figure for which the given sources have data.
 
     Returns the exit status 0.
     """

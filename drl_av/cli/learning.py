@@ -81,7 +81,7 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
 
 
 def train(options: argparse.Namespace) -> int:
-    """Train a driver by Algorithm 1 of the paper, in the folder ``--out``; return exit status."""
+    """Train a driver by Algorithm 1 in the run folder ``--out``; return the exit status."""
     from drl_av.env.highway import HighwayEnv
     from drl_av.learning.assembly import make_training
     from drl_av.learning.run import Run

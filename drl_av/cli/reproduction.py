@@ -76,7 +76,7 @@ def _experiment(text: str) -> str:
 def reproduce(options: argparse.Namespace) -> int:
     """Run the chosen experiments one after the other; return the exit status 0.
 
-    Raises DrlAvError before anything is driven if the engine is not installed.
+    Raises DrlAvError before the first episode if ``--engine`` is ``ray`` and Ray is not installed.
     """
     from drl_av.cli.console import progress_bar
     from drl_av.experiments.engines import require_ray

@@ -8,7 +8,7 @@ from drl_av.safety import CHECKS
 
 
 def driver_words() -> str:
-    """Return the forms in which an option accepts a driver, for the option's help."""
+    """Return the help text of an option for a driver: all forms that the option accepts."""
     return (
         f"{', '.join(driver_names())} (each pretrained one ships with drl-av), the folder of a "
         "run, a policy's .safetensors file, a stable-baselines3 .zip file, an .onnx file, or your "

@@ -1,6 +1,6 @@
-"""Ends a program with its exit status, and prints one sentence for an error.
+"""Converts the outcome of a program to an exit status, and prints one sentence for an error.
 
-The status is 0 for success, 1 after an error and 2 after bad usage.
+The status is 0 for success, 1 after an error, 2 after bad usage and 130 after Ctrl-C.
 """
 
 import io

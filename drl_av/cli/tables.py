@@ -71,7 +71,10 @@ def _caption(summaries: Sequence["Summary"], several_checks: bool) -> str:
 
 
 def print_gains(gains: Sequence["Paired"]) -> None:
-    """Print the gain in mean speed, m/s, of each driver over the fastest baseline, by density."""
+    """Print each driver's gain in mean speed, m/s, over the fastest rule-based driver.
+
+    The table has one row for each driver and number of vehicles.
+    """
     headings = ("vehicles", "driver", "fastest baseline", "gain in\nspeed, m/s")
     table = _table("paired by seed, ± half of the 95 % interval", *headings)
     for gain in gains:

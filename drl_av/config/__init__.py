@@ -3,7 +3,7 @@
 "The paper" is Nageshrao, Tseng and Filev, *Autonomous Highway Driving using Deep Reinforcement
 Learning* (2019). Each setting names the source of its default: a table, equation or section of the
 paper ("Table I", "eq. 2", "Sec. IV-B"), another publication, or "ours" if the paper does not state
-it. The end of a setting's name is its unit; upper and lower bounds are inclusive.
+it. A setting's name ends with its unit, as in ``headway_s``; lower and upper bounds are inclusive.
 """
 
 import tomllib
@@ -86,7 +86,7 @@ class Config:
 
     @property
     def of_each_kind(self) -> "list[Config]":
-        """The configs of the kinds of traffic that an episode may have; often only this config."""
+        """One config per kind of traffic if ``traffic.all_kinds`` is true, else only this one."""
         return [*map(self.with_traffic, SINGLE_KINDS)] if self.traffic.all_kinds else [self]
 
     def to_toml(self) -> str:
@@ -97,7 +97,7 @@ class Config:
 _SECTIONS: dict[str, Any] = {item.name: type(item.default) for item in fields(Config)}
 
 OLD_DEFAULTS = Config().updated("reward", speed_tolerance_m_s=0.0)
-"""The defaults of settings that are missing from the files of older versions."""
+"""The config that gives the values of settings that a file of an older version does not contain."""
 
 RENAMED = {("learning", "networks_take_turns"): "round_robin"}
 """New names of renamed settings; the key is (section, name in the files of older versions)."""
@@ -168,7 +168,7 @@ def located(config: Config) -> Config:
 
 
 MOST_CHARACTERS = 1_000_000
-"""The longest config file that is read."""
+"""The largest number of characters of a config file; a longer file is an error."""
 
 
 def load_config(path: str | Path | None, base: Config | None = None) -> Config:

@@ -1,4 +1,4 @@
-"""Checks the arguments of functions that users pass, such as a reward or a safety check."""
+"""Checks that functions of the user, such as a reward, can be called with the right arguments."""
 
 from inspect import signature
 from typing import Any

@@ -44,10 +44,10 @@ _FAST_ON_RAMPS = {
 }
 """Settings of the preset ``fast`` on roads with ramps.
 
-They have four times as many episodes, because an episode there has about a quarter of the decisions
-of an episode on the loop, and ten times as many where the way leads to an exit. The penalty is
-smaller, because the check often refuses a lane change that the ego's way demands, and the driver
-has to propose it again.
+A training there has four times as many episodes as on the loop, because an episode has about a
+quarter of the decisions. If the ego has to reach an exit, it has ten times as many episodes. The
+penalty is smaller, because the safety check often refuses a lane change that the ego needs in order
+to follow its route, and the driver has to propose it again.
 """
 _FAST_TO_EXITS = _FAST_ON_RAMPS | {"episodes": 2000, "permitted_only": True}
 for _scenario, _fast in {
@@ -113,15 +113,17 @@ def as_config(
 def adaptation(config: Config) -> Config:
     """Return the settings to continue the training of a driver that was trained with ``config``.
 
-    Sec. IV-D of the paper gives greedy actions, 30,000 episodes and a lower learning rate, here
-    1e-5. The rest is ours:
+    Sec. IV-D of the paper prescribes greedy actions, 30,000 episodes and a lower learning rate,
+    here 1e-5. The rest is ours:
 
-    - Each decision makes one gradient step, on one of the networks in turn.
-    - A minibatch has as many rows as in the preset ``paper``.
-    - Learning starts after 64 collision transitions, so that a minibatch does not repeat a few of
-      them. It starts at once if the replay buffer does not count collision transitions.
+    - After each decision there is one gradient step. The networks take turns.
+    - A minibatch has as many transitions as in the preset ``paper``.
+    - Learning starts after 64 collision transitions, because a minibatch would otherwise contain
+      the same few several times. It starts at once if the replay buffer cannot count them.
+    - ``counterfactuals`` is 0, and the importance exponent of prioritized replay is always 1.
     - The traffic of an episode depends on the seed and the episode number only.
-    - The margin for lane changes stays in the policy, but the episodes of the adaptation ignore it.
+    - The adapted driver keeps its margins, such as ``lane_change_margin``, but the episodes of the
+      training do not apply them.
     """
     before = config.learning
     counted = before.replay == "two-buffer" or not before.unsafe_penalty

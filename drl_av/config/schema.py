@@ -44,7 +44,7 @@ def setting(
 
 
 def did_you_mean(word: object, names: Iterable[str]) -> str:
-    """Return `` (did you mean 'NAME'?)`` with the nearest of ``names``, or "" if none is near."""
+    """Return `` (did you mean 'NAME'?)`` for the name most similar to ``word``, "" if none is."""
     found = difflib.get_close_matches(str(word), list(names), n=1)
     return f" (did you mean {found[0]!r}?)" if found else ""
 

@@ -1,6 +1,6 @@
 """Reading the settings that a run has stored in its ``config.toml``.
 
-The file must contain every setting; a truncated file is refused.
+The file must contain all settings except those in ``ADDED_LATER``; a truncated file is an error.
 """
 
 import tomllib
@@ -30,11 +30,11 @@ ADDED_LATER = {
     ("observation", "way"),
     *(("safety", f"printed_{rule}") for rule in ("rule_1", "rule_3", "idm")),
 }
-"""(section, key) of each setting that older versions lack; their files get the default value."""
+"""The (section, key) of settings that files of older versions lack; they have default values."""
 
 
 def load_stored(path: Path) -> Config:
-    """Read the ``config.toml`` of a run; all settings but ``ADDED_LATER`` must be there.
+    """Return the config in a run's ``config.toml``; it may lack only settings of ``ADDED_LATER``.
 
     Raises:
         ConfigError: the file cannot be read, is not a valid config, is truncated, or lacks a

@@ -165,14 +165,14 @@ class TrafficConfig(Section):
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """The shares (0 to 1) of the vehicles that our drivers drive; SUMO drives the rest.
+        """The shares (0 to 1) of the vehicles that our driver models drive; SUMO drives the rest.
 
-        They are in the order of ``population.Kind``.
+        In this order: finite-state, level-0, level-1 and hard-braking vehicles.
         """
         levels = self.level_0_share, self.level_1_share
         return self.finite_state_share, *levels, self.hard_braking_share
 
     @property
     def unusual_shares(self) -> tuple[float, float, float]:
-        """The shares (0 to 1) of standing, crawling and fast vehicles, of any driver."""
+        """The shares (0 to 1) of standing, crawling and fast vehicles in the background traffic."""
         return self.standing_share, self.crawling_share, self.fast_share

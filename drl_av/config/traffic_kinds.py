@@ -13,7 +13,7 @@ class TrafficKind(NamedTuple):
 
     meaning: str
     settings: Mapping[str, tuple[Any, str]]
-    """By key of the setting: a pair of its value and the source of this value."""
+    """Maps the name of each changed setting to a pair: its value, and the source of this value."""
 
 
 _EQUAL_PARTS = 0.25, "Sec. IV-B names these drivers; equal parts are ours"
@@ -81,7 +81,7 @@ TRAFFIC_KINDS: dict[str, TrafficKind] = {
     "all": TrafficKind("each episode draws one of the other kinds", {"all_kinds": (True, "ours")}),
 }
 SINGLE_KINDS = tuple(name for name in TRAFFIC_KINDS if name != "all")
-"""The kinds of traffic that an episode can have."""
+"""The kinds of traffic except ``all``, for which each episode draws one of these."""
 
 
 def traffic_of_kind(name: object, traffic: TrafficConfig) -> TrafficConfig:

@@ -23,9 +23,9 @@ from drl_av.traffic.snapshot import Snapshot
 def interpolated(a: Snapshot, b: Snapshot, fraction: float, road: Road) -> Snapshot:
     """Return the scene at a fraction of the time from snapshot ``a`` (0) to snapshot ``b`` (1).
 
-    The scene contains the vehicles that are in both snapshots. On a loop the snapshots do not tell
-    how many whole laps a vehicle has driven between them; of the possible distances, the one
-    nearest to its mean speed times the time is used.
+    The scene contains the vehicles that are in both snapshots. On a loop, a vehicle may have driven
+    whole laps between the snapshots. Of the possible distances, the function uses the one that is
+    nearest to the vehicle's mean speed times the time between them.
     """
     a, b = _rows(a, b.ids), _rows(b, a.ids)
     expected_m = (a.speed_m_s + b.speed_m_s) / 2 * (b.time_s - a.time_s)
@@ -63,7 +63,7 @@ def _rows(snapshot: Snapshot, wanted: tuple[str, ...]) -> Snapshot:
 
 
 class Film:
-    """The scenes of an episode, and a video of them with pictures between two decisions."""
+    """Collects the scenes of an episode, and writes a video with pictures between two decisions."""
 
     def __init__(self, driver: str, road: Road) -> None:
         self._road, self._caption = road, Caption(driver=driver)

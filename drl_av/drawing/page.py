@@ -19,7 +19,7 @@ PLACEHOLDER = "EPISODE"
 
 @dataclass(frozen=True)
 class PageDecision:
-    """The data of one decision on the page."""
+    """The data of one decision; ``r_v``, ``r_y`` and ``r_x`` rate the ego's speed, lane and gap."""
 
     proposed: int
     """Number of the proposed action, 0 to 11."""

@@ -29,7 +29,10 @@ _HISTORY = 60
 
 @dataclass(frozen=True)
 class Caption:
-    """The contents of the panels; the defaults describe a scene after a reset."""
+    """The contents of the panels; the defaults describe a scene after a reset.
+
+    ``r_v``, ``r_y`` and ``r_x`` are the terms of the reward for the ego's speed, lane and gap.
+    """
 
     driver: str = ""
     vehicles: int | None = None

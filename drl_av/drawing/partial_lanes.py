@@ -31,7 +31,7 @@ def draw_partial_lanes(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> 
 
 
 def solid_lines(road: Road, line: int) -> Iterator[tuple[float, float, tuple[int, int, int]]]:
-    """Yield begin, m, end, m, and colour of each solid part of a line along the road.
+    """Yield (begin_m, end_m, colour) of each solid part of a line along the road.
 
     ``line`` is the index of the lane to the left of the line. The line is solid at the edges of the
     road, and where the lanes on its two sides are divided.

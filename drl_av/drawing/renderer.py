@@ -76,13 +76,16 @@ class PictureRenderer(Renderer):
 
 
 class GuiRenderer(Renderer):
-    """The renderer of render mode ``human``: sumo-gui, with a caption and the films' colours."""
+    """The renderer of render mode ``human``: sumo-gui, with a caption and the films' colours.
+
+    ``show`` shows a line of text, and vehicles by id in colours, as ``Simulation.show`` does.
+    """
 
     def __init__(self, show: Callable[[str, Mapping[str, Color]], None]) -> None:
         self._show = show
 
     def reset(self, snapshot: Snapshot, info: dict[str, Any]) -> None:
-        """Show the colours of a new episode."""
+        """Clear the text, and show the colours of the vehicles of a new episode."""
         self._show("", vehicle_colors(snapshot))
 
     def step(self, snapshot: Snapshot, reward: float, info: dict[str, Any]) -> None:

@@ -16,8 +16,8 @@ from drl_av.safety.check import Rule, SafetyCheck, Verdict, judged
 class CheckedDriver:
     """A driver with its own safety check, which examines the actions of an inner driver.
 
-    In an environment with ``permit_all``, it drives exactly as the inner driver does in an
-    environment with this check.
+    In an environment with the safety check ``permit_all``, it drives exactly as the inner driver
+    does in an environment with this check.
     """
 
     def __init__(self, driver: Driver, check: SafetyCheck) -> None:

@@ -23,12 +23,13 @@ class Driver(Protocol):
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the action to propose in this scene.
 
-        ``observation`` holds the scene's 27 affordance indicators, scaled to about [-1, 1].
+        ``observation`` is the environment's observation of this scene. By default it holds the 27
+        affordance indicators, scaled to about [-1, 1].
         """
 
 
 class Decisions(NamedTuple):
-    """Decisions of R background vehicles until the next decision; both arrays have shape (R,)."""
+    """Decisions of R background vehicles for one decision interval; arrays of shape (R,)."""
 
     acceleration_m_s2: FloatArray
     side: npt.NDArray[np.intp]

@@ -151,8 +151,8 @@ class OnnxDriver(Driver):
     """A driver that runs the network of an ONNX file from ``drl-av export`` or from a user.
 
     A user's network has one input: scaled observations, float32 of shape (rows, 27). Its output
-    holds either action numbers, shape (rows,), or action values, shape (rows, 12). From action
-    values the driver chooses the action with the greatest.
+    holds either action numbers, shape (rows,), or action values, shape (rows, 12). With action
+    values, the driver chooses the action that has the greatest value.
 
     Raises:
         CheckpointError: the file holds no such network, or onnxruntime is not installed.
@@ -162,7 +162,11 @@ class OnnxDriver(Driver):
         self._run, self._path = _session(path), path
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Return the action whose number or greatest value the network returns first."""
+        """Return the action that the network chooses by its number or by the greatest value.
+
+        Raises:
+            ConfigError: the network returns neither a number from 0 to 11 nor 12 values.
+        """
         feed = {
             INDICATORS_INPUT: scene.affordances.vector()[None],
             LANE_CHANGE_INPUT: np.array([scene.lane_change is not None]),
@@ -183,7 +187,10 @@ Run = Callable[[dict[str, npt.NDArray[Any]]], npt.NDArray[Any]]
 
 
 def _session(path: Path) -> Run:
-    """Return a function that runs the network on arrays by name; '' is a user's only input."""
+    """Return a function that runs the network on arrays by name.
+
+    The array with the name '' is for a network of a user, which has only one input.
+    """
     try:
         import onnxruntime
     except ImportError as error:

@@ -22,8 +22,8 @@ Values = Callable[[Float32Array], Float32Array]
 """A function of an observation, shape (27,), that returns Q(s, .), a new array of shape (12,)."""
 
 URGENT_M = 250.0
-"""A driver forces its way into a lane if less than this distance, metres, is left for each lane
-change that its way demands (ours)."""
+"""If less than this distance, metres, is left for each mandatory lane change, a driver may change
+lanes even if the vehicle behind must brake hard for it (ours)."""
 CHANGES_LANE = np.array([action.lateral is not Lateral.KEEP for action in ACTIONS])
 """For each action number, whether the action is a lane change; bool, shape (12,)."""
 CHANGES_SPEED = np.array([action.longitudinal is not Longitudinal.MAINTAIN for action in ACTIONS])
@@ -73,14 +73,15 @@ def mean_values(members: Sequence[Values]) -> Values:
 
 
 def considerate(check: SafetyCheck, mobil: MobilConfig) -> Permission:
-    """Return the permission of a driver on a way to an exit (ours).
+    """Return the permission of a driver that must reach an exit or merge (ours).
 
     It admits the actions that ``check`` permits, except those that begin
 
-    - a lane change away from the way, while the way demands one to the other side;
-    - a lane change for which IDM behind the ego in the new lane demands harder braking than the
-      comfortable one. This is the safety criterion of MOBIL (Kesting, Treiber and Helbing 2007).
-      It is waived once less than ``URGENT_M`` is left for each lane change that the way demands.
+    - a lane change in the direction opposite to a mandatory lane change;
+    - a lane change after which the vehicle behind the ego, by IDM, would brake harder than
+      ``mobil.comfortable_braking_m_s2``. This is the safety criterion of MOBIL (Kesting, Treiber
+      and Helbing 2007). It does not apply if less than ``URGENT_M`` is left for each mandatory
+      lane change.
     """
 
     def may_propose(scene: Scene, action: Action) -> bool:
@@ -104,7 +105,7 @@ def _may_begin(affordances: Affordances, sign: int, mobil: MobilConfig) -> bool:
 
 
 class Margins(NamedTuple):
-    """By how much an action must exceed one that changes less, in Q, to be taken (ours)."""
+    """The advantages in Q-value that an action needs in order to be chosen (ours)."""
 
     lane_change: float = 0.0
     """For starting a lane change, instead of keeping the lane."""
@@ -119,10 +120,10 @@ class Margins(NamedTuple):
         return cls(learning.lane_change_margin, learning.abort_margin, learning.acceleration_margin)
 
     def prices(self, changing: bool) -> Float32Array:
-        """Return the margin that each action loses, shape (12,).
+        """Return the margin that is subtracted from the Q-value of each action, shape (12,).
 
-        ``changing`` says whether a lane change is in progress. Then all lateral actions lose the
-        margin for aborts, because the action that keeps the lane goes on with the lane change.
+        ``changing`` says whether a lane change is in progress. If it is, the actions to the left
+        and to the right lose the margin for aborts, because *keep* continues the lane change.
         """
         lateral = self.abort if changing else self.lane_change
         return (lateral * CHANGES_LANE + self.acceleration * CHANGES_SPEED).astype(np.float32)
@@ -133,11 +134,11 @@ NO_MARGINS = Margins()
 
 
 class LearnedDriver(Driver):
-    """Chooses the action of the greatest Q-value, less the margin of the action (ours).
+    """Chooses the action whose Q-value minus its margin is greatest (ours).
 
-    Where two lanes are equally good, small errors of the networks can start a lane change and abort
-    it at the next decision, and at the right speed they can accelerate and brake in turn. The
-    margins prevent both.
+    Without margins, small errors of the networks have two effects. Between equally good lanes the
+    ego may start a lane change and abort it at the next decision. At the right speed it may
+    accelerate and brake in turn. The margins prevent both.
 
     Args:
         values: The function from an observation to the Q-values.
@@ -171,7 +172,7 @@ class LearnedDriver(Driver):
         return int(self.values(s_t).argmax())
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Return the action with the greatest Q(s, a), less its margin.
+        """Return the action whose Q(s, a) minus its margin is greatest.
 
         With a permission, the maximum is over the actions that it admits, or over all actions if
         it admits none.

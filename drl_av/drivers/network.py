@@ -51,7 +51,7 @@ class QNetwork:
     def split(self, flat: Float32Array) -> Layers:
         """Return the (weight, bias) of each layer as views of ``flat``.
 
-        The argument has the layout of the attribute ``flat``, as a gradient has, for example.
+        The argument is a vector with the layout of the attribute ``flat``, such as a gradient.
         """
         layers, start = [], 0
         for inputs, outputs in zip(self.sizes[:-1], self.sizes[1:], strict=True):

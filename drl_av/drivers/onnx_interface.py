@@ -72,9 +72,9 @@ def described() -> str:
 
 
 def metadata(config: Config) -> dict[str, str]:
-    """Return the metadata of an exported driver: its config, its indicators and its actions.
+    """Return the metadata of an exported driver: its config, indicators, actions and margins.
 
-    ``indicators`` and ``actions`` are JSON lists, ``config`` is TOML.
+    ``indicators`` and ``actions`` are JSON lists, ``config`` is TOML, and each margin is a number.
     """
     indicators = [{"name": name, "meaning": indicator_meaning(name)} for name in INDICATORS]
     return {

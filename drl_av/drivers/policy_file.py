@@ -24,9 +24,9 @@ SHIPPED = {"pretrained": PRETRAINED} | {
     for name in ("smooth", "paper", "merge", "exit", "ramp_to_ramp")
 }
 """The folder of each driver that ships with the package, by the driver's name. Three are for the
-loop: ``pretrained``; ``pretrained-smooth``, with its networks and with margins for accelerations
-and aborts; and ``pretrained-paper`` by the paper's own schedule. One is for each kind of road with
-a ramp."""
+loop: ``pretrained``; ``pretrained-smooth``, which has the same networks, and also margins for
+accelerations and aborts; and ``pretrained-paper``, trained with the paper's schedule. Each of the
+others is for one kind of road with a ramp."""
 FORMAT = "drl_av/1"
 """The only key in the metadata of a file. One key keeps files reproducible: safetensors writes
 several keys in random order."""
@@ -100,7 +100,7 @@ def load_policy(path: Path) -> tuple[list[QNetwork], Config]:
 
     Raises:
         CheckpointError: the file is missing or damaged or holds no policy, the shapes of its
-            networks differ from its config, or a weight is not finite.
+            networks differ from its config, or a weight is not finite or too large.
     """
     tensors, metadata = load(path)
     if metadata.get("kind") != "policy":

@@ -98,7 +98,8 @@ def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
     named after the last part of its path, or after the whole path if two would share a name.
 
     Raises:
-        ConfigError: a word names no driver, or a zip or ONNX file that is no regular file.
+        ConfigError: a word names no driver, or a zip or ONNX file that is no regular file or is
+            larger than ``MAX_BYTES``.
     """
     runs: dict[str, Path | None] = {}
     for word in dict.fromkeys(words):
@@ -163,8 +164,8 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
 def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Driver]:
     """Load or build each driver for an environment with this config; the keys are their names.
 
-    All learned drivers use the margins of ``config.learning``, except if they equal those of the
-    first learned driver: then each learned driver keeps its own.
+    If the margins of ``config.learning`` equal those of the first learned driver, each learned
+    driver keeps its own margins. Otherwise all learned drivers use those of ``config.learning``.
 
     Raises:
         RunError: a run has no policy file; or a learned driver was trained with other settings of
@@ -220,7 +221,7 @@ def _observed_by(config: Config) -> tuple[object, ...]:
 def rule_driver(name: str, config: Config) -> Driver:
     """Make the rule-based driver of this name, or the driver of a factory ``module:factory``.
 
-    The driver passes on the right only if ``ego.overtake_right`` permits it.
+    A rule-based driver passes on the right only if ``ego.overtake_right`` permits it.
 
     Raises:
         ConfigError: there is no such driver, or the factory does not work.

@@ -9,8 +9,8 @@ from drl_av.driving.scene import Scene
 from drl_av.traffic.ego_model import EgoModel
 
 TUNED = EgoModel(headway_s=0.8, assertiveness=1.5, speed_gain=5.0, overtake_right=True)
-"""The parameters of ``sumo-tuned`` (ours): the fastest that a search found. The search is not part
-of this project."""
+"""The parameters of ``sumo-tuned`` (ours): those with the highest speed in a search. The search is
+not part of this project."""
 
 
 class SumoDriver(Driver):

@@ -70,7 +70,7 @@ ACTIONS: tuple[Action, ...] = tuple(
 
 
 def action_of(number: Any) -> Action:
-    """Return the action whose number a policy has returned: an int, or an array of one integer.
+    """Return the action with this number, an integer or an array that holds one integer.
 
     Raises:
         ConfigError: ``number`` is not a whole number from 0 to 11.

@@ -19,14 +19,15 @@ INDICATORS: tuple[str, ...] = (
 )
 """Names of the 27 indicators, in the order of ``Affordances.vector()``.
 
-d_x is a net gap, v_x and v_y are velocities, d_y is a lateral distance.
+For each of the six slots, d_x is the net gap to the neighbour, d_y is its lateral position, and v_x
+and v_y are its velocities, all relative to the ego. ``indicator_meaning`` gives units and signs.
 """
 WAY_INDICATORS = ("lane_end", "way_changes", "way_distance")
 """Names of the indicators that ``observation.way`` adds (ours).
 
 - lane_end: distance to the end of the ego's lane, divided by ``range_m``; 1 if no end is in range.
-- way_changes: number of lane changes that the ego's way demands, left positive, divided by the
-  number of lanes minus 1.
+- way_changes: number of lane changes that the ego must make to reach its exit or to leave a lane
+  that ends, left positive, divided by the number of lanes minus 1.
 - way_distance: distance within which these lane changes must be complete, divided by ``WAY_M``;
   at most 1, and 1 if no lane change is needed.
 """
@@ -96,8 +97,8 @@ class Affordances(NamedTuple):
     barriers: tuple[Barrier, ...] = ()
     """The barriers ahead of the ego; their ``s_m`` is the distance from the ego's front bumper."""
     mandatory: MandatoryChange = NO_CHANGE
-    """The lane changes that the ego's way demands, and the distance from its front bumper within
-    which they must be complete."""
+    """The lane changes that the ego must make to reach its exit or to leave a lane that ends. Their
+    ``within_m`` is measured from the ego's front bumper."""
 
     def front(self, sign: int) -> Neighbor | None:
         """Return the vehicle ahead in the ego's own (0), left (+1) or right (-1) lane, or None."""
@@ -125,8 +126,8 @@ class Affordances(NamedTuple):
         """Return the 27 indicators in SI units, shape (27,), float64, in the order of INDICATORS.
 
         If no vehicle is in range, the gap is ``range_m``, the relative velocities are 0 and the
-        lateral offset is that of the lane's centre. If the lane does not exist or is closed, the
-        gap is 0 and the other values are the same.
+        lateral offset is that of the lane's centre. If the lane does not exist or is closed, these
+        values are the same, except that the gap is 0.
         """
         values: list[float] = []
         for slot, sign in zip(self[:6], (0, 0, -1, -1, 1, 1), strict=True):

@@ -54,7 +54,7 @@ def idm_acceleration(
 def acceleration_behind_ego(
     affordances: Affordances, rear: Neighbor, config: Idm | MobilConfig
 ) -> float:
-    """Return the IDM acceleration of ``rear`` behind the ego, m/s^2, without a desired speed."""
+    """Return the IDM acceleration of ``rear`` behind the ego, m/s^2; its desired speed is inf."""
     speed_m_s = affordances.ego_speed_m_s + rear.relative_speed_m_s
     return idm_acceleration(speed_m_s, math.inf, rear.gap_m, rear.relative_speed_m_s, config)
 
@@ -92,8 +92,8 @@ def reference_speeds(
     """Return the ego's speed at the end of each SUMO step of a decision, in [0, max_speed_m_s].
 
     A model (IDM or ACC) computes a new acceleration at each SUMO step, and assumes that the vehicle
-    ahead keeps its speed. It never accelerates or brakes harder than the ego's actions, and the ego
-    never becomes faster than with the constant acceleration of the same action.
+    ahead keeps its speed. This acceleration is limited to the range of the ego's actions. The ego
+    is never faster than it would be with the constant acceleration of the same action.
     """
     if ego.longitudinal_reference == "acceleration" or action >= Longitudinal.BRAKE:
         speed, step_s = affordances.ego_speed_m_s, simulation.step_length_s

@@ -57,8 +57,9 @@ class Sideways(NamedTuple):
 def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationConfig) -> Plan:
     """Convert an action to the commands of one decision, one command for each SUMO step.
 
-    The speed follows the longitudinal reference, in [0, max_speed_m_s]. The lateral position
-    follows the lateral plant; with both plants a lane change ends exactly at the lane's centre.
+    The speed follows ``ego.longitudinal_reference``, in [0, max_speed_m_s]. The lateral position
+    follows the model ``ego.lateral_plant``. With each of its two models, a lane change ends exactly
+    at the lane's centre.
     """
     affordances, step_s, move = (
         scene.affordances,

@@ -25,11 +25,10 @@ def mirror_of(names: Sequence[str]) -> Mirror:
     """Return the mirror of an observation that consists of the named indicators.
 
     The words "right" and "left" in the names are exchanged. Lateral positions, lateral velocities,
-    the direction of a lane change and the lane changes of the way get the opposite sign.
+    ``lane_change`` and ``way_changes`` get the opposite sign.
 
     Raises:
-        ValueError: an indicator of the left is present without its twin of the right, or vice
-            versa.
+        ValueError: an indicator of one side is present without that of the other side.
     """
     swapped = (Lateral.KEEP, Lateral.LEFT, Lateral.RIGHT)
     return Mirror(

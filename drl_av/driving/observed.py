@@ -7,7 +7,7 @@ from drl_av.traffic.road import ARRIVED_M, Road
 from drl_av.traffic.snapshot import EGO, Snapshot
 
 STILL_M = 1e-6
-"""Largest lateral movement within a decision that is ignored."""
+"""A lateral movement of at most this distance, metres, within a decision counts as none."""
 
 
 def observed(

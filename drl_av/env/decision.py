@@ -28,7 +28,7 @@ class Decision(NamedTuple):
     terminated: bool
     """Whether the ego collided in this decision."""
     truncated: bool
-    """Whether the episode ended because of its last decision or the road's end."""
+    """Whether the ego made the last decision of the episode or reached the road's end."""
     info: dict[str, Any]
     """The ``info`` that ``HighwayEnv.step`` returned."""
 
@@ -55,9 +55,9 @@ class Decision(NamedTuple):
     def failed(self) -> bool:
         """Whether the ego collided or has passed its exit without taking it.
 
-        An ego that stands before its exit, or in a lane that ends, when the time is up has not
-        failed, although ``info["way"]`` is then ``exit missed`` or ``not merged``: a moment later
-        it could still take the exit or merge, and the observation does not include the time.
+        An ego that has not yet reached its exit or the end of its lane when the time is up has not
+        failed, although ``info["way"]`` is then ``exit missed`` or ``not merged``. It could still
+        take the exit or merge later, and the observation does not include the time.
         """
         seen = self.next_scene.affordances
         passed = seen.lane > 0 and seen.mandatory.lanes == 0

@@ -144,7 +144,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             The observation, by default of shape (27,), and ``info``.
 
         Raises:
-            ConfigError: an option is unknown, or the number of vehicles is not allowed.
+            ConfigError: an option is unknown, the number of vehicles is not allowed, or the user's
+                own observation does not lie in its space.
             ScenarioError: the vehicles do not fit on the road.
         """
         super().reset(seed=seed)
@@ -192,8 +193,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             and ``info``.
 
         Raises:
-            ConfigError: the action is not a number from 0 to 11, or the user's own reward is not a
-                finite number.
+            ConfigError: the action is not a number from 0 to 11, the user's own safety check does
+                not return a verdict, or the user's own reward is not a finite number.
             gymnasium.error.ResetNeeded: no episode is running.
             SimulationError: SUMO ended unexpectedly.
         """

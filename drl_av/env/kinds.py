@@ -1,4 +1,7 @@
-"""The kinds of traffic of an environment: a simulation and the background drivers of each."""
+"""The kinds of traffic of an environment, with a simulation and background drivers for each.
+
+With the setting ``traffic.all_kinds`` each episode draws its kind. Otherwise there is one kind.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple

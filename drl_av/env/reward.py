@@ -107,7 +107,7 @@ def attainable_speed(
 
     ``sign`` selects the lane: the own (0), left (+1) or right (-1) lane. The speed is that of the
     vehicle ahead in this lane, plus the closing speed that reduces the gap to d_safe within
-    ``catch_up_time_s``. It is at most ``desired_speed_m_s``, which also holds for a free lane.
+    ``catch_up_time_s``. It is at most ``desired_speed_m_s``, and equal to it if the lane is free.
     """
     front = affordances.front(sign)
     if front is None:

@@ -20,7 +20,8 @@ def rollout(
     caller requests the first decision; ``HighwayEnv.reset`` then gets ``seed`` and ``vehicles``.
 
     Raises:
-        DrlAvError: ``HighwayEnv.reset`` or ``HighwayEnv.step`` raises it.
+        DrlAvError: ``HighwayEnv.reset`` or ``HighwayEnv.step`` raises it, or the driver's ``act``
+            does not return an ``Action``.
     """
     options = None if vehicles is None else {"vehicles": vehicles}
     observation, _ = env.reset(seed=seed, options=options)

@@ -1,4 +1,4 @@
-"""Aggregate statistics of scores over several numbers of vehicles, each with a 95 % interval.
+"""Computes aggregate statistics of scores over several numbers of vehicles.
 
 Agarwal et al. recommend these statistics ("Deep Reinforcement Learning at the Edge of the
 Statistical Precipice", NeurIPS 2021); the results agree with their package rliable. ``Strata`` are

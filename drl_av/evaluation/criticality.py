@@ -32,7 +32,7 @@ SHORT_HEADWAY_S = 1.0
 CRAWLING_M_S = 5.0
 """At this speed and below, a headway does not count as short."""
 FORCED_M_S2 = 2.0
-"""If the vehicle behind a lane change brakes harder than this, its braking counts as forced."""
+"""During a lane change of the ego, harder braking of the vehicle behind it counts as forced."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,9 @@ class CriticalityResult(EpisodeResult):
     min_pet_s: PossiblyInfinite
     """Smallest post-encroachment time between the ego and any vehicle, in either order."""
     short_headways: int
-    """Number of decisions after which the time gap to the vehicle ahead is below 1 s."""
+    """Number of decisions after which the time gap ahead is below 1 s at more than 5 m/s."""
     forced_brakes: int
-    """Number of lane change decisions in which the vehicle behind brakes harder than 2 m/s^2."""
+    """Number of decisions during a lane change in which the rear vehicle brakes beyond 2 m/s^2."""
     max_forced_braking_m_s2: float
     """Hardest braking of the vehicle behind the ego during a lane change; 0 without any."""
 

@@ -59,8 +59,8 @@ def evaluate(
             must be below 1,000,000.
         jobs: Number of processes; it must be 1 with ``own``. The results do not depend on it.
         config: Settings. A dictionary or a TOML file changes settings of the default config. The
-            default is the config of the first trained driver, with the check ``strict`` for
-            ``pretrained``, or the paper's settings without one.
+            default is the config of the first learned driver, with the check ``strict`` for a
+            shipped one. Without a learned driver, it is the paper's settings.
         scenario: Folder of a scenario, or the name of a shipped one.
         safety_check: ``"permit_all"``, ``"paper"`` or ``"strict"``.
         traffic: The name of a kind of traffic, whose settings ``config`` may change.

@@ -15,13 +15,13 @@ class Judgement(NamedTuple):
 
     driver: str
     over: str
-    """The fastest rule-based driver, of those that complete their way most often."""
+    """The fastest of the rule-based drivers that miss their exit, or fail to merge, least often."""
     gain_m_s: Mean
     """Gain in mean speed over the driver ``over``, paired by traffic."""
     ego_hits: int
     """Number of episodes in which the ego hit something."""
     fewest_ego_hits: int
-    """Smallest number of episodes in which the ego hit something, of any rule-based driver."""
+    """Smallest ``ego_hits`` of the rule-based drivers."""
     hard_brakes_per_km: float
     their_hard_brakes_per_km: float
     """Number of hard brakes per kilometre of the driver ``over``."""
@@ -38,7 +38,7 @@ class Judgement(NamedTuple):
     """Number of episodes in which the ego missed its exit or did not merge; None on a road without
     an exit or a merge."""
     fewest_missed: int | None = None
-    """Smallest number of such episodes of any rule-based driver; None like ``missed``."""
+    """Smallest ``missed`` of the rule-based drivers; None if ``missed`` is None."""
 
     def __str__(self) -> str:
         gain = f"{self.gain_m_s} m/s"

@@ -21,7 +21,8 @@ from drl_av.files import write_whole
 from drl_av.traffic.road import FloatArray
 
 OF_A_WAY = ("exits_taken", "merged", "missed", "fewest_missed")
-"""Fields that are None on a road on which the ego has neither an exit nor a lane to leave."""
+"""Fields that are None on a road on which the ego neither has an exit nor starts in a lane that
+ends."""
 
 
 Item = TypeVar("Item")
@@ -180,7 +181,8 @@ def overall(rows: Sequence[EpisodeResult], baselines: Iterable[str]) -> list[Ove
 def fastest(rows: Iterable[EpisodeResult], drivers: Iterable[str]) -> str | None:
     """Return which of ``drivers`` has the highest mean speed; None if none of them has rows.
 
-    On a road with a way only those count that miss their exit or do not merge least often.
+    On a road with an exit or a merge, only those of the drivers count that miss their exit, or fail
+    to merge, in the fewest episodes.
     """
     names = set(drivers)
     driven = grouped((row for row in rows if row.driver in names), lambda row: row.driver)

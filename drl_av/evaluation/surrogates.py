@@ -68,7 +68,7 @@ class Track(NamedTuple):
 
 
 def post_encroachment_time(first: Track, second: Track, lap_m: float) -> float:
-    """Return the smallest PET in which ``second`` drives where ``first`` was, seconds.
+    """Return the smallest PET with ``first`` ahead and ``second`` behind it, seconds.
 
     PET (post-encroachment time) is the time from the moment at which the rear of ``first`` leaves a
     place to the moment at which the front of ``second`` arrives there (Allen, Shin and Cooper,

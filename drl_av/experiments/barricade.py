@@ -142,7 +142,7 @@ class BarricadeTraining(Cell):
 
 
 def barricade_plan(options: ReproduceOptions) -> Plan:
-    """Plan one training for each check and seed; a training has a fixed length of minutes."""
+    """Return a plan with one training of ``EPISODES`` episodes for each check and seed."""
     configs = [
         options.laid_over(barricade_config(check, seed, EPISODES))
         .updated("simulation", scenario=SCENARIO)

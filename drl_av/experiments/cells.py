@@ -35,7 +35,7 @@ class Drives(Cell):
     seeds: int
     """Number of traffic seeds."""
     columns: tuple[str, ...] = ()
-    """The fields of an episode's result in a row, besides the key; empty for all fields."""
+    """The fields of an EpisodeResult that a row contains besides the key; empty for all fields."""
     named: tuple[tuple[str, str], ...] = ()
     """The (column, value) pairs of the key, besides ``vehicles``."""
     training: TrainingJob | None = None
@@ -59,7 +59,8 @@ class Drives(Cell):
     def missing(self, rows: Sequence[Row]) -> int:
         """Return the number of episodes still to drive.
 
-        ``rows`` are the existing rows. Raises ValueError if one of their seeds is missing.
+        ``rows`` are the existing rows. Raises ValueError if a seed among them is missing or occurs
+        too often.
         """
         drivers = len(self.drivers)
         return max(0, self.seeds - seeds_held(rows, drivers, self.first_seed)) * drivers
@@ -102,9 +103,9 @@ class TableDriver(NamedTuple):
 
 
 def made_with(drivers: Sequence[TableDriver]) -> MadeWith:
-    """Return the settings, policies and lengths of training of drivers, for the provenance.
+    """Return the settings, policies and numbers of training episodes of drivers, for provenance.
 
-    The settings of a driver that is trained are those of its training.
+    If a TrainingJob makes a driver, its settings are those of the training.
 
     Raises RunError or CheckpointError if a learned driver cannot be read.
     """
@@ -179,7 +180,7 @@ def training_plan(
     rounds: Sequence[Sequence[TrainingJob]],
     rows_of: Callable[[TrainingJob], list[Row]],
 ) -> Plan:
-    """Plan a results table whose rows are read from the folders of trainings.
+    """Return a plan of a results table whose rows are read from the folders of trainings.
 
     Args:
         configs: The config of each variant with seed 0, for the table's provenance.

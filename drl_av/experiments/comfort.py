@@ -1,4 +1,4 @@
-"""How smoothly drivers drive, and how close, in each kind of traffic (ours)."""
+"""Measures how smoothly and how close to others drivers drive, in each kind of traffic (ours)."""
 
 from collections.abc import Iterable, Sequence
 
@@ -37,7 +37,7 @@ COLUMNS = (
 
 
 def comfort_plan(options: ReproduceOptions) -> Plan:
-    """Return a plan to evaluate every driver under ``strict``, on the same seeds of each kind."""
+    """Return a plan to evaluate every driver under ``strict`` in each kind, on the same seeds."""
     shipped = options.settings_of(LEARNED[:1]).updated("safety", check="strict")
     configs = {kind: shipped.with_traffic(kind) for kind in SINGLE_KINDS}
     seeds = min(options.drives, DRIVES)
@@ -79,7 +79,7 @@ def _measures(rows: Sequence[Row]) -> list[str]:
 
 
 def comfort_table(results: Results) -> str:
-    """Return the Markdown table of each driver in each kind of traffic, and in all of them."""
+    """Return the Markdown table of each driver's comfort and safety in each kind, and in all."""
     rows = results.rows(COMFORT.table)
     kinds = grouped(rows, lambda row: row["traffic"]) | {"all": rows}
     lines = [

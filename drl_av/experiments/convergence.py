@@ -13,17 +13,17 @@ from drl_av.traffic.road import FloatArray
 SMOOTHED_OVER = 5
 """Number of evaluations in the moving mean with which convergence is determined."""
 END = 0.1
-"""Fraction of a curve's evaluations that counts as its end."""
+"""The end of a curve is the mean over this fraction of its evaluations, the last ones."""
 NEAR = 0.1
-"""A curve is near its end if it differs from it by at most this fraction of |end - first value|."""
+"""A value is near the end if |value - end| is at most this fraction of |first value - end|."""
 COUNTED = ("collisions", "ego_hits")
-"""The columns of ``curves.csv`` that are numbers of episodes of an evaluation."""
+"""The columns of ``curves.csv`` that count episodes of an evaluation."""
 
 
 class Curve(NamedTuple):
     """One column of a variant's evaluations, for all seeds.
 
-    The curve contains the evaluations that all seeds have.
+    The curve contains only the evaluations that exist for every seed.
     """
 
     episodes: list[int]
@@ -38,7 +38,7 @@ class Curve(NamedTuple):
 
     @property
     def end(self) -> Mean:
-        """The final performance: the mean over seeds of each seed's mean over its last tenth."""
+        """The final performance: the mean over the seeds and the last tenth of the evaluations."""
         count = _end_of(len(self.episodes))
         return mean_with_interval(self.values[:, -count:].mean(axis=1))
 
@@ -67,8 +67,8 @@ def converged_at(episodes: Sequence[int], values: Sequence[float]) -> int:
 
     ``values``, at least one, are the results after ``episodes``. The function smooths them with
     ``smoothed``. The end is the mean of the last tenth of ``values``. A smoothed value is near the
-    end if it differs from it by at most 10 % of |first smoothed value - end|. The values in the
-    last tenth always count as near, because they define the end.
+    end if the difference is at most 10 % of |first smoothed value - end|. The values in the last
+    tenth always count as near, because they define the end.
     """
     smooth = smoothed(values)
     count = _end_of(len(values))

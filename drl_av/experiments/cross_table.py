@@ -66,7 +66,10 @@ def in_each_kind(
     seeds: int,
     columns: tuple[str, ...],
 ) -> list[Drives]:
-    """Return the cells in which each driver drives in each kind of traffic at each density."""
+    """Return the cells in which each driver drives in each kind of traffic at each density.
+
+    Each cell has ``seeds`` consecutive traffic seeds. A row holds the fields ``columns``.
+    """
     in_kinds = [
         each._replace(
             config=each.config.with_traffic(kind), named=(("driver", each.name), ("traffic", kind))
@@ -97,8 +100,8 @@ def gains(rows: Sequence[Row], driver: str) -> dict[str, Mean]:
 def gain_table(results: Results, table: str) -> str:
     """Return the Markdown table of the speed of ``REFERENCE``, and of each driver's gain over it.
 
-    The first rows are those of ``REFERENCE``. The last column names the kind of traffic with the
-    smallest gain.
+    ``table`` is the file name of a results table whose first rows are those of ``REFERENCE``. The
+    last column names the kind of traffic with the smallest gain.
     """
     rows = results.rows(table)
     speeds = (mean_speed(_cell(rows, REFERENCE, kind)) for kind in SINGLE_KINDS)

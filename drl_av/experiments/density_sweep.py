@@ -112,7 +112,8 @@ def _line(rows: list[Row], cell: Cell) -> str:
 def paired_rows(rows: Iterable[Row]) -> list[Row]:
     """Compute ``paired.csv``, the learned driver's gain over each opponent at each density.
 
-    An opponent that has not yet driven as many episodes of a density is left out there.
+    An opponent that has not driven as many episodes of a density as the learned driver is left out
+    there.
 
     Raises ValueError or LookupError if a row is damaged.
     """
@@ -133,7 +134,7 @@ def speed_of(row: Row) -> Speed:
 def rows_with_acc(results: Results) -> list[Row]:
     """Read the rows of the sweep, then those of ``UNDER_ACC`` under adaptive cruise control.
 
-    The latter name their driver "idm-mobil, acc".
+    The latter have ", acc" after the driver's name: "idm-mobil, acc".
     """
     acc = [row for row in results.rows("reference_acc.csv") if row["driver"] in UNDER_ACC]
     return results.rows(TABLE) + [row | {"driver": f"{row['driver']}, acc"} for row in acc]
@@ -145,7 +146,7 @@ def speed_table(results: Results) -> str:
 
 
 def collision_table(results: Results) -> str:
-    """Return the Markdown table of the episodes in which the ego hit something / was hit."""
+    """Return the Markdown table of episode counts: the ego hit something / was hit."""
     return by_density(rows_with_acc(results), "driver", collisions_cell)
 
 

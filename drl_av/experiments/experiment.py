@@ -29,7 +29,10 @@ class Results:
         self._folder = folder
 
     def rows(self, table: str) -> list[Row]:
-        """Read the rows of the table with this file name; raises DrlAvError if it is damaged."""
+        """Read the rows of the table with this file name; [] if the file does not exist.
+
+        Raises DrlAvError if the table is damaged.
+        """
         with report_corrupt_table(self._folder / table):
             return read_rows(self._folder / table)
 
@@ -69,9 +72,10 @@ class Experiment:
         return f"{self.name}.csv"
 
     def drawn(self, results: Results) -> list[Row]:
-        """Return the rows of the table, then those of ``beside`` with their file name as "table".
+        """Return the rows of the table, then those of the tables in ``beside``.
 
-        Without rows of its own the result is empty. Raises DrlAvError if a table is damaged.
+        Each row of the latter gets an additional column "table" with its file name. If the
+        experiment's own table is empty, so is the result. Raises DrlAvError if a table is damaged.
         """
         rows, others = results.rows(self.table), self.beside
         return rows and rows + [row | {"table": n} for n in others for row in results.rows(n)]

@@ -1,6 +1,6 @@
 """The experiment ``fast`` compares the preset ``fast`` (ours) with the paper's whole schedule.
 
-The drivers of the whole schedule are those of Fig. 8 of the paper.
+The drivers of the whole schedule correspond to those in Fig. 8 of the paper.
 """
 
 from collections.abc import Iterable, Sequence
@@ -40,9 +40,10 @@ TRAINED = ("paper", "fast")
 
 
 def fast_plan(options: ReproduceOptions) -> Plan:
-    """Plan ``options.full_seeds`` trainings with the paper's whole schedule, at least one.
+    """Return a plan to train by the paper's whole schedule and by the preset ``fast``.
 
-    ``options.seeds`` trainings with ``fast`` follow. The drivers of all trainings are evaluated.
+    The schedule has ``options.full_seeds`` trainings, at least one, and ``fast`` has
+    ``options.seeds``. The drivers of all trainings are evaluated.
     """
     whole = options.laid_over(Config())
     short = options.laid_over(preset("fast").updated("learning", evaluate_every=100))
@@ -81,7 +82,8 @@ def fast_table(results: Results) -> str:
 def driven_by(rows: Iterable[Row]) -> dict[str, list[list[Row]]]:
     """Return the episodes with up to 30 vehicles by line of the table, one list for each driver.
 
-    ``rows`` are the result of ``FAST.drawn``.
+    A line has the drivers of all seeds of a training, or one baseline. ``rows`` are the result of
+    ``FAST.drawn``.
     """
     driven: dict[str, dict[str, list[Row]]] = {}
     for row in up_to_30(rows):
@@ -96,9 +98,10 @@ def driven_by(rows: Iterable[Row]) -> dict[str, list[list[Row]]]:
 
 
 def speed_over(drivers: Sequence[Sequence[Row]]) -> Mean:
-    """Return the mean speed, m/s, with its 95 % interval; ``drivers`` holds each one's episodes.
+    """Return the mean speed of some drivers with its 95 % interval, m/s.
 
-    The interval describes the spread between drivers or, for one driver, between its episodes.
+    ``drivers`` holds one list of episodes for each driver. The interval describes the spread
+    between drivers or, for one driver, between its episodes.
     """
     if len(drivers) == 1:
         return mean_with_interval(float(row["mean_speed_m_s"]) for row in drivers[0])
@@ -106,7 +109,7 @@ def speed_over(drivers: Sequence[Sequence[Row]]) -> Mean:
 
 
 def by_vehicles(drivers: Sequence[Sequence[Row]]) -> dict[int, Mean]:
-    """Return ``speed_over`` for each number of vehicles."""
+    """Return the result of ``speed_over`` at each number of vehicles."""
     driven = [rows_by_density(own) for own in drivers]
     return {number: speed_over([own.get(number, []) for own in driven]) for number in driven[0]}
 

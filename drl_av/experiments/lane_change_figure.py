@@ -33,7 +33,7 @@ class Track(NamedTuple):
     """The ego's lateral motion over T steps; all arrays have shape (T + 1,)."""
 
     time_s: FloatArray
-    """Time since the start; there the ego is at the centre of the right lane."""
+    """Time since the start, when the ego is at the centre of the right lane."""
     y_m: FloatArray
     lateral_speed_m_s: FloatArray
     curvature_per_m: FloatArray
@@ -86,7 +86,7 @@ def _command(at: Command, target_m: float, road: Road, ego: EgoConfig) -> float:
 def lane_change_figure(config: Config) -> "Figure":
     """Draw lateral position, lateral speed and curvature command of a lane change and an abort.
 
-    The three curves are the plant ``kinematic``, and the plant ``steering`` at half and full speed.
+    The curves show the plant ``kinematic``, and the plant ``steering`` at half and full speed.
     """
     duration_s = round(config.ego.lane_change_duration_s)
     half_s = max(duration_s // 2, 1)

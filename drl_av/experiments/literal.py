@@ -1,4 +1,4 @@
-"""The experiment ``literal``: what each point in which drl-av deviates from the paper changes."""
+"""The experiment ``literal``: the effect of each point in which drl-av deviates from the paper."""
 
 from collections.abc import Mapping
 from itertools import product
@@ -31,14 +31,14 @@ VARIANTS: dict[str, Settings] = {
     "v_des of the best lane": {"reward": {**EXACT, "desired": "best-lane"}},
     "literal": LITERAL,
 }
-"""The settings of each variant, by section; all others are the driver's own.
+"""The settings of each variant, by section; all others are those of the shipped driver.
 
-The v_des of the best lane is exact, too.
+The variant with the v_des of the best lane also has the exact v_des.
 """
 
 
 def literal_plan(options: ReproduceOptions) -> Plan:
-    """Return the plan: every driver on the same traffic seeds with each variant's settings."""
+    """Return a plan to evaluate every driver with each variant's settings, on the same seeds."""
     base = options.settings_of([DRIVER])
     configs = {name: changed(base, settings) for name, settings in VARIANTS.items()}
     seeds = min(options.drives, EPISODES)

@@ -33,7 +33,7 @@ def by_density(rows: Sequence[Row], column: str, cell: Callable[[list[Row]], str
 
 
 def columns_by_density(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Return the rows of each column of a table by its heading: each density, then "up to 30".
+    """Return the rows by the heading of their table column: each density, then "up to 30".
 
     The last column is over all densities up to ``PAPER_VEHICLES``.
     """

@@ -1,4 +1,4 @@
-"""The drivers beside the strongest rule-based ones, in each kind of traffic (ours)."""
+"""Compares our drivers with the strongest rule-based ones, in each kind of traffic (ours)."""
 
 from collections.abc import Iterable
 from operator import itemgetter
@@ -58,9 +58,9 @@ class Variant(NamedTuple):
     check: str = "paper"
     reference: str = "acceleration"
     setting: str = ""
-    """What the tables append to the names of the drivers."""
+    """Text that the tables append to the names of the drivers; empty for none."""
     episodes: int = 100
-    """Most episodes at each number of vehicles in each kind of traffic."""
+    """Largest number of episodes at each number of vehicles in each kind of traffic."""
 
     def config(self, config: Config, kind: str) -> Config:
         """Return the config of this variant in a kind of traffic."""
@@ -76,12 +76,15 @@ VARIANTS = {
     "search": Variant(("planner",), episodes=50),
     "search_strict": Variant(("planner",), check="strict", setting="strict"),
 }
-"""``planner`` has fewer episodes, because it needs most of the time."""
+"""The variants by name; ``planner`` drives fewer episodes, because it is the slowest to compute."""
 PLACES = [(name, driver) for name, each in VARIANTS.items() for driver in each.drivers]
 
 
 def opponents_plan(options: ReproduceOptions) -> Plan:
-    """Return the plan: every driver on the same traffic seeds, as many as its variant has."""
+    """Return a plan to evaluate every variant's drivers in each kind of traffic.
+
+    All traffic seeds begin at ``FIRST_SEED``; their number may differ between variants.
+    """
     bases = {
         name: options.settings_of([one for one in variant.drivers if one in LEARNED] or LEARNED[:1])
         for name, variant in VARIANTS.items()
@@ -127,9 +130,9 @@ def speeds(rows: Iterable[Row]) -> dict[str, Speeds]:
 
 
 def gain(ours: Speeds, theirs: Speeds) -> Mean:
-    """Return the mean difference of speeds with its 95 % interval, m/s.
+    """Return the mean of ours minus theirs with its 95 % interval, paired by traffic, m/s.
 
-    The difference is that of the episodes that both drove. Raises DrlAvError without such episodes.
+    Only traffic that both drove counts. Raises DrlAvError if there is none.
     """
     both = [traffic for traffic in ours if traffic in theirs]
     ours, theirs = ({traffic: own[traffic] for traffic in both} for own in (ours, theirs))
@@ -137,7 +140,7 @@ def gain(ours: Speeds, theirs: Speeds) -> Mean:
 
 
 def best_opponent(found: dict[str, Speeds]) -> str:
-    """Return the label of the fastest opponent on the mean; ``found`` is from ``speeds``."""
+    """Return the label of the opponent with the highest mean speed in a result of ``speeds``."""
     theirs = {name: fmean(own.values()) for name, own in found.items() if not _is_ours(name)}
     return max(theirs, key=lambda name: theirs[name])
 
@@ -156,9 +159,10 @@ def _by_kind(results: Results) -> dict[str, list[Row]]:
 
 
 def gain_table(results: Results) -> str:
-    """Return the Markdown table of our drivers' gains over the best opponent of each cell.
+    """Return the Markdown table of our drivers' gains over the best opponent, m/s.
 
-    The last column pools the episodes with ``MIDDLE`` vehicles, over their best opponent.
+    The best opponent is that of the same kind of traffic and number of vehicles. The last column
+    pools the episodes with ``MIDDLE`` vehicles, and has a best opponent of its own.
     """
     lines = []
     for kind, rows in _by_kind(results).items():
@@ -196,7 +200,7 @@ def aggregate_table(results: Results) -> str:
 
 
 def speed_table(results: Results) -> str:
-    """Return the Markdown table of mean speeds, m/s, and of how each driver drives."""
+    """Return the Markdown table of mean speeds, m/s, aborted lane changes and collisions."""
     rows, lines = results.rows(OPPONENTS_SWEEP.table), []
     for (kind, name), own in grouped(rows, lambda row: (row["traffic"], label(row))).items():
         cells = rows_by_density(own).values()

@@ -48,9 +48,9 @@ class Cell(Protocol):
 def by(**columns: Iterable[object] | Callable[[str], Any]) -> Callable[[Row], tuple[Any, ...]]:
     """Return a function that returns the sort key of a row, for ``Plan.order``.
 
-    The rows are sorted by the first column, then by the second, and so on. For each column
-    ``columns`` holds all of its values in their order, or a function of its text, such as ``int``.
-    The returned function raises ValueError for a row with another value.
+    The rows are sorted by the first column, then by the second, and so on. The argument for a
+    column is either all of its values in their order, or a function that converts the text of a
+    cell, such as ``int``. The returned function raises ValueError for a row with another value.
     """
     places = {
         column: values if callable(values) else [*map(str, values)].index

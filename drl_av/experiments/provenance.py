@@ -1,4 +1,4 @@
-"""Describes how results were made: the command, versions, SUMO's steps and the machine.
+"""Describes how results were made: the command, versions, SUMO's step length and the machine.
 
 The description of a table of results is a JSON file beside it.
 """
@@ -21,7 +21,7 @@ from drl_av.errors import DrlAvError
 from drl_av.files import write_whole
 
 MAX_BYTES = 64_000_000
-"""The largest provenance that is read."""
+"""Largest size of a provenance file that is read."""
 PACKAGES = ("drl-av", "eclipse-sumo", "torch", "numpy", "gymnasium")
 INTEGRATION = "semi-implicit Euler"
 """SUMO's integration method: its default, which no setting changes."""

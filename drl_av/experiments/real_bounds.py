@@ -1,8 +1,9 @@
 """Measures the speed that the check ``strict`` costs if its bounds are those of real traffic.
 
 In real traffic a vehicle brakes with up to 9 m/s^2 and moves sideways at up to 2.1 m/s. This speed
-is the mean maximum in the data set exiD, plus two standard deviations. All else is ours. The cost
-is measured for the shipped driver, and for drivers that were trained under these bounds.
+is the mean maximum in the data set exiD, plus two standard deviations. All other bounds are those
+of our traffic. The cost is measured for the shipped driver, and for drivers that were trained under
+these bounds.
 """
 
 from collections.abc import Iterable
@@ -29,7 +30,7 @@ COLUMNS = ("seed", "mean_speed_m_s", "collided", "ego_hit", "safety_triggers")
 FIRST_SEED = 920_000
 """First traffic seed; no tuning and no other experiment uses this block of seeds.
 
-``verification.clairvoyant`` begins with it, too.
+Only ``verification.clairvoyant`` begins with the same seed.
 """
 DENSITIES = (1, 5, 10, 15, 20, 25, 30, 40)
 TRAININGS, DRIVES = 3, 50

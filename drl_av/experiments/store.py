@@ -31,7 +31,7 @@ Derived = Mapping[str, Callable[[list[Row]], list[Row]]]
 class MadeWith(NamedTuple):
     """The settings and drivers with which rows were made, by the name of a training or variant.
 
-    The only name is "" if all rows share one config and one learned driver.
+    If all rows share one config and the same drivers, the only name may be "".
     """
 
     settings: Mapping[str, Config]

@@ -1,4 +1,4 @@
-"""Mean speed against the flow on a straight highway, as in Fig. 8 of the paper on the loop."""
+"""Measures mean speed against flow on a straight highway, like Fig. 8 of the paper on a loop."""
 
 from collections.abc import Iterable
 from operator import itemgetter
@@ -75,7 +75,7 @@ def _means(rows: Iterable[Row]) -> dict[str, dict[int, Mean]]:
 
 
 def straight_table(results: Results) -> str:
-    """Return the Markdown table of each driver's mean speed at each flow, m/s."""
+    """Return the Markdown table of each driver's mean speed at each flow, m/s, and collisions."""
     rows = results.rows(STRAIGHT.table)
     means = _means(rows)
     lines = [

@@ -160,10 +160,11 @@ def strict_figure(rows: list[Row]) -> "Figure":
 def change(rows: Iterable[Row], plain: Iterable[Row], vehicles: int) -> Mean:
     """Return the change in mean speed from ``paper`` to ``strict`` at a number of vehicles, %.
 
-    ``rows`` are the episodes under ``strict``, ``plain`` are the episodes under ``paper``.
+    It compares the rows of ``rows`` under ``strict`` with those of ``plain`` under ``paper``, and
+    ignores all others.
 
     Raises:
-        DrlAvError: ``rows`` and ``plain`` do not have the same traffic seeds.
+        DrlAvError: the episodes do not have the same traffic seeds.
     """
     ours, paper = (
         [row for row in some if row["check"] == check and int(row["vehicles"]) == vehicles]
@@ -173,10 +174,10 @@ def change(rows: Iterable[Row], plain: Iterable[Row], vehicles: int) -> Mean:
 
 
 def speed_change(changed: Iterable[Row], plain: Iterable[Row]) -> Mean:
-    """Return the mean change of the speed from ``plain`` to ``changed``, in percent of ``plain``.
+    """Return the mean change of the speed from ``plain`` to ``changed``, percent.
 
-    Episodes with the same number of vehicles and traffic seed are compared. A negative change is a
-    loss of speed.
+    100 % is the mean speed in ``plain``; a negative change is a loss of speed. Episodes with the
+    same number of vehicles and traffic seed are compared.
 
     Raises:
         DrlAvError: ``changed`` and ``plain`` are not episodes in the same traffic.

@@ -34,7 +34,7 @@ class TrainingJob:
 
     @property
     def name(self) -> str:
-        """Name of the folder: variant and seed."""
+        """Name of the training's folder, for example "paper-0": variant and seed."""
         return self.folder.name
 
     @property
@@ -60,7 +60,7 @@ class TrainingJob:
 
     @property
     def clock(self) -> Path:
-        """Path of a CSV file beside the folder: episode, and wall time since the last row, s."""
+        """Path of a CSV file beside the folder: episode, wall time since the previous row, s."""
         return self.folder.with_suffix(".seconds.csv")
 
     def until(self, stop: int) -> "TrainingJob":
@@ -147,7 +147,10 @@ def _append_time(clock: Path, episode: int, seconds: float) -> None:
 
 
 def blocks_of(job: TrainingJob) -> list[Row]:
-    """Return the rows of a training so far; each holds means over ``job.every`` episodes."""
+    """Return the rows of a training so far; each holds means over ``job.every`` episodes.
+
+    The last row of a complete training may cover fewer episodes.
+    """
     episodes = read_table(job.folder / "episodes.csv", growing=True)[: job.stop]
     ends = range(job.every, len(episodes) + 1, job.every)
     last = [job.stop] if len(episodes) == job.stop == job.config.learning.episodes else []

@@ -21,10 +21,10 @@ COLUMNS = ("seed", "mean_speed_m_s", "collided", "ego_hit")
 
 
 def training_seeds_plan(options: ReproduceOptions) -> Plan:
-    """Plan ``options.seeds`` trainings with the settings of the shipped driver, under ``paper``.
+    """Return a plan to repeat the shipped driver's training with several seeds, under ``paper``.
 
-    Their drivers, the shipped one and ``REFERENCE`` then drive under ``strict``, on the same
-    traffic seeds in each kind of traffic.
+    The trainings have the seeds 0 to ``options.seeds`` - 1. Their drivers, the shipped one and
+    ``REFERENCE`` then drive under ``strict``, on the same traffic seeds in each kind of traffic.
     """
     trained = options.settings_of([DRIVER])
     strict = trained.updated("safety", check="strict")

@@ -10,14 +10,14 @@ TYPES: Mapping[str, Any] = {
     name: PlainNumber if kind in (int, float) else kind
     for name, kind in column_types(EpisodeResult).items()
 }
-"""The types of the columns of an episode; a table of means has numbers in place of counts."""
+"""The type of each column of an episode; counts may be fractions, as in a table of means."""
 
 
 def require_values(rows: Sequence[Row]) -> None:
     """Raise ValueError if a cell does not have the type of its column.
 
-    In a column without a type a number is at most ``files.LARGEST``, and no cell is NaN or
-    infinite.
+    ``TYPES`` holds the types. In all other columns a cell is a text, or a finite number of at most
+    ``files.LARGEST``.
     """
     for line, row in enumerate(rows, start=2):
         for column, cell in row.items():
@@ -29,7 +29,7 @@ def require_values(rows: Sequence[Row]) -> None:
 
 
 def require_numbers(row: Row, names: Sequence[str]) -> None:
-    """Raise ValueError if a cell of these columns is no number, or not a finite one."""
+    """Raise ValueError if a cell of these columns is not a finite number."""
     for name in names:
         try:
             parse_cell(row[name], PlainNumber)

@@ -29,7 +29,10 @@ CATCH_UP = {
     "acc_gap_gain_per_s": 1 / Config().reward.catch_up_time_s,
     "reference_standstill_gap_m": 0.0,
 }
-"""Settings of an adaptive cruise control that keeps d_safe. It closes gaps as v_des assumes."""
+"""Settings of an adaptive cruise control that keeps d_safe.
+
+It closes larger gaps with the time constant ``reward.catch_up_time_s``, as v_des assumes.
+"""
 
 
 def varied(

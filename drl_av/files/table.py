@@ -114,8 +114,8 @@ def read_table(
     Args:
         path: The file.
         columns: The type of each column to read; None reads all columns as text. A type is str,
-            int, bool, float (a finite number) or PossiblyInfinite. In the union of such a type with
-            None, an empty cell is None.
+            int, bool, float (a finite number), PossiblyInfinite or PlainNumber, or the union of one
+            of these with None; an empty cell of a union is read as None.
         growing: Whether another program may still be adding rows. Such a table may be missing or
             empty (the result is []), and an incomplete last line is ignored.
 
@@ -229,11 +229,11 @@ def _value(place: str, column: str, cell: str, kind: Any) -> Any:
 
 
 def parse_cell(cell: str, kind: Any) -> Any:
-    """Convert a cell to str, int, bool or float, and return it.
+    """Return the value of a cell, a str, int, bool or float; ``kind`` is the type of its column.
 
-    Raises ValueError if the cell is not of the type ``kind``, one of those of ``read_table``.
-    NaN is never allowed, and inf is allowed only for PossiblyInfinite. A PlainNumber is at most
-    ``LARGEST`` in absolute value.
+    ``kind`` is one of the types of ``read_table``, without unions. Raises ValueError if the cell is
+    not of this type. NaN is never allowed, and inf is allowed only for PossiblyInfinite. A
+    PlainNumber is at most ``LARGEST`` in absolute value.
     """
     value: Any
     if kind is bool:

@@ -17,7 +17,7 @@ OF_A_RUN = {
 }
 """Files of a training's run folder, which no other command may overwrite."""
 LEAST_BYTES = 4096
-"""Free space without which a long computation is not begun."""
+"""The least free disk space, bytes, that ``require_writable`` demands for a file."""
 
 
 @contextmanager
@@ -25,9 +25,9 @@ def replacing(path: Path, error: type[DrlAvError] = DrlAvError) -> Iterator[Path
     """Replace a file or folder atomically: the ``with`` block writes to the temporary path it gets.
 
     The temporary path is beside ``path`` and has the same suffix. If the block succeeds, the
-    written data is synced to the disk and then replaces ``path``, which may be a file or an empty
-    folder. If the block raises, the data is removed. If ``path`` is a link, its target is replaced.
-    Temporary files of processes that have died are removed first.
+    written data is synced to the disk and then replaces ``path``. A new folder can replace only an
+    empty folder. If the block raises, the data is removed. If ``path`` is a link, its target is
+    replaced. Temporary files of processes that have died are removed first.
 
     Raises:
         error: the disk is full, or the folder is missing or not writable; ``error`` is its class.
@@ -97,7 +97,9 @@ def remove_cut_line(path: Path, error: type[DrlAvError] = DrlAvError) -> None:
 
 
 def make_folder(folder: Path, option: str) -> None:
-    """Make a folder and its parents if they do not exist; ``option`` names it on the command line.
+    """Make a folder and its parents if they do not exist.
+
+    The error message advises the user to choose another folder with ``option``, such as "--out".
 
     Raises:
         DrlAvError: the folder cannot be made.
@@ -117,7 +119,8 @@ def require_writable(*paths: Path | None, inputs: Iterable[str | Path | None] = 
     A path that is None is ignored. ``inputs`` are the files that the same command reads.
 
     Raises:
-        DrlAvError: a path is not writable, occurs twice, or is one of ``inputs``.
+        DrlAvError: a path is not writable, is a folder, belongs to a run (``OF_A_RUN``), occurs
+            twice, or is one of ``inputs``.
     """
     asked = [path for path in paths if path is not None]
     read = {_target(Path(name)) for name in inputs if name is not None}

@@ -33,8 +33,9 @@ def make_training(env: HighwayEnv) -> Training:
     All its random numbers come from one generator, seeded with ``learning.seed``.
 
     Raises:
-        ConfigError: ``traffic.vehicles_max`` vehicles do not fit on the road; or
-            ``learning.mirrored`` is set, but the reward of a scene and of its mirror image differ.
+        ConfigError: ``traffic.vehicles_max`` vehicles do not fit on the road; the experience buffer
+            does not fit in the memory; or ``learning.mirrored`` is set, but the reward of a scene
+            and of its mirror image differ.
     """
     env.require_room()
     require_symmetry(env.config, env.road)

@@ -80,12 +80,12 @@ def store_counterfactuals(
 ) -> None:
     """Store the transition that each of the actions ``others`` would have caused, if known.
 
-    - An action that the check replaces (line 6 of the paper's Algorithm 1), or that leaves the open
-      lanes, is stored as terminal with reward r_col.
+    - An action that the check replaces is stored as terminal with reward r_col (line 6 of the
+      paper's Algorithm 1). If ``learning.unsafe_penalty`` is set, it is instead stored like the
+      action that replaces it, but with the penalty subtracted from the reward.
+    - An action that leaves the open lanes is also stored as terminal with reward r_col.
     - For every other action ``affordances_after`` computes the next state. It assumes that the
       other vehicles move as they did. If it returns None, nothing is stored.
-    - With ``learning.unsafe_penalty``, an action that the check replaces is stored like the action
-      that replaces it, but with the penalty subtracted from the reward.
     """
     config, before, s_t = env.config, decision.scene, decision.observation
     after, penalty = decision.next_scene.affordances, config.learning.unsafe_penalty

@@ -48,9 +48,9 @@ class Buffer(Protocol):
     """The interface of an experience buffer.
 
     ``add_safe`` stores a transition, ``add_collision`` stores a terminal transition, and ``sample``
-    draws a minibatch. ``collisions`` is the number of terminal transitions. ``state`` returns a
-    copy of the contents; ``restore`` loads exactly these, or raises CheckpointError if they do not
-    fit.
+    draws a minibatch. ``collisions`` is the number of terminal transitions; TwoBuffers counts all
+    transitions in Buf_C. ``state`` returns a copy of the contents; ``restore`` loads exactly these,
+    or raises CheckpointError if they do not fit.
     """
 
     def __len__(self) -> int: ...
@@ -124,8 +124,8 @@ class TwoBuffers(Buffer):
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
         """Draw ``batch_size`` transitions with replacement: Algorithm 1 of the paper, line 13.
 
-        The rows of Buf_S come first, then those of Buf_C. ``collision_fraction`` says how many are
-        of Buf_C. If one buffer is empty, all rows are of the other one.
+        The rows of Buf_S come first, then those of Buf_C, whose share is ``collision_fraction``. If
+        one buffer is empty, all rows are of the other one.
 
         Raises:
             ValueError: both buffers are empty.
@@ -180,7 +180,7 @@ class UniformBuffer(Buffer):
         self.stored(self.ring.append(s_t, a_t, r_col, 0.0, 0.0))
 
     def stored(self, slot: int) -> None:
-        """Notice that a transition was stored in this slot; by default do nothing."""
+        """Handle a new transition, just stored in the row ``slot``; by default do nothing."""
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
         """Draw a minibatch of transitions; raises ValueError if the buffer is empty."""

@@ -49,8 +49,8 @@ class StoreWithPenalty(StoreDecision):
     """Stores unsafe proposals with a penalty, instead of as terminal transitions (ours).
 
     An unsafe proposal is one that the check replaced. It is stored with the next state of the
-    executed action, and with the reward of that action minus ``learning.unsafe_penalty``. Only if
-    the ego collided is it stored as terminal with reward r_col.
+    executed action, and with the reward of that action minus ``learning.unsafe_penalty``. If the
+    ego collided, it is stored as terminal with reward r_col instead.
     """
 
     def __init__(self, buffer: Buffer, config: Config) -> None:

@@ -67,9 +67,9 @@ def td_error(target: Float32Array, q_t: Float32Array, a_t: NDArray[np.int64]) ->
 def q_gradient(weighted_td: Float32Array, a_t: NDArray[np.int64], action_size: int) -> Float32Array:
     """Return the gradient of the loss with respect to Q(s, .), shape (rows, action_size).
 
-    The loss is mean (y - Q(s, a))^2. The gradient is zero except for the action a.
-    ``weighted_td``, shape (rows,), is each TD error times its weight. Algorithm 1 of the paper,
-    line 15.
+    The loss is the mean of w (y - Q(s, a))^2. The gradient is zero except for the action a.
+    ``weighted_td``, shape (rows,), is w (y - Q(s, a)), with the weights w of the batch. Algorithm 1
+    of the paper, line 15.
     """
     gradient = np.zeros((len(a_t), action_size), weighted_td.dtype)
     gradient[np.arange(len(a_t)), a_t] = weighted_td * (-2.0 / len(a_t))

@@ -14,11 +14,11 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.errors import CheckpointError, ConfigError
 
 MEMORY = Path("/proc/meminfo")
-"""Where Linux says how much memory is available; other systems have no such file."""
+"""File in which Linux reports the available memory; other systems do not have it."""
 
 
 def require_memory(rows: int, observation_size: int) -> None:
-    """Raise ConfigError if the available memory cannot hold ``rows`` transitions."""
+    """Raise ConfigError if ``rows`` transitions do not fit in the available memory (Linux only)."""
     needed = rows * row_width(observation_size) * np.dtype(np.float32).itemsize
     try:
         words = MEMORY.read_text(encoding="ascii").split()

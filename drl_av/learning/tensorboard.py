@@ -26,8 +26,8 @@ def tensorboard_writer(
     """Yield a function that writes the table rows of an episode as TensorBoard scalars.
 
     The scalars are ``episode/COLUMN`` and ``evaluation/COLUMN``. If ``folder`` is None, the
-    function does nothing. TensorBoard discards the scalars of episodes after ``episodes_done``,
-    which an interrupted training has written. Raises RunError if the folder cannot be written.
+    function does nothing. If an interrupted training has already written scalars of episodes after
+    ``episodes_done``, TensorBoard discards them. Raises RunError if the folder cannot be written.
     """
     if folder is None:
         yield lambda progress: None

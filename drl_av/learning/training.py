@@ -73,7 +73,7 @@ class Variant(NamedTuple):
     augment: Callable[[Batch], Batch]
     """Changes a minibatch before the gradient step."""
     turns: Sequence[Sequence[Learner]]
-    """Groups of learners. Gradient steps train them in turn; an episode begins with the first."""
+    """Groups of learners: each gradient step of an episode trains the next, from the first on."""
     traffic_seed: Callable[[int], int]
     """Returns the traffic seed of an episode (line 3) from its number; the first episode is 1."""
 
@@ -214,7 +214,7 @@ class Training:
         """Drive the evaluation episodes with the greedy driver, and return their row.
 
         The traffic is the same in each evaluation. The numbers of vehicles are evenly spaced from
-        the fewest to the most.
+        the smallest to the largest number in the training.
         """
         traffic, most = self.config.traffic, self._most_on_open_road
         ends = (traffic.vehicles_min, traffic.vehicles_max) if most is None else (0, most)

@@ -1,7 +1,7 @@
 """The assumptions that ``strict`` makes about the settings, the vehicle types and the road.
 
-The safety of ``strict`` is proved in docs/safety.md. A combination that breaks an assumption of the
-proof is refused with one sentence that names the setting.
+The safety of ``strict`` is proved in docs/safety.md. ``require_assumptions`` raises ConfigError for
+a combination that breaks an assumption of the proof; the message names the setting.
 """
 
 import math
@@ -31,13 +31,13 @@ AT_MOST = (
     ("ego.accelerate_m_s2", "the accel of the vehicle type ego", "bound 3"),
     ("the decel of the vehicle type ego", "ego.hard_brake_m_s2", "bound 3"),
 )
-"""(a, b, reason): a must be at most b, else this bound or lemma of ``strict`` does not hold."""
+"""(a, b, reason): a must be at most b; ``reason`` names what fails in the proof otherwise."""
 WAY_OUT = "the check paper (--safety-check paper)"
-"""How a refusal names the check that needs no assumptions."""
+"""The check that needs no assumptions, as the error messages recommend it."""
 ROUNDING_M = 1e-6
 """Largest rounding error of a lateral position or of a width, metres."""
 LATERAL_GAP_M = 0.6
-"""SUMO's minGapLat, the lateral gap at which two vehicles drive beside each other in one lane."""
+"""SUMO's minGapLat: the smallest lateral gap between two vehicles beside each other in a lane."""
 RANDOM_LANE_CHANGES_PER_S = 0.01
 """The largest rate of random lane changes that ``strict`` allows; no kind of traffic has more."""
 AT_LEAST = (

@@ -42,7 +42,7 @@ SafetyCheck = Callable[[Scene, Action], Verdict]
 
 
 def judged(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
-    """Return the verdict of a check, which may be the user's own.
+    """Call a check, which the user may have written, and return its verdict.
 
     Raises:
         ConfigError: the check did not return a Verdict that contains an Action.
@@ -62,5 +62,5 @@ def permits(check: SafetyCheck, scene: Scene, proposed: Action) -> bool:
 
 
 def permit_all(scene: Scene, proposed: Action) -> Verdict:
-    """Return every action as proposed, without a check (the ablation in the paper)."""
+    """Return the verdict that permits the proposed action in every scene (the paper's ablation)."""
     return Verdict(proposed, Rule.NONE)

@@ -71,12 +71,12 @@ def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
 
 
 def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
-    """Return the verdict of the three rules of Sec. III on an action.
+    """Return the verdict of the three rules of Sec. III on the proposed action.
 
-    The ego may still collide: see docs/safety.md. The paper leaves two cases open, which we decide:
-    a proposal that brakes at least as hard as eq. 3 demands is safe (rule 1), and if rule 3 permits
-    neither to continue nor to abort a lane change, the ego moves to the lane that contains its
-    centre. With ``printed_rule_1`` and ``printed_rule_3`` these rules are as printed instead.
+    The ego may still collide: see docs/safety.md. We decide two cases that the paper leaves open.
+    Rule 1 permits a proposal that brakes at least as hard as eq. 3 demands. If rule 3 permits the
+    ego neither to continue nor to abort a lane change, the ego moves to the lane that contains its
+    centre. The settings ``printed_rule_1`` and ``printed_rule_3`` apply the rules as printed.
     """
     longitudinal, in_lane = _checked_longitudinal(scene, proposed.longitudinal, config)
     lateral, across = _checked_lateral(scene, proposed.lateral, config)

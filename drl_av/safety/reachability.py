@@ -1,7 +1,8 @@
 """Reachability bounds of the surrounding vehicles for the check ``strict`` (ours).
 
-The functions say which vehicles can get in the ego's way, and how far the ego may or must travel
-because of each vehicle. They broadcast distances and speeds, so they accept many scenes at once.
+The functions compute which vehicles can get in the ego's way. For each of them, they compute how
+far the ego may travel (a vehicle ahead) or must travel (a vehicle behind) before it stands. They
+broadcast distances and speeds, so they accept many scenes at once.
 """
 
 from collections.abc import Sequence
@@ -53,9 +54,10 @@ def lateral_extent(
 def is_held(
     y_m: FloatArray, width_m: FloatArray, ego_y_m: Any, ego_width_m: float, lane_width_m: float
 ) -> npt.NDArray[np.bool_]:
-    """Whether a vehicle behind the ego must stay behind it by bound 4 of ``strict``.
+    """Whether a vehicle, if it is behind the ego, must stay behind it by bound 4 of ``strict``.
 
-    This is so if the bodies overlap sideways, and the ego is in each lane in which the vehicle is.
+    It must if the bodies overlap laterally, and the ego's body overlaps each lane that the
+    vehicle's body overlaps. The result has one flag for each vehicle.
     """
     lowest, highest = lanes_under(y_m, width_m, lane_width_m)
     ego_lowest, ego_highest = lanes_under(ego_y_m, ego_width_m, lane_width_m)
@@ -75,7 +77,7 @@ class Others(NamedTuple):
     is_ahead: npt.NDArray[np.bool_]
     speed_m_s: FloatArray
     most_m: FloatArray
-    """The ego stays behind the vehicle if it stops within less than this distance, metres.
+    """Distance within which the ego must stop in order to stay behind the vehicle, metres.
 
     It is inf for a vehicle behind, and -inf for a vehicle beside the ego whose centre is ahead.
     """
@@ -86,7 +88,7 @@ class Others(NamedTuple):
 def with_barriers(others: Others, barriers: Sequence[Barrier], clearance_m: float) -> Others:
     """Return ``others``, followed by each barrier of a scene as a standing vehicle of length 0.
 
-    The gap to the ego is the barrier's ``s_m``, metres.
+    The ``s_m`` of these barriers is the distance from the ego's front bumper, metres.
     """
     gap_m, right_m, left_m = np.array(barriers).T
     standing = np.zeros(len(barriers))
@@ -102,7 +104,10 @@ def may_reach(
     strict: StrictConfig,
     step_s: float,
 ) -> FloatArray:
-    """Return ``Others.most_m``, metres; the first three arguments are fields of ``Others``."""
+    """Return the distance within which the ego must stop for each vehicle, ``Others.most_m``.
+
+    The first three arguments are fields of ``Others``; ``step_s`` is the length of a SUMO step.
+    """
     rest_m = stopping_distance(speed_m_s, strict.braking_m_s2, step_s)
     rest_m = np.where(gap_m > 0, gap_m + rest_m - strict.clearance_m, -np.inf)
     result: FloatArray = np.where(is_ahead, rest_m, np.inf)
@@ -110,7 +115,7 @@ def may_reach(
 
 
 def met(neighbors: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
-    """Whether each vehicle's body can come between the two lateral positions, metres."""
+    """Whether each vehicle's body can overlap the lateral range from ``right_m`` to ``left_m``."""
     result: npt.NDArray[np.bool_] = (neighbors.left_m > right_m) & (neighbors.right_m < left_m)
     return result
 

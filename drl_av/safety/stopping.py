@@ -87,7 +87,8 @@ def cut_in_gap(
 
     With a larger gap the ego stops behind the vehicle: it drives with ``acceleration_m_s2`` for one
     decision, and then brakes hard. ``speed_m_s`` is the ego's speed, ``other_m_s`` that of the
-    vehicle. IDM and ACC may accelerate with up to ``accelerate_m_s2`` at any time.
+    vehicle. If IDM or ACC controls the ego's speed, ``ego.accelerate_m_s2`` is used instead of
+    ``acceleration_m_s2``, because they may accelerate so much at any time.
     """
     if ego.longitudinal_reference != "acceleration":
         acceleration_m_s2 = ego.accelerate_m_s2

@@ -128,7 +128,7 @@ ROUNDING = 1e-6
 def seconds_to_line(
     distance_m: Any, lane_width_m: float, ego: EgoConfig, sim: SimulationConfig
 ) -> Any:
-    """Return the time, seconds, until the ego's body is over a line beside it.
+    """Return the time, seconds, until the ego's body is over a line (a lane marking) beside it.
 
     ``distance_m`` is the distance from the nearer side of the body to the line, a number or an
     array; it is negative if that side is already beyond the line. The body is over the line when
@@ -147,8 +147,8 @@ def corridor(
 ) -> tuple[float, float]:
     """Return the right and left end of the lateral range that the ego's body may use, metres.
 
-    It contains the lanes that the ego's body overlaps, the rest of its lane change, and the
-    fallback maneuver if the ego begins it at the next decision.
+    It contains the lanes that the ego's body overlaps, the rest of ``lane_change``, and the
+    fallback maneuver if the ego begins it at the next decision, ``decision_s`` seconds later.
     """
     affordances, ego_m = scene.affordances, float(scene.snapshot.width_m[EGO])
     y_m, width_m = affordances.ego_y_m, affordances.lane_width_m
@@ -171,7 +171,7 @@ def lanes_about(y_m: float, lane_width_m: float) -> tuple[int, int]:
 
 
 def fallback_maneuver(scene: Scene) -> LaneChange | None:
-    """Return the lane change to the lane of the ego's centre, or None if none is in progress."""
+    """Return the lane change of the fallback maneuver, or None if no lane change is in progress."""
     change = scene.lane_change
     return (
         change.reversed()
@@ -181,7 +181,7 @@ def fallback_maneuver(scene: Scene) -> LaneChange | None:
 
 
 class Strict:
-    """The check ``strict``; its bounds and its proof are in the docstring of this module."""
+    """The check ``strict`` (see this module's docstring); it needs the kinematic lateral plant."""
 
     def __init__(self, strict: StrictConfig, ego: EgoConfig, simulation: SimulationConfig) -> None:
         if ego.lateral_plant != "kinematic":
@@ -196,8 +196,8 @@ class Strict:
         """Return the action that the ego executes, and the rules that replaced the proposed action.
 
         Of the proposed and all slower longitudinal actions, the ego executes the fastest one that
-        keeps the fallback maneuver free. If the check does not permit the proposed lateral action
-        together with it, the ego executes the lateral action of the fallback maneuver.
+        keeps the fallback maneuver free, or else hard brake. If the check does not permit the
+        proposed lateral action together with it, the ego executes that of the fallback maneuver.
         """
         affordances, neighbors = scene.affordances, self.others(scene)
         fallback = fallback_maneuver(scene)

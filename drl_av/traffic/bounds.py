@@ -17,9 +17,10 @@ WIDTHS_M: Bounds = (0.5, 5.0)
 def check_numbers(
     described: Any, prefix: str, bounds: Mapping[str, Bounds] = MappingProxyType({})
 ) -> None:
-    """Convert each numeric field that has bounds to int or float, and check its bounds.
+    """Check each field that has bounds, and convert whole numbers in float fields to float.
 
-    ``bounds`` holds them by the name of the field; the other fields have those of their metadata.
+    ``described`` is a dataclass object, changed in place. ``bounds`` holds bounds by field name.
+    The bounds of all other fields are ``low`` and ``high`` of their metadata.
 
     Raises:
         ScenarioError: a number has a wrong type or is out of bounds; the message begins with

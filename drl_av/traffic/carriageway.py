@@ -11,18 +11,18 @@ from drl_av.traffic.net_route import Route, Section
 from drl_av.traffic.road import PartialLane
 
 SHORTEST_EXIT_LANE_M = 50.0
-"""Length of the shortest lane from which a route may leave (ours), as in the kind ``exit``."""
+"""Smallest length of the lane that leads to an exit (ours), as in the kind ``exit``."""
 
 
 class Carriageway(NamedTuple):
-    """The edges that lie one behind the other with the lanes of a route's beginning."""
+    """The road that a route follows, up to its exit if it has one, and the off-ramp there."""
 
     sections: tuple[Section, ...]
     """The edges of the route, up to the exit if the route has one; lane 0 is the rightmost."""
     through: tuple[int, ...]
-    """Indices of the lanes that exist from the beginning to the end, rightmost first."""
+    """Indices of the lanes that extend along all ``sections``, rightmost first."""
     off_ramp: tuple[Section, ...] = ()
-    """The edges of the route after the exit, with lanes as in the network; empty without exit."""
+    """The edges after the exit, with the lane indices of the ``Route``; empty without an exit."""
 
     @property
     def driven(self) -> tuple[Section, ...]:
@@ -31,12 +31,12 @@ class Carriageway(NamedTuple):
 
     @property
     def end_m(self) -> float:
-        """The end of the ego's way, metres along the route; after an exit as in ``exit``."""
+        """Position where the ego's way ends, metres along the route; ``AFTER_M`` after an exit."""
         return self.sections[-1].end_m + (AFTER_M if self.off_ramp else 0.0)
 
     @property
     def exit_m(self) -> float:
-        """The position where the off-ramp parts from the carriageway; inf without an exit."""
+        """The position where the off-ramp separates from the carriageway; inf without an exit."""
         return self.sections[-1].end_m if self.off_ramp else math.inf
 
     @property
@@ -61,8 +61,8 @@ class Carriageway(NamedTuple):
 def carriageway(route: Route) -> Carriageway:
     """Return the carriageway of a route.
 
-    A route leaves it by an exit where none of the lanes that exist from the beginning leads on, but
-    one of them leads elsewhere.
+    The route has an exit after an edge if none of the lanes that extend from the beginning of the
+    route to this edge leads to the next edge of the route, but one of them leads to another edge.
 
     Raises:
         ScenarioError: no lane leads along the whole route or to an exit on the right, or the lane
@@ -79,7 +79,7 @@ def carriageway(route: Route) -> Carriageway:
 def _leave(
     before: tuple[Section, ...], through: set[int], after: tuple[Section, ...]
 ) -> Carriageway:
-    """Return the carriageway that a route leaves; raise ScenarioError if there is no exit."""
+    """Return the carriageway of a route with an exit; raise ScenarioError if it cannot be used."""
     last, off_ramp = before[-1], after[0].edge
     if not through & last.leading_away:
         raise ScenarioError(

@@ -40,7 +40,8 @@ class Contact(NamedTuple):
 def motion(from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, road: Road) -> Motion:
     """Return the motion of a body from one position (s, y) to another, both in metres.
 
-    The body moves forward by less than ``road.lap_m``, or backward by at most ``BACKWARD_M``.
+    The function assumes that the body moves backward by at most ``BACKWARD_M``, or forward by less
+    than ``road.lap_m - BACKWARD_M``.
     """
     forward_m = (to_s_m - from_s_m + BACKWARD_M) % road.lap_m - BACKWARD_M
     return from_s_m, from_y_m, forward_m, to_y_m - from_y_m

@@ -1,4 +1,4 @@
-"""Puts several stories together: scenarios whose vehicles drive on one road, around one ego."""
+"""Combines several stories: scenarios that place their vehicles and have the same road and ego."""
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
@@ -13,26 +13,26 @@ from drl_av.traffic.population import EGO_ID
 def composed(stories: Mapping[str, Any]) -> Any:
     """Return the description of one scenario with the vehicles of all stories (ours).
 
-    ``stories`` holds the description of each by its name; a single one is returned unchanged. Where
-    two stories place vehicles with the same speeds and lane changes at one place (less than a
-    vehicle length apart in one lane), they are one vehicle, that of the first story. A name that is
-    taken gets a number, such as ``slow_2``.
+    ``stories`` holds the descriptions by name; a single one is returned unchanged. If two stories
+    place vehicles with the same speeds and lane changes at one place (less than a vehicle length
+    apart in one lane), the result contains only the vehicle of the first story. An id that is
+    already taken gets a number, such as ``slow_2``.
 
     Raises:
-        ScenarioError: the stories have different roads or egos, or place two different
-            vehicles at one place.
+        ScenarioError: one of several stories places no vehicles, the stories have different roads
+            or egos, or two stories place different vehicles at one place.
     """
     (name, base), *others = stories.items()
-    told = name
+    names = name
     for empty in (each for each, story in stories.items() if others and not story.vehicles):
         raise ScenarioError(
             f"{empty} places no vehicles, but each of several stories must: leave it out."
         )
     for other, story in others:
         _require_one_road(name, base, other, story)
-        told, vehicles = f"{told} and {other}", list(base.vehicles)
+        names, vehicles = f"{names} and {other}", list(base.vehicles)
         for vehicle in story.vehicles:
-            _add(vehicles, vehicle, base.vehicle_length_m, told)
+            _add(vehicles, vehicle, base.vehicle_length_m, names)
         base = replace(base, vehicles=tuple(vehicles))
     return base
 
@@ -54,16 +54,16 @@ def _require_one_road(name: str, base: Any, other: str, story: Any) -> None:
             )
 
 
-def _add(vehicles: list[PlacedVehicle], one: PlacedVehicle, length_m: float, told: str) -> None:
+def _add(vehicles: list[PlacedVehicle], one: PlacedVehicle, length_m: float, names: str) -> None:
     """Add a vehicle of another story to ``vehicles``, unless it is there already.
 
-    ``told`` names the stories for messages.
+    ``names`` holds the names of the stories, for messages.
     """
     if one.id == EGO_ID:
         ego = next((each for each in vehicles if each.id == EGO_ID), one)
         if ego != one:
             raise ScenarioError(
-                f"The ego of {told} starts differently ({_start(ego)}, and {_start(one)}), but "
+                f"The ego of {names} starts differently ({_start(ego)}, and {_start(one)}), but "
                 "there is one ego: make them equal."
             )
     for other in vehicles:
@@ -71,13 +71,13 @@ def _add(vehicles: list[PlacedVehicle], one: PlacedVehicle, length_m: float, tol
             alike = replace(other, id=one.id, position_m=one.position_m) == one
             if not alike or (other.id != one.id and EGO_ID in (other.id, one.id)):
                 raise ScenarioError(
-                    f"{told} place two different vehicles at one place, {other.id!r} "
+                    f"{names} place two different vehicles at one place, {other.id!r} "
                     f"({_start(other)}) and {one.id!r} ({_start(one)}): move one of them."
                 )
             return
     taken = {each.id for each in vehicles}
-    names = (one.id, *(f"{one.id}_{number}" for number in range(2, len(taken) + 3)))
-    vehicles.append(replace(one, id=next(name for name in names if name not in taken)))
+    free = (one.id, *(f"{one.id}_{number}" for number in range(2, len(taken) + 3)))
+    vehicles.append(replace(one, id=next(name for name in free if name not in taken)))
 
 
 def _start(vehicle: PlacedVehicle) -> str:

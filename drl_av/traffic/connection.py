@@ -1,4 +1,4 @@
-"""Functions that start SUMO, and errors that name the software that the machine lacks for it."""
+"""Functions that start SUMO, and error messages that name the missing software."""
 
 import ctypes
 import importlib
@@ -20,9 +20,9 @@ GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "128
 
 
 def require_display() -> None:
-    """Raise DisplayError if there is no screen; sumo-gui without one would end the Python process.
+    """Raise DisplayError if there is no screen, because sumo-gui would then end the Python process.
 
-    The check is made on Linux only.
+    The error is also raised if libX11 is missing. The check is made on Linux only.
     """
     if platform.system() != "Linux":
         return
@@ -88,7 +88,7 @@ def short_names(files: Sequence[Path]) -> Iterator[list[str]]:
 def start_arguments(files: Sequence[str], seed: int, config: Config) -> list[str]:
     """Return the command line arguments of SUMO for a scenario.
 
-    ``files`` are the network file and the additional files; ``seed`` seeds SUMO.
+    ``files`` holds the network file and then the additional files; ``seed`` seeds SUMO.
     """
     return [
         *("--net-file", files[0]),

@@ -34,9 +34,9 @@ VEHICLE_WIDTH_M = partial(
 INNER_RADIUS_M = 5.0
 """Smallest radius of the inner edge of the innermost lane."""
 MOST_VEHICLES = 3000
-"""Most vehicles that start on an open road, or that a scenario places, the ego included. The time
-of a step grows with the square of the number in a lane, because SUMO's sublane model looks for
-followers among all of them."""
+"""Largest number of vehicles, with the ego, that start on an open road or that a scenario places.
+The time of a SUMO step grows with the square of the number of vehicles in a lane, because the
+sublane model looks for followers among all of them."""
 TYPES = "vehicle_types"
 VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]+")
 TimedChange = tuple[float, int]
@@ -56,15 +56,16 @@ class PlacedVehicle:
     lane: int
     """Index of the lane; 0 is the rightmost."""
     position_m: float
-    """Position of the front bumper along the road."""
+    """Position of the front bumper along the road, metres."""
     speed_m_s: float
-    """Speed at the start. The scenario's speed limit bounds it, and for the ego also
-    ``ego.max_speed_m_s``. In SUMO without drl-av the desired speed bounds it, too."""
+    """Speed at the start, at most the scenario's speed limit, and for the ego also at most
+    ``ego.max_speed_m_s``. In SUMO without drl-av it is also at most the desired speed."""
     desired_speed_m_s: float
     """Speed on a free road, from 0.1 to 100 m/s. For the ego it has no effect in drl-av."""
     lane_changes: tuple[TimedChange, ...] = ()
-    """Pairs of a time, seconds since the start, and a lane. From this time on, for 5 s, the vehicle
-    changes to the lane as soon as SUMO considers it safe. SUMO without drl-av ignores them."""
+    """Pairs (time in seconds since the start, index of an adjacent lane); none for the ego. At this
+    time the vehicle requests the lane change. SUMO executes it as soon as it considers it safe, and
+    drops the request after 5 s. SUMO without drl-av ignores the pairs."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.id, str) or not VEHICLE_NAME.fullmatch(self.id):
@@ -81,8 +82,9 @@ class ScenarioDescription:
     """A closed loop, driven counter-clockwise on the right, so that lane 0 is the outermost lane.
 
     Raises:
-        ScenarioError: a value has a wrong type or is out of bounds, no lane is open, or placed
-            vehicles overlap.
+        ScenarioError: a value has a wrong type or is out of bounds, the loop is too short for its
+            lanes, no lane is open, or a placed vehicle is off the road, too fast or overlaps
+            another one.
     """
 
     circumference_m: float = setting(
@@ -180,11 +182,12 @@ def longest_m(description: Any) -> float:
 
 
 def check_sizes(description: Any) -> None:
-    """Check the numeric fields of a description, and convert each of them to int or float.
+    """Check a description's numbers and vehicle types; convert whole numbers in float fields.
 
     Raises:
         ScenarioError: a number has a wrong type or is out of bounds, a vehicle is wider than a
-            lane, too many vehicles are placed, or the user's vehicle types do not fit each other.
+            lane, too many vehicles are placed, or the user's vehicle types have equal ids, shares
+            above 1 in total, or are combined with placed vehicles.
     """
     check_numbers(description, "The scenario's ")
     if description.vehicle_width_m > description.lane_width_m:
@@ -202,13 +205,13 @@ def check_sizes(description: Any) -> None:
 def check_placed(
     description: Any, number: int, lanes: Collection[int], lap_m: float = math.inf
 ) -> None:
-    """Check the placed vehicle of this number: its speed, its lane changes and its neighbours.
+    """Check the placed vehicle with the index ``number`` in ``description.vehicles``.
 
     ``lanes`` are the lanes to which it may change, ``lap_m`` is the circumference of a loop.
 
     Raises:
-        ScenarioError: the vehicle starts faster than the speed limit, changes to another lane, or
-            overlaps one of the vehicles before it or has its id.
+        ScenarioError: the vehicle starts faster than the speed limit, changes to a lane that is not
+            in ``lanes``, or overlaps or has the same id as a vehicle with a smaller index.
     """
     vehicle, long_m = description.vehicles[number], description.vehicle_length_m
     if vehicle.speed_m_s > description.speed_limit_m_s:
@@ -239,7 +242,7 @@ def read_changes(changes: Any, vehicle: str, lane: int) -> tuple[TimedChange, ..
     ``vehicle`` is its id, ``lane`` the lane in which it starts.
 
     Raises:
-        ScenarioError: ``changes`` are not pairs of a time and a lane, the vehicle is the ego, the
+        ScenarioError: ``changes`` are not pairs of a time and a lane, the ego has lane changes, the
             times do not increase, or a change does not lead to an adjacent lane.
     """
     if not isinstance(changes, list | tuple) or not all(map(_is_change, changes)):

@@ -13,7 +13,7 @@ from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
 ASIDE_M = 40.0
 """Lateral distance from the highway at which the end of the off-ramp is drawn."""
 AFTER_M = 100.0
-"""Distance from the point where the off-ramp parts from the highway to the end of the ego's way."""
+"""Length of the ego's way after the point where the off-ramp separates from the highway."""
 SHORTEST_M = 10.0
 """Length of the shortest part of a road."""
 
@@ -58,7 +58,7 @@ class OffRamp(OpenDescription):
         return PartialLane(0, begin_m, math.inf, begin_m, exit_m)
 
     def exit_edges(self, off_ramp: PartialLane) -> tuple[Edge, ...]:
-        """Return the highway beside the deceleration lane, the one after it, and the off-ramp."""
+        """Return three edges: highway with deceleration lane, highway after it, and off-ramp."""
         exit_m, through = off_ramp.joined_to_m, range(1, self.lanes + 1)
         return (
             Edge("exit", off_ramp.begin_m, exit_m, range(self.lanes + 1)),
@@ -107,10 +107,10 @@ def require_reachable(road: Road, start: OpenStart, ego: EgoConfig) -> None:
 
 @dataclass(frozen=True)
 class ExitDescription(OffRamp):
-    """A highway with an off-ramp; the ego starts in the left lane."""
+    """A highway with an off-ramp; the ego starts in the leftmost lane."""
 
     def plan(self) -> OpenPlan:
-        """Return the road: a highway before, beside and after its deceleration lane, and a ramp."""
+        """Return the road: highway before, beside and after the deceleration lane, and off-ramp."""
         off_ramp, through = self.off_ramp(START_M), range(1, self.lanes + 1)
         road = self.road_to_exit(off_ramp)
         return OpenPlan(

@@ -39,8 +39,8 @@ class Fleet:
     Raises:
         ConfigError: the settings allow vehicles that are too fast or too wide for the road, or
             other drivers than SUMO's on an open road.
-        ScenarioError: the ego cannot reach its exit with these settings, or the inflow means more
-            vehicles than may start on the road.
+        ScenarioError: the ego cannot reach its exit with these settings, or the inflow corresponds
+            to more vehicles than may start on the road.
     """
 
     population: Population
@@ -98,9 +98,9 @@ class Fleet:
     def usual(self) -> int | None:
         """Default number of vehicles besides the ego at the start, or None if there is no default.
 
-        If the scenario places its vehicles, it is their number. On another open road it is the
-        number that corresponds to the inflow. An episode may use another number there; its inflow
-        then changes in proportion. On another loop there is no default.
+        If the scenario places its vehicles, it is their number. Otherwise, a loop has no default,
+        and on an open road it is the number that corresponds to the inflow. If an episode there has
+        another number of vehicles, its inflow changes in proportion.
         """
         if self._start is None or self.placed is not None:
             return self.placed
@@ -109,8 +109,10 @@ class Fleet:
     def draw(self, seed: int, vehicles: int) -> None:
         """Draw the vehicles of an episode from its seed: the ego and ``vehicles`` others.
 
+        If the scenario places its vehicles, these are used, and ``vehicles`` has no effect.
+
         Raises:
-            ScenarioError: the vehicles do not fit on the road.
+            ScenarioError: the vehicles do not fit on the road, or the placed ones lack the ego.
         """
         rng, description = np.random.default_rng(seed), self.scenario.description
         config, length_m, start = self._config, description.vehicle_length_m, self._start
@@ -153,10 +155,10 @@ class Fleet:
         """Return the lane changes of the next decision, as pairs (row, number of lanes).
 
         A row is the index of a vehicle in ``ids``. The number of lanes is positive to the left.
-        Some lane changes are random; the scenario has set others for a time up to ``time_s``,
-        seconds since the reset. ``y_m`` is the lateral position of each vehicle, metres, the
-        ego's first. Call this once for each decision: it draws random numbers, and returns each
-        lane change of the scenario only once.
+        The result holds random lane changes, and the scenario's lane changes that are due at
+        ``time_s``, seconds since the reset. ``y_m`` is the lateral position of each vehicle,
+        metres, the ego's first. Call this once for each decision: it draws random numbers, and
+        returns each lane change of the scenario only once.
         """
         changes = next(self._lane_changes)
         if changes and self._start is not None:
@@ -188,8 +190,9 @@ class Fleet:
         ``time_s`` is the time since the reset; the sequences hold the state of each vehicle.
 
         Returns:
-            The rows of the vehicles that stay, which become the first rows, and the vehicles that
-            enter, which become the next rows. None if no vehicle enters or leaves.
+            The previous row indices of the vehicles that stay, and the vehicles that enter. The new
+            rows are those that stay, in this order, and then those that enter. The result is None
+            if no vehicle enters or leaves.
         """
         start, inflow = self._start, self._inflow
         if start is None:

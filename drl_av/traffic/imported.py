@@ -33,8 +33,8 @@ SHORTEST_M, LONGEST_M = 600.0, 50_000.0
 class ImportedDescription(OpenDescription):
     """A route through a user's network, which defines its lanes, their width and speed limits.
 
-    A route may leave the motorway by an exit whose lane begins on the way; the traffic then goes
-    straight on.
+    The route may leave the motorway by an exit lane that begins along the route; the other vehicles
+    then stay on the motorway.
 
     Raises:
         ScenarioError: the route cannot be read (``net_route.read_route``), is too short or too
@@ -57,7 +57,7 @@ class ImportedDescription(OpenDescription):
     )
     route: Route = field(init=False, repr=False, compare=False)
     way: Carriageway = field(init=False, repr=False, compare=False)
-    """What of the route the ego drives on, up to the exit if it has one."""
+    """The carriageway of the route, up to the exit if it has one, and the off-ramp there."""
     limits_vary: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -91,7 +91,7 @@ class ImportedDescription(OpenDescription):
         require_usual_ego_reaches_exit(self.plan(), self.speed_limit_m_s)
 
     def plan(self) -> OpenPlan:
-        """Return the road: the edges of the route, and straight on beyond its end or its exit."""
+        """Return the road: the route, a straight edge beyond its end or exit, and any off-ramp."""
         way, edges = self.way, tuple(map(self._edge, self.way.sections))
         if way.off_ramp:
             ends = {"through": self._straight_on("through", AFTER_M), "exit": self._off_ramp()}
@@ -122,7 +122,7 @@ class ImportedDescription(OpenDescription):
         )
 
     def to_toml(self) -> str:
-        """Return the description as TOML text; ``net`` is the file in the scenario's folder."""
+        """Return the description as TOML text; ``net`` names the file in the scenario's folder."""
         return toml_text(self, net=NETWORK_FILE)
 
     def _speed_limit(self, section: Section) -> float:

@@ -23,9 +23,9 @@ def flow_speed(start: OpenStart, traffic: TrafficConfig) -> float:
     """Return the mean speed of the traffic on an open road, m/s (an assumption).
 
     It relates the flow in a lane to the density: flow = speed x density. Vehicles follow the
-    slowest one of their lane, so each part of the road has the lowest desired speed, at least
-    1 m/s, or its speed limit if that is lower. The mean is the length of the road divided by the
-    travel time.
+    slowest one of their lane. The speed on each part of the road is therefore the lowest desired
+    speed, but at least 1 m/s, or the speed limit of this part if that is lower. The mean is the
+    length of the road divided by the travel time.
     """
     wanted_m_s = max(traffic.desired_speed_min_m_s, 1.0)
     if not start.speed_limits:
@@ -43,7 +43,7 @@ def speed_limit(start: OpenStart, front_m: float | FloatArray) -> FloatArray:
 
 
 def vehicles_of_flow(start: OpenStart, traffic: TrafficConfig) -> int:
-    """Return the number of vehicles on an open road that corresponds to its inflow."""
+    """Return the number of vehicles besides the ego that corresponds to an open road's inflow."""
     per_m = start.flow_per_h / 3600 / flow_speed(start, traffic)
     return round(per_m * start.span_m * len(start.lanes))
 

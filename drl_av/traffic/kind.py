@@ -27,7 +27,7 @@ class OpenStart(NamedTuple):
     """Speed of the ego at the start; None is a safe speed behind the vehicle ahead."""
     speed_limits: tuple[tuple[float, float], ...] = ()
     """One pair for each part of the road, in driving order: the position of its end, metres, and
-    its speed limit, m/s. Empty if no setting of the traffic can exceed the limits."""
+    its speed limit, m/s. Empty if the road has one limit, which no setting may exceed."""
 
 
 class Edge(NamedTuple):
@@ -51,9 +51,9 @@ class Edge(NamedTuple):
 class OpenPlan(NamedTuple):
     """An open road: its edges and routes in SUMO, and the same road as the simulation needs it.
 
-    An edge leads to each edge that begins where it ends. There each lane continues in the lane with
-    the same index, unless ``road`` says that the lane ends. The first route is the way of the
-    traffic, and of an ego that has missed its exit. The last route is the way of the ego. SUMO
+    An edge leads to each edge whose ``begin_m`` equals its ``end_m``. There each lane continues in
+    the lane with the same index, unless ``road`` says that the lane ends. The first route is that
+    of the traffic, and of an ego that has missed its exit. The last route is that of the ego. SUMO
     needs a road beyond ``road.end_m``: if no edge begins there, ``in_sumo`` extends the edges that
     end there.
     """
@@ -93,8 +93,9 @@ def route_on(routes: Mapping[str, tuple[str, ...]], edge: str, is_way: bool) -> 
 class ScenarioKind(NamedTuple):
     """A kind of scenario: its description, and the functions that write and read its files.
 
-    All functions take a description. ``read`` takes (root element of the network file, description,
-    name of the file), and raises ScenarioError if the network differs from the description.
+    Each function takes a description, but ``read`` takes (root element of the network file,
+    description, name of the file). It raises ScenarioError if the network differs from the
+    description.
     """
 
     meaning: str

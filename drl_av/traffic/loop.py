@@ -32,7 +32,7 @@ BLOCK_COLORS = ("190,190,190", "220,90,30")
 
 
 def additional(description: ScenarioDescription) -> dict[str, ET.Element]:
-    """Return the root element of the file that draws barricaded lanes, by file name, if any."""
+    """Return {file name: root element} of the file that draws barricaded lanes, {} without any."""
     return {BARRICADES_FILE: _barricades(description)} if description.barricaded_lanes else {}
 
 

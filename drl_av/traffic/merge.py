@@ -40,7 +40,7 @@ class OnRamp(OpenDescription):
 
     @property
     def entrance_edges(self) -> tuple[Edge, ...]:
-        """The highway before the ramp joins it, the ramp, and the highway with the ramp's lane."""
+        """Three edges: highway before the ramp, ramp, and highway with the acceleration lane."""
         ramp, through = self.on_ramp, range(1, self.lanes + 1)
         return (
             Edge("before", 0.0, GORE_M, through),
@@ -67,7 +67,7 @@ class MergeDescription(OnRamp):
     )
 
     def plan(self) -> OpenPlan:
-        """Return the road: a highway before, beside and after its acceleration lane, and a ramp."""
+        """Return the road: on-ramp, and highway before, beside and after the acceleration lane."""
         ramp = self.on_ramp
         end_m = ramp.end_m + self.after_m
         every = (True,) * (self.lanes + 1)

@@ -18,7 +18,7 @@ PRIORITY = ("M", "Z")
 TOLERANCE_M = 0.01
 """Largest difference between the lengths of the lanes of an edge; SUMO rounds to centimetres."""
 SHORTEST_M = 0.1
-"""Length of SUMO's shortest edge."""
+"""Smallest length of an edge in SUMO."""
 MOST_EDGES = 1000
 """Largest number of edges of a route."""
 FARTHEST_M = 1e7
@@ -75,7 +75,8 @@ def read_route(path: Path, from_edge: str, to_edge: str) -> Route:
 
     The length of a lane inside a junction counts as part of the edge before the junction. Where the
     number of lanes changes, SUMO's connections determine which lanes continue; all others begin or
-    end there. If a lane has two successors, drl-av chooses so that most lanes continue.
+    end there. If a lane leads to two lanes of the next edge, drl-av makes the choice with which the
+    largest number of lanes continues.
 
     Raises:
         ScenarioError: the file is no network of SUMO, there is no such route, or the route is no

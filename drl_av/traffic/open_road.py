@@ -27,9 +27,9 @@ from drl_av.traffic.own_types import OwnVehicleType
 from drl_av.traffic.sumo_edges import in_sumo
 
 START_M = 300.0
-"""Position at which the ego starts on the highway, farther from the beginning than its range."""
+"""Position at which the ego starts on a highway; it is larger than the ego's sensor range."""
 BEYOND_M = 250.0
-"""Length of road with other vehicles beyond the end of the ego's way; it is the ego's range."""
+"""Length of road with other vehicles beyond the end of the ego's way: the ego's sensor range."""
 TOLERANCE = 1e-6
 
 
@@ -72,15 +72,18 @@ class OpenDescription(ABC):
 
     @abstractmethod
     def plan(self) -> OpenPlan:
-        """Return the road of this description."""
+        """Return the plan of the described road: its edges, routes, lanes and start positions."""
 
     def to_toml(self) -> str:
-        """Return the fields of the description as TOML text, which does not name its kind."""
+        """Return the fields of the description as TOML text, without the kind of scenario."""
         return toml_text(self)
 
 
 def open_kind(meaning: str, description: type[OpenDescription]) -> ScenarioKind:
-    """Return the kind of scenario of open roads that the class ``description`` describes."""
+    """Return a kind of scenario with open roads; ``description`` is the class of its descriptions.
+
+    ``meaning`` is its text in the help of the command line.
+    """
     return ScenarioKind(meaning, description, network_text, read_layout, traffic)
 
 
@@ -153,7 +156,7 @@ def _connections(plan: OpenPlan) -> set[tuple[str, str, str, str]]:
 
 
 def read_layout(network: ET.Element, description: OpenDescription, name: str) -> Layout:
-    """Return the layout of a network file; ``network`` is its root element, ``name`` its name.
+    """Return the layout of the network file called ``name``, with the root element ``network``.
 
     Raises:
         ScenarioError: the road is not the described one; the message contains ``name``.

@@ -52,7 +52,7 @@ class OwnVehicleType:
             )
 
     def attributes(self, traffic: dict[str, str]) -> dict[str, str]:
-        """Return the SUMO attributes of this type; those that it does not set are ``traffic``'s."""
+        """Return the SUMO attributes of this type; ``traffic`` holds those that it does not set."""
         return traffic | {
             "id": self.id,
             "color": COLOR,

@@ -10,7 +10,7 @@ ROUNDING_M = 0.001
 
 
 def straight_on(shape: Sequence[Point], length_m: float) -> tuple[Point, Point]:
-    """Return a line of that length, metres, that goes straight on where a shape ends."""
+    """Return begin and end of a straight line of ``length_m`` metres that continues a shape."""
     last = shape[-1]
     before = next((point for point in reversed(shape) if point != last), (last[0] - 1.0, last[1]))
     scale = length_m / math.dist(before, last)
@@ -19,7 +19,7 @@ def straight_on(shape: Sequence[Point], length_m: float) -> tuple[Point, Point]:
 
 
 def along(points: Iterable[Point], length_m: float) -> tuple[Point, ...]:
-    """Return a line of that length, metres, through the points, and straight on after the last."""
+    """Return a line of ``length_m`` metres along the points; it goes straight on after the last."""
     first, *others = points
     line, left_m = [first], length_m
     for point in others:

@@ -14,7 +14,7 @@ STATE = (
 
 
 class Readings:
-    """Reads the state of the vehicles on the road, which ``watch`` names."""
+    """Reads the state of the vehicles on the road; ``watch`` sets their names."""
 
     _ids: Sequence[str]
     _half_m: list[float]
@@ -40,7 +40,7 @@ class Readings:
         return along_m, lane * self._lane_m + self._aside(name)
 
     def state(self, first: int = 0) -> tuple[list[float], ...]:
-        """Return s, y, speed and lateral speed: four lists, a value for each row from ``first``."""
+        """Return lists of s, y (m), speed and lateral speed (m/s) of the rows from ``first`` on."""
         ids, lap_m, lane_m = self._ids[first:], self._lap_m, self._lane_m
         at_m, aside_m = [*map(self._at, ids)], [*map(self._aside, ids)]
         speed, lateral = [*map(self._speed, ids)], [*map(self._lateral_speed, ids)]

@@ -29,8 +29,8 @@ def leave_to_commands(vehicle: Any, name: str) -> None:
 def is_centered(vehicle: Any, name: str) -> bool:
     """Whether the vehicle ``name`` is so near its lane's centre that it may request a lane change.
 
-    Away from the centre, another vehicle may have interrupted a lane change. A new request would
-    make SUMO continue it, even into that vehicle.
+    If the vehicle is away from the centre, another vehicle may have interrupted its lane change. A
+    new request would make SUMO continue it, even into that other vehicle.
     """
     return bool(abs(vehicle.getLateralLanePosition(name)) <= CENTERED_M)
 

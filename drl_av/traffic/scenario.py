@@ -43,12 +43,12 @@ class Scenario:
 
     folder: Path
     description: Any
-    """An object of the class ``ScenarioKind.description`` of its kind."""
+    """The settings of the scenario; their class is the ``description`` of its ``ScenarioKind``."""
     layout: Layout
     additional_files: tuple[Path, ...]
     """The files that SUMO loads before any vehicle: vehicle types, and barricades if any."""
     vehicle_types: VehicleTypes
-    """The types in the scenario's file; ``description`` has the larger size of the two types."""
+    """The types in the scenario's file; ``description`` has their largest length and width."""
     as_written: bool
     """Whether the folder has checksums, which match; False if it has no checksums."""
 
@@ -102,8 +102,8 @@ def load_scenario(folder: str | Path) -> Scenario:
     """Read a scenario folder, and verify that its files agree with each other.
 
     Raises:
-        ScenarioError: the folder does not exist, a file is missing, damaged or changed, or the road
-            is not that of the description.
+        ScenarioError: the folder does not exist, SUMO cannot read its name, a file is missing,
+            damaged or changed, or the road is not that of the description.
     """
     folder = Path(folder).absolute()
     if not folder.is_dir():

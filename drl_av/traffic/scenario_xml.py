@@ -14,7 +14,7 @@ from drl_av.errors import ScenarioError
 
 MAX_BYTES = 64_000_000
 MAX_DEPTH = 8
-"""The deepest nesting of a network file of the user's own."""
+"""Largest depth of nested elements in a network file that the user provides."""
 GZIP = b"\x1f\x8b"
 """The first bytes of a compressed file."""
 NETWORK = {
@@ -29,7 +29,7 @@ VIEW = {
     **dict.fromkeys(("scheme", "delay", "viewport"), "viewsettings"),
     **dict.fromkeys(("edges", "vehicles", "pois"), "scheme"),
 }
-"""The allowed XML elements of each kind of file, and the element that contains each."""
+"""``NETWORK``, ``ADDITIONAL`` and ``VIEW`` map each allowed XML element to its parent element."""
 
 
 class _Reader(ET.TreeBuilder):
@@ -65,7 +65,8 @@ class _Reader(ET.TreeBuilder):
 def read_xml(path: Path, elements: Mapping[str, str], remedy: str) -> ET.Element:
     """Return the root element of an XML file that contains only the allowed ``elements``.
 
-    Each error message ends with ``remedy``, which says what the user can do.
+    ``elements`` maps each allowed element to its parent element. ``remedy`` says what the user can
+    do about an error; the error messages end with it.
 
     Raises:
         ScenarioError: the file is missing, not a regular file, too large or damaged, or has an

@@ -112,8 +112,8 @@ def read_types(
     ``own`` holds the ids of the types besides "traffic" and "ego".
 
     Raises:
-        ScenarioError: a type is missing or occurs twice, or one of its numbers is missing or wrong;
-            the message begins with ``name``.
+        ScenarioError: a type is missing, unknown or occurs twice, or one of its numbers is missing
+            or wrong; the message begins with ``name``.
     """
     found: dict[str, VehicleType] = {}
     wanted = [*COLORS, *own]

@@ -26,8 +26,8 @@ class Window:
 
     It shows at least the road from ``BEHIND_M`` behind the ego to ``AHEAD_M`` ahead of it, and the
     shown width never decreases within an episode. The caption is a SUMO point of interest below
-    that road. sumo-gui draws only the edges that touch the window before it is turned: on loops of
-    more than about 600 m the road may end nearer than ``AHEAD_M``.
+    that road. sumo-gui draws only the edges that would be visible if the window were not turned. On
+    loops of more than about 600 m, the road may therefore end less than ``AHEAD_M`` ahead.
     """
 
     def __init__(self, sumo: Any, layout: Layout) -> None:

@@ -122,10 +122,9 @@ def rolling(a: Argument, left: int) -> Claim:
 
 
 def farther(a: Argument, left: int) -> Claim:
-    """Claim that a vehicle behind, if it is at least as fast as the ego, stops no sooner.
+    """Claim that a vehicle behind, if at least as fast as the ego, needs no less distance to stop.
 
-    The vehicle accelerates for ``left`` more steps and then brakes; the ego brakes hard. The claim
-    compares the distances until both stand.
+    The vehicle accelerates for ``left`` more steps and then brakes; the ego brakes hard.
     """
     p = Problem()
     ego, follower, _ = pair(p, a)
@@ -163,7 +162,7 @@ def waiting(a: Argument) -> Claim:
 
 
 def any_speed(p: Problem, before: Term, step: int, a: Argument) -> Term:
-    """Add and return the ego's speed after a step: any that is possible without harder braking."""
+    """Add and return the ego's speed after a step: any that needs at most hard braking."""
     speed = p.unknown(f"ego_speed_{step}", 0, a.most_m_s)
     p.assume(speed >= before - a.hard_m_s2 * a.step_s)
     return speed

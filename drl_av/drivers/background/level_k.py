@@ -49,8 +49,8 @@ def level_0(neighbors: Surroundings, config: Level0Config, ego: EgoConfig) -> De
 class Level1:
     """The level-1 driver: the greedy policy of a network that was trained in level-0 traffic.
 
-    ``config`` is the config of the training, which determines the observation. The driver averages
-    no mirror image and has no margin for lane changes.
+    ``config`` is the config of the training, which determines the observation. Unlike the learned
+    drivers of the ego, the driver uses no mirror images and no margins.
     """
 
     def __init__(self, layers: Layers, config: Config, road: Road) -> None:

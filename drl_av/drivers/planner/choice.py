@@ -22,8 +22,8 @@ LONG_HEADWAY_S = 1.4
 """The ego accelerates if the time-gap law with this headway demands acceleration. If the ego need
 neither brake nor accelerate, it maintains its speed."""
 BRAKES_FROM = 0.7
-"""The ego brakes if it needs more than this share of an action's deceleration to reach the speed of
-the vehicle ahead in the gap."""
+"""The ego takes a braking action if it needs more than this share of the action's deceleration to
+slow down to the speed of the vehicle ahead before the gap is closed."""
 SLOWEST_YIELDING_M_S = 8.0
 """Speed below which the ego does not brake in order to change behind a vehicle."""
 MARGIN_M = 2.0
@@ -40,7 +40,7 @@ class Ego:
     origin: IntArray
     target: IntArray
     seconds: IntArray
-    """How long a lane change takes to the present lateral distance from ``origin``; 0 without."""
+    """Seconds that a lane change needs from ``origin`` to the present position; 0 without one."""
 
 
 class Choice(NamedTuple):

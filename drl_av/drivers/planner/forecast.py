@@ -37,8 +37,8 @@ class Prices(NamedTuple):
     short_headway: float = 1.5
     """Price per second for each second by which the headway is below 1 s."""
     forced_braking: float = 2.0
-    """Price per second and m/s^2 of forced braking: the braking of a vehicle behind the ego, less
-    2 m/s^2."""
+    """Price per second and m/s^2 of forced braking: the deceleration of a vehicle behind the ego
+    minus 2 m/s^2."""
     lane_change: float = 4.0
     aborted_lane_change: float = 12.0
     reversal: float = 1.0
@@ -51,8 +51,8 @@ class Prices(NamedTuple):
     """Value of each metre at the end of the forecast by which the gap ahead exceeds the time gap
     ``LONG_HEADWAY_S``."""
     late_change: float = 15.0
-    """Price per second of each mandatory lane change that is not made when its distance runs out.
-    A lane change costs less the earlier it is, and nothing if ``UNHURRIED_M`` are left for each."""
+    """Price per second of each mandatory lane change that is still due when no distance is left.
+    With more distance left the price is lower; it is 0 with ``UNHURRIED_M`` left for each."""
     missed_change: float = 400.0
     """As ``late_change``, but charged once, at the end of the forecast."""
 

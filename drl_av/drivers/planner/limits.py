@@ -3,8 +3,8 @@
 The two classes apply the equations of the checks to the ego's neighbours. Arrays have shape (P,)
 for P forecasts. ``speed`` is the ego's speed, m/s. A lane change is permitted if the vehicles ahead
 in both lanes (``clear_ahead``) and the vehicle behind in the target lane (``clear_behind``) permit
-it. There the gap must be larger than necessary by ``margin_m``, and ``rate`` is the ego's
-acceleration in the next second, m/s^2, not above 0.
+it. In these two methods the gap must be larger than necessary by ``margin_m``, and ``rate`` is the
+ego's acceleration in the next second, m/s^2, not above 0.
 
 The safety check of the environment still examines the action that the driver proposes.
 """

@@ -1,4 +1,4 @@
-"""The other vehicles as the planner sees them: positions, lanes, leaders, and an IDM for all.
+"""The other vehicles as the planner sees them: their positions, lanes, leaders and IDM.
 
 Arrays have shape (N,) or (L, N) for N vehicles and L lanes.
 """
