@@ -144,8 +144,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             The observation, by default of shape (27,), and ``info``.
 
         Raises:
-            ConfigError: an option is unknown, the number of vehicles is not allowed, or the user's
-                own observation does not lie in its space.
+            ConfigError: an option is wrong, or the user's own observation is not in its space.
             ScenarioError: the vehicles do not fit on the road.
         """
         super().reset(seed=seed)
