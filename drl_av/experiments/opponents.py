@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 VEHICLES = (1, 5, 10, 15, 20, 25, 30, 40)
 MIDDLE = range(5, 26)
 """The numbers of vehicles over which the gains are also pooled."""
+POOLED = f"{min(MIDDLE)} to {max(MIDDLE)}"
 FIRST_SEED = 910_000
 LEARNED = ("pretrained", "pretrained-smooth")
 OURS = (*LEARNED, "planner")
@@ -47,6 +48,8 @@ COLUMNS = (
 )
 REFERENCE = "gap-mobil"
 """The driver to which the figure compares the others."""
+STRICT_RULE = f"{REFERENCE}, strict"
+"""The label of this driver under the check ``strict``."""
 Speeds = dict[tuple[str, str], float]
 """The mean speeds of a driver, m/s, by number of vehicles and traffic seed."""
 
@@ -73,6 +76,7 @@ VARIANTS = {
     "acc": Variant(("idm-mobil", "idm-sumo"), reference="acc", setting="acc"),
     "strict": Variant(("pretrained",), check="strict", setting="strict", episodes=250),
     "smooth": Variant(("pretrained-smooth",), check="strict", setting="strict", episodes=250),
+    "rule": Variant(("gap-mobil",), check="strict", setting="strict"),
     "search": Variant(("planner",), episodes=50),
     "search_strict": Variant(("planner",), check="strict", setting="strict"),
 }
@@ -173,8 +177,22 @@ def gain_table(results: Results) -> str:
             pairs = zip(cells, best, strict=True)
             gains = (gain(found[name], found[opponent]) for found, opponent in pairs)
             lines.append([kind, f"`{name}`", *map(str, gains)])
-    pooled = f"{min(MIDDLE)} to {max(MIDDLE)}"
-    return markdown_table(["traffic", "driver", *map(str, VEHICLES), pooled], lines)
+    return markdown_table(["traffic", "driver", *map(str, VEHICLES), POOLED], lines)
+
+
+def same_check_table(results: Results) -> str:
+    """Return the Markdown table of our drivers' gains over ``STRICT_RULE``, all under ``strict``.
+
+    The gains are in m/s; the last column pools the episodes with ``MIDDLE`` vehicles.
+    """
+    lines = []
+    for kind, rows in _by_kind(results).items():
+        cells = [*_cells(rows).values(), _pooled(rows)]
+        for name in filter(_is_ours, cells[0]):
+            if name.endswith(", strict"):
+                gains = (gain(found[name], found[STRICT_RULE]) for found in cells)
+                lines.append([kind, f"`{name}`", *map(str, gains)])
+    return markdown_table(["traffic", "driver", *map(str, VEHICLES), POOLED], lines)
 
 
 def _pooled(rows: Iterable[Row]) -> dict[str, Speeds]:
@@ -245,6 +263,7 @@ OPPONENTS_SWEEP = Experiment(
     plan=opponents_plan,
     summaries={
         "opponents_gain": gain_table,
+        "opponents_same_check": same_check_table,
         "opponents_aggregate": aggregate_table,
         "opponents_speed": speed_table,
     },

@@ -73,6 +73,23 @@ def test_a_gain_is_that_of_the_episodes_that_both_drove() -> None:
     assert gain(found["planner"], found["sumo"]).value == pytest.approx(3.0)
 
 
+def test_under_strict_our_drivers_are_compared_with_the_rule_under_strict(tmp_path: Path) -> None:
+    rows = [
+        row(driver, seed, speed, variant) | {"traffic": "calm", "vehicles": vehicles}
+        for driver, variant, speed in (
+            ("gap-mobil", "paper", 29.0),
+            ("gap-mobil", "rule", 20.0),
+            ("pretrained", "paper", 28.0),
+            ("planner", "search_strict", 21.0),
+        )
+        for seed, vehicles in ((1, "5"), (2, "5"), (1, "40"), (2, "40"))
+    ]
+    write_table(tmp_path / OPPONENTS_SWEEP.table, [*rows[0]], rows)
+    lines = OPPONENTS_SWEEP.summaries["opponents_same_check"](Results(tmp_path)).splitlines()
+    gains = " | ".join(["1.00 ± 0.00"] * 3)
+    assert lines[2:] == [f"| calm | `planner, strict` | {gains} |"]
+
+
 def test_every_driver_drives_the_same_seeds_in_its_own_settings(
     tmp_path: Path, short: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -93,7 +110,7 @@ def test_every_driver_drives_the_same_seeds_in_its_own_settings(
     ]
     checks = {(each["variant"], each["driver"]): each["safety_check"] for each in rows}
     assert checks["strict", "pretrained"] == "strict"
-    assert checks["smooth", "pretrained-smooth"] == "strict"
+    assert checks["smooth", "pretrained-smooth"] == checks["rule", "gap-mobil"] == "strict"
     margins = {name: made[f"calm, {name}"]["learning"]["abort_margin"] for name in VARIANTS}
     assert margins == dict.fromkeys(VARIANTS, 0.0) | {"smooth": 0.3}
     assert checks["acc", "idm-sumo"] == checks["search", "planner"] == "paper"

@@ -21,6 +21,9 @@ SHORT_HEADWAY_S = 1.0
 LONG_HEADWAY_S = 1.4
 """The ego accelerates if the time-gap law with this headway demands acceleration. If the ego need
 neither brake nor accelerate, it maintains its speed."""
+STEADY_S = 10.0
+"""The ego accelerates only if it need not brake in the ``STEADY_S`` seconds after that, while the
+vehicle ahead keeps its speed."""
 BRAKES_FROM = 0.7
 """The ego takes a braking action if it needs more than this share of the action's deceleration to
 slow down to the speed of the vehicle ahead before the gap is closed."""
@@ -206,7 +209,22 @@ class Chooser:
             self._law(speed, own, LONG_HEADWAY_S), self._law(speed, front, LONG_HEADWAY_S)
         )
         accelerates = (braking == 0) & (may > ego.accelerate_m_s2 / 2)
+        accelerates &= self._stays_steady(speed, own) & self._stays_steady(speed, front)
         return np.where(accelerates, ego.accelerate_m_s2, braking)
+
+    def _stays_steady(self, speed: FloatArray, front: Near) -> BoolArray:
+        """Return whether the ego can accelerate now without braking in the ``STEADY_S`` after it.
+
+        The vehicle ahead is assumed to keep its speed.
+        """
+        faster = np.minimum(speed + self._ego.accelerate_m_s2, self._ego.max_speed_m_s)
+        gap_m = front.gap_m - (speed + faster) / 2 + front.speed_m_s
+        gap_m -= STEADY_S * np.maximum(faster - front.speed_m_s, 0.0)
+        later = Near(np.maximum(gap_m, 0.0), front.speed_m_s)
+        steady: BoolArray = (self._limits.fastest(faster, later) >= 0) & (
+            self._braking(faster, later) == 0
+        )
+        return steady
 
     def _braking(self, speed: FloatArray, front: Near) -> FloatArray:
         """Return the acceleration, m/s^2, of the mildest action that is safe behind ``front``.

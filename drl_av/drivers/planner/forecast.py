@@ -41,7 +41,7 @@ class Prices(NamedTuple):
     minus 2 m/s^2."""
     lane_change: float = 4.0
     aborted_lane_change: float = 12.0
-    reversal: float = 1.0
+    reversal: float = 4.0
     """Price of accelerating after braking, or of braking after accelerating."""
     change_of_plan: float = 10.0
     """Amount by which a new plan must score higher than the rest of the current plan."""

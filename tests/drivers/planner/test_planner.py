@@ -45,6 +45,11 @@ def act(world: Scene, driver: Driver | None = None) -> Action:
     return (driver or PlannerDriver(CONFIG)).act(world, None)
 
 
+def behind_a_row(gap_m: float, speed_m_s: float) -> Scene:
+    """Return a scene at 20 m/s with a vehicle in each lane, all as far ahead and as fast."""
+    return scene(*(ahead(gap_m, lane_m, speed_m_s) for lane_m in (RIGHT, 3.8, LEFT)))
+
+
 def test_it_accelerates_alone_and_overtakes_a_slow_vehicle() -> None:
     assert act(ALONE) == Action(Lateral.KEEP, Longitudinal.ACCELERATE)
     leader = scene(ahead(60.0, speed_m_s=15.0), Car(0.0, RIGHT, 15.0))
@@ -52,19 +57,41 @@ def test_it_accelerates_alone_and_overtakes_a_slow_vehicle() -> None:
 
 
 @pytest.mark.parametrize(
-    ("gap_m", "longitudinal"),
+    ("gap_m", "leader", "longitudinal"),
     [
-        # at 20 m/s the time-gap law is 0.4 (gap - 22.5) with 1 s, 0.4 (gap - 30.5) / 1.4 with 1.4 s
-        (34.1, Longitudinal.ACCELERATE),  # 1.03
-        (33.9, Longitudinal.MAINTAIN),  # 0.97
-        (20.1, Longitudinal.MAINTAIN),  # -0.96
-        (19.9, Longitudinal.BRAKE),  # -1.04
-        (14.9, Longitudinal.HARD_BRAKE),  # -3.04
+        # at 20 m/s behind 23 m/s the time-gap law with 1.4 s is (0.4 (gap - 30.5) + 3) / 1.4
+        (26.6, 23.0, Longitudinal.ACCELERATE),  # 1.03
+        (26.4, 23.0, Longitudinal.MAINTAIN),  # 0.97
+        # behind 20 m/s it is 0.4 (gap - 22.5) with 1 s
+        (20.1, 20.0, Longitudinal.MAINTAIN),  # -0.96
+        (19.9, 20.0, Longitudinal.BRAKE),  # -1.04
+        (14.9, 20.0, Longitudinal.HARD_BRAKE),  # -3.04
     ],
 )
-def test_between_two_headways_it_keeps_its_speed(gap_m: float, longitudinal: Longitudinal) -> None:
-    cars = [ahead(gap_m, lane_m, 20.0) for lane_m in (RIGHT, 3.8, LEFT)]
-    assert act(scene(*cars)) == Action(Lateral.KEEP, longitudinal)
+def test_between_two_headways_it_keeps_its_speed(
+    gap_m: float, leader: float, longitudinal: Longitudinal
+) -> None:
+    assert act(behind_a_row(gap_m, leader)) == Action(Lateral.KEEP, longitudinal)
+
+
+@pytest.mark.parametrize(
+    ("check", "gap_m", "longitudinal"),
+    [
+        # at 22 m/s the gap is 1 m smaller a second later and 21 m smaller 10 s after that; the law
+        # with 1 s is then 0.4 (gap - 21 - 24.5) - 2
+        ("paper", 48.1, Longitudinal.ACCELERATE),  # -0.96
+        ("paper", 47.9, Longitudinal.MAINTAIN),  # -1.04
+        # strict requires gap - 21 - 0.5 + 45 to be more than 22 + 55: the stopping distances of
+        # both, in SUMO steps of 0.5 s, after a second at 22 m/s
+        ("strict", 53.6, Longitudinal.ACCELERATE),
+        ("strict", 53.4, Longitudinal.MAINTAIN),
+    ],
+)
+def test_it_accelerates_only_if_it_need_not_brake_for_ten_seconds(
+    check: str, gap_m: float, longitudinal: Longitudinal
+) -> None:
+    driver = PlannerDriver(CONFIG.updated("safety", check=check))
+    assert act(behind_a_row(gap_m, 20.0), driver) == Action(Lateral.KEEP, longitudinal)
 
 
 def test_it_brakes_early_enough_for_a_vehicle_that_stands() -> None:
