@@ -83,7 +83,7 @@ def parse_xml(path: Path, target: Any, remedy: str) -> Any:
 
     Raises:
         ScenarioError: the file is missing, not a regular file, too large or damaged, or the target
-            refuses it; each error message ends with ``remedy``.
+            refuses it; each of these messages ends with ``remedy``. Or the file is compressed.
     """
     data = read_regular_file(path, remedy)
     if data.startswith(GZIP):
