@@ -23,7 +23,7 @@ LONG_HEADWAY_S = 1.4
 neither brake nor accelerate, it maintains its speed."""
 STEADY_S = 10.0
 """The ego accelerates only if it need not brake in the ``STEADY_S`` seconds after that, while the
-vehicle ahead keeps its speed."""
+vehicle ahead keeps its speed. This does not apply while a lane change is mandatory."""
 BRAKES_FROM = 0.7
 """The ego takes a braking action if it needs more than this share of the action's deceleration to
 slow down to the speed of the vehicle ahead before the gap is closed."""
@@ -209,7 +209,8 @@ class Chooser:
             self._law(speed, own, LONG_HEADWAY_S), self._law(speed, front, LONG_HEADWAY_S)
         )
         accelerates = (braking == 0) & (may > ego.accelerate_m_s2 / 2)
-        accelerates &= self._stays_steady(speed, own) & self._stays_steady(speed, front)
+        if not self._way:
+            accelerates &= self._stays_steady(speed, own) & self._stays_steady(speed, front)
         return np.where(accelerates, ego.accelerate_m_s2, braking)
 
     def _stays_steady(self, speed: FloatArray, front: Near) -> BoolArray:

@@ -94,6 +94,11 @@ def test_it_accelerates_only_if_it_need_not_brake_for_ten_seconds(
     assert act(behind_a_row(gap_m, 20.0), driver) == Action(Lateral.KEEP, longitudinal)
 
 
+def test_on_the_acceleration_lane_it_accelerates_towards_the_end_of_the_lane() -> None:
+    # at 22 m/s the end, 350 m ahead, demands braking within ten seconds
+    assert act(scene(s_m=450.0, y_m=RIGHT, road=MERGE)).longitudinal is Longitudinal.ACCELERATE
+
+
 def test_it_brakes_early_enough_for_a_vehicle_that_stands() -> None:
     # 30 m/s: 900 / (2 * (gap - 2.5 - 30)) is 0.7 * 2 at 354 m and 0.7 * 4 at 193 m
     walls = [[ahead(gap, lane_m, 0.0) for lane_m in (RIGHT, 3.8, LEFT)] for gap in (190.0, 200.0)]
