@@ -19,7 +19,7 @@ from itertools import product
 from drl_av.cli.arguments import whole
 from drl_av.config import TRAFFIC_KINDS, Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.registry import driver_names, find_drivers, make_drivers
+from drl_av.drivers.registry import driver_names, driving_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.traffic.collisions import bodies, motions
 from drl_av.traffic.population import EGO_ID, Kind
@@ -94,7 +94,8 @@ def check(config: Config, ego: str, episodes: int, vehicles: Sequence[int]) -> S
     The episodes have the numbers of ``vehicles`` in turn. ``ego`` is the name of the ego's driver
     in ``drivers.registry``.
     """
-    [driver] = make_drivers(find_drivers([ego]), config).values()
+    specs = find_drivers([ego])
+    [driver] = make_drivers(specs, driving_config(specs, config)).values()
     with closing(HighwayEnv(config=config)) as env:
         tally = SweptTally(env)
         for episode in range(episodes):

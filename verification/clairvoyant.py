@@ -28,7 +28,7 @@ import numpy.typing as npt
 from drl_av.cli.arguments import whole
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.registry import find_drivers, make_drivers
+from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
 from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
@@ -203,7 +203,8 @@ def in_a_copy(function: Callable[[], float]) -> float:
 
 def episode(config: Config, names: Sequence[str], vehicles: int, seed: int) -> list[Speed]:
     """Drive one episode with the search and with each driver; return their mean speeds."""
-    drivers = make_drivers(find_drivers([*names, BASE]), config)
+    specs = find_drivers([*names, BASE])
+    drivers = make_drivers(specs, driving_config(specs, config))
     with closing(HighwayEnv(config=config)) as env:
         searched = Search(env, drivers[BASE]).drive(seed, vehicles)
         results = [drive(env, drivers[name], name, seed, vehicles) for name in names]

@@ -273,10 +273,11 @@ def main() -> int:
 def driven_with(spec: DriverSpec, scenario: Path, check: str) -> Config:
     """Return the config of an environment for a driver, with ``calm`` traffic.
 
-    A learned driver has the observation and the limits of the ego with which it was trained.
+    A learned driver has its margins, and the observation and the limits of the ego with which it
+    was trained.
     """
-    own, usual = default_config([spec]), Config()
-    config = replace(usual, observation=own.observation, ego=own.ego)
+    own = default_config([spec])
+    config = replace(Config(), observation=own.observation, ego=own.ego, learning=own.learning)
     return config.updated("safety", check=check).updated("simulation", scenario=str(scenario))
 
 

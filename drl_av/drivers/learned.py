@@ -104,6 +104,10 @@ def _may_begin(affordances: Affordances, sign: int, mobil: MobilConfig) -> bool:
     return rear is None or acceleration_behind_ego(affordances, rear, mobil) >= limit
 
 
+MARGINS = ("lane_change_margin", "abort_margin", "acceleration_margin")
+"""The settings of ``[learning]`` that are margins, in the order of ``Margins``."""
+
+
 class Margins(NamedTuple):
     """The advantages in Q-value that an action needs in order to be chosen (ours)."""
 
@@ -117,7 +121,7 @@ class Margins(NamedTuple):
     @classmethod
     def of(cls, learning: LearningConfig) -> "Margins":
         """Return the margins of the settings ``learning``."""
-        return cls(learning.lane_change_margin, learning.abort_margin, learning.acceleration_margin)
+        return cls(*(getattr(learning, name) for name in MARGINS))
 
     def prices(self, changing: bool) -> Float32Array:
         """Return the margin that is subtracted from the Q-value of each action, shape (12,).

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from drl_av.config import Config
-from drl_av.config.presets import as_config
+from drl_av.config.presets import PRESETS, as_config
 from drl_av.config.schema import did_you_mean
 from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory, is_factory
 from drl_av.drivers.gap_mobil import GapMobilDriver
-from drl_av.drivers.learned import LearnedDriver, Margins, considerate, learned_driver
+from drl_av.drivers.learned import MARGINS, LearnedDriver, Margins, considerate, learned_driver
 from drl_av.drivers.mobil import MobilDriver
 from drl_av.drivers.passing import NoPassingOnTheRight
 from drl_av.drivers.planner.driver import PlannerDriver
@@ -161,11 +161,33 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
     return Config()
 
 
+def driving_config(
+    specs: Sequence[DriverSpec],
+    given: Config | Mapping[str, Any] | str | Path | None,
+    traffic: str | None = None,
+) -> Config:
+    """Return the config of an environment for these drivers.
+
+    ``given`` is the argument ``config`` of the public functions. A dictionary or a TOML file
+    changes settings of ``default_config``, in the kind of traffic ``traffic`` if there is one. A
+    Config or a preset replaces all settings but the margins of the first learned driver.
+
+    Raises:
+        ConfigError: ``given`` is no config, or a setting in it is wrong.
+        RunError, CheckpointError: as ``default_config``.
+    """
+    own = default_config(specs)
+    config = as_config(given, own if traffic is None else own.with_traffic(traffic))
+    is_complete = isinstance(given, Config) or (isinstance(given, str) and given in PRESETS)
+    margins = {name: getattr(own.learning, name) for name in MARGINS} if is_complete else {}
+    return config.updated("learning", **margins)
+
+
 def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Driver]:
     """Load or build each driver for an environment with this config; the keys are their names.
 
-    If the margins of ``config.learning`` equal those of the first learned driver, each learned
-    driver keeps its own margins. Otherwise all learned drivers use those of ``config.learning``.
+    If ``config.learning`` has the margins of the first learned driver, each learned driver keeps
+    its own. Otherwise all learned drivers use those of ``config.learning``, even if they are 0.
 
     Raises:
         RunError: a run has no policy file; or a learned driver was trained with other settings of
@@ -248,7 +270,8 @@ def load_driver(
         driver: The name of a shipped or rule-based driver, a run's folder, a policy file, a
             stable-baselines3 zip file, an ONNX file, or a factory as ``module:factory``.
         config: The config of the environment, as in ``gymnasium.make``. A dictionary or a TOML file
-            changes only the settings that it names; the others are the driver's own.
+            changes only the settings that it names; the others are the driver's own. A Config or a
+            preset replaces all settings but the driver's margins.
 
     Raises:
         ConfigError: there is no such driver, or a setting is wrong.
@@ -261,7 +284,7 @@ def load_driver(
             "'module:function'; a driver object needs no loading."
         )
     specs = find_drivers([str(driver)])
-    [loaded] = make_drivers(specs, as_config(config, default_config(specs))).values()
+    [loaded] = make_drivers(specs, driving_config(specs, config)).values()
     return loaded
 
 

@@ -8,10 +8,9 @@ from types import MappingProxyType
 from typing import Any, TypeGuard
 
 from drl_av.config import Config, located
-from drl_av.config.presets import as_config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import is_driver, require_methods
-from drl_av.drivers.registry import DriverSpec, default_config, find_drivers
+from drl_av.drivers.registry import DriverSpec, driving_config, find_drivers
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.errors import ConfigError
 from drl_av.evaluation.comparison import Evaluation
@@ -58,9 +57,10 @@ def evaluate(
         seed: Traffic seed of the first episode; the following episodes have the next seeds, which
             must be below 1,000,000.
         jobs: Number of processes; it must be 1 with ``own``. The results do not depend on it.
-        config: Settings. A dictionary or a TOML file changes settings of the default config. The
-            default is the config of the first learned driver, with the check ``strict`` for a
-            shipped one. Without a learned driver, it is the paper's settings.
+        config: Settings. A dictionary or a TOML file changes settings of the default config, which
+            is that of the first learned driver's training; ``pretrained`` and ``pretrained-smooth``
+            drive under ``strict``. Without a learned driver, the default is the paper's settings. A
+            Config or a preset replaces all settings but the margins of learned drivers.
         scenario: Folder of a scenario, or the name of a shipped one.
         safety_check: ``"permit_all"``, ``"paper"`` or ``"strict"``.
         traffic: The name of a kind of traffic, whose settings ``config`` may change.
@@ -92,8 +92,7 @@ def evaluate(
             "'module:factory' among the drivers instead, or use jobs=1."
         )
     specs = _specs(drivers if _is_several(drivers) else [drivers], own)
-    base = default_config(specs)
-    settings = as_config(config, base if traffic is None else base.with_traffic(traffic))
+    settings = driving_config(specs, config, traffic)
     if scenario is not None:
         settings = settings.updated("simulation", scenario=str(scenario))
     if safety_check is not None:
