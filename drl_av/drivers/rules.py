@@ -9,6 +9,7 @@ from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, towar
 from drl_av.driving.affordances import Affordances
 from drl_av.driving.scene import Scene
 from drl_av.safety.paper import closing_speed, gap_condition, safe_action, time_to_collision
+from drl_av.traffic.streams import Stream, generator
 
 
 def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
@@ -62,7 +63,7 @@ class RandomDriver:
 
     def start(self, seed: int) -> None:
         """Create the random generator of the episode from ``seed``."""
-        self._rng = np.random.default_rng([seed, 2])
+        self._rng = generator(seed, Stream.RANDOM_DRIVER)
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Draw one of the 12 actions."""

@@ -7,8 +7,9 @@ import numpy as np
 
 from drl_av.config import TrafficConfig
 from drl_av.errors import ConfigError
+from drl_av.traffic.streams import Stream, generator
 
-TRAINING_SEEDS = (1_000_000, 2**31)
+TRAINING_SEED_RANGE = (1_000_000, 2**31)
 """Range [low, high) of the traffic seeds that a reset draws; evaluations use smaller seeds."""
 
 
@@ -16,12 +17,13 @@ def traffic_seed(seed: int | None, options: Mapping[str, Any], rng: np.random.Ge
     """Return the seed of an episode's traffic.
 
     It is ``seed`` if this is at least 1,000,000, or if ``options`` contains ``vehicles``. Otherwise
-    ``rng``, which gymnasium has seeded with ``seed``, draws it from ``TRAINING_SEEDS``. Libraries
-    pass small seeds to their first reset, which must not select an episode of the evaluation.
+    ``rng``, which gymnasium has seeded with ``seed``, draws it from ``TRAINING_SEED_RANGE``.
+    Libraries pass small seeds to their first reset, which must not select an episode of the
+    evaluation.
     """
-    if seed is not None and (seed >= TRAINING_SEEDS[0] or "vehicles" in options):
+    if seed is not None and (seed >= TRAINING_SEED_RANGE[0] or "vehicles" in options):
         return seed
-    return int(rng.integers(*TRAINING_SEEDS))
+    return int(rng.integers(*TRAINING_SEED_RANGE))
 
 
 def number_of_vehicles(
@@ -58,7 +60,7 @@ def number_of_vehicles(
     if "vehicles" not in options and usual is not None:
         return usual
     if "vehicles" not in options:
-        draw_number = np.random.default_rng([seed, 1])
+        draw_number = generator(seed, Stream.NUMBER_OF_VEHICLES)
         return int(draw_number.integers(traffic.vehicles_min, traffic.vehicles_max + 1))
     vehicles = options["vehicles"]
     if isinstance(vehicles, bool) or not isinstance(vehicles, int | np.integer) or vehicles < 0:

@@ -6,13 +6,12 @@ With the setting ``traffic.all_kinds`` each episode draws its kind. Otherwise th
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from drl_av.config import Config
 from drl_av.drivers.background.level_k import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.traffic.scenario import Scenario
 from drl_av.traffic.simulation import Simulation
+from drl_av.traffic.streams import Stream, generator
 
 
 class Traffic(NamedTuple):
@@ -41,7 +40,7 @@ def drawn_traffic(kinds: Sequence[Traffic], seed: int, before: Simulation) -> Tr
     ``before`` is the simulation of the previous episode. If the episode has another simulation,
     ``before`` is closed, and the new one calls the same ``after_step``.
     """
-    drawn = kinds[int(np.random.default_rng([seed, 5]).integers(len(kinds)))]
+    drawn = kinds[int(generator(seed, Stream.KIND_OF_TRAFFIC).integers(len(kinds)))]
     if drawn.simulation is not before:
         before.close()
         drawn.simulation.after_step = before.after_step

@@ -9,6 +9,7 @@ import numpy as np
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
 from drl_av.traffic.bounds import LENGTHS_M, WIDTHS_M, check_numbers
+from drl_av.traffic.streams import Stream, generator
 
 CAR_FOLLOWING_MODELS: dict[str, dict[str, str]] = {"IDM": {}, "Krauss": {"sigma": "0"}, "ACC": {}}
 """The allowed models of SUMO, with the attributes that make each of them deterministic."""
@@ -95,8 +96,7 @@ def draw_types(seed: int, own: Sequence[OwnVehicleType]) -> Iterator[str]:
     """
     limits = np.cumsum([each.share for each in own])
     names = [*(each.id for each in own), "traffic"]
-    rng = np.random.default_rng([seed, 4])
-    rng.random()
+    rng = generator(seed, Stream.OWN_VEHICLE_TYPES)
     yield "ego"
     while True:
         yield names[np.searchsorted(limits, rng.random(), side="right")] if own else "traffic"

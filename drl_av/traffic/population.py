@@ -13,6 +13,7 @@ from drl_av.errors import ConfigError, ScenarioError, counted
 from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
 from drl_av.traffic.places import Places, random_lanes, ring_places, safe_speeds
 from drl_av.traffic.road import FloatArray, Road
+from drl_av.traffic.streams import Stream, generator
 
 EGO_ID = "ego"
 SPREAD_M = 250.0
@@ -250,7 +251,7 @@ def draw_kinds(seed: int, n: int, traffic: TrafficConfig) -> npt.NDArray[np.intp
     The kinds have a separate random stream, so they do not change the other parameters.
     """
     limits = np.cumsum(traffic.shares)
-    draws = np.random.default_rng([seed, 3]).random(n)
+    draws = generator(seed, Stream.KINDS_OF_DRIVERS).random(n)
     drawn = (np.searchsorted(limits, draws, side="right") + 1) % len(Kind)
     drawn[0] = Kind.SUMO
     return drawn

@@ -20,6 +20,7 @@ from drl_av.traffic.kinds import KINDS
 from drl_av.traffic.own_types import OwnVehicleType, draw_types
 from drl_av.traffic.scenario import load_scenario, write_scenario
 from drl_av.traffic.straight import StraightDescription
+from drl_av.traffic.streams import Stream, generator
 
 TRUCK = OwnVehicleType("truck", 0.3, 14.0, 2.5)
 TAXI = OwnVehicleType("taxi", 0.2, 4.5, 1.7, "Krauss")
@@ -87,6 +88,11 @@ def test_the_shares_are_those_of_the_types_and_the_ego_has_its_own() -> None:
     assert drawn[1:].count("truck") / 10_000 == pytest.approx(0.3, abs=0.02)
     assert drawn[1:].count("taxi") / 10_000 == pytest.approx(0.2, abs=0.02)
     assert drawn[1:].count("traffic") / 10_000 == pytest.approx(0.5, abs=0.02)
+
+
+def test_no_two_purposes_draw_the_same_random_numbers() -> None:
+    first = [generator(7, stream).random() for stream in Stream]
+    assert len({*first}) == len(first) == 6
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"loop"}))

@@ -13,6 +13,7 @@ from drl_av.config import Config, FiniteStateConfig
 from drl_av.drivers.background.surroundings import FRONT, LEFT, OWN, RIGHT, Surroundings
 from drl_av.drivers.driver import Decisions
 from drl_av.traffic.road import FloatArray
+from drl_av.traffic.streams import Stream, generator
 
 IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
@@ -113,7 +114,7 @@ class HardBraking:
     """
 
     def __init__(self, seed: int, n: int, config: Config) -> None:
-        self._rng = np.random.default_rng([seed, 4])
+        self._rng = generator(seed, Stream.HARD_BRAKING)
         self._left = np.zeros(n, dtype=np.intp)
         self._config = config
 
