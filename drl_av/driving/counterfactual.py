@@ -75,6 +75,8 @@ def affordances_after(
         )
         neighbors.append(moved if gap_m <= affordances.range_m else None)
     mandatory = affordances.mandatory
+    if mandatory.within_m <= further_m:
+        return None
     own_front, own_rear, right_front, right_rear, left_front, left_rear = neighbors
     return affordances._replace(
         own_front=own_front,

@@ -6,7 +6,6 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.maneuver import aborts
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import Observation
-from drl_av.env.way import EXIT_MISSED
 from drl_av.safety.check import Rule
 from drl_av.traffic.snapshot import Collision, CollisionKind
 
@@ -31,6 +30,8 @@ class Decision(NamedTuple):
     """Whether the ego made the last decision of the episode or reached the road's end."""
     info: dict[str, Any]
     """The ``info`` that ``HighwayEnv.step`` returned."""
+    missed_exit: bool = False
+    """Whether the ego has passed its exit without taking it."""
 
     @property
     def executed(self) -> Action:
@@ -40,7 +41,7 @@ class Decision(NamedTuple):
 
     @property
     def triggered(self) -> bool:
-        """Whether a rule of the safety check fired."""
+        """Whether the safety check names a rule, as it must if it replaced the proposed action."""
         return bool(self.info["rule"] != NO_RULE)
 
     @property
@@ -59,9 +60,7 @@ class Decision(NamedTuple):
         failed, although ``info["way"]`` is then ``exit missed`` or ``not merged``. It could still
         take the exit or merge later, and the observation does not include the time.
         """
-        seen = self.next_scene.affordances
-        passed = seen.lane > 0 and seen.mandatory.lanes == 0
-        return self.terminated or (passed and self.info["way"] == EXIT_MISSED)
+        return self.terminated or self.missed_exit
 
     @property
     def aborts_lane_change(self) -> bool:

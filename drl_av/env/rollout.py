@@ -8,6 +8,7 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+from drl_av.env.way import front_m
 from drl_av.errors import ConfigError
 
 
@@ -35,9 +36,10 @@ def rollout(
         observation, reward, terminated, truncated, info = env.step(number)
         over = terminated or truncated
         proposed = ACTIONS[info["proposed_action"]]
-        yield Decision(
-            scene, before, proposed, reward, env.scene, observation, terminated, truncated, info
-        )
+        after = env.scene
+        missed_exit = env.road.misses_exit(after.affordances.lane, front_m(after))
+        step = proposed, reward, after, observation, terminated, truncated, info
+        yield Decision(scene, before, *step, missed_exit)
 
 
 def _number(action: Action) -> int:

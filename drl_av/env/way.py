@@ -23,7 +23,7 @@ class Way:
         self._has_exit = road.exit_m < math.inf
         self._end_m, self._exit_lane = road.exit_m, road.exit_lane
         if not self._has_exit and start.affordances.mandatory.lanes != 0:
-            self._end_m = road.lane_end_m(start.affordances.lane, _front_m(start))
+            self._end_m = road.lane_end_m(start.affordances.lane, front_m(start))
         self._outcome = ""
 
     def outcome(self, scene: Scene, over: bool) -> str:
@@ -41,14 +41,14 @@ class Way:
 
     def _passed(self, scene: Scene) -> str:
         """Return the outcome that follows from the ego's position alone; "" if none does."""
-        if _front_m(scene) < self._end_m:
+        if front_m(scene) < self._end_m:
             return ""
         if not self._has_exit:
             return MERGED
         return EXIT_TAKEN if scene.affordances.lane <= self._exit_lane else EXIT_MISSED
 
 
-def _front_m(scene: Scene) -> float:
+def front_m(scene: Scene) -> float:
     """Return the position of the ego's front bumper along the road, m."""
     snapshot = scene.snapshot
     return float(snapshot.s_m[EGO] + snapshot.length_m[EGO] / 2)

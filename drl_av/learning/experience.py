@@ -50,7 +50,7 @@ class StoreWithPenalty(StoreDecision):
 
     An unsafe proposal is one that the check replaced. It is stored with the next state of the
     executed action, and with the reward of that action minus ``learning.unsafe_penalty``. If the
-    ego collided, it is stored as terminal with reward r_col instead.
+    decision failed, it is stored as terminal with reward r_col instead.
     """
 
     def __init__(self, buffer: Buffer, config: Config) -> None:
@@ -59,7 +59,7 @@ class StoreWithPenalty(StoreDecision):
 
     def store_unsafe(self, decision: Decision, r_tp1: float) -> None:
         """Store the proposal with the executed action's next state, and r_tp1 minus the penalty."""
-        if decision.terminated:
+        if decision.failed:
             super().store_unsafe(decision, r_tp1)
             return
         s_t, a_t, s_tp1 = decision.observation, decision.proposed.number, decision.next_observation

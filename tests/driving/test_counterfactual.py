@@ -92,6 +92,15 @@ def test_had_it_driven_1_m_50_further_its_exit_is_as_much_nearer() -> None:
     assert found.mandatory == (-1, 501.0)
 
 
+def test_it_is_not_known_what_it_would_see_where_its_exit_is_behind_it() -> None:
+    seen = scene(s_m=1146.25, y_m=CENTER, road=LEAVE).affordances
+    assert seen.mandatory == (-1, 1.25)
+    made = Motion(20.0, 20.0, CENTER, 0.0)
+    for other_m, known in ((21.0, True), (21.25, False), (22.0, False)):
+        other = Motion(other_m, 22.0, CENTER, 0.0)
+        assert (affordances_after(other, made, seen, LEAVE) is not None) == known
+
+
 def test_a_vehicle_that_would_be_out_of_sight_is_not_seen() -> None:
     now = scene(ahead(249.0, speed_m_s=30.0), road=LONG_ROAD)
     for other, range_left in ((HARD_BRAKE, False), (ACCELERATE, True)):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from worlds import scene
+from worlds import ROAD, scene
 
 from drl_av.config import Config
 from drl_av.drivers.rules import RandomDriver
@@ -25,6 +25,7 @@ class ScriptedEnv:
     """An environment whose scene, observation and reward are numbered by the decision."""
 
     check_name = "scripted"
+    road = ROAD
 
     def __init__(self, tape: list[str], decisions: int, *, terminated: bool = False) -> None:
         self._tape, self._decisions, self._terminated = tape, decisions, terminated

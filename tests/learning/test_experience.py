@@ -24,11 +24,12 @@ def decision(
     rule: str = "none",
     reward: float = -0.25,
     collided: bool = False,
-    outcome: str = "",
+    missed_exit: bool = False,
 ) -> Decision:
-    """A proposal to change to the left, at 20 m/s; ``outcome`` is that of the way."""
-    info = {"executed_action": executed, "rule": rule, "way": outcome}
-    return Decision(ALONE, BEFORE, ACTIONS[LEFT], reward, ALONE, AFTER, collided, False, info)
+    """A proposal to change to the left, at 20 m/s."""
+    info = {"executed_action": executed, "rule": rule}
+    step = ACTIONS[LEFT], reward, ALONE, AFTER, collided, False, info, missed_exit
+    return Decision(ALONE, BEFORE, *step)
 
 
 UNSAFE = decision(HARD_BRAKE, "gap")
@@ -73,12 +74,10 @@ def test_collision_of_an_overruled_proposal_blames_the_executed_action_too() -> 
     assert collision[:, -3].tolist() == [LEFT, HARD_BRAKE]
 
 
-def test_a_missed_exit_is_worth_as_little_as_a_collision_and_a_taken_one_is_no_end() -> None:
-    safe, collision = stored(decision(outcome="exit missed"))
+def test_a_missed_exit_is_worth_as_little_as_a_collision() -> None:
+    safe, collision = stored(decision(missed_exit=True))
     assert (len(safe), len(collision)) == (0, 1)
     assert collision[0, -3:].tolist() == [LEFT, R_COL, 0.0]
-    safe, collision = stored(decision(outcome="exit taken"))
-    assert (len(safe), len(collision)) == (1, 0)
 
 
 def test_under_a_penalty_an_unsafe_proposal_leads_where_the_executed_action_led() -> None:
@@ -89,8 +88,11 @@ def test_under_a_penalty_an_unsafe_proposal_leads_where_the_executed_action_led(
     assert collision[0, -3:].tolist() == [LEFT, -1.75, GAMMA]
 
 
-def test_under_a_penalty_a_collision_is_terminal_all_the_same() -> None:
-    safe, collision = stored(UNSAFE_COLLISION, unsafe_penalty=1.5)
+@pytest.mark.parametrize(
+    "failed", [UNSAFE_COLLISION, decision(HARD_BRAKE, "gap", missed_exit=True)]
+)
+def test_under_a_penalty_a_failure_is_terminal_all_the_same(failed: Decision) -> None:
+    safe, collision = stored(failed, unsafe_penalty=1.5)
     assert len(safe) == 0
     assert collision[:, -3:].tolist() == [[LEFT, R_COL, 0.0], [HARD_BRAKE, R_COL, 0.0]]
 
