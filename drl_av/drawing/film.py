@@ -87,8 +87,12 @@ class Film:
                 yield draw(scene, self._road, caption)
 
     def write(self, path: Path, fps: int = 20, rate: float = 2.0) -> int:
-        """Write the video at ``rate`` times real time; return the number of pictures."""
-        return write_video(path, self.pictures(max(1, round(fps / rate))), fps)
+        """Write the video at ``rate`` times real time; return the number of pictures.
+
+        It has about ``fps`` pictures a second, because each decision has a whole number of them.
+        """
+        per_decision = max(1, round(fps / rate))
+        return write_video(path, self.pictures(per_decision), rate * per_decision)
 
 
 def write_video(path: str | os.PathLike[str], frames: Iterable[Picture], fps: float) -> int:

@@ -95,6 +95,15 @@ class GuiRenderer(Renderer):
         self._show(text, vehicle_colors(snapshot))
 
 
+def renderer_of(
+    render_mode: str | None, road: Road, show: Callable[[str, Mapping[str, Color]], None]
+) -> Renderer:
+    """Return the renderer of a render mode; ``show`` is the argument of ``GuiRenderer``."""
+    if render_mode == "rgb_array":
+        return PictureRenderer(road)
+    return Renderer() if render_mode is None else GuiRenderer(show)
+
+
 def vehicle_colors(snapshot: Snapshot) -> dict[str, Color]:
     """Return the colour of each vehicle by id; it shows the speed of all vehicles but the ego."""
     colors = map(speed_color, snapshot.speed_m_s.tolist())

@@ -13,7 +13,7 @@ from gymnasium.envs.registration import EnvSpec
 from drl_av.config import Config
 from drl_av.config.functions import require_function
 from drl_av.config.presets import as_config
-from drl_av.drawing.renderer import GuiRenderer, PictureRenderer, Renderer
+from drl_av.drawing.renderer import renderer_of
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import ObservationScale, compute_affordances
 from drl_av.driving.maneuver import plan
@@ -106,7 +106,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self._scaled_only = observation is None and not config.observation.way
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
         self._masked = action_mask
-        self._renderer = self._renderer_of(render_mode)
+        self._renderer = renderer_of(
+            render_mode, self.road, lambda text, colors: self.simulation.show(text, colors)
+        )
         self.ego_model: EgoModel | None = None
         self._over = True
 
@@ -199,7 +201,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         """
         proposed = self._proposed(action)
         scene, config = self.scene, self.config
-        verdict = judged(self.safety_check, scene, proposed)
+        verdict = Verdict(proposed, Rule.NONE)
+        if self.ego_model is None:
+            verdict = judged(self.safety_check, scene, proposed)
         commands, lane_change = plan(scene, verdict.action, config.ego, config.simulation)
         traffic_commands = self.traffic_drivers(scene.snapshot)
         self._over = True  # remains so if SUMO ends during the decision
@@ -275,13 +279,6 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             outcome = Transition(*decided, self.scene, collision, terms, reward)
             reward = own_reward(self._own_reward, outcome)
         return reward, terms
-
-    def _renderer_of(self, render_mode: str | None) -> Renderer:
-        if render_mode == "rgb_array":
-            return PictureRenderer(self.road)
-        if render_mode is None:
-            return Renderer()
-        return GuiRenderer(lambda text, colors: self.simulation.show(text, colors))
 
     def _info(self, over: bool) -> dict[str, Any]:
         """Return the part of ``info`` that ``reset`` and ``step`` have in common.

@@ -83,12 +83,13 @@ class Run:
 
         descriptor = os.open(self.folder, os.O_RDONLY)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise RunError(
+                    f"Another training is writing to {self.folder}: wait for it, or stop it first."
+                ) from error
             yield
-        except BlockingIOError as error:
-            raise RunError(
-                f"Another training is writing to {self.folder}: wait for it, or stop it first."
-            ) from error
         finally:
             os.close(descriptor)
 

@@ -11,7 +11,7 @@ import numpy as np
 from drl_av.drivers.learned import LearnedDriver
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.policy_file import State
-from drl_av.env.episode import TRAINING_SEEDS
+from drl_av.env.episode import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import drive, rollout
@@ -80,7 +80,7 @@ class Variant(NamedTuple):
 
 def draw_seed(rng: np.random.Generator, episode: int) -> int:
     """Draw the traffic seed of a training episode from ``rng``; ``episode`` is not used."""
-    return int(rng.integers(*TRAINING_SEEDS))
+    return int(rng.integers(*TRAINING_SEED_RANGE))
 
 
 def seed_of_episode(seed: int, episode: int) -> int:
@@ -160,6 +160,8 @@ class Training:
         turns, gradient_steps = cycle(self._variant.turns), self._gradient_steps
         losses: list[float] = []
         for decision in rollout(self._env, self._explorer, seed, self._draw_vehicles()):
+            if not metrics.decisions:
+                vehicles = len(decision.scene.snapshot.ids) - 1
             self._variant.store(decision)
             for learners in islice(turns, gradient_steps):
                 losses += [self._learn(learner) for learner in learners]
@@ -171,7 +173,7 @@ class Training:
         return EpisodeRow(
             episode=self.episodes_done,
             seed=seed,
-            vehicles=decision.info["vehicles"],
+            vehicles=vehicles,
             decisions=metrics.decisions,
             mean_reward=float(np.mean(metrics.rewards)),
             mean_speed_m_s=float(np.mean(metrics.speeds_m_s)),

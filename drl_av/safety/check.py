@@ -45,13 +45,19 @@ def judged(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
     """Call a check, which the user may have written, and return its verdict.
 
     Raises:
-        ConfigError: the check did not return a Verdict that contains an Action.
+        ConfigError: the check did not return a Verdict that contains an Action, or replaced the
+            action and named no rule.
     """
     verdict = check(scene, proposed)
     if not isinstance(verdict, Verdict) or not isinstance(verdict.action, Action):
         raise ConfigError(
             f"The safety check returned {verdict!r}, but must return a Verdict: "
             "Verdict(proposed, Rule.NONE) permits the action."
+        )
+    if not verdict.rule and verdict.action != proposed:
+        raise ConfigError(
+            f"The safety check replaced the action {proposed} by {verdict.action}, but named no "
+            "rule: return Rule.IN_LANE, Rule.OFF_ROAD or Rule.LANE_CHANGE in the Verdict."
         )
     return verdict
 

@@ -1,6 +1,7 @@
 """The ego handed over to SUMO: its limits, its row, its freedom on the right, and its exactness."""
 
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from drl_av.env.rollout import drive, rollout
 from drl_av.evaluation.comparison import drive_all
 from drl_av.evaluation.recording import load_recording, states_of
 from drl_av.evaluation.replay import ReplaySession, replay_session
+from drl_av.safety.check import Verdict
 from drl_av.traffic.ego_model import EgoModel
 from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
 
@@ -62,6 +64,16 @@ def test_it_starts_where_every_other_driver_starts_and_its_row_tells_what_it_did
     assert tuned.lane_changes > 0
     assert 0.5 < tuned.min_headway_s < 5.0
     assert tuned.mean_speed_m_s > rows["sumo"].mean_speed_m_s
+
+
+def test_no_check_is_asked_while_sumo_drives() -> None:
+    def never(scene: object, proposed: object) -> Verdict:
+        raise AssertionError("the check must not be asked")
+
+    with closing(HighwayEnv(safety_check=never)) as env:
+        env.reset(seed=SEED, options={"vehicles": VEHICLES})
+        env.hand_over(EgoModel())
+        assert env.step(0)[-1]["rule"] == "none"
 
 
 def test_lane_changes_of_its_row_are_those_of_its_lanes(env: HighwayEnv) -> None:

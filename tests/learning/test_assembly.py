@@ -14,7 +14,7 @@ from drl_av.drivers.learned import network_values
 from drl_av.drivers.policy_file import load
 from drl_av.drivers.registry import find_drivers, load_learned, make_drivers
 from drl_av.driving.mirror import MIRROR, mirrored_observations
-from drl_av.env.episode import TRAINING_SEEDS
+from drl_av.env.episode import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import CheckpointError
@@ -79,7 +79,7 @@ def test_traffic_by_episode_depends_on_the_seed_and_the_episode_alone(env: Highw
     assert len(set(drawn)) == 9
     given = [seed_of_episode(seed, episode) for seed in (0, 1) for episode in range(1, 10)]
     assert len(set(given)) == 18
-    assert min(given) >= TRAINING_SEEDS[0]
+    assert min(given) >= TRAINING_SEED_RANGE[0]
     seeds = []
     for learning_rate in (1e-4, 0.0):
         own = {"traffic_by_episode": True, "learning_rate": learning_rate}

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from runs import files_of
-from worlds import ALONE, ROAD
+from worlds import ALONE, ROAD, ahead, scene
 
 from drl_av.config import REPLAYS, Config
 from drl_av.drivers.learned import LearnedDriver, Margins
 from drl_av.drivers.network import QNetwork
 from drl_av.driving.affordances import INDICATORS
-from drl_av.env.episode import TRAINING_SEEDS
+from drl_av.env.episode import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.learning import training as module
@@ -170,8 +170,9 @@ def test_episode_resets_then_acts_stores_and_learns_at_each_decision() -> None:
 def test_the_row_of_an_episode_counts_what_happened_in_it() -> None:
     script = [QUIET, OVERRULED, (None, "none", -3.5, True)]
     training, env, _, learner, _ = story(script)
+    env.scene = scene(ahead(30.0), ahead(90.0))  # at the start; info has the number of the moment
     row = training.run_episode()
-    assert (row.episode, row.seed, row.vehicles, row.decisions) == (1, env.seeds[0], 3, 3)
+    assert (row.episode, row.seed, row.vehicles, row.decisions) == (1, env.seeds[0], 2, 3)
     assert row.mean_reward == pytest.approx((-0.5 - 0.5 - 3.5) / 3)
     assert row.mean_speed_m_s == 20.0
     assert (row.safety_triggers, row.collided, row.ego_hit) == (1, True, True)
@@ -325,7 +326,7 @@ def test_training_never_meets_the_traffic_of_an_evaluation(monkeypatch: pytest.M
     training, env, *_ = story([QUIET], episodes=50)
     for _ in range(50):
         training.run_episode()
-    assert min(env.seeds) >= TRAINING_SEEDS[0] == 1_000_000
+    assert min(env.seeds) >= TRAINING_SEED_RANGE[0] == 1_000_000
     assert len(set(env.seeds)) == 50
     assert env.options == [None] * 50  # on a loop the seed determines the number of vehicles
     driven: list[tuple[int, int]] = []
@@ -342,7 +343,7 @@ def test_training_never_meets_the_traffic_of_an_evaluation(monkeypatch: pytest.M
     training.evaluate()
     assert driven == again * 2
     assert [seed for seed, _ in again] == list(range(EVALUATION_SEEDS, EVALUATION_SEEDS + 10))
-    assert max(seed for seed, _ in again) < TRAINING_SEEDS[0]
+    assert max(seed for seed, _ in again) < TRAINING_SEED_RANGE[0]
     assert (again[0][1], again[-1][1]) == (1, 30)
 
 

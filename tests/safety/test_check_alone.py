@@ -77,6 +77,15 @@ def test_a_check_that_returns_no_verdict_is_refused_in_one_sentence(returned: An
                 asked()
 
 
+def test_a_check_that_replaces_an_action_and_names_no_rule_is_refused() -> None:
+    brakes = Verdict(ACTIONS[3], Rule.NONE)
+    with closing(HighwayEnv(config=SHORT, safety_check=lambda scene, proposed: brakes)) as env:
+        env.reset(seed=1)
+        assert env.step(3)[-1]["rule"] == "none"
+        with pytest.raises(ConfigError, match=r"replaced the action .*, but named no rule: return"):
+            env.step(0)
+
+
 def test_workers_tell_their_masks_together() -> None:
     kwargs = {"context": "spawn"}
     vector = gymnasium.make_vec(ID, 2, "async", vector_kwargs=kwargs, config=SHORT)
