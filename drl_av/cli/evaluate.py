@@ -110,7 +110,7 @@ def evaluate(options: argparse.Namespace) -> int:
     seeds = range(options.seed, options.seed + options.episodes)
     metrics = CriticalityMetrics if options.criticality else EpisodeMetrics
     evaluation = Evaluation(config, specs, tuple(options.vehicles or ()), seeds, metrics)
-    kept = _partial(options.out) if options.out and options.out.exists() else options.out
+    kept = _kept(options.out)
     rows, status, saved_s = [], 0, time.monotonic()
     try:
         with (
@@ -129,7 +129,7 @@ def evaluate(options: argparse.Namespace) -> int:
     finally:
         if rows and kept:
             _write_rows(kept, rows)
-    if rows and kept != options.out and status == 0:
+    if rows and kept and kept != options.out and status == 0:
         _write_rows(options.out, rows)
         kept.unlink()
     elif rows and kept != options.out:
@@ -206,6 +206,20 @@ def _gains(rows: Sequence["EpisodeResult"], rules: Sequence[str]) -> list["Paire
     return sorted((g for own in gains for g in own if g.best), key=lambda gain: gain.vehicles)
 
 
-def _partial(table: Path) -> Path:
-    """Return the path of the temporary file for new rows, ``NAME.partial.csv`` beside the table."""
-    return table.with_name(f"{table.stem}.partial{table.suffix}")
+def _kept(table: Path | None) -> Path | None:
+    """Return the path at which to keep the rows of an evaluation before its end.
+
+    It is ``NAME.partial.csv`` beside the table ``NAME.csv`` if this table exists.
+
+    Raises:
+        ConfigError: that file exists, so it has the rows of an interrupted evaluation.
+    """
+    if table is None or not table.exists():
+        return table
+    partial = table.with_name(f"{table.stem}.partial{table.suffix}")
+    if partial.exists():
+        raise ConfigError(
+            f"{partial} has the rows of an interrupted evaluation: rename or remove it, or choose "
+            "another --out."
+        )
+    return partial

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from drl_av.config import Config
+from drl_av.errors import ConfigError
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -23,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def figures(options: argparse.Namespace) -> int:
     """Draw ``reward``, ``lane_change`` and each figure for which the given sources have data.
 
-    Returns the exit status 0.
+    Returns the exit status 0. Raises ConfigError if two sources have a figure of the same name.
     """
     from drl_av.experiments.canvas import save_figure
     from drl_av.experiments.experiment import draw_results
@@ -49,7 +50,13 @@ def figures(options: argparse.Namespace) -> int:
     if runs:
         figures["learning"] = learning_figure(runs)
     for folder in folders:
-        figures |= {} if folder in runs else dict(draw_results(EXPERIMENTS, folder))
+        for name, figure in () if folder in runs else draw_results(EXPERIMENTS, folder):
+            if name in figures:
+                raise ConfigError(
+                    f"Another source has a figure {name}, too: draw {folder} by itself, with "
+                    "another --out."
+                )
+            figures[name] = figure
     for name, figure in figures.items():
         save_figure(figure, options.out / f"{name}.png")
         print(options.out / f"{name}.png")

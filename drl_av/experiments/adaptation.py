@@ -16,7 +16,7 @@ from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import training_plan
 from drl_av.experiments.convergence import curve, moving_average
-from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.experiment import Experiment, ResultsFolder
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
@@ -66,7 +66,7 @@ def _job(
     return TrainingJob(variant, config, learning.episodes, folder, BLOCK, origin)
 
 
-def adaptation_table(results: Results) -> str:
+def adaptation_table(results: ResultsFolder) -> str:
     """Return the Markdown table with two rows, learning on and off, for each 10,000 episodes.
 
     The table ends at the last episode that both variants have driven.
@@ -83,7 +83,7 @@ def adaptation_table(results: Results) -> str:
                 for name in ("safety_triggers", "reward")
             )
             hits, collided = (
-                sum(round(BLOCK * float(row[f"training_{name}"])) for row in own)
+                sum(round(_episodes(row) * float(row[f"training_{name}"])) for row in own)
                 for name in ("ego_hits", "collisions")
             )
             means = [f"{mean.value:.4f} ± {mean.half_width:.4f}" for mean in (triggers, reward)]
@@ -91,6 +91,11 @@ def adaptation_table(results: Results) -> str:
             lines.append([learning, f"{begin + 1:,} to {end:,}", *means, *counts])
     names = ("learning", "episodes", "safety triggers an episode", "reward per decision")
     return markdown_table([*names, "ego hit something", "was hit"], lines)
+
+
+def _episodes(row: Row) -> int:
+    """Return the number of episodes in the block that ends with the episode of ``row``."""
+    return int(row["episode"]) % BLOCK or BLOCK
 
 
 def adaptation_figure(rows: list[Row]) -> "Figure":

@@ -197,6 +197,10 @@ def test_a_table_that_exists_keeps_its_rows_until_the_new_ones_are_whole(
     assert len(partial.read_text().splitlines()) == 1 + 3
     assert f"{out} is unchanged; the new rows are in {partial}." in capsys.readouterr().err
     stop_at.clear()
+    assert cli.main(words) == 1
+    assert f"{partial} has the rows of an interrupted evaluation: " in capsys.readouterr().err
+    assert len(partial.read_text().splitlines()) == 1 + 3
+    partial.unlink()
     assert cli.main(words) == 0
     assert len(out.read_text().splitlines()) == 1 + 9
     assert not partial.exists()

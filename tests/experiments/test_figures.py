@@ -10,11 +10,11 @@ from runs import error_message
 from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.errors import DrlAvError
-from drl_av.experiments.adaptation import adaptation_figure
+from drl_av.experiments.adaptation import adaptation_figure, adaptation_table
 from drl_av.experiments.canvas import save_figure
 from drl_av.experiments.convergence import moving_average
 from drl_av.experiments.curves import check_figure, replay_figure
-from drl_av.experiments.experiment import draw_results
+from drl_av.experiments.experiment import ResultsFolder, draw_results
 from drl_av.experiments.figures import (
     learning_figure,
     profile_figure,
@@ -203,6 +203,33 @@ def test_adaptation_figure_draws_both() -> None:
     drawn = {line.get_label(): list(line.get_ydata()) for line in axes.lines}
     assert drawn["continual adaptation"] == [3, 3]
     assert drawn["no adaptation"] == [5, 5]
+
+
+def test_the_hits_of_a_short_last_block_are_those_of_its_episodes(tmp_path: Path) -> None:
+    names = "variant,seed,episode,training_reward,training_safety_triggers,"
+    lines = [
+        f"{variant},0,{episode},-0.1,2,{hits},{hits}\n"
+        for variant in ("adaptation", "no_adaptation")
+        for episode, hits in ((100, 0.02), (150, 0.04))
+    ]
+    text = f"{names}training_ego_hits,training_collisions\n{''.join(lines)}"
+    (tmp_path / "adaptation.csv").write_text(text)
+    table = adaptation_table(ResultsFolder(tmp_path))
+    # 2 of 100 and 2 of 50 episodes
+    assert [row.split(" | ")[-2:] for row in table.splitlines()[2:]] == [["4", "0 |"]] * 2
+
+
+def test_two_figures_of_one_name_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "curves.csv").write_text(CURVES.lstrip())
+    out = tmp_path / "out"
+    words = ["figures", str(tmp_path / "one"), str(tmp_path / "two"), "--out", str(out)]
+    assert main(words) == 1
+    assert f"draw {tmp_path / 'two'} by itself" in error_message(capsys)
+    assert not out.exists()
 
 
 def test_a_folder_yields_the_figures_whose_tables_it_has(tmp_path: Path) -> None:
