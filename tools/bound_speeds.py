@@ -17,7 +17,7 @@ import numpy as np
 
 from drl_av.config import SINGLE_KINDS, Config
 from drl_av.env.highway import HighwayEnv
-from drl_av.experiments.experiment import Results
+from drl_av.experiments.experiment import ResultsFolder
 from drl_av.experiments.opponents import (
     MIDDLE,
     OPPONENTS_SWEEP,
@@ -38,7 +38,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     ).parse_args()
     begun_s = time.monotonic()
-    rows = Results(RESULTS).rows(OPPONENTS_SWEEP.table)
+    rows = ResultsFolder(RESULTS).rows(OPPONENTS_SWEEP.table)
     columns = [(number,) for number in VEHICLES]
     pooled = tuple(number for number in VEHICLES if number in MIDDLE)
     names = [*map(str, VEHICLES), f"{pooled[0]} to {pooled[-1]}"]

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from docs_pages import actions, observation
 
-from drl_av.experiments.experiment import Results
+from drl_av.experiments.experiment import ResultsFolder
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.registry import EXPERIMENTS
 from verification import crash_rate, ramps, shielding_report, stories, time_to_quality
@@ -25,7 +25,7 @@ RESULTS = ROOT / "docs" / "results"
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 
 
-def experiment_table(results: Results) -> str:
+def experiment_table(results: ResultsFolder) -> str:
     """Return the Markdown table of the experiments: command, meaning, row meaning, files."""
     lines = []
     for name, each in EXPERIMENTS.items():
@@ -50,7 +50,7 @@ def printed(name: str) -> str:
     return f"```text\n{read(name).rstrip()}\n```"
 
 
-TABLES: dict[str, Callable[[Results], str]] = {
+TABLES: dict[str, Callable[[ResultsFolder], str]] = {
     "observation": lambda results: observation(),
     "actions": lambda results: actions(),
     "experiments": experiment_table,
@@ -79,7 +79,7 @@ def refreshed(page: str, shown: set[str]) -> str:
         shown.add(name)
         if name not in TABLES:
             raise SystemExit(f"There is no table {name!r}; the tables are: {', '.join(TABLES)}.")
-        return f"{match[1]}{TABLES[name](Results(RESULTS))}\n{match[3]}"
+        return f"{match[1]}{TABLES[name](ResultsFolder(RESULTS))}\n{match[3]}"
 
     marks = r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)"
     return re.sub(marks, fresh, page, flags=re.DOTALL)

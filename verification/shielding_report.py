@@ -5,7 +5,7 @@ from pathlib import Path
 
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.experiments.canvas import label_axes, panels, save_figure
-from drl_av.experiments.experiment import Results
+from drl_av.experiments.experiment import ResultsFolder
 from drl_av.experiments.markdown import markdown_table
 from drl_av.files import Row
 
@@ -57,7 +57,7 @@ def table(rows: list[Row]) -> str:
     return markdown_table(names, lines)
 
 
-def section(results: Results) -> str:
+def section(results: ResultsFolder) -> str:
     """Return the table and the figure of ``shielding.csv`` as Markdown, or a note without rows."""
     rows = results.rows("shielding.csv")
     if not rows:

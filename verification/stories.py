@@ -15,7 +15,7 @@ from typing import Any
 from drl_av.config import Config
 from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.evaluate import evaluate
-from drl_av.experiments.experiment import Results
+from drl_av.experiments.experiment import ResultsFolder
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.provenance import provenance, write_sidecar
 from drl_av.files import Row, write_table
@@ -96,7 +96,7 @@ def cell(each: Row) -> str:
     return f"{float(each['mean_speed_m_s']):.1f} m/s"
 
 
-def section(results: Results) -> str:
+def section(results: ResultsFolder) -> str:
     """Return the table of ``stories.csv`` as Markdown."""
     return table(results.rows("stories.csv"))
 

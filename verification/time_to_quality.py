@@ -39,7 +39,7 @@ from drl_av.env.rollout import drive
 from drl_av.errors import counted
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.statistics import mean_with_interval
-from drl_av.experiments.experiment import Results
+from drl_av.experiments.experiment import ResultsFolder
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.provenance import provenance, write_sidecar
 from drl_av.files import Row, append_rows, read_table
@@ -159,7 +159,7 @@ def spread(seconds: Sequence[float]) -> str:
     return f"{middle} ({low} to {high})"
 
 
-def section(results: Results) -> str:
+def section(results: ResultsFolder) -> str:
     """Return the Markdown table of times and final values, or a note if trainings are missing."""
     runs: dict[str, list[list[Row]]] = {"random": [], **{agent: [] for agent in TRAINED}}
     for (agent, _), own in groupby(results.rows(TABLE), itemgetter("agent", "seed")):
@@ -203,7 +203,7 @@ def main() -> int:
             rows = rows_of(agent, seed)
             write_sidecar(table, provenance(Config()))
             append_rows(table, COLUMNS, rows)
-    print(section(Results(options.out)), parser.made_by(), sep="\n")
+    print(section(ResultsFolder(options.out)), parser.made_by(), sep="\n")
     return 0
 
 

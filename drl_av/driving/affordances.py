@@ -120,7 +120,7 @@ class Affordances(NamedTuple):
             for gap_m, right_m, left_m in self.barriers
             if right_m < self.lane_center_m < left_m
         )
-        return min(self.range_m, *gaps_m, self.range_m)
+        return min((self.range_m, *gaps_m))
 
     def vector(self) -> FloatArray:
         """Return the 27 indicators in SI units, shape (27,), float64, in the order of INDICATORS.

@@ -30,7 +30,7 @@ It keeps the gains finite.
 """
 SETTLED_OFFSET, SETTLED_SLOPE = 0.005, 0.1
 """A lane change ends if |e| <= SETTLED_OFFSET * W and |dy/dx| <= SETTLED_SLOPE * W / L (ours)."""
-STRAIGHT = 0.0
+ROAD_CURVATURE_PER_M = 0.0
 """k_road, the curvature of the road, 1/m; 0 because the loop represents a straight road."""
 
 
@@ -102,9 +102,9 @@ def steer(
     y_m, heading = pose
     for _ in range(steps):
         curvature = curvature_command(
-            STRAIGHT, target_m - y_m, heading, speed_m_s, lane_width_m, ego
+            ROAD_CURVATURE_PER_M, target_m - y_m, heading, speed_m_s, lane_width_m, ego
         )
-        next_heading = heading + (curvature - STRAIGHT) * advance_m / math.cos(heading)
+        next_heading = heading + (curvature - ROAD_CURVATURE_PER_M) * advance_m / math.cos(heading)
         y_m += math.tan((heading + next_heading) / 2) * advance_m
         heading = next_heading
     return Pose(y_m, heading)

@@ -8,7 +8,7 @@ from itertools import product
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, make_drivers
-from drl_av.env.episode import TRAINING_SEEDS
+from drl_av.env.episode import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import drive
@@ -58,10 +58,10 @@ class Evaluation:
     ) -> None:
         self._make_metrics = make_metrics
         self._config, self._specs = config, tuple(specs)
-        if seeds[-1] >= TRAINING_SEEDS[0]:
+        if seeds[-1] >= TRAINING_SEED_RANGE[0]:
             raise ConfigError(
                 f"The last episode's seed would be {seeds[-1]}, but those from "
-                f"{TRAINING_SEEDS[0]} on belong to training: begin with a smaller one."
+                f"{TRAINING_SEED_RANGE[0]} on belong to training: begin with a smaller one."
             )
         make_drivers(specs, config)
         with closing(HighwayEnv(config=config)) as env:

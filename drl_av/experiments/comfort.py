@@ -6,7 +6,7 @@ from drl_av.config import SINGLE_KINDS
 from drl_av.evaluation.criticality import CriticalityMetrics
 from drl_av.evaluation.statistics import grouped
 from drl_av.experiments.cells import Drives, policies_of
-from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.experiment import Experiment, ResultsFolder
 from drl_av.experiments.markdown import collisions_cell, markdown_table
 from drl_av.experiments.opponents import LEARNED
 from drl_av.experiments.options import ReproduceOptions
@@ -78,7 +78,7 @@ def _measures(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def comfort_table(results: Results) -> str:
+def comfort_table(results: ResultsFolder) -> str:
     """Return the Markdown table of each driver's comfort and safety in each kind, and in all."""
     rows = results.rows(COMFORT.table)
     kinds = grouped(rows, lambda row: row["traffic"]) | {"all": rows}

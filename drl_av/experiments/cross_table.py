@@ -8,7 +8,7 @@ from drl_av.config.presets import preset
 from drl_av.evaluation.statistics import Mean, mean_difference
 from drl_av.experiments.cells import Drives, TableDriver, made_with
 from drl_av.experiments.density_sweep import DRIVER
-from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.experiment import Experiment, ResultsFolder
 from drl_av.experiments.markdown import (
     collisions_cell,
     markdown_table,
@@ -97,7 +97,7 @@ def gains(rows: Sequence[Row], driver: str) -> dict[str, Mean]:
     return found
 
 
-def gain_table(results: Results, table: str) -> str:
+def gain_over_reference_table(results: ResultsFolder, table: str) -> str:
     """Return the Markdown table of the speed of ``REFERENCE``, and of each driver's gain over it.
 
     ``table`` is the file name of a results table whose first rows are those of ``REFERENCE``. The
@@ -113,7 +113,7 @@ def gain_table(results: Results, table: str) -> str:
     return markdown_table(["driver", *SINGLE_KINDS, "worst"], lines)
 
 
-def hits_table(results: Results, table: str) -> str:
+def hits_table(results: ResultsFolder, table: str) -> str:
     """Return the Markdown table of each driver's collisions in each kind of traffic."""
     rows = results.rows(table)
     lines = [
@@ -143,7 +143,7 @@ CROSS_TABLE = Experiment(
     row="an episode of a driver in a kind of traffic",
     plan=cross_table_plan,
     summaries={
-        "cross_table": partial(gain_table, table="cross_table.csv"),
+        "cross_table": partial(gain_over_reference_table, table="cross_table.csv"),
         "cross_table_hits": partial(hits_table, table="cross_table.csv"),
     },
 )

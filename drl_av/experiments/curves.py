@@ -15,7 +15,7 @@ from drl_av.config import Config
 from drl_av.experiments.canvas import label_axes, panels
 from drl_av.experiments.cells import training_plan
 from drl_av.experiments.convergence import converged_at, convergence, curve
-from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.experiment import Experiment, ResultsFolder
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.options import VARIANTS, ReproduceOptions
 from drl_av.experiments.plan import Plan
@@ -80,7 +80,7 @@ def curve_jobs(options: ReproduceOptions, config: Config) -> list[TrainingJob]:
     ]
 
 
-def convergence_table(results: Results) -> str:
+def convergence_table(results: ResultsFolder) -> str:
     """Return the Markdown table of each variant's final performance and episode of convergence."""
     columns = {
         "reward per decision": ("reward", 3),
@@ -100,7 +100,7 @@ def convergence_table(results: Results) -> str:
     return markdown_table(["training", "seeds", "converged at episode", *columns], lines)
 
 
-def cost_table(results: Results) -> str:
+def cost_table(results: ResultsFolder) -> str:
     """Return the Markdown table of the computing time that the paper's 200 trainings would take.
 
     The time is extrapolated from the wall times of our longest trainings of each variant.

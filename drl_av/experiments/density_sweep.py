@@ -17,7 +17,7 @@ from drl_av.evaluation.paired import Paired, Speed, paired
 from drl_av.evaluation.statistics import Mean, grouped, mean_difference
 from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import Drives, driven_with
-from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.experiment import Experiment, ResultsFolder
 from drl_av.experiments.figures import curves_by_density, speed_figure
 from drl_av.experiments.markdown import (
     by_density,
@@ -131,7 +131,7 @@ def speed_of(row: Row) -> Speed:
     return Speed(row["driver"], int(vehicles), int(seed), float(speed_m_s))
 
 
-def rows_with_acc(results: Results) -> list[Row]:
+def rows_with_acc(results: ResultsFolder) -> list[Row]:
     """Read the rows of the sweep, then those of ``UNDER_ACC`` under adaptive cruise control.
 
     The latter have ", acc" after the driver's name: "idm-mobil, acc".
@@ -140,17 +140,17 @@ def rows_with_acc(results: Results) -> list[Row]:
     return results.rows(TABLE) + [row | {"driver": f"{row['driver']}, acc"} for row in acc]
 
 
-def speed_table(results: Results) -> str:
+def speed_table(results: ResultsFolder) -> str:
     """Return the Markdown table of each driver's mean speed at each density, m/s."""
     return by_density(rows_with_acc(results), "driver", mean_speed)
 
 
-def collision_table(results: Results) -> str:
+def collision_table(results: ResultsFolder) -> str:
     """Return the Markdown table of episode counts: the ego hit something / was hit."""
     return by_density(rows_with_acc(results), "driver", collisions_cell)
 
 
-def driving_table(results: Results) -> str:
+def driving_table(results: ResultsFolder) -> str:
     """Return the Markdown table of the shipped driver's statistics, one column for each density.
 
     The last column is over all densities up to 30 vehicles.
@@ -188,7 +188,7 @@ def gains_over_all(rows: Iterable[Row]) -> dict[str, Mean]:
     }
 
 
-def gain_table(results: Results) -> str:
+def gains_by_opponent_table(results: ResultsFolder) -> str:
     """Return the Markdown table of the shipped driver's gain over each opponent, m/s.
 
     The smallest gain of each density, over the fastest opponent, is bold; a cell is empty if the
@@ -227,7 +227,7 @@ DENSITY_SWEEP = Experiment(
     derived={"paired.csv": paired_rows},
     summaries={
         "speed": speed_table,
-        "gain": gain_table,
+        "gain": gains_by_opponent_table,
         "driving": driving_table,
         "collisions": collision_table,
     },

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class Results:
+class ResultsFolder:
     """Reads a folder of results for the tables of the documentation."""
 
     def __init__(self, folder: Path) -> None:
@@ -59,7 +59,7 @@ class Experiment:
     """Function that returns the trainings and evaluations which make the table."""
     derived: Derived = field(default_factory=dict)
     """Functions that compute further tables from the rows, by file name."""
-    summaries: Mapping[str, Callable[[Results], str]] = field(default_factory=dict)
+    summaries: Mapping[str, Callable[[ResultsFolder], str]] = field(default_factory=dict)
     """Functions that return Markdown tables, by the name of their marker in the documentation."""
     figures: "Mapping[str, Callable[[list[Row]], Figure | None]]" = field(default_factory=dict)
     """Functions that draw the rows, by PNG file name; None means that there is nothing to draw."""
@@ -71,7 +71,7 @@ class Experiment:
         """File name of the table."""
         return f"{self.name}.csv"
 
-    def drawn(self, results: Results) -> list[Row]:
+    def drawn(self, results: ResultsFolder) -> list[Row]:
         """Return the rows of the table, then those of the tables in ``beside``.
 
         Each row of the latter gets an additional column "table" with its file name. If the
@@ -86,7 +86,7 @@ class Experiment:
         Raises DrlAvError if the table is damaged or a number in it is too large to draw.
         """
         with report_corrupt_table(folder / self.table):
-            rows = self.drawn(Results(folder))
+            rows = self.drawn(ResultsFolder(folder))
             require_values(rows)
             for name, drawing in self.figures.items():
                 if rows and (figure := drawing(rows)) is not None:

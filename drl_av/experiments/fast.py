@@ -15,7 +15,7 @@ from drl_av.experiments import density_sweep
 from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import trained_drives
 from drl_av.experiments.curves import variant_config
-from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.experiment import Experiment, ResultsFolder
 from drl_av.experiments.figures import curves_by_density
 from drl_av.experiments.markdown import (
     PAPER_VEHICLES,
@@ -58,7 +58,7 @@ def fast_plan(options: ReproduceOptions) -> Plan:
     return trained_drives(jobs, options, COLUMNS)
 
 
-def fast_table(results: Results) -> str:
+def fast_table(results: ResultsFolder) -> str:
     """Return the Markdown table of the results, one row for each training's driver.
 
     Each gain compares the driver with ``paper-0``, which was trained by the paper's whole schedule:
@@ -114,7 +114,7 @@ def by_vehicles(drivers: Sequence[Sequence[Row]]) -> dict[int, Mean]:
     return {number: speed_over([own.get(number, []) for own in driven]) for number in driven[0]}
 
 
-def whole_schedule_table(results: Results) -> str:
+def whole_schedule_table(results: ResultsFolder) -> str:
     """Return the Markdown table of mean speeds, m/s, by density: trained drivers and baselines.
 
     A training that has several seeds has a second line, for the driver of its slowest seed.

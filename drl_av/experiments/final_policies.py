@@ -8,7 +8,7 @@ from drl_av.config import Config
 from drl_av.evaluation.statistics import grouped, mean_with_interval
 from drl_av.experiments.cells import trained_drives
 from drl_av.experiments.curves import curve_jobs
-from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.experiment import Experiment, ResultsFolder
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
@@ -28,7 +28,7 @@ def final_plan(options: ReproduceOptions) -> Plan:
     return replace(trained_drives(final, options, COLUMNS), empty=empty)
 
 
-def final_table(results: Results) -> str:
+def final_table(results: ResultsFolder) -> str:
     """Return the Markdown table of final performance by variant.
 
     For each driver, the mean over its episodes is computed first. A value in the table is the mean

@@ -12,7 +12,7 @@ from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.maneuver import next_lane_change, plan
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.driving.steering import STRAIGHT, curvature_command
+from drl_av.driving.steering import ROAD_CURVATURE_PER_M, curvature_command
 from drl_av.experiments.canvas import label_axes, panels
 from drl_av.traffic.road import FloatArray, Road
 from drl_av.traffic.scenario import ScenarioDescription
@@ -80,7 +80,9 @@ def _scene(at: Command, running: LaneChange | None, road: Road) -> Scene:
 def _command(at: Command, target_m: float, road: Road, ego: EgoConfig) -> float:
     heading = math.atan2(at.lateral_speed_m_s, at.speed_m_s)
     width_m = road.lane_width_m
-    return curvature_command(STRAIGHT, target_m - at.y_m, heading, at.speed_m_s, width_m, ego)
+    return curvature_command(
+        ROAD_CURVATURE_PER_M, target_m - at.y_m, heading, at.speed_m_s, width_m, ego
+    )
 
 
 def lane_change_figure(config: Config) -> "Figure":

@@ -11,7 +11,7 @@ from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.statistics import grouped, mean_difference
 from drl_av.experiments.cells import Drives, policies_of
 from drl_av.experiments.density_sweep import DRIVER
-from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.experiment import Experiment, ResultsFolder
 from drl_av.experiments.markdown import count, markdown_table, mean_of, values_by_traffic
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan, by
@@ -58,7 +58,7 @@ def changed(config: Config, settings: Settings) -> Config:
     return config
 
 
-def literal_table(results: Results) -> str:
+def literal_table(results: ResultsFolder) -> str:
     """Return the Markdown table of each driver's results with each variant, over all densities.
 
     The change of the speed from the first variant is paired by traffic, with its 95 % interval.

@@ -12,7 +12,7 @@ from drl_av.evaluation.aggregates import interquartile_mean, probability_of_impr
 from drl_av.evaluation.statistics import Mean, grouped, mean_difference
 from drl_av.experiments.canvas import label_axes, legend_of_names, panels
 from drl_av.experiments.cells import Drives, policies_of
-from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.experiment import Experiment, ResultsFolder
 from drl_av.experiments.markdown import (
     collisions_cell,
     markdown_table,
@@ -78,7 +78,7 @@ VARIANTS = {
     "smooth": Variant(("pretrained-smooth",), check="strict", setting="strict", episodes=250),
     "rule": Variant(("gap-mobil",), check="strict", setting="strict"),
     "search": Variant(("planner",), episodes=50),
-    "search_strict": Variant(("planner",), check="strict", setting="strict"),
+    "search_strict": Variant(("planner",), check="strict", setting="strict", episodes=250),
 }
 """The variants by name; ``planner`` drives fewer episodes, because it is the slowest to compute."""
 PLACES = [(name, driver) for name, each in VARIANTS.items() for driver in each.drivers]
@@ -158,11 +158,11 @@ def _cells(rows: Iterable[Row]) -> dict[int, dict[str, Speeds]]:
     return {vehicles: speeds(own) for vehicles, own in rows_by_density(rows).items()}
 
 
-def _by_kind(results: Results) -> dict[str, list[Row]]:
+def _by_kind(results: ResultsFolder) -> dict[str, list[Row]]:
     return grouped(results.rows(OPPONENTS_SWEEP.table), itemgetter("traffic"))
 
 
-def gain_table(results: Results) -> str:
+def gain_over_best_table(results: ResultsFolder) -> str:
     """Return the Markdown table of our drivers' gains over the best opponent, m/s.
 
     The best opponent is that of the same kind of traffic and number of vehicles. The last column
@@ -180,7 +180,7 @@ def gain_table(results: Results) -> str:
     return markdown_table(["traffic", "driver", *map(str, VEHICLES), POOLED], lines)
 
 
-def same_check_table(results: Results) -> str:
+def same_check_table(results: ResultsFolder) -> str:
     """Return the Markdown table of our drivers' gains over ``STRICT_RULE``, all under ``strict``.
 
     The gains are in m/s; the last column pools the episodes with ``MIDDLE`` vehicles.
@@ -200,7 +200,7 @@ def _pooled(rows: Iterable[Row]) -> dict[str, Speeds]:
     return speeds(row for row in rows if int(row["vehicles"]) in MIDDLE)
 
 
-def aggregate_table(results: Results) -> str:
+def aggregate_table(results: ResultsFolder) -> str:
     """Return the Markdown table of each driver's statistics over ``MIDDLE`` vehicles.
 
     The statistics are the interquartile mean of the speeds, and the probability of being faster
@@ -217,7 +217,7 @@ def aggregate_table(results: Results) -> str:
     return markdown_table(["traffic", "driver", "speed, m/s", "probability of improvement"], lines)
 
 
-def speed_table(results: Results) -> str:
+def speed_table(results: ResultsFolder) -> str:
     """Return the Markdown table of mean speeds, m/s, aborted lane changes and collisions."""
     rows, lines = results.rows(OPPONENTS_SWEEP.table), []
     for (kind, name), own in grouped(rows, lambda row: (row["traffic"], label(row))).items():
@@ -262,7 +262,7 @@ OPPONENTS_SWEEP = Experiment(
     row="an episode of a driver in a kind of traffic, with a check and a longitudinal reference",
     plan=opponents_plan,
     summaries={
-        "opponents_gain": gain_table,
+        "opponents_gain": gain_over_best_table,
         "opponents_same_check": same_check_table,
         "opponents_aggregate": aggregate_table,
         "opponents_speed": speed_table,

@@ -15,7 +15,7 @@ from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.experiments.canvas import label_axes, panels
 from drl_av.experiments.cells import TableDriver, made_with
 from drl_av.experiments.density_sweep import DRIVER
-from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.experiment import Experiment, ResultsFolder
 from drl_av.experiments.markdown import collisions, densities_of, markdown_table
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan
@@ -114,7 +114,7 @@ def cost(rows: list[Row], kind: str, bounds: str, vehicles: int) -> Mean:
     return changes[0] if len(changes) == 1 else mean_with_interval(c.value for c in changes)
 
 
-def real_bounds_table(results: Results) -> str:
+def real_bounds_table(results: ResultsFolder) -> str:
     """Return the Markdown table of speed changes and collisions, for each driver and bounds."""
     rows = results.rows(REAL_BOUNDS.table)
     densities, lines = densities_of(rows), []

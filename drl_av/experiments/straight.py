@@ -8,7 +8,7 @@ from drl_av.config import TrafficConfig
 from drl_av.evaluation.statistics import Mean, grouped, mean_difference, mean_with_interval
 from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import Drives, policies_of
-from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.experiment import Experiment, ResultsFolder
 from drl_av.experiments.figures import curves_by_density
 from drl_av.experiments.markdown import collisions_cell, markdown_table, values_by_traffic
 from drl_av.experiments.opponents import LEARNED
@@ -74,7 +74,7 @@ def _means(rows: Iterable[Row]) -> dict[str, dict[int, Mean]]:
     return means
 
 
-def straight_table(results: Results) -> str:
+def straight_table(results: ResultsFolder) -> str:
     """Return the Markdown table of each driver's mean speed at each flow, m/s, and collisions."""
     rows = results.rows(STRAIGHT.table)
     means = _means(rows)
@@ -86,7 +86,7 @@ def straight_table(results: Results) -> str:
     return markdown_table(["driver", *flows, "ego hit something / was hit"], lines)
 
 
-def straight_gain_table(results: Results) -> str:
+def straight_gain_table(results: ResultsFolder) -> str:
     """Return the Markdown table of each driver's gain over ``REFERENCE``, paired by seed, m/s."""
     speeds = {
         driver: {

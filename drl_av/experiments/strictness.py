@@ -12,7 +12,7 @@ from drl_av.experiments import density_sweep
 from drl_av.experiments.canvas import label_axes, panels
 from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.density_sweep import DRIVER
-from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.experiment import Experiment, ResultsFolder
 from drl_av.experiments.markdown import (
     collisions_cell,
     count,
@@ -98,7 +98,7 @@ def strict_plan(options: ReproduceOptions) -> Plan:
     return Plan(driven_with(config, [DRIVER]), [cells], place)
 
 
-def strict_table(results: Results) -> str:
+def strict_table(results: ResultsFolder) -> str:
     """Return the Markdown table of the speed change from ``paper`` to ``strict``, and collisions.
 
     It has one column for each density.
@@ -112,7 +112,7 @@ def strict_table(results: Results) -> str:
     return markdown_table(["vehicles", *map(str, strict)], lines)
 
 
-def summary_table(results: Results) -> str:
+def summary_table(results: ResultsFolder) -> str:
     """Return the Markdown table of each driver's results over all densities up to 30 vehicles.
 
     The shipped driver has a second row, under ``strict``. The gain is that of the shipped driver

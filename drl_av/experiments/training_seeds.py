@@ -4,7 +4,12 @@ from functools import partial
 
 from drl_av.config import SINGLE_KINDS
 from drl_av.experiments.cells import TableDriver, made_with
-from drl_av.experiments.cross_table import REFERENCE, gain_table, hits_table, in_each_kind
+from drl_av.experiments.cross_table import (
+    REFERENCE,
+    gain_over_reference_table,
+    hits_table,
+    in_each_kind,
+)
 from drl_av.experiments.density_sweep import DRIVER
 from drl_av.experiments.experiment import Experiment
 from drl_av.experiments.options import ReproduceOptions
@@ -54,7 +59,7 @@ TRAINING_SEEDS = Experiment(
     row="an episode of a driver in a kind of traffic",
     plan=training_seeds_plan,
     summaries={
-        "training_seeds": partial(gain_table, table="training_seeds.csv"),
+        "training_seeds": partial(gain_over_reference_table, table="training_seeds.csv"),
         "training_seeds_hits": partial(hits_table, table="training_seeds.csv"),
     },
 )

@@ -11,7 +11,7 @@ from drl_av.experiments import density_sweep
 from drl_av.experiments.barricade import SCENARIO, TRAINED_VEHICLES
 from drl_av.experiments.cells import Drives, driven_with
 from drl_av.experiments.density_sweep import DRIVER, DRIVERS, GAP_RULES
-from drl_av.experiments.experiment import Experiment, Results
+from drl_av.experiments.experiment import Experiment, ResultsFolder
 from drl_av.experiments.markdown import (
     closer_than_safe,
     collisions,
@@ -53,7 +53,7 @@ def varied(
     return Plan(driven_with(config, drivers), [cells], order)
 
 
-def check_table(results: Results) -> str:
+def check_table(results: ResultsFolder) -> str:
     """Return the Markdown table of drivers with and without the check, over all densities."""
     rows = results.rows(CHECK_PAPER.table) + results.rows(CHECK_PERMIT_ALL.table)
     densities = {row["vehicles"] for row in rows}
@@ -72,7 +72,7 @@ def check_table(results: Results) -> str:
     return markdown_table(names, lines)
 
 
-def reference_table(results: Results) -> str:
+def reference_table(results: ResultsFolder) -> str:
     """Return the Markdown table of each driver's results under up to three settings.
 
     The settings are the default (the paper's accelerations), the default without a tolerance of the
@@ -97,7 +97,7 @@ def reference_table(results: Results) -> str:
     return markdown_table([*names, "mean speed, m/s", "ego hit something"], lines)
 
 
-def barricade_table(results: Results) -> str:
+def barricade_table(results: ResultsFolder) -> str:
     """Return the Markdown table of the shipped driver beside a closed lane and on the open road."""
     closed, swept = results.rows(BARRICADE_PRETRAINED.table), results.rows(density_sweep.TABLE)
     densities = {row["vehicles"] for row in closed}

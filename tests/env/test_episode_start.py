@@ -10,7 +10,7 @@ from worlds import CENTER
 
 from drl_av.config import Config
 from drl_av.drivers.registry import rule_driver
-from drl_av.env.episode import TRAINING_SEEDS
+from drl_av.env.episode import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError
@@ -49,14 +49,14 @@ def test_an_unseeded_reset_never_draws_a_seed_of_evaluation(env: HighwayEnv) -> 
     env.reset(seed=5)
     seeds = [env.reset()[1]["seed"] for _ in range(10)]
     assert len(set(seeds)) == 10
-    assert all(TRAINING_SEEDS[0] <= seed < TRAINING_SEEDS[1] for seed in seeds)
+    assert all(TRAINING_SEED_RANGE[0] <= seed < TRAINING_SEED_RANGE[1] for seed in seeds)
     env.reset(seed=5)
     assert [env.reset()[1]["seed"] for _ in range(10)] == seeds
 
 
 def test_a_client_s_small_seed_is_that_of_no_episode_of_evaluation(env: HighwayEnv) -> None:
     observation, info = env.reset(seed=0)
-    assert TRAINING_SEEDS[0] <= info["seed"] < TRAINING_SEEDS[1]
+    assert TRAINING_SEED_RANGE[0] <= info["seed"] < TRAINING_SEED_RANGE[1]
     for seed in (0, info["seed"]):  # which is that of the same traffic
         again, same = env.reset(seed=seed)
         assert np.array_equal(again, observation)
@@ -66,8 +66,8 @@ def test_a_client_s_small_seed_is_that_of_no_episode_of_evaluation(env: HighwayE
     evaluated, info = env.reset(seed=0, options=named)
     assert (info["seed"], info["vehicles"]) == (0, named["vehicles"])
     assert not np.array_equal(evaluated, observation)
-    assert env.reset(seed=TRAINING_SEEDS[0], options={})[1]["seed"] == TRAINING_SEEDS[0]
-    assert env.reset(seed=999_999)[1]["seed"] >= TRAINING_SEEDS[0]
+    assert env.reset(seed=TRAINING_SEED_RANGE[0], options={})[1]["seed"] == TRAINING_SEED_RANGE[0]
+    assert env.reset(seed=999_999)[1]["seed"] >= TRAINING_SEED_RANGE[0]
 
 
 def test_no_vehicle_enters_a_barricaded_lane(barricaded: HighwayEnv) -> None:

@@ -17,7 +17,7 @@ from drl_av.experiments.barricade import (
     barricade_config,
     barricade_figure,
 )
-from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.experiment import ResultsFolder, reproduce
 from drl_av.experiments.options import ReproduceOptions
 
 RIGHT, LEFT = 4, 8
@@ -70,7 +70,7 @@ def test_a_training_that_is_in_the_table_is_not_repeated(
     # one seed, two checks, two episodes of training and one of the driver trained
     assert [next(steps).done for _ in range(4)] == [1, 2, 3, 4]
     steps.close()  # in the midst of the second training
-    rows = Results(tmp_path).rows("barricade.csv")
+    rows = ResultsFolder(tmp_path).rows("barricade.csv")
     assert [(row["phase"], row["episode"]) for row in rows] == [
         *(("training", "1"), ("training", "2"), ("trained", "1"))
     ]

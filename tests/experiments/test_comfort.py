@@ -6,7 +6,7 @@ import pytest
 
 from drl_av.experiments import comfort
 from drl_av.experiments.comfort import COMFORT, DRIVERS
-from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.experiment import ResultsFolder, reproduce
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.files import Row, write_table
 
@@ -43,7 +43,7 @@ def test_shares_are_of_all_decisions_kilometres_and_lane_changes_of_a_driver(
         episode("hazards", "planner", 1, reversals=8, mean_speed_m_s=10.0),
     ]
     write_table(tmp_path / COMFORT.table, [*rows[0]], rows)
-    lines = COMFORT.summaries["comfort"](Results(tmp_path)).splitlines()[2:]
+    lines = COMFORT.summaries["comfort"](ResultsFolder(tmp_path)).splitlines()[2:]
     # 10 reversals in 5 km; 2 aborts of 5; 225 and 1 of 250 decisions; 1 of 250 is 4 of 1,000
     measured = "15.00 | 2.0 | 40 | 90.0 | 0.40 | 4.0 | 1 / 0 of 2 |"
     assert lines == [
@@ -62,7 +62,7 @@ def test_all_drive_the_same_traffic_under_strict_each_with_its_own_margins(
     monkeypatch.setattr(comfort, "DENSITIES", (5,))
     monkeypatch.setattr(comfort, "DRIVES", 1)
     list(reproduce(COMFORT, short))
-    results = Results(tmp_path)
+    results = ResultsFolder(tmp_path)
     rows = results.rows(COMFORT.table)
     assert [(each["traffic"], each["seed"], each["driver"]) for each in rows] == [
         (kind, "970000", driver) for kind in ("calm", "hazards") for driver in DRIVERS

@@ -7,7 +7,7 @@ from drives import traffic_row as row
 
 from drl_av.experiments import cross_table
 from drl_av.experiments.cross_table import CROSS_TABLE, gains
-from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.experiment import ResultsFolder, reproduce
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.files import write_table
 
@@ -33,14 +33,14 @@ def test_gains_are_paired_by_seed_in_each_kind_and_the_smallest_is_named(
     found = gains(rows[::-1], "pretrained")
     assert found["calm"] == pytest.approx((1.0, 4.303 * 2 / 3**0.5), 1e-3)
     write_table(tmp_path / CROSS_TABLE.table, [*rows[0]], rows)
-    speed, shipped, trained = CROSS_TABLE.summaries["cross_table"](Results(tmp_path)).splitlines()[
-        2:
-    ]
+    speed, shipped, trained = CROSS_TABLE.summaries["cross_table"](
+        ResultsFolder(tmp_path)
+    ).splitlines()[2:]
     assert speed == "| speed of `gap-mobil` | 22.00 ± 4.97 | 10.00 ± 0.00 |  |"
     assert shipped.endswith("| 0.00 ± 0.00 | hazards: 0.00 ± 0.00 |")
     assert trained.startswith("| trained in all | -1.00 ± 0.00 | -0.50 ±")
     assert trained.endswith("| calm: -1.00 ± 0.00 |")
-    hits = CROSS_TABLE.summaries["cross_table_hits"](Results(tmp_path)).splitlines()
+    hits = CROSS_TABLE.summaries["cross_table_hits"](ResultsFolder(tmp_path)).splitlines()
     assert hits[3] == "| `pretrained` | 1 / 0 of 3 | 1 / 0 of 3 |"
 
 
@@ -52,7 +52,7 @@ def test_each_driver_learns_in_its_own_traffic_and_meets_the_same_episodes(
     monkeypatch.setattr(cross_table, "DRIVES", 2)
     options = short._replace(drives=100)
     list(reproduce(CROSS_TABLE, options))
-    results = Results(tmp_path)
+    results = ResultsFolder(tmp_path)
     rows, made = results.rows(CROSS_TABLE.table), results.made_by(CROSS_TABLE.table)["settings"]
     assert len(rows) == 6 * 5 * 2
     assert {each["seed"] for each in rows} == {"950000", "950001"}

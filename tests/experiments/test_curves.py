@@ -17,7 +17,7 @@ from drl_av.experiments import engines
 from drl_av.experiments import plan as module
 from drl_av.experiments.cells import training_plan
 from drl_av.experiments.curves import CURVES
-from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.experiment import ResultsFolder, reproduce
 from drl_av.experiments.options import Progress, ReproduceOptions
 from drl_av.experiments.store import ResultStore
 from drl_av.experiments.training_jobs import TrainingJob, train_job
@@ -98,8 +98,8 @@ def test_killed_worker_is_begun_again_at_its_checkpoint_and_nothing_counts_twice
     assert (tmp_path / "runs" / "paper-0.killed").exists()
     driven = [int(line) for line in (tmp_path / "runs" / "paper-0.log").read_text().split()]
     assert driven == [*range(1, 10), *range(9, 13)]  # 9 was on disk, but in no checkpoint
-    expected = Results(undisturbed).rows("curves.csv")
-    found = Results(tmp_path).rows("curves.csv")
+    expected = ResultsFolder(undisturbed).rows("curves.csv")
+    found = ResultsFolder(tmp_path).rows("curves.csv")
     assert found == [row for row in expected if int(row["seed"]) < seeds]
     for name in [f"paper-{seed}" for seed in range(seeds)]:
         assert files_of(tmp_path / "runs" / name) == files_of(undisturbed / "runs" / name)
@@ -108,7 +108,7 @@ def test_killed_worker_is_begun_again_at_its_checkpoint_and_nothing_counts_twice
 
 
 def test_the_table_has_every_evaluation_once_and_says_what_made_it(undisturbed: Path) -> None:
-    rows = Results(undisturbed).rows("curves.csv")
+    rows = ResultsFolder(undisturbed).rows("curves.csv")
     places = [(row["variant"], row["seed"], row["episode"]) for row in rows]
     first = [("paper", "0", str(episode)) for episode in (3, 6, 9, 12)]
     assert places == [*first, ("paper", "1", "3"), ("paper", "1", "6")]

@@ -12,7 +12,7 @@ from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.paired import Paired
 from drl_av.experiments import cells, density_sweep
 from drl_av.experiments.density_sweep import DENSITY_SWEEP, STRONGER, paired_rows, sweep_plan
-from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.experiment import ResultsFolder, reproduce
 from drl_av.experiments.options import Progress, ReproduceOptions
 from drl_av.files import Row
 
@@ -38,7 +38,7 @@ def sweep(options: ReproduceOptions) -> list[Progress]:
 
 
 def densities(options: ReproduceOptions, table: str = "density_sweep.csv") -> list[str]:
-    return list(dict.fromkeys(row["vehicles"] for row in Results(options.out).rows(table)))
+    return list(dict.fromkeys(row["vehicles"] for row in ResultsFolder(options.out).rows(table)))
 
 
 def drivers_gain(monkeypatch: pytest.MonkeyPatch, lower_m_s: float) -> None:
@@ -52,7 +52,7 @@ def test_continues_to_a_full_road_while_the_gain_is_significant(
     drivers_gain(monkeypatch, 0.1)
     steps = sweep(options)
     assert densities(options) == densities(options, "paired.csv") == ["1", "30", "35", "40"]
-    rows = Results(options.out).rows("density_sweep.csv")
+    rows = ResultsFolder(options.out).rows("density_sweep.csv")
     assert len({(r["driver"], r["vehicles"], r["seed"]) for r in rows}) == len(rows) == 4 * 8 * 2
     [*_, last] = [step for step in steps if "gains" in step.line]
     assert (last.done, last.total) == (64, 64)

@@ -6,7 +6,7 @@ import pytest
 
 from drl_av.config.presets import preset
 from drl_av.experiments import literal
-from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.experiment import ResultsFolder, reproduce
 from drl_av.experiments.literal import LITERAL_PAPER, VARIANTS, changed, literal_table
 from drl_av.experiments.options import ReproduceOptions
 
@@ -16,12 +16,12 @@ def test_each_variant_is_driven_on_the_same_traffic_with_its_own_settings(
 ) -> None:
     monkeypatch.setattr(literal, "DENSITIES", (2,))
     list(reproduce(LITERAL_PAPER, short))
-    rows = Results(tmp_path).rows("literal.csv")
+    rows = ResultsFolder(tmp_path).rows("literal.csv")
     assert len(rows) == 3 * 7 * 2
     for variant in VARIANTS:
         own = [(row["driver"], row["seed"]) for row in rows if row["variant"] == variant]
         assert own == [(driver, seed) for seed in "01" for driver in literal.DRIVERS]
-    settings = Results(tmp_path).made_by("literal.csv")["settings"]
+    settings = ResultsFolder(tmp_path).made_by("literal.csv")["settings"]
     switched = {
         variant: [rule for rule in ("rule_1", "rule_3", "idm") if own["safety"][f"printed_{rule}"]]
         for variant, own in settings.items()
@@ -61,7 +61,7 @@ def test_the_table_has_the_change_from_ours_paired_by_traffic(
         "ours,idm,5,0,21,-0.2,0,True\nours,idm,30,0,11,-0.4,1,False\n"
         "rule 1,idm,30,0,10,-0.1,4,False\nrule 1,idm,5,0,20,-0.1,5,True\n"
     )
-    _, _, *lines = literal_table(Results(tmp_path)).splitlines()
+    _, _, *lines = literal_table(ResultsFolder(tmp_path)).splitlines()
     assert lines == [
         "| `idm` | ours | 16.00 | 0.00 ± 0.00 | -0.300 | 0.5 | 1 of 2 |",
         "| `idm` | rule 1 | 15.00 | -1.00 ± 0.00 | -0.100 | 4.5 | 1 of 2 |",

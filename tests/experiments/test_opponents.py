@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drl_av.experiments import opponents
-from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.experiment import ResultsFolder, reproduce
 from drl_av.experiments.opponents import OPPONENTS_SWEEP, VARIANTS, best_opponent, gain, speeds
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.files import Row, write_table
@@ -52,7 +52,7 @@ def test_the_statistics_are_those_of_the_middle_densities_beside_the_best_oppone
         for seed, vehicles, speed in zip((1, 2, 1), ("5", "5", "40"), own, strict=True)
     ]
     write_table(tmp_path / OPPONENTS_SWEEP.table, [*rows[0]], rows)
-    lines = OPPONENTS_SWEEP.summaries["opponents_aggregate"](Results(tmp_path)).splitlines()
+    lines = OPPONENTS_SWEEP.summaries["opponents_aggregate"](ResultsFolder(tmp_path)).splitlines()
     # of two speeds none is an outer quarter; 24 ties with 24, the other three pairs are won
     assert lines[2].startswith("| calm | `planner` | 24.50 [24.00, 25.00] | 0.88 [")
     assert lines[3:] == [
@@ -85,7 +85,7 @@ def test_under_strict_our_drivers_are_compared_with_the_rule_under_strict(tmp_pa
         for seed, vehicles in ((1, "5"), (2, "5"), (1, "40"), (2, "40"))
     ]
     write_table(tmp_path / OPPONENTS_SWEEP.table, [*rows[0]], rows)
-    lines = OPPONENTS_SWEEP.summaries["opponents_same_check"](Results(tmp_path)).splitlines()
+    lines = OPPONENTS_SWEEP.summaries["opponents_same_check"](ResultsFolder(tmp_path)).splitlines()
     gains = " | ".join(["1.00 ± 0.00"] * 3)
     assert lines[2:] == [f"| calm | `planner, strict` | {gains} |"]
 
@@ -98,7 +98,7 @@ def test_every_driver_drives_the_same_seeds_in_its_own_settings(
     monkeypatch.setattr(opponents, "VARIANTS", VARIANTS | few)
     monkeypatch.setattr(opponents, "SINGLE_KINDS", ("calm", "naturalistic"))
     list(reproduce(OPPONENTS_SWEEP, short))
-    results = Results(tmp_path)
+    results = ResultsFolder(tmp_path)
     rows, made = results.rows("opponents.csv"), results.made_by("opponents.csv")["settings"]
     assert [(each["traffic"], each["variant"], each["driver"], each["seed"]) for each in rows] == [
         (kind, name, driver, str(seed))

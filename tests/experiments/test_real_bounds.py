@@ -7,7 +7,7 @@ import pytest
 from drl_av.config import Config
 from drl_av.errors import DrlAvError
 from drl_av.experiments import real_bounds
-from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.experiment import ResultsFolder, reproduce
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.real_bounds import (
     REAL_BOUNDS,
@@ -65,7 +65,7 @@ def test_drivers_of_other_traffic_are_not_compared() -> None:
 def test_the_table_has_a_line_for_each_driver_that_was_driven(tmp_path: Path) -> None:
     rows = PLAIN + drives("pretrained", "real", 19.0, 29.0, hits=1)
     write_table(tmp_path / REAL_BOUNDS.table, [*rows[0]], rows)
-    table = real_bounds_table(Results(tmp_path)).splitlines()
+    table = real_bounds_table(ResultsFolder(tmp_path)).splitlines()
     assert table[2:] == ["| shipped driver, bounds of real traffic | -4.00 ± 0.00 | 0 / 1 of 2 |"]
 
 
@@ -88,7 +88,7 @@ def test_each_driver_is_driven_in_the_same_traffic(
         out=tmp_path / "out", runs=tmp_path / "runs", config=str(tmp_path / "short.toml")
     )
     list(reproduce(REAL_BOUNDS, options))
-    rows = Results(options.out).rows("real_bounds.csv")
+    rows = ResultsFolder(options.out).rows("real_bounds.csv")
     assert [(row["driver"], row["bounds"], row["seed"]) for row in rows] == [
         (driver, bounds, str(920_000 + seed))
         for driver, bounds in (

@@ -11,7 +11,7 @@ from drl_av.errors import DrlAvError
 from drl_av.experiments import store
 from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import Drives, driven_with
-from drl_av.experiments.experiment import Experiment, Results, reproduce
+from drl_av.experiments.experiment import Experiment, ResultsFolder, reproduce
 from drl_av.experiments.markdown import by_density, mean_speed
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan, by
@@ -32,7 +32,7 @@ def fastest(rows: list[Row]) -> list[Row]:
     return [max(rows, key=lambda row: float(row["mean_speed_m_s"]))]
 
 
-def speeds(results: Results) -> str:
+def speeds(results: ResultsFolder) -> str:
     return by_density(results.rows("sober.csv"), "driver", mean_speed)
 
 
@@ -76,15 +76,15 @@ def content(options: ReproduceOptions) -> dict[str, bytes]:
 def test_it_has_a_row_for_each_driver_on_each_seed_and_says_what_made_them(
     made: ReproduceOptions,
 ) -> None:
-    rows = Results(made.out).rows("sober.csv")
+    rows = ResultsFolder(made.out).rows("sober.csv")
     assert [(row["vehicles"], row["seed"], row["driver"]) for row in rows] == [
         (vehicles, seed, driver) for vehicles in "13" for seed in "01" for driver in DRIVERS
     ]
-    facts = Results(made.out).made_by("sober.csv")
+    facts = ResultsFolder(made.out).made_by("sober.csv")
     assert facts["settings"]["simulation"]["decisions_per_episode"] == 5
     assert (facts["seeds"], facts["processes"], facts["step_length_s"]) == ("0 to 1", 1, 0.5)
-    assert Results(made.out).rows("fastest.csv") == fastest(rows)
-    table = speeds(Results(made.out)).splitlines()
+    assert ResultsFolder(made.out).rows("fastest.csv") == fastest(rows)
+    table = speeds(ResultsFolder(made.out)).splitlines()
     assert table[0] == "| vehicles | 1 | 3 |"
     assert [line.split(" | ")[0] for line in table[2:]] == ["| `idm`", "| `random`"]
     assert (made.out / "speeds.png").stat().st_size > 1000
@@ -97,7 +97,7 @@ def test_nothing_is_driven_twice(made: ReproduceOptions) -> None:
     assert driven(made._replace(drives=1)) == []
     more = made._replace(drives=3)
     assert driven(more) == [1, 2, 3, 4]  # the third seed of two drivers in two cells
-    rows = Results(made.out).rows("sober.csv")
+    rows = ResultsFolder(made.out).rows("sober.csv")
     assert [row["seed"] for row in rows] == ["0", "0", "1", "1", "2", "2"] * 2
     assert driven(more) == []
 
@@ -108,7 +108,7 @@ def test_an_interrupted_one_continues_after_its_last_whole_cell(
     steps = reproduce(SOBER, options)
     assert [next(steps).done for _ in range(5)] == [1, 2, 3, 4, 5]
     steps.close()
-    assert len(Results(options.out).rows("sober.csv")) == 4
+    assert len(ResultsFolder(options.out).rows("sober.csv")) == 4
     assert driven(options) == [1, 2, 3, 4]
 
 
@@ -186,6 +186,6 @@ def test_one_line_in_the_registry_gives_it_to_the_command_line(
     words = ["reproduce", "sober", "--drives", "1", "--jobs", "1", "--out", str(options.out)]
     assert main([*words, "--config", str(options.config)]) == 0
     assert capsys.readouterr().out == f"{options.out / 'speeds.png'}\n"
-    assert len(Results(options.out).rows("sober.csv")) == 4
+    assert len(ResultsFolder(options.out).rows("sober.csv")) == 4
     assert main(["figures", str(options.out), "--out", str(options.out / "figures")]) == 0
     assert (options.out / "figures" / "speeds.png").exists()

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drl_av.experiments import straight
-from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.experiment import ResultsFolder, reproduce
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.straight import DRIVERS, STRAIGHT, vehicles_at
 from drl_av.files import Row, write_table
@@ -34,7 +34,7 @@ def test_the_table_has_each_driver_s_mean_speed_at_each_flow(tmp_path: Path) -> 
         episode("sumo", 500, 2, 23.0),
     ]
     write_table(tmp_path / STRAIGHT.table, [*rows[0]], rows)
-    lines = STRAIGHT.summaries["straight"](Results(tmp_path)).splitlines()
+    lines = STRAIGHT.summaries["straight"](ResultsFolder(tmp_path)).splitlines()
     assert lines[0] == "| driver | 0 | 500 | ego hit something / was hit |"
     [planner, sumo] = (line.split(" | ") for line in lines[2:])
     assert (planner[0], planner[-1]) == ("| `planner`", "1 / 0 of 2 |")
@@ -52,7 +52,7 @@ def test_a_gain_over_gap_mobil_is_paired_by_seed(tmp_path: Path) -> None:
         episode("gap-mobil", 500, 2, 15.0),
     ]
     write_table(tmp_path / STRAIGHT.table, [*rows[0]], rows)
-    header, _, line = STRAIGHT.summaries["straight_gain"](Results(tmp_path)).splitlines()
+    header, _, line = STRAIGHT.summaries["straight_gain"](ResultsFolder(tmp_path)).splitlines()
     assert header == "| driver | 500 |"
     assert line.startswith("| `planner` | 1.50 ± ")
 
@@ -63,7 +63,7 @@ def test_all_drive_the_same_traffic_under_strict(
     monkeypatch.setattr(straight, "FLOWS_PER_H", (0, 250))
     monkeypatch.setattr(straight, "DRIVES", 1)
     list(reproduce(STRAIGHT, short))
-    results = Results(tmp_path)
+    results = ResultsFolder(tmp_path)
     rows = results.rows(STRAIGHT.table)
     assert [(each["flow_per_h"], each["vehicles"], each["driver"]) for each in rows] == [
         (flow, number, driver) for flow, number in (("0", "0"), ("250", "27")) for driver in DRIVERS

@@ -6,7 +6,7 @@ import pytest
 from drives import rows_of
 
 from drl_av.experiments import strictness
-from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.experiment import ResultsFolder, reproduce
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.strictness import STRICT, change, strict_figure
 
@@ -19,7 +19,7 @@ def test_both_checks_meet_the_same_traffic(tmp_path: Path, monkeypatch: pytest.M
     steps = [step for step in reproduce(STRICT, options) if step.label]
     # two episodes each of: paper, strict, and strict with 2 m of clearance
     assert [(step.done, step.total) for step in steps] == [(n, 6) for n in range(1, 7)]
-    rows = Results(tmp_path).rows("strict.csv")
+    rows = ResultsFolder(tmp_path).rows("strict.csv")
     assert [(row["check"], row["bound"], row["value"], row["seed"]) for row in rows] == [
         *(("paper", "", "", "0"), ("paper", "", "", "1")),
         *(("strict", "", "", "0"), ("strict", "", "", "1")),

@@ -13,21 +13,21 @@ from drl_av.experiments.density_sweep import (
     collision_table,
     driving_table,
     gain_figure,
-    gain_table,
+    gains_by_opponent_table,
     gains_over_all,
     speed_table,
 )
-from drl_av.experiments.experiment import Results
+from drl_av.experiments.experiment import ResultsFolder
 from drl_av.experiments.fast import FAST, fast_table, whole_schedule_table
 from drl_av.experiments.final_policies import final_table
 from drl_av.experiments.strictness import summary_table
 
 
-def results(folder: Path, **tables: str) -> Results:
+def results(folder: Path, **tables: str) -> ResultsFolder:
     """A folder with these tables, whose lines are parted by spaces."""
     for name, lines in tables.items():
         (folder / f"{name}.csv").write_text("\n".join(lines.split()) + "\n")
-    return Results(folder)
+    return ResultsFolder(folder)
 
 
 def body(table: str) -> list[str]:
@@ -80,7 +80,7 @@ ACC = """driver,vehicles,seed,mean_speed_m_s,ego_hit
 def test_the_gain_over_the_fastest_opponent_is_bold(tmp_path: Path) -> None:
     found = results(tmp_path, density_sweep=SWEPT, reference_acc=ACC)
     # differences 5 and 7: standard error 1, t(0.975, 1) = 12.706; up to 30 are the 5 alone
-    assert body(gain_table(found)) == [
+    assert body(gains_by_opponent_table(found)) == [
         "over `idm-mobil` | 6.00 ± 12.71 | **-2.50 ± 6.35** | 6.00 ± 12.71",
         "over `gap-mobil` | **-1.00 ± 0.00** | 1.00 ± 0.00 | **-1.00 ± 0.00**",
         "over `idm-mobil, acc` | 2.00 ± 0.00 |  | 2.00 ± 0.00",

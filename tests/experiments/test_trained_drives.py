@@ -8,7 +8,7 @@ import pytest
 from drl_av.errors import DrlAvError
 from drl_av.experiments import cells as module
 from drl_av.experiments.curves import CURVES
-from drl_av.experiments.experiment import Experiment, Results, reproduce
+from drl_av.experiments.experiment import Experiment, ResultsFolder, reproduce
 from drl_av.experiments.fast import FAST
 from drl_av.experiments.final_policies import FINAL_POLICIES
 from drl_av.experiments.options import Progress, ReproduceOptions
@@ -46,7 +46,7 @@ def trained_for(steps: list[Progress]) -> set[str]:
 
 
 def places(options: ReproduceOptions, table: str) -> list[tuple[str, str, str]]:
-    rows = Results(options.out).rows(table)
+    rows = ResultsFolder(options.out).rows(table)
     return [(row["training"], row["vehicles"], row["seed"]) for row in rows]
 
 
@@ -63,7 +63,7 @@ def test_fast_is_trained_on_every_seed_and_driven_beside_the_whole_schedule(
     assert (steps[-1].done, steps[-1].total) == (12, 12)  # three trainings, two densities and seeds
     trainings = ["paper-0", "fast-0", "fast-1"]
     assert places(options, "fast.csv") == cells(*trainings)
-    facts = Results(options.out).made_by("fast.csv")
+    facts = ResultsFolder(options.out).made_by("fast.csv")
     assert list(facts["policies_sha256"]) == trainings
     assert facts["episodes"] == dict.fromkeys(trainings, 3)
     assert list(facts["wall_time_s"]) == trainings
@@ -73,13 +73,13 @@ def test_more_drivers_of_the_whole_schedule_join_and_their_rows_stand_before_tho
     options: ReproduceOptions,
 ) -> None:
     make(FAST, options._replace(seeds=1))
-    before = Results(options.out).rows("fast.csv")
+    before = ResultsFolder(options.out).rows("fast.csv")
     assert trained_for(make(FAST, options._replace(seeds=1, full_seeds=2))) == {
         "training",
         "paper-1",
     }
     assert places(options, "fast.csv") == cells("paper-0", "paper-1", "fast-0")
-    rows = Results(options.out).rows("fast.csv")
+    rows = ResultsFolder(options.out).rows("fast.csv")
     assert [row for row in rows if row["training"] != "paper-1"] == before
 
 
@@ -122,7 +122,7 @@ def test_final_policies_are_driven_each_with_the_check_of_its_training(
     assert checks == {name: own[name.partition("-")[0]] for name in trainings}
     make(FINAL_POLICIES, options)
     assert places(options, "final_policies.csv") == cells(*trainings)
-    facts = Results(options.out).made_by("final_policies.csv")
+    facts = ResultsFolder(options.out).made_by("final_policies.csv")
     assert facts["episodes"] == dict.fromkeys(plan.made_with.settings, 2)
 
 
@@ -132,7 +132,7 @@ def test_they_are_the_trainings_of_the_curves(options: ReproduceOptions) -> None
     files = list(options.runs.glob("paper-[12]/*.safetensors"))
     trained = [path.stat().st_mtime_ns for path in files]
     make(CURVES, options)  # trains seed 0 alone
-    rows = Results(options.out).rows("curves.csv")
+    rows = ResultsFolder(options.out).rows("curves.csv")
     found = [(row["seed"], row["episode"]) for row in rows]
     assert found == [*zip("000", "123", strict=True), *zip("1122", "1212", strict=True)]
     assert len(trained) == 4

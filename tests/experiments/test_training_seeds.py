@@ -6,7 +6,7 @@ import pytest
 from drives import traffic_row as row
 
 from drl_av.experiments import training_seeds
-from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.experiment import ResultsFolder, reproduce
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.training_seeds import TRAINING_SEEDS
 from drl_av.files import write_table
@@ -29,7 +29,8 @@ def test_the_tables_have_a_line_for_each_seed_with_its_worst_kind(tmp_path: Path
         for seed in (1, 2, 3)
     ]
     write_table(tmp_path / TRAINING_SEEDS.table, [*rows[0]], rows)
-    tables = {name: make(Results(tmp_path)) for name, make in TRAINING_SEEDS.summaries.items()}
+    results = ResultsFolder(tmp_path)
+    tables = {name: make(results) for name, make in TRAINING_SEEDS.summaries.items()}
     reference, shipped, first, second = tables["training_seeds"].splitlines()[2:]
     # 21, 22 and 23: mean 22, standard deviation 1; Student's t 4.303 / sqrt(3) = 2.48
     assert reference.startswith("| speed of `gap-mobil` | 22.00 ± 2.48 | 22.00 ± 2.48 |")
@@ -51,7 +52,7 @@ def test_each_seed_trains_under_paper_and_all_drive_the_same_episodes_under_stri
     monkeypatch.setattr(training_seeds, "DRIVES", 2)
     options = short._replace(seeds=2, drives=100)
     list(reproduce(TRAINING_SEEDS, options))
-    results = Results(tmp_path)
+    results = ResultsFolder(tmp_path)
     rows, made = results.rows(TRAINING_SEEDS.table), results.made_by(TRAINING_SEEDS.table)
     drivers = ["gap-mobil", "pretrained", "seed 0", "seed 1"]
     assert list(dict.fromkeys(row["driver"] for row in rows)) == drivers

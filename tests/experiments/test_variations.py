@@ -6,7 +6,7 @@ import pytest
 
 from drl_av.config import Config
 from drl_av.experiments import variations
-from drl_av.experiments.experiment import Results, reproduce
+from drl_av.experiments.experiment import ResultsFolder, reproduce
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.variations import (
     BARRICADE_PRETRAINED,
@@ -27,8 +27,8 @@ def test_each_is_driven_in_its_own_settings(
     rows, made = {}, {}
     for experiment in (*ROWS, BARRICADE_PRETRAINED):
         list(reproduce(experiment, short))
-        rows[experiment] = Results(tmp_path).rows(experiment.table)
-        made[experiment] = Results(tmp_path).made_by(experiment.table)
+        rows[experiment] = ResultsFolder(tmp_path).rows(experiment.table)
+        made[experiment] = ResultsFolder(tmp_path).made_by(experiment.table)
         assert made[experiment]["settings"]["simulation"]["decisions_per_episode"] == 5
     assert {experiment: len(rows[experiment]) for experiment in ROWS} == ROWS
     assert {row["safety_check"] for row in rows[CHECK_PERMIT_ALL]} == {"permit_all"}

@@ -36,7 +36,7 @@ def test_a_moment_is_marked_within_a_tenth_of_what_is_measured() -> None:
     assert mark("lane_changes_per_km", 0.14) == " "
 
 
-def test_calm_traffic_is_slower_than_people_and_changes_lanes_as_often() -> None:
+def test_calm_traffic_is_slower_than_people_and_each_moment_has_a_number() -> None:
     found = moments(Config(), episodes=2, vehicles=(25,))
     assert found.speed_m_s < US_NATURALISTIC.speed_m_s
     assert found.range_p10_m < found.range_p50_m < found.range_p90_m

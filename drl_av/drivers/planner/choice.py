@@ -58,7 +58,7 @@ class Choice(NamedTuple):
     """The vehicle ahead in the ego's lane."""
 
 
-class Surroundings(NamedTuple):
+class OthersAround(NamedTuple):
     """The other vehicles as the ego sees them in each scene."""
 
     ahead_m: FloatArray
@@ -104,7 +104,7 @@ class Chooser:
         return np.where(ego.seconds > self._crossing_s, ego.target, ego.origin)
 
     def __call__(
-        self, ego: Ego, intent: IntArray, around: Surroundings, member: BoolArray
+        self, ego: Ego, intent: IntArray, around: OthersAround, member: BoolArray
     ) -> Choice:
         """Choose the action of the ego in each scene; ``intent`` has shape (P,).
 
@@ -181,7 +181,7 @@ class Chooser:
         return most
 
     def _behind_the_left(
-        self, ego: Ego, lane: IntArray, around: Surroundings, member: BoolArray
+        self, ego: Ego, lane: IntArray, around: OthersAround, member: BoolArray
     ) -> FloatArray:
         """Return an acceleration, m/s^2, with which the ego does not pass on the right.
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.config import EgoConfig
-from drl_av.drivers.planner.choice import LONG_HEADWAY_S, Choice, Chooser, Ego, Surroundings
+from drl_av.drivers.planner.choice import LONG_HEADWAY_S, Choice, Chooser, Ego, OthersAround
 from drl_av.drivers.planner.others import FAR_M, BoolArray, IntArray, Lanes, Others, idm
 from drl_av.drivers.planner.watcher import Watcher
 from drl_av.traffic.road import UNHURRIED_M, FloatArray, MandatoryChange
@@ -77,14 +77,14 @@ class Forecaster:
         self._desired_m_s, self._headway_s = watcher.desired_m_s, watcher.headway_s
         self._mandatory = mandatory
 
-    def around(self, ego: Ego, x_m: FloatArray, speed: FloatArray) -> Surroundings:
+    def around(self, ego: Ego, x_m: FloatArray, speed: FloatArray) -> OthersAround:
         """Return the other vehicles relative to the egos of the P plans.
 
         ``x_m`` and ``speed``, shape (P, N), are the vehicles' positions, m, and speeds, m/s.
         """
         ahead_m = x_m - ego.x_m[:, None]
         ahead_m -= self._lap_m * np.round(ahead_m / self._lap_m)
-        return Surroundings(ahead_m, speed, self._others.half_m)
+        return OthersAround(ahead_m, speed, self._others.half_m)
 
     def choice(self, ego: Ego, intent: IntArray) -> Choice:
         """Choose the ego's action in the first scene for an intent."""
@@ -154,7 +154,7 @@ class Forecaster:
         return moved_m
 
     def _follow(
-        self, ego: Ego, around: Surroundings, x_m: FloatArray, lanes: Lanes, prices: Prices
+        self, ego: Ego, around: OthersAround, x_m: FloatArray, lanes: Lanes, prices: Prices
     ) -> tuple[FloatArray, FloatArray]:
         """Return the other vehicles' speeds a second later, (P, N), and a price, shape (P,).
 
@@ -183,7 +183,7 @@ class Forecaster:
         )
         return result
 
-    def _tail(self, ego: Ego, around: Surroundings, prices: Prices) -> FloatArray:
+    def _tail(self, ego: Ego, around: OthersAround, prices: Prices) -> FloatArray:
         """Return the value of the scene at the end of a forecast, m, shape (P,).
 
         It is the distance that the ego can drive behind the vehicle ahead in ``prices.tail_s``.

@@ -102,7 +102,10 @@ class StrictLimits:
     def clear_behind(
         self, speed: FloatArray, rear: Near, margin_m: Any = 0.0, rate: float = 0.0
     ) -> BoolArray:
-        """Return whether the vehicle behind can stop behind the ego, whatever the ego does."""
+        """Return whether the vehicle behind can stop behind the ego.
+
+        This holds even if the ego brakes hard from the next decision on.
+        """
         strict, step_s = self._strict, self._simulation.step_length_s
         least_m = reach(speed, min(rate, self._slowest), self._ego, self._simulation)
         delay_s = strict.follower_response_s + self._simulation.decision_interval_s / 2
