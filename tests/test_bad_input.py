@@ -115,7 +115,7 @@ def runs(env: HighwayEnv, tmp_path_factory: pytest.TempPathFactory) -> list[Path
     for seed in (1, 2):
         env.config = SMALL.updated("learning", seed=seed)
         run, training = Run(tmp_path_factory.mktemp("runs") / "run"), make_training(env)
-        run.create(env.config)
+        run.create(training)
         run.append(run.episodes_file, training.run_episode())
         run.save(training)
         folders.append(run.folder)

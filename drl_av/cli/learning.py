@@ -94,7 +94,7 @@ def train(options: argparse.Namespace) -> int:
     with closing(HighwayEnv(config=config)) as env:
         training = make_training(env)
         if not options.resume:
-            run.create(config)
+            run.create(training)
         return _carry_on("train", run, training, options.tensorboard, "idm")
 
 
@@ -124,7 +124,8 @@ def adapt(options: argparse.Namespace) -> int:
         training = make_training(env)
         if not options.resume:
             experienced = warm_start(training, find_policy(spec.run))
-            run.create(config, training)
+            run.create(training)
+            run.save(training)
             if not experienced and config.learning.learning_rate > 0:
                 print(
                     f"drl-av: {word} comes without the experience of its training: it learns "

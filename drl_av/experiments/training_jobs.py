@@ -122,7 +122,9 @@ def train_job(job: TrainingJob) -> None:
         if not job.begun:
             if job.origin:
                 warm_start(training, job.origin.policy)
-            run.create(job.config, training if job.origin else None)
+            run.create(training)
+            if job.origin:
+                run.save(training)
         stack.enter_context(run.alone())
         run.restore(training)
         if training.episodes_done >= job.stop:

@@ -39,8 +39,8 @@ class Run:
         self.checkpoint_file = folder / "checkpoint.safetensors"
         self.policy_file = folder / "policy.safetensors"
 
-    def create(self, config: Config, training: Training | None = None) -> None:
-        """Create the folder atomically, with a checkpoint and policy of ``training`` unless None.
+    def create(self, training: Training) -> None:
+        """Create the folder atomically, with a checkpoint of ``training``, which has not begun.
 
         Raises:
             RunError: the folder exists and is not empty, or cannot be created.
@@ -61,11 +61,10 @@ class Run:
         with replacing(self.folder, RunError) as folder:
             folder.mkdir()
             new = Run(folder)
-            new.config_file.write_text(annotated_toml(config), encoding="utf-8")
+            new.config_file.write_text(annotated_toml(training.config), encoding="utf-8")
             new.episodes_file.write_bytes(table_bytes(EpisodeRow))
             new.evaluations_file.write_bytes(table_bytes(EvaluationRow))
-            if training is not None:
-                new.save(training)
+            new._save_checkpoint(training)
 
     def read_config(self) -> Config:
         """Read the settings of the run; raises RunError if the folder has no config.toml."""
@@ -94,43 +93,43 @@ class Run:
             os.close(descriptor)
 
     def restore(self, training: Training) -> None:
-        """Restore a new training from the checkpoint; without a checkpoint it stays new.
+        """Restore a new training from the checkpoint.
 
         Rows of the tables that were written after the checkpoint are removed; the training writes
         them again.
 
         Raises:
-            CheckpointError: the checkpoint is damaged or of another config, or rows are missing.
+            CheckpointError: the checkpoint is missing, damaged or of another config, or rows are
+                missing.
             RunError: a table cannot be written.
         """
-        sizes = {
-            self.episodes_file.name: len(table_bytes(EpisodeRow)),
-            self.evaluations_file.name: len(table_bytes(EvaluationRow)),
-        }
-        episodes = 0
-        if self.checkpoint_file.exists():
-            tensors, numbers = load(self.checkpoint_file)
-            settings = str(numbers.get("config"))
-            if numbers.get("kind") != "training" or not _fits(settings, training.config):
-                raise CheckpointError(
-                    f"{self.checkpoint_file} belongs to other settings than {self.config_file}: "
-                    "put back the config.toml of that training, or begin a new run."
-                )
-            try:
-                training.restore(tensors, numbers)
-                sizes = {name: int(numbers["sizes"][name]) for name in sizes}
-                if not 0 <= training.episodes_done <= training.config.learning.episodes:
-                    raise ValueError("it counts more episodes than the training has")
-                if min(sizes.values()) < 0:
-                    raise ValueError("a table has a negative size")
-                episodes = training.episodes_done
-            except (LookupError, TypeError, ArithmeticError, ValueError, AttributeError) as error:
-                raise CheckpointError(
-                    f"{self.checkpoint_file} holds no training of this version ({error!r}): "
-                    "take an older copy, or begin a new run."
-                ) from error
+        if not self.checkpoint_file.exists():
+            raise CheckpointError(
+                f"{self.folder} has no {self.checkpoint_file.name}, from which the training would "
+                "continue: put the file back, or begin a new run."
+            )
+        tensors, numbers = load(self.checkpoint_file)
+        settings = str(numbers.get("config"))
+        if numbers.get("kind") != "training" or not _fits(settings, training.config):
+            raise CheckpointError(
+                f"{self.checkpoint_file} belongs to other settings than {self.config_file}: "
+                "put back the config.toml of that training, or begin a new run."
+            )
+        tables = self.episodes_file.name, self.evaluations_file.name
+        try:
+            training.restore(tensors, numbers)
+            sizes = {name: int(numbers["sizes"][name]) for name in tables}
+            if not 0 <= training.episodes_done <= training.config.learning.episodes:
+                raise ValueError("it counts more episodes than the training has")
+            if min(sizes.values()) < 0:
+                raise ValueError("a table has a negative size")
+        except (LookupError, TypeError, ArithmeticError, ValueError, AttributeError) as error:
+            raise CheckpointError(
+                f"{self.checkpoint_file} holds no training of this version ({error!r}): "
+                "take an older copy, or begin a new run."
+            ) from error
         for name, size in sizes.items():
-            self._require_rows(self.folder / name, size, episodes)
+            self._require_rows(self.folder / name, size, training.episodes_done)
         for name, size in sizes.items():
             file = self.folder / name
             if file.stat().st_size > size:
@@ -163,6 +162,10 @@ class Run:
             RunError: a table cannot be written.
             CheckpointError: the policy or the checkpoint cannot be written.
         """
+        checkpoint.save_policy(self.policy_file, training.networks, training.config)
+        self._save_checkpoint(training)
+
+    def _save_checkpoint(self, training: Training) -> None:
         sizes = {}
         for file in (self.episodes_file, self.evaluations_file):
             with _refusals_of(file), file.open("ab") as stream:
@@ -170,7 +173,6 @@ class Run:
                 sizes[file.name] = stream.tell()
         tensors, numbers = training.state()
         numbers |= {"kind": "training", "config": training.config.to_toml(), "sizes": sizes}
-        checkpoint.save_policy(self.policy_file, training.networks, training.config)
         checkpoint.save(self.checkpoint_file, tensors, numbers)
 
     def append(self, file: Path, row: EpisodeRow | EvaluationRow) -> None:

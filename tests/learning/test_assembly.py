@@ -140,7 +140,8 @@ def test_what_is_saved_drives_as_the_training_did_and_continues_as_it_was(
 ) -> None:
     training, run = make_training(env), Run(tmp_path / "run")
     training.run_episode()
-    run.create(TOGETHER, training)
+    run.create(training)
+    run.save(training)
     driver, config = load_learned(run.folder)
     assert config == TOGETHER
     states: Any = np.random.default_rng(1).standard_normal((200, 27)).astype(np.float32)
@@ -171,7 +172,9 @@ def test_what_is_saved_drives_as_the_training_did_and_continues_as_it_was(
 @pytest.mark.parametrize("name", ["policy.safetensors", "driver.safetensors"])
 def test_it_continues_with_as_many_as_it_has(name: str, env: HighwayEnv, tmp_path: Path) -> None:
     run = Run(tmp_path / "run")
-    run.create(TOGETHER, make_training(env))
+    training = make_training(env)
+    run.create(training)
+    run.save(training)
     (run.folder / "driver.safetensors").write_bytes(run.policy_file.read_bytes())
     env.config = TOGETHER.updated("learning", networks=1)
     message = "was trained with learning.networks = 3: continue with as many, not 1"

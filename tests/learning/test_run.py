@@ -4,6 +4,7 @@ import errno
 import os
 import shutil
 import signal
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -13,8 +14,10 @@ from runs import INTERRUPT, KILL, disk_tape, error_message, files_of, interrupte
 from drl_av.cli import main
 from drl_av.config import load_config
 from drl_av.drivers.policy_file import load, load_policy
+from drl_av.env.highway import HighwayEnv
 from drl_av.errors import RunError
 from drl_av.learning import run as module
+from drl_av.learning.assembly import make_training
 from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
 from drl_av.traffic.scenario import write_scenario
@@ -230,14 +233,30 @@ def test_a_config_that_a_power_cut_left_is_refused_before_anything_is_interrupte
         assert files_of(copy) == before
 
 
+def test_without_its_checkpoint_a_run_is_not_continued_and_stays_as_it_is(
+    copy: Path, tmp_path: Path, settings: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    adapted = tmp_path / "adapted"
+    assert main(["adapt", str(copy), "--out", str(adapted), "--episodes", "1"]) == 0
+    for verb, folder in (("train", copy), ("adapt", adapted)):
+        (folder / "checkpoint.safetensors").unlink()
+        before = files_of(folder)
+        capsys.readouterr()
+        assert main([verb, "--out", str(folder), "--resume"]) == 1
+        assert f"{folder} has no checkpoint.safetensors, from which" in error_message(capsys)
+        assert files_of(folder) == before
+
+
 def test_a_new_run_is_on_the_disk_before_it_has_its_name(
     settings: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tape = disk_tape(monkeypatch)
-    Run(tmp_path / "run").create(load_config(settings))
+    with closing(HighwayEnv(config=load_config(settings))) as env:
+        training = make_training(env)
+        tape = disk_tape(monkeypatch)
+        Run(tmp_path / "run").create(training)
     *contents, folder, name, home = tape
-    files = ("config.toml", "episodes.csv", "evaluations.csv")
-    assert sorted(contents) == [f"fsync {file}" for file in files]
+    for file in ("config.toml", "episodes.csv", "evaluations.csv", "checkpoint.safetensors"):
+        assert f"fsync {file}" in contents
     assert folder.endswith(".unfinished")
     made = folder.removeprefix("fsync ")
     assert (name, home) == (f"rename {made} to run", f"fsync {tmp_path.name}")

@@ -374,8 +374,9 @@ def small(seed: int) -> Config:
 def trained(folder: Path, env: HighwayEnv, seed: int) -> dict[str, bytes]:
     env.config = small(seed)
     run = Run(folder)
-    run.create(env.config)
-    list(train(run, make_training(env)))
+    training = make_training(env)
+    run.create(training)
+    list(train(run, training))
     return files_of(folder)
 
 
