@@ -87,7 +87,7 @@ def evaluate(options: argparse.Namespace) -> int:
     """Drive all episodes, write one row for each, and print the summary; return the exit status.
 
     The status is 1 if a driver fails and ``--require-pass`` is given, 130 after Ctrl-C, else 0. If
-    the file ``--out`` exists, it is replaced only after the last episode.
+    the file ``--out`` or ``--json`` exists, it is replaced only after the last episode.
     """
     from drl_av.cli.console import progress_bar
     from drl_av.cli.tables import print_gains, print_overall, print_styles, print_summaries
@@ -137,7 +137,9 @@ def evaluate(options: argparse.Namespace) -> int:
     rules = baselines(row.driver for row in rows)
     summaries, found_styles = summarize(rows), styles(rows)
     overalls, judgements = (overall(rows, rules), judge(rows)) if status == 0 else ([], [])
-    if rows and options.json:
+    if rows and options.json and status and options.json.exists():
+        print(f"drl-av: {options.json} is unchanged.", file=sys.stderr)
+    elif rows and options.json:
         parts: dict[str, Iterable[Any]] = {
             "by_vehicles": summaries,
             "overall": overalls,

@@ -28,8 +28,16 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
             return run()
     except BrokenPipeError:
         return 1
-    except (DrlAvError, OSError) as error:
+    except DrlAvError as error:
         print(f"{program}:", *str(error).split(), file=sys.stderr)
+        return 1
+    except OSError as error:
+        where, why = error.filename or "the output", error.strerror or error
+        print(
+            f"{program}: {where} cannot be read or written ({why}): correct the path, or free some "
+            "space.",
+            file=sys.stderr,
+        )
         return 1
     except KeyboardInterrupt:
         print(f"{program}: interrupted.", file=sys.stderr)

@@ -186,7 +186,10 @@ def load_config(path: str | Path | None, base: Config | None = None) -> Config:
         with Path(path).open(encoding="utf-8-sig") as file:
             text = file.read(MOST_CHARACTERS + 1)
     except (OSError, UnicodeDecodeError, TypeError) as error:
-        raise ConfigError(f"The config file {path} cannot be read: {error}.") from error
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(
+            f"The config file {path} cannot be read ({reason}): name a TOML file that exists."
+        ) from error
     if len(text) > MOST_CHARACTERS:
         raise ConfigError(
             f"The config file {path} has more than {MOST_CHARACTERS} characters: name a TOML file "

@@ -25,6 +25,8 @@ from drl_av.driving.actions import ACTIONS, Action, action_of
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.scene import Scene
 from drl_av.errors import CheckpointError, ConfigError
+from drl_av.safety import action_mask
+from drl_av.safety.check import SafetyCheck
 
 INDICATORS_INPUT, LANE_CHANGE_INPUT = (port.name for port in INPUTS)
 """Names of the two inputs of an ONNX file that ``drl-av export`` wrote."""
@@ -95,14 +97,32 @@ def _working_directory_first() -> Iterator[None]:
         sys.path.remove(folder)
 
 
-def driver_of_agent(path: Path) -> Driver:
+class MaskedAgent(Driver):
+    """An agent of MaskablePPO: it chooses among the actions that ``check`` permits."""
+
+    def __init__(self, agent: Any, check: SafetyCheck) -> None:
+        self._agent, self._check = agent, check
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """Return the agent's most probable action under the mask of the scene."""
+        mask = action_mask(self._check, scene)
+        chosen, _ = self._agent.predict(observation, action_masks=mask, deterministic=True)
+        return action_of(chosen)
+
+
+def driver_of_agent(path: Path, observed: int, check: Callable[[], SafetyCheck]) -> Driver:
     """Load an agent that stable-baselines3 or sb3-contrib saved; the driver acts deterministically.
 
     The libraries unpickle the zip file, which can run any code: load only files that you trust.
 
+    Args:
+        path: The zip file.
+        observed: Number of indicators in an observation.
+        check: Returns the safety check of the environment, of which MaskablePPO gets the mask.
+
     Raises:
         CheckpointError: the file holds no such agent, its library is not installed, or the agent
-            was not trained with 27 observations and 12 actions.
+            was not trained with ``observed`` indicators and 12 actions.
     """
     library, name = _agent_class(path)
     try:
@@ -117,12 +137,14 @@ def driver_of_agent(path: Path) -> Driver:
             f"{path} cannot be loaded as a {name} ({error}): save it again."
         ) from error
     spaces = agent.observation_space.shape, getattr(agent.action_space, "n", None)
-    if spaces != ((len(INDICATORS),), len(ACTIONS)):
+    if spaces != ((observed,), len(ACTIONS)):
         raise CheckpointError(
-            f"{path} was trained with observations of shape {spaces[0]} and {spaces[1]} actions: "
-            f"give an agent trained on drl_av/Highway-v0, with ({len(INDICATORS)},) and "
-            f"{len(ACTIONS)}, or in Python PolicyDriver(policy, observe)."
+            f"{path} was trained with observations of shape {spaces[0]} and {spaces[1]} actions, "
+            f"but drives with ({observed},) and {len(ACTIONS)} here: set observation.way as in its "
+            "training, or use PolicyDriver(policy, observe) in Python."
         )
+    if name == "MaskablePPO":
+        return MaskedAgent(agent, check())
     return PolicyDriver(lambda observation: agent.predict(observation, deterministic=True)[0])
 
 
@@ -150,16 +172,16 @@ def _agent_class(path: Path) -> tuple[str, str]:
 class OnnxDriver(Driver):
     """A driver that runs the network of an ONNX file from ``drl-av export`` or from a user.
 
-    A user's network has one input: scaled observations, float32 of shape (rows, 27). Its output
-    holds either action numbers, shape (rows,), or action values, shape (rows, 12). With action
-    values, the driver chooses the action that has the greatest value.
+    A user's network has one input: scaled observations, float32 of shape (rows, ``observed``). Its
+    output holds either action numbers, shape (rows,), or action values, shape (rows, 12). With
+    action values, the driver chooses the action that has the greatest value.
 
     Raises:
         CheckpointError: the file holds no such network, or onnxruntime is not installed.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._run, self._path = _session(path), path
+    def __init__(self, path: Path, observed: int = len(INDICATORS)) -> None:
+        self._run, self._path = _session(path, observed), path
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the action that the network chooses by its number or by the greatest value.
@@ -186,7 +208,7 @@ class OnnxDriver(Driver):
 Run = Callable[[dict[str, npt.NDArray[Any]]], npt.NDArray[Any]]
 
 
-def _session(path: Path) -> Run:
+def _session(path: Path, observed: int) -> Run:
     """Return a function that runs the network on arrays by name.
 
     The array with the name '' is for a network of a user, which has only one input.
@@ -211,10 +233,15 @@ def _session(path: Path) -> Run:
         ) from error
     names = [item.name for item in session.get_inputs()]
     own = set(names) == {INDICATORS_INPUT, LANE_CHANGE_INPUT}
-    if not own and (len(names) != 1 or session.get_inputs()[0].shape[-1] != len(INDICATORS)):
+    if own and observed != len(INDICATORS):
+        raise CheckpointError(
+            f"{path} observes {len(INDICATORS)} indicators, but observation.way adds others here: "
+            "drive it with observation.way = false."
+        )
+    if not own and (len(names) != 1 or session.get_inputs()[0].shape[-1] != observed):
         raise CheckpointError(
             f"{path} takes the inputs {', '.join(names)}: give a network of one input with "
-            f"observations of shape (rows, {len(INDICATORS)}), or one that drl-av export wrote."
+            f"observations of shape (rows, {observed}), or one that drl-av export wrote."
         )
     output = session.get_outputs()[0].name
 
@@ -226,5 +253,11 @@ def _session(path: Path) -> Run:
     return run
 
 
-LOADERS: dict[str, Callable[[Path], Driver]] = {".zip": driver_of_agent, ".onnx": OnnxDriver}
-"""The function that loads a driver from a file; the key is the file's suffix."""
+LOADERS: dict[str, Callable[[Path, int, Callable[[], SafetyCheck]], Driver]] = {
+    ".zip": driver_of_agent,
+    ".onnx": lambda path, observed, check: OnnxDriver(path, observed),
+}
+"""The function that loads a driver from a file; the key is the file's suffix.
+
+Its arguments are those of ``driver_of_agent``.
+"""

@@ -6,6 +6,7 @@ then lists it.
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +23,7 @@ from drl_av.drivers.passing import NoPassingOnTheRight
 from drl_av.drivers.planner.driver import PlannerDriver
 from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.drivers.sumo import TUNED, SumoDriver
-from drl_av.driving.affordances import INDICATORS
+from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import ConfigError, RunError
 from drl_av.safety import named_check
 from drl_av.safety.check import SafetyCheck
@@ -70,7 +71,7 @@ class DriverSpec(NamedTuple):
     @property
     def is_external(self) -> bool:
         """Whether the driver's file is a zip or ONNX file, which holds no config of drl-av."""
-        return self.run is not None and self.run.suffix in LOADERS
+        return self.run is not None and self.run.suffix.lower() in LOADERS
 
 
 def driver_names() -> tuple[str, ...]:
@@ -126,9 +127,15 @@ def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
 
 def _existing(path: Path) -> Path:
     """Return the path of a driver; raise ConfigError if it cannot be one."""
-    if path.suffix in LOADERS and not path.is_file():
+    suffix = path.suffix.lower()
+    if path.is_file() and suffix not in (*DRIVER_FILES, *policy_file.OTHER_FILES):
+        raise ConfigError(
+            f"{path} is no driver: name a run's folder, or a file that ends in "
+            f"{', '.join(DRIVER_FILES[:-1])} or {DRIVER_FILES[-1]}."
+        )
+    if suffix in LOADERS and not path.is_file():
         raise ConfigError(f"The driver {path} is no regular file: name a file, or rename it.")
-    if path.suffix in LOADERS and path.stat().st_size > MAX_BYTES:
+    if suffix in LOADERS and path.stat().st_size > MAX_BYTES:
         raise ConfigError(
             f"The driver {path} is larger than {MAX_BYTES // 10**6} MB: name the file of a network."
         )
@@ -191,10 +198,9 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
 
     Raises:
         RunError: a run has no policy file; or a learned driver was trained with other settings of
-            [observation] or another ``ego.max_speed_m_s``; or ``observation.way`` is on, and a
-            driver is a zip or ONNX file.
+            [observation] or another ``ego.max_speed_m_s``.
         ScenarioError: a learned driver needs the check of a scenario that cannot be read.
-        CheckpointError: a file is damaged or holds no driver.
+        CheckpointError: a file is damaged or holds no driver, or a driver with another observation.
         ConfigError: a factory does not work, or no rule-based driver has the name.
     """
     drivers: dict[str, Driver] = {}
@@ -209,22 +215,19 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
             drivers[name] = rule_driver(name, config) if made is None else made
             continue
         if spec.is_external:
-            if config.observation.way:
-                raise RunError(
-                    f"{run} observes {len(INDICATORS)} indicators, but observation.way adds others "
-                    "here: drive it with observation.way = false."
-                )
-            drivers[name] = LOADERS[run.suffix](run)
+            observed = len(observed_indicators(config.observation))
+            drivers[name] = LOADERS[run.suffix.lower()](run, observed, partial(_check, config))
             continue
         driver, own = learned[name]
         if own.learning.permitted_only:
             driver = driver.limited_to(considerate(_check(config), config.mobil))
         drivers[name] = driver if margins == trained[0] else driver.with_margins(margins)
-        if _observed_by(own) != _observed_by(config):
+        same_scale = own.ego.max_speed_m_s == config.ego.max_speed_m_s
+        if own.observation != config.observation or not same_scale:
             raise RunError(
-                f"{run} was trained with other [observation] settings or another "
-                "ego.max_speed_m_s than it would drive with here: let it drive by itself, "
-                "without a --config that changes them."
+                f"{name} was trained with other [observation] settings or another "
+                "ego.max_speed_m_s than it would drive with here: evaluate it alone, without "
+                "settings that change them."
             )
     return drivers
 
@@ -233,11 +236,6 @@ def _check(config: Config) -> SafetyCheck:
     """Return the safety check of an environment with this config, for its scenario's vehicles."""
     scenario = load_scenario(find_scenario(config.simulation.scenario))
     return named_check(config, scenario.vehicle_types, scenario.road)
-
-
-def _observed_by(config: Config) -> tuple[object, ...]:
-    """Return the settings that determine the numbers in an observation."""
-    return config.observation, config.ego.max_speed_m_s
 
 
 def rule_driver(name: str, config: Config) -> Driver:

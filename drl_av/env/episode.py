@@ -26,6 +26,25 @@ def traffic_seed(seed: int | None, options: Mapping[str, Any], rng: np.random.Ge
     return int(rng.integers(*TRAINING_SEED_RANGE))
 
 
+def reset_options(options: Any) -> Mapping[str, Any]:
+    """Return the options of a reset as a dictionary.
+
+    Raises:
+        ConfigError: they are no dictionary, or have an option other than ``vehicles``.
+    """
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        raise ConfigError(
+            f"reset has the options {options!r}, but they must be a dictionary such as "
+            "{'vehicles': 30}."
+        )
+    for name in options:
+        if name != "vehicles":
+            raise ConfigError(f"reset has no option {name!r}; its option is: vehicles.")
+    return options
+
+
 def number_of_vehicles(
     options: Mapping[str, Any],
     seed: int,
@@ -45,11 +64,8 @@ def number_of_vehicles(
         usual: The number of vehicles that the inflow of an open road sustains; None on a loop.
 
     Raises:
-        ConfigError: an option is unknown, or the number of vehicles is not allowed.
+        ConfigError: the number of vehicles is not allowed.
     """
-    unknown = set(options) - {"vehicles"}
-    if unknown:
-        raise ConfigError(f"reset has no option {unknown.pop()!r}; its option is: vehicles.")
     if placed is not None:
         if options.get("vehicles", placed) != placed:
             raise ConfigError(

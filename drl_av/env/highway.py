@@ -20,14 +20,9 @@ from drl_av.driving.maneuver import plan
 from drl_av.driving.observed import observed
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.docstring import DOCSTRING
-from drl_av.env.episode import number_of_vehicles, traffic_seed
+from drl_av.env.episode import number_of_vehicles, reset_options, traffic_seed
 from drl_av.env.kinds import drawn_traffic, traffic_of_each_kind
-from drl_av.env.observation import (
-    ObservationFunction,
-    default_groups,
-    observation_function,
-    require_inside,
-)
+from drl_av.env.observation import ObservationFunction, default_groups, observation_function
 from drl_av.env.reward import RewardFunction, Rewards, Transition, desired, own_reward, rewards
 from drl_av.env.way import Way
 from drl_av.errors import ConfigError, counted
@@ -150,13 +145,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             ScenarioError: the vehicles do not fit on the road.
         """
         super().reset(seed=seed)
-        options = options or {}
-        self.seed = traffic_seed(seed, options, self.np_random)
+        given = reset_options(options)
+        self.seed = traffic_seed(seed, given, self.np_random)
         self.simulation, self.traffic_drivers = drawn_traffic(
             self._kinds, self.seed, self.simulation
         )
         fleet, traffic = self.simulation.fleet, self.config.traffic
-        vehicles = number_of_vehicles(options, self.seed, traffic, fleet.placed, fleet.usual)
+        vehicles = number_of_vehicles(given, self.seed, traffic, fleet.placed, fleet.usual)
         self.decisions = 0
         self.ego_model = None
         self._over = True
@@ -165,7 +160,6 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         observation = self._observe(snapshot, None)
         self._way = Way(self.road, self.scene)
         info = self._info(over=False)
-        require_inside(observation, self.observation_space)
         info["unsafe_start"] = starts_unsafe(self.safety_check, self.scene)
         self._renderer.reset(snapshot, info)
         self._over = False
@@ -238,7 +232,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         return self._renderer.render()
 
     def action_masks(self) -> ActionMask:
-        """Return the action mask of the present scene, shape (12,), int8, for sb3-contrib."""
+        """Return the action mask of the present scene, shape (12,), int8, for sb3-contrib.
+
+        Raises:
+            gymnasium.error.ResetNeeded: no episode has begun.
+        """
+        if "scene" not in vars(self):
+            raise gymnasium.error.ResetNeeded("There is no scene yet: call reset.")
         return action_mask(self.safety_check, self.scene)
 
     def close(self) -> None:
@@ -252,7 +252,10 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             raise gymnasium.error.ResetNeeded("There is no episode to drive on in: call reset.")
         quick = type(action) is int and 0 <= action < len(ACTIONS)  # contains takes 2 % of a step
         if not quick and not self.action_space.contains(action):
-            raise ConfigError(f"The action is {action}, but must be from 0 to {len(ACTIONS) - 1}.")
+            given = " ".join(repr(action).split())
+            raise ConfigError(
+                f"The action is {given}, but must be one whole number from 0 to {len(ACTIONS) - 1}."
+            )
         return ACTIONS[action]
 
     def observation_of(self, scene: Scene) -> Observation:

@@ -101,6 +101,24 @@ class GroupObservation:
             ) from error
 
 
+class OwnObservation:
+    """The user's observation function; each of its observations must lie in its space."""
+
+    def __init__(self, observe: ObservationFunction) -> None:
+        self._observe, self.space = observe, observe.space
+
+    def __call__(self, scene: Scene) -> Any:
+        """Return the user's observation; raise ConfigError if it does not lie in its space."""
+        observation = self._observe(scene)
+        if not self.space.contains(observation):
+            shape, kind = np.shape(observation), getattr(observation, "dtype", type(observation))
+            raise ConfigError(
+                f"The observation has the shape {shape} and the type {kind}, or a value out of "
+                f"bounds, and does not lie in its space {self.space}: change one of the two."
+            )
+        return observation
+
+
 def observation_function(
     given: str | Iterable[str] | ObservationFunction, scale: ObservationScale
 ) -> ObservationFunction:
@@ -117,21 +135,11 @@ def observation_function(
     is_class = isinstance(given, type)
     if not is_class and isinstance(getattr(given, "space", None), gymnasium.Space):
         require_function(given, "observation", "scene")
-        return given
+        return OwnObservation(given)
     raise ConfigError(
         f"observation is {given!r}, but must be names of groups ({', '.join(GROUPS)}), or an "
         "object with a gymnasium space as its attribute space that is called with a scene."
     )
-
-
-def require_inside(observation: Any, space: gymnasium.spaces.Space[Any]) -> None:
-    """Raise ConfigError if an observation that the user defines does not lie in its space."""
-    if not space.contains(observation):
-        shape, kind = np.shape(observation), getattr(observation, "dtype", type(observation))
-        raise ConfigError(
-            f"The observation has the shape {shape} and the type {kind}, or a value out of "
-            f"bounds, and does not lie in its space {space}: change one of the two."
-        )
 
 
 def _require_groups(groups: Sequence[str]) -> None:

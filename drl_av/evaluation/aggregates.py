@@ -6,6 +6,7 @@ the scores of one driver: one array for each number of vehicles, with one score 
 Agarwal et al. call these a task and a run. The arrays may have different lengths.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -22,14 +23,18 @@ SEED = 0
 
 
 class Estimate(NamedTuple):
-    """A statistic, and the two ends of its 95 % bootstrap interval (percentile method)."""
+    """A statistic, and the two ends of its 95 % bootstrap interval (percentile method).
+
+    The ends are -inf and inf if there is only one score at each number of vehicles.
+    """
 
     value: float
     low: float
     high: float
 
     def __str__(self) -> str:
-        return f"{self.value:.2f} [{self.low:.2f}, {self.high:.2f}]"
+        interval = f" [{self.low:.2f}, {self.high:.2f}]" if math.isfinite(self.low) else ""
+        return f"{self.value:.2f}{interval}"
 
 
 def interquartile_mean(strata: Strata) -> Estimate:
@@ -46,7 +51,7 @@ def interquartile_mean(strata: Strata) -> Estimate:
     random = np.random.default_rng(SEED)
     drawn = [random.choice(scores, (RESAMPLES, len(scores))) for scores in strata]
     resampled = _middle_mean(np.concatenate(drawn, axis=1))
-    return _estimate(float(_middle_mean(np.concatenate(strata))), resampled)
+    return _estimate(float(_middle_mean(np.concatenate(strata))), resampled, strata)
 
 
 def probability_of_improvement(ours: Strata, theirs: Strata) -> Estimate:
@@ -77,7 +82,7 @@ def probability_of_improvement(ours: Strata, theirs: Strata) -> Estimate:
             for scores in (x, y)
         )
         resampled.append(((count_x @ wins) * count_y).sum(axis=1) / wins.size)
-    return _estimate(float(np.mean(values)), np.mean(resampled, axis=0))
+    return _estimate(float(np.mean(values)), np.mean(resampled, axis=0), (*ours, *theirs))
 
 
 def performance_profile(strata: Strata, thresholds: Sequence[float]) -> FloatArray:
@@ -103,7 +108,9 @@ def _middle_mean(scores: FloatArray) -> FloatArray:
     return means
 
 
-def _estimate(value: float, resampled: FloatArray) -> Estimate:
+def _estimate(value: float, resampled: FloatArray, strata: Strata) -> Estimate:
+    if all(len(scores) == 1 for scores in strata):
+        return Estimate(value, -math.inf, math.inf)
     low, high = np.percentile(resampled, (2.5, 97.5)).tolist()
     return Estimate(value, low, high)
 

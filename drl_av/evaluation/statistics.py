@@ -225,5 +225,5 @@ def _plain(value: object) -> object:
         known = math.isfinite(value.half_width)
         return {"mean": value.value, "ci95_half_width": value.half_width if known else None}
     if isinstance(value, Estimate):
-        return {"value": value.value, "ci95": [value.low, value.high]}
-    return None if value == math.inf else value
+        return {"value": value.value, "ci95": [_plain(value.low), _plain(value.high)]}
+    return None if value in (math.inf, -math.inf) else value

@@ -45,11 +45,12 @@ def judged(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
     """Call a check, which the user may have written, and return its verdict.
 
     Raises:
-        ConfigError: the check did not return a Verdict that contains an Action, or replaced the
-            action and named no rule.
+        ConfigError: the check did not return a Verdict with an Action and a Rule, or replaced
+            the action and named no rule.
     """
     verdict = check(scene, proposed)
-    if not isinstance(verdict, Verdict) or not isinstance(verdict.action, Action):
+    is_verdict = isinstance(verdict, Verdict) and isinstance(verdict.rule, Rule)
+    if not is_verdict or not isinstance(verdict.action, Action):
         raise ConfigError(
             f"The safety check returned {verdict!r}, but must return a Verdict: "
             "Verdict(proposed, Rule.NONE) permits the action."

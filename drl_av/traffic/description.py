@@ -202,6 +202,15 @@ def check_sizes(description: Any) -> None:
     check_own_types(description)
 
 
+def require_ego(placed: Collection[PlacedVehicle]) -> None:
+    """Raise ScenarioError if a scenario places vehicles, and the ego is not among them."""
+    if placed and "ego" not in (vehicle.id for vehicle in placed):
+        raise ScenarioError(
+            f"The scenario places {counted(len(placed), 'vehicle')} but not the ego: "
+            'place one with the id "ego" too.'
+        )
+
+
 def check_placed(
     description: Any, number: int, lanes: Collection[int], lap_m: float = math.inf
 ) -> None:

@@ -64,16 +64,31 @@ class OpenPlan(NamedTuple):
     start: OpenStart
 
 
+LOOP_ROUTE_M = 100_000.0
+"""Smallest length of a route on a loop."""
+
+
 class Layout(NamedTuple):
     """The road of a scenario, as the simulation needs it and as SUMO describes it."""
 
     road: Road
     routes: dict[str, tuple[str, ...]]
-    """The SUMO edge ids of each route, in driving order; the key is the name of the route."""
+    """The SUMO edge ids of each route, in driving order; the key is the name of the route. The
+    route of a loop is one lap."""
     lane_positions: dict[str, tuple[int, float]]
     """By SUMO lane id: the index of the lane on the road, and the position of its start, metres."""
     start: OpenStart | None = None
     """None on a loop, on which the vehicles may start at any position."""
+
+    def route(self, name: str, distance_m: float) -> list[str]:
+        """Return the edge ids of a route, on a loop with the laps for at least ``distance_m``.
+
+        SUMO removes a vehicle at the end of its route.
+        """
+        laps = 1
+        if self.road.is_loop:
+            laps = 2 + round(max(distance_m, LOOP_ROUTE_M) / self.road.lap_m)
+        return list(self.routes[name]) * laps
 
 
 def route_on(routes: Mapping[str, tuple[str, ...]], edge: str, is_way: bool) -> str:

@@ -148,8 +148,7 @@ def read_layout(network: ET.Element, description: ScenarioDescription, name: str
             f"The road in {name} {reason}: write the scenario again with: drl-av scenario DIR."
         ) from error
     road = Road(s_m, description.lane_width_m, description.open_lanes)
-    laps = 2 + round(1e5 / s_m)
-    return Layout(road, {"loop": edges * laps}, positions)
+    return Layout(road, {"loop": edges}, positions)
 
 
 class _LoopMismatch(Exception):

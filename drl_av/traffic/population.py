@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from drl_av.config import Config, EgoConfig, TrafficConfig
 from drl_av.errors import ConfigError, ScenarioError, counted
-from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
+from drl_av.traffic.description import PlacedVehicle, ScenarioDescription, require_ego
 from drl_av.traffic.places import Places, random_lanes, ring_places, safe_speeds
 from drl_av.traffic.road import FloatArray, Road
 from drl_av.traffic.streams import Stream, generator
@@ -220,14 +220,12 @@ def _make_some_unusual(
 def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig) -> Population:
     """Return the vehicles that a scenario places exactly, with the mean parameters of ``traffic``.
 
+    The ego has the first row.
+
     Raises:
         ScenarioError: the ego is not among them.
     """
-    if EGO_ID not in [vehicle.id for vehicle in placed]:
-        raise ScenarioError(
-            f"The scenario places {counted(len(placed), 'vehicle')} but not the ego: "
-            'place one with the id "ego" too.'
-        )
+    require_ego(placed)
     rows = sorted(placed, key=lambda vehicle: vehicle.id != EGO_ID)
     n = len(rows)
     return Population(

@@ -8,7 +8,7 @@ from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
 from drl_av.files import replacing
 from drl_av.traffic import scenario_files
-from drl_av.traffic.description import PlacedVehicle, ScenarioDescription
+from drl_av.traffic.description import PlacedVehicle, ScenarioDescription, require_ego
 from drl_av.traffic.description_file import from_toml
 from drl_av.traffic.kind import Layout
 from drl_av.traffic.kinds import KINDS, kind_of
@@ -73,12 +73,13 @@ def write_scenario(folder: str | Path, description: Any) -> None:
 
     Raises:
         ScenarioError: the folder exists and is not empty, it cannot be written, SUMO cannot read
-            its name, or netconvert refuses the description.
+            its name, the description places vehicles without the ego, or netconvert refuses it.
         SimulationError: netconvert cannot be run.
     """
     folder = Path(folder).absolute()
     _require_readable(folder)
     _require_free(folder)
+    require_ego(description.vehicles)
     texts = scenario_files.scenario_texts(description)
     with replacing(folder, ScenarioError) as unfinished:
         unfinished.mkdir(parents=True)
@@ -94,7 +95,9 @@ def _require_readable(folder: Path) -> None:
 
 def _require_free(folder: Path) -> None:
     """Raise ScenarioError if the folder exists and is not empty."""
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    if folder.exists() and not folder.is_dir():
+        raise ScenarioError(f"{folder} is a file: name a folder that does not exist yet.")
+    if folder.exists() and any(folder.iterdir()):
         raise ScenarioError(f"{folder} exists and is not empty: remove it, or name another folder.")
 
 

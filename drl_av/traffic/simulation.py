@@ -202,8 +202,10 @@ class Simulation:
         files = (self.scenario.network_file, *self.scenario.additional_files)
         view = self.scenario.view_file if self._gui else None
         start(self._sumo, files, seed, self._config, view)
-        for name, edges in self.scenario.layout.routes.items():
-            self._sumo.route.add(name, list(edges))
+        timing, limit_m_s = self._config.simulation, self.scenario.description.speed_limit_m_s
+        longest_s = timing.decisions_per_episode * timing.decision_interval_s
+        for name in self.scenario.layout.routes:
+            self._sumo.route.add(name, self.scenario.layout.route(name, longest_s * limit_m_s))
         self._populate(self.fleet.population)
 
     def _populate(self, population: Population, first: int = 0) -> None:

@@ -17,9 +17,12 @@ from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.drivers.external import OnnxDriver, driver_of_agent, driver_of_factory, is_factory
 from drl_av.drivers.policy_file import PRETRAINED
-from drl_av.drivers.registry import find_drivers
+from drl_av.drivers.registry import find_drivers, make_drivers
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError
+from drl_av.safety.check import Rule, Verdict, permit_all
 
 OWN = """
 from drl_av.driving.actions import ACTIONS
@@ -128,7 +131,7 @@ def test_a_file_that_is_no_driver_is_refused_with_what_it_is(
     Path("notes.txt").write_text("a note", encoding="utf-8")
     assert main([verb, "notes.txt", *short]) == 1  # decoy: no recording whose --decisions is fixed
     found = capsys.readouterr().err
-    what = "no recording" if verb == "replay" else "is cut short, damaged, or no checkpoint at all"
+    what = "no recording" if verb == "replay" else "is no driver: name a run's folder, or a file"
     assert found.startswith("drl-av: notes.txt ")
     assert what in found
     assert found.count("\n") == 1
@@ -162,22 +165,51 @@ def test_an_agent_of_stable_baselines3_decides_as_it_predicts(
     with HighwayEnv() as env:
         model = agent("MlpPolicy", env, device="cpu")
         model.save(tmp_path / "agent.zip")
-    driver = driver_of_agent(tmp_path / "agent.zip")
+    driver = driver_of_agent(tmp_path / "agent.zip", 27, lambda: permit_all)
     for seed in range(20):
         observation = np.random.default_rng(seed).uniform(-1, 1, 27).astype(np.float32)
         wanted = int(model.predict(observation, deterministic=True)[0])
         assert driver.act(ALONE, observation).number == wanted
 
 
+def test_a_masked_agent_chooses_what_the_check_permits(tmp_path: Path) -> None:
+    from sb3_contrib import MaskablePPO
+
+    def only(scene: Scene, proposed: Action) -> Verdict:
+        return Verdict(ACTIONS[7], Rule.NONE if proposed.number == 7 else Rule.IN_LANE)
+
+    with HighwayEnv() as env:
+        model = MaskablePPO("MlpPolicy", env, device="cpu")
+        model.save(tmp_path / "agent.ZIP")
+    [free, bound] = (
+        driver_of_agent(tmp_path / "agent.ZIP", 27, lambda check=check: check)
+        for check in (permit_all, only)
+    )
+    assert {bound.act(ALONE, OBSERVATION).number for _ in range(3)} == {7}
+    assert free.act(ALONE, OBSERVATION).number == model.predict(OBSERVATION, deterministic=True)[0]
+
+
+def test_an_agent_that_observes_its_way_drives_where_the_way_is_observed(tmp_path: Path) -> None:
+    way = Config().updated("observation", way=True)
+    with HighwayEnv("exit", config=way) as env:
+        PPO("MlpPolicy", env, device="cpu").save(tmp_path / "agent.zip")
+    specs = find_drivers([str(tmp_path / "agent.zip")])
+    assert make_drivers(specs, way.updated("simulation", scenario="exit"))
+    with pytest.raises(CheckpointError, match=r"\(30,\) and 12 actions, but drives with \(27,\)"):
+        make_drivers(specs, Config())
+
+
 def test_an_agent_of_another_environment_and_a_file_that_is_none_are_refused(
     tmp_path: Path,
 ) -> None:
     PPO("MlpPolicy", "CartPole-v1", device="cpu").save(tmp_path / "cart.zip")
-    with pytest.raises(CheckpointError, match=r"shape \(4,\) and 2 actions: give an agent"):
-        driver_of_agent(tmp_path / "cart.zip")
+    with pytest.raises(
+        CheckpointError, match=r"shape \(4,\) and 2 actions, but drives with \(27,\)"
+    ):
+        driver_of_agent(tmp_path / "cart.zip", 27, lambda: permit_all)
     (tmp_path / "none.zip").write_bytes(b"PK no zip")
     with pytest.raises(CheckpointError, match="no agent that stable-baselines3 saved"):
-        driver_of_agent(tmp_path / "none.zip")
+        driver_of_agent(tmp_path / "none.zip", 27, lambda: permit_all)
 
 
 def network(path: Path, inputs: int, outputs: int = 12) -> Path:

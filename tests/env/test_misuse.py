@@ -38,12 +38,41 @@ def test_step_and_render_before_reset_after_the_end_and_after_close_ask_for_a_re
         env.step(0)
 
 
-@pytest.mark.parametrize("action", [-1, 12, 1.0, "left", None])
+@pytest.mark.parametrize("action", [-1, 12, 1.0, "left", None, np.array([[3], [4]])])
 def test_a_decision_that_is_none_is_refused(action: object) -> None:
     env = HighwayEnv(config=SHORT)
     env.reset(seed=1, options={"vehicles": 2})
-    with pytest.raises(ConfigError, match="must be from 0 to 11"):
+    with pytest.raises(ConfigError, match="must be one whole number from 0 to 11") as refused:
         env.step(action)  # type: ignore[arg-type]
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("options", [["vehicles"], 5, "vehicles", []])
+def test_options_that_are_no_dictionary_are_refused(options: object) -> None:
+    env = HighwayEnv(config=SHORT)
+    with pytest.raises(ConfigError, match=r"has the options .*, but they must be a dictionary"):
+        env.reset(seed=1, options=options)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="reset has no option 'cars'; its option is: vehicles"):
+        env.reset(seed=1, options={"cars": 3})
+
+
+def test_there_is_no_mask_before_the_first_episode() -> None:
+    with pytest.raises(gymnasium.error.ResetNeeded, match="There is no scene yet: call reset"):
+        HighwayEnv(config=SHORT).action_masks()
+
+
+def test_an_episode_of_more_than_100_km_goes_on_to_its_end() -> None:
+    # at 30 m/s from decision 3,334 on; SUMO removes a vehicle at the end of its route
+    long = Config().updated("simulation", decisions_per_episode=3400)
+    with HighwayEnv(config=long, safety_check="permit_all") as env:
+        env.reset(seed=1, options={"vehicles": 0})
+        way_m, truncated = 0.0, False
+        while not truncated:
+            *_, terminated, truncated, info = env.step(1)
+            assert not terminated
+            way_m += info["speed_m_s"]
+        assert env.decisions == 3400
+        assert way_m > 101_000
 
 
 def test_copies_and_pickles_drive_the_same_episode() -> None:

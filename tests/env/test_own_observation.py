@@ -35,6 +35,23 @@ class Speed:
         return np.array([scene.affordances.ego_speed_m_s], np.float32)
 
 
+class Fails(Speed):
+    """Returns no number after the first scene."""
+
+    calls = 0
+
+    def __call__(self, scene: Scene) -> np.ndarray[Any, Any]:
+        self.calls += 1
+        return np.array([np.nan if self.calls > 1 else 20.0], np.float32)
+
+
+def test_each_observation_must_lie_in_its_space() -> None:
+    with closing(HighwayEnv(observation=Fails())) as env:
+        env.reset(seed=1)
+        with pytest.raises(ConfigError, match="or a value out of bounds, and does not lie in"):
+            env.step(KEEP)
+
+
 def test_the_first_seven_groups_are_the_indicators_of_the_paper() -> None:
     observe = GroupObservation(EVERY[:7], SCALE)
     world = scene(ahead(20), behind(30, LEFT_LANE))

@@ -1,5 +1,7 @@
 """Aggregate statistics by hand, and against rliable."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -26,7 +28,15 @@ def test_the_interquartile_mean_is_that_of_all_episodes_without_the_outer_quarte
     assert interquartile_mean(TASKS).value == 19 / 4
     # of seven episodes one is left out at each end: 2 to 6
     assert interquartile_mean([np.array([7.0, 1, 2, 6, 3, 5, 4000])]).value == 23 / 5
-    assert interquartile_mean([np.array([3.0])]) == (3.0, 3.0, 3.0)
+
+
+def test_one_score_at_each_number_of_vehicles_has_no_interval() -> None:
+    found = interquartile_mean([np.array([3.0]), np.array([4.0])])
+    assert found == (3.5, -math.inf, math.inf)
+    assert str(found) == "3.50"
+    one = probability_of_improvement([np.array([3.0])], [np.array([2.0])])
+    assert one == (1.0, -math.inf, math.inf)
+    assert math.isfinite(interquartile_mean([np.array([3.0]), np.array([4.0, 5.0])]).low)
 
 
 def test_each_number_of_vehicles_is_resampled_on_its_own() -> None:

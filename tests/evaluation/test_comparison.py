@@ -191,11 +191,17 @@ def test_a_table_that_exists_keeps_its_rows_until_the_new_ones_are_whole(
     monkeypatch.setattr(module, "drive", drive)
     out, partial = tmp_path / "rows.csv", tmp_path / "rows.partial.csv"
     out.write_text("the old table\n")
-    words = ["evaluate", "idm", "--vehicles", "5", "--episodes", "9", "--out", str(out)]
+    summary = tmp_path / "rows.json"
+    summary.write_text("the old summary\n")
+    words = ["evaluate", "idm", "--vehicles", "5", "--episodes", "9"]
+    words += ["--out", str(out), "--json", str(summary)]
     assert cli.main(words) == 130
     assert out.read_text() == "the old table\n"
+    assert summary.read_text() == "the old summary\n"
     assert len(partial.read_text().splitlines()) == 1 + 3
-    assert f"{out} is unchanged; the new rows are in {partial}." in capsys.readouterr().err
+    printed = capsys.readouterr().err
+    assert f"{out} is unchanged; the new rows are in {partial}." in printed
+    assert f"{summary} is unchanged." in printed
     stop_at.clear()
     assert cli.main(words) == 1
     assert f"{partial} has the rows of an interrupted evaluation: " in capsys.readouterr().err
@@ -203,6 +209,7 @@ def test_a_table_that_exists_keeps_its_rows_until_the_new_ones_are_whole(
     partial.unlink()
     assert cli.main(words) == 0
     assert len(out.read_text().splitlines()) == 1 + 9
+    assert "by_vehicles" in json.loads(summary.read_text())
     assert not partial.exists()
 
 
@@ -247,6 +254,6 @@ def test_the_json_has_the_statistics_by_vehicles_and_overall(tmp_path: Path) -> 
     assert [each["vehicles"] for each in found["by_vehicles"]] == [5, 5]
     idm, mine = found["overall"]
     assert idm["improvement"] is None
-    assert mine["speed_m_s"] == {"value": 21.0, "ci95": [21.0, 21.0]}
+    assert mine["speed_m_s"] == {"value": 21.0, "ci95": [None, None]}
     assert (mine["over"], mine["improvement"]["value"]) == ("idm", 1.0)
     assert mine["share_faster_than_m_s"]["20"] == 1.0

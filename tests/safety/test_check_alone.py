@@ -68,7 +68,9 @@ def test_only_who_asks_for_the_mask_pays_for_it() -> None:
         assert "action_mask" not in bare.reset(seed=1)[1]
 
 
-@pytest.mark.parametrize("returned", [None, ACTIONS[0], 3, Verdict(3, Rule.NONE)])  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    "returned", [None, ACTIONS[0], 3, Verdict(3, Rule.NONE), Verdict(ACTIONS[0], "x")]
+)  # type: ignore[arg-type]
 def test_a_check_that_returns_no_verdict_is_refused_in_one_sentence(returned: Any) -> None:
     with closing(HighwayEnv(config=SHORT, safety_check=lambda scene, proposed: returned)) as env:
         env.reset(seed=1)

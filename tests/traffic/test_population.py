@@ -3,6 +3,7 @@
 import itertools
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from drl_av.traffic.population import (
     require_truck_width,
 )
 from drl_av.traffic.road import Road
+from drl_av.traffic.scenario import write_scenario
 
 TRAFFIC, EGO = TrafficConfig(), EgoConfig()
 ROADS = st.sampled_from(
@@ -166,6 +168,13 @@ def test_placed_vehicles_without_an_ego_are_refused() -> None:
         ScenarioError, match=r'places 1 vehicle but not the ego: place one .* "ego"'
     ):
         placed_population((PlacedVehicle("slow", 2, 40.0, 10.0, 12.0),), TRAFFIC)
+
+
+def test_no_scenario_of_placed_vehicles_is_written_without_an_ego(tmp_path: Path) -> None:
+    alone = ScenarioDescription(vehicles=(PlacedVehicle("slow", 2, 40.0, 10.0, 12.0),))
+    with pytest.raises(ScenarioError, match="places 1 vehicle but not the ego"):
+        write_scenario(tmp_path / "alone", alone)
+    assert not (tmp_path / "alone").exists()
 
 
 def shares(

@@ -96,7 +96,7 @@ def test_default_scenario_is_the_papers_loop() -> None:
     assert scenario.folder.name == "circular_three_lane"
     assert scenario.road.lap_m == 500.0
     assert scenario.road.open_lanes == (True, True, True)
-    assert scenario.layout.routes["loop"][:5] == ("e0", "e1", "e2", "e3", "e0")
+    assert scenario.layout.route("loop", 0.0)[:5] == ["e0", "e1", "e2", "e3", "e0"]
     assert scenario.layout.lane_positions["e2_1"] == (1, 250.0)
     assert len(scenario.layout.lane_positions) == 12
     for path in (scenario.network_file, scenario.view_file):
@@ -274,7 +274,7 @@ def test_junction_lanes_of_a_foreign_network_count_towards_the_loop(
     (folder / "highway.net.xml").write_text(text)
     (folder / "SHA256SUMS").unlink()
     scenario = load_scenario(folder)
-    assert scenario.layout.routes["loop"][:5] == ("e0", "e1", "e2", "e3", "e0")
+    assert scenario.layout.route("loop", 0.0)[:5] == ["e0", "e1", "e2", "e3", "e0"]
     assert scenario.layout.lane_positions[":n1_0_2"] == (2, 124.5)
     assert scenario.layout.lane_positions["e1_0"] == (0, 125.0)
 
