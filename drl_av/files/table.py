@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, is_dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 from drl_av.errors import DrlAvError
 from drl_av.files.whole import append, remove_cut_line, write_whole
@@ -33,7 +33,6 @@ MAX_BYTES, MAX_ROWS, MAX_HEADER = 512_000_000, 5_000_000, 100_000
 """Limits for reading a table: bytes of the file, number of rows, bytes of the first line."""
 Columns = type | Iterable[str]
 """A dataclass or NamedTuple whose fields are the columns, or the columns' names."""
-RowType = TypeVar("RowType")
 _REMEDY = "put the table back as it was written, or make it again"
 _SPLIT = "split it into smaller tables, or make it again"
 SHOWN = 60
@@ -94,16 +93,6 @@ def append_rows(
     remove_cut_line(path, error)
     new = not path.exists() or not path.stat().st_size
     append(path, table_bytes(columns, rows, header=new), error)
-
-
-def read_rows(path: Path, row_type: type[RowType], *, growing: bool = False) -> list[RowType]:
-    """Read a CSV file and return each row as an object of the class ``row_type``.
-
-    ``row_type`` is a dataclass or NamedTuple whose fields are the columns. ``growing`` and the
-    errors are those of ``read_table``.
-    """
-    rows = read_table(path, column_types(row_type), growing=growing)
-    return [row_type(**row) for row in rows]
 
 
 def read_table(

@@ -4,7 +4,7 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 from hypothesis import given
@@ -18,7 +18,6 @@ from drl_av.files import (
     PossiblyInfinite,
     append_rows,
     column_types,
-    read_rows,
     read_table,
     table_bytes,
     write_table,
@@ -50,6 +49,11 @@ def table(folder: Path, text: str | bytes) -> Path:
     path = folder / "table.csv"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return path
+
+
+def read_rows(path: Path, row_type: type[Any], *, growing: bool = False) -> list[Any]:
+    """The rows as objects of a class whose fields are the columns."""
+    return [row_type(**row) for row in read_table(path, column_types(row_type), growing=growing)]
 
 
 def test_rows_are_read_as_they_were_written(tmp_path: Path) -> None:
