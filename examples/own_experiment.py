@@ -8,7 +8,7 @@ from pathlib import Path
 from drl_av.config import Config
 from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.experiments.cells import Drives
-from drl_av.experiments.experiment import Experiment, Results, reproduce
+from drl_av.experiments.experiment import Experiment, ResultsFolder, reproduce
 from drl_av.experiments.markdown import count, markdown_table, mean_speed
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan, by
@@ -28,7 +28,7 @@ def plan(options: ReproduceOptions) -> Plan:
     return Plan(MadeWith(configs), [cells], order=by(t_min_s=T_MIN_S, seed=int))
 
 
-def summary(results: Results) -> str:
+def summary(results: ResultsFolder) -> str:
     """Return a Markdown table of the results; the gain is paired by seed."""
     rows = results.rows(T_MIN.table)
     driven = {t: [row for row in rows if row["t_min_s"] == t] for t in T_MIN_S}
@@ -54,7 +54,7 @@ def main() -> None:
     folder.mkdir(exist_ok=True)
     for progress in reproduce(T_MIN, ReproduceOptions(drives=5, jobs=1, out=folder)):
         print(f"{progress.done} of {progress.total} episodes")
-    print(summary(Results(folder)))
+    print(summary(ResultsFolder(folder)))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ the ego is: brake hard until standstill, and move to the centre of the lane that
 of the ego. A vehicle is *in* each lane that its body overlaps.
 
 **Bounds on the other vehicles.** Their values are the settings of the section ``[strict]``. The
-vehicle types of our scenarios keep to them.
+vehicle types of our scenarios keep to 1 and 2; see *Limits* for 3 and 4.
 
 1. *Braking.* A vehicle brakes at most with ``braking_m_s2``. The ego brakes no harder than that.
 2. *Lateral speed.* A vehicle moves sideways at most at ``lateral_speed_m_s``.
