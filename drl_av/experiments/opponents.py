@@ -80,7 +80,7 @@ VARIANTS = {
     "search": Variant(("planner",), episodes=50),
     "search_strict": Variant(("planner",), check="strict", setting="strict", episodes=250),
 }
-"""The variants by name. ``planner`` under ``paper`` drives fewer episodes, because it is the slowest
+"""The variants by name. ``planner`` under ``paper`` drives fewer episodes, as it is the slowest
 to compute; three drivers under ``strict`` drive more, so that rare hits are seen."""
 PLACES = [(name, driver) for name, each in VARIANTS.items() for driver in each.drivers]
 
