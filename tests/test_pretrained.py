@@ -14,7 +14,7 @@ from drl_av.drivers.registry import load_driver, load_learned
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.experiments.experiment import Results
+from drl_av.experiments.experiment import ResultsFolder
 from drl_av.experiments.provenance import checksum
 from drl_av.learning.checkpoint import save_policy
 from verification.ramps import drive as drive_ramp
@@ -41,7 +41,7 @@ def test_the_smooth_driver_has_the_networks_of_the_shipped_one_and_margins_besid
 def test_the_driver_of_the_paper_was_trained_by_the_whole_schedule_of_the_paper() -> None:
     folder = SHIPPED["pretrained-paper"]
     assert load_config(folder / "config.toml") == Config()
-    made_by = Results(Path(__file__).parents[1] / "docs" / "results").made_by("fast.csv")
+    made_by = ResultsFolder(Path(__file__).parents[1] / "docs" / "results").made_by("fast.csv")
     assert checksum(find_policy(folder)) == made_by["policies_sha256"]["paper-0"]  # Fig. 8
 
 

@@ -71,6 +71,6 @@ def test_it_drives_on_its_own_road_and_refuses_other_observations(
         assert main(["evaluate", *words, "--vehicles", "5", "--episodes", "1"]) == 1
         assert "was trained with other [observation] settings" in capsys.readouterr().err
     network = tmp_path / "network.onnx"
-    network.touch()
+    assert main(["export", "pretrained", str(network)]) == 0
     with pytest.raises(DrlAvError, match=r"network.onnx observes 27 indicators, but observation"):
         load_driver(network, Config().updated("observation", way=True))

@@ -12,7 +12,12 @@ from verification.program import run_program
     ("error", "status", "sentence"),
     [
         (DrlAvError("No such\n    driver."), 1, "falsify: No such driver.\n"),
-        (OSError(28, "No space"), 1, "falsify: [Errno 28] No space\n"),
+        (
+            OSError(28, "No space", "/full"),
+            1,
+            "falsify: /full cannot be read or written (No space): correct the path, or free some "
+            "space.\n",
+        ),
         (KeyboardInterrupt(), 130, "falsify: interrupted.\n"),
     ],
 )

@@ -11,7 +11,7 @@ import pytest
 
 from drl_av.driving.actions import ACTIONS
 from drl_av.env.highway import HighwayEnv
-from drl_av.experiments.experiment import Results
+from drl_av.experiments.experiment import ResultsFolder
 from drl_av.safety.check import Rule, Verdict
 from verification import shielding
 from verification.shielding import Agent, Decided, PenalizedReward, main
@@ -81,7 +81,7 @@ def test_the_table_states_refused_actions_in_percent() -> None:
 
 
 def test_the_documentation_shows_what_is_there(tmp_path: Path) -> None:
-    assert section(Results(tmp_path)) == "*The trainings have not been made yet.*"
+    assert section(ResultsFolder(tmp_path)) == "*The trainings have not been made yet.*"
     # two trainings of one method: a figure, and a line a stage that states how many there are
     rows = [row("masking", seed, 5000, reward, 0.0) for seed, reward in ((0, -0.2), (1, -0.4))]
     rows += [{**each, "stage": "final", "step": "10", "ego_hits": "1"} for each in rows]
@@ -89,7 +89,7 @@ def test_the_documentation_shows_what_is_there(tmp_path: Path) -> None:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()
         writer.writerows(rows)
-    *lines, empty, picture = section(Results(tmp_path)).splitlines()
+    *lines, empty, picture = section(ResultsFolder(tmp_path)).splitlines()
     # mean -0.3, standard error 0.1, t(0.975, 1) = 12.706
     assert lines[2:] == [
         "| masking | training | 2 | -0.300 ± 1.271 | 25.00 ± 0.00 | 0.00 ± 0.00 | 0 |",

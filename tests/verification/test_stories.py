@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from drl_av.experiments.experiment import Results
+from drl_av.experiments.experiment import ResultsFolder
 from drl_av.traffic.scenario import shipped_scenarios
 from verification import stories
 
@@ -12,7 +12,7 @@ RESULT = Path(__file__).parents[2] / "docs" / "results" / "stories.csv"
 
 
 def test_the_committed_table_has_every_story_driver_and_check_once() -> None:
-    rows = Results(RESULT.parent).rows(RESULT.name)
+    rows = ResultsFolder(RESULT.parent).rows(RESULT.name)
     found = [(row["story"], row["driver"], row["safety_check"]) for row in rows]
     asked = {(s, d, c) for s in stories.STORIES for d in stories.DRIVERS for c in stories.CHECKS}
     asked |= {
@@ -27,7 +27,7 @@ def test_idm_without_a_check_hits_the_stalled_vehicle_and_under_strict_stops_beh
     assert blind["collision"] == "ego hit the vehicle ahead"
     [checked] = stories.drive("stalled_vehicle", ["idm"], "strict")
     assert (checked["collision"], checked["decisions"]) == ("", 60)
-    kept_rows = Results(RESULT.parent).rows(RESULT.name)
+    kept_rows = ResultsFolder(RESULT.parent).rows(RESULT.name)
     rows = {(r["driver"], r["safety_check"], r["story"]): r for r in kept_rows}
     for made in (blind, checked):
         kept = rows["idm", made["safety_check"], "stalled_vehicle"]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from drl_av.experiments.experiment import Results
+from drl_av.experiments.experiment import ResultsFolder
 from tools.tune_rl_zoo3 import BY_HAND, draw
 from verification import time_to_quality
 from verification.time_to_quality import COLUMNS, QUALITIES, TABLE, kept_s, main, section
@@ -38,13 +38,15 @@ def test_a_quality_counts_from_where_it_is_kept() -> None:
 def test_thresholds_lie_between_the_random_driver_and_the_final_drivers_of_fast(
     tmp_path: Path,
 ) -> None:
-    assert "not been made" in section(Results(tmp_path))
+    assert "not been made" in section(ResultsFolder(tmp_path))
     rows = run("random", 0, (0, 0, -1, 100))
     rows += run("fast", 0, (1, 17, -0.5, 40), (2, 20, 0, 0))
     rows += run("dqn", 0, (3, 18, -0.05, 90), (6, 19.9, 0, 50))
     rows += run("qrdqn", 0, (9, 10, -1, 100))
     (tmp_path / TABLE).write_text(",".join(COLUMNS) + "\n" + rows)
-    lines = [line.strip("| ").split(" | ") for line in section(Results(tmp_path)).splitlines()[2:]]
+    lines = [
+        line.strip("| ").split(" | ") for line in section(ResultsFolder(tmp_path)).splitlines()[2:]
+    ]
     assert lines[:5] == [
         ["90%: mean speed, m/s 18.00", "2 (2 to 2)", "3 (3 to 3)", NEVER],
         ["90%: reward per decision -0.100", "2 (2 to 2)", "3 (3 to 3)", NEVER],
@@ -77,7 +79,7 @@ def test_a_training_is_made_once_and_early_checkpoints_are_no_copies_of_the_last
     monkeypatch.setattr(sys, "argv", ["", "--seeds", "1", "--out", str(tmp_path)])
     assert main() == 0
     before = (tmp_path / TABLE).read_bytes()
-    rows = Results(tmp_path).rows(TABLE)
+    rows = ResultsFolder(tmp_path).rows(TABLE)
     assert [row["agent"] for row in rows] == [
         "random",
         *("fast", "fast", "dqn", "dqn", "qrdqn", "qrdqn"),
