@@ -82,6 +82,7 @@ text = $(BIN)/python $(2) > runs/$(1) && mv runs/$(1) docs/results/$(1)
 results: setup
 	$(BIN)/drl-av reproduce curves final_policies --seeds 10 --jobs 2
 	$(BIN)/drl-av reproduce --jobs 2
+	$(BIN)/drl-av reproduce opponents --drives 250 --jobs 2
 	$(BIN)/drl-av reproduce curves --variants paper --seeds 10 --full-seeds 10 --jobs 2
 	$(BIN)/drl-av reproduce fast --full-seeds 10 --jobs 2
 	$(BIN)/python -m verification.step_lengths --out docs/results/step_length.csv

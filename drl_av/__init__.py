@@ -35,27 +35,27 @@ _NAMES = {
 }
 """The module of each public name; the first use imports it, and with it SUMO."""
 
-_WITH_LANE_END = (
+_ON_OPEN_ROADS = (
     *("own_front", "own_rear", "right_front", "right_rear", "left_front", "left_rear", "ego"),
-    "lane_end",
+    *("lane_end", "way"),
 )
-"""Groups of the observation: the 27 indicators, and the distance to the end of the ego's lane."""
+"""Groups of the observation on open roads, in the order of the setting ``observation.way``."""
 
 register(
     id="drl_av/Highway-v0",
     entry_point="drl_av.env:HighwayEnv",
     kwargs={"action_mask": True},
 )
-for _name, _scenario, _observation in (
-    ("Straight", "straight", _WITH_LANE_END),
-    ("Merge", "merge", _WITH_LANE_END),
-    ("Exit", "exit", (*_WITH_LANE_END, "way")),
-    ("RampToRamp", "ramp_to_ramp", (*_WITH_LANE_END, "way")),
+for _name, _scenario in (
+    ("Straight", "straight"),
+    ("Merge", "merge"),
+    ("Exit", "exit"),
+    ("RampToRamp", "ramp_to_ramp"),
 ):
     register(
         id=f"drl_av/{_name}-v0",
         entry_point="drl_av.env:HighwayEnv",
-        kwargs={"action_mask": True, "scenario": _scenario, "observation": _observation},
+        kwargs={"action_mask": True, "scenario": _scenario, "observation": _ON_OPEN_ROADS},
     )
 
 

@@ -36,7 +36,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "runs",
         nargs="*",
         metavar="RUN",
-        help="folders of runs (default: the shipped driver, under strict)",
+        help="drivers: folders of runs, or any name that --driver takes "
+        "(default: the shipped driver, under strict)",
     )
     parser.add_argument(
         "--driver",
@@ -50,7 +51,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=whole(0),
         metavar="N",
-        help=f"numbers of vehicles around the ego (default: {' '.join(map(str, DENSITIES))})",
+        help=f"numbers of vehicles around the ego (default: {' '.join(map(str, DENSITIES))}; "
+        "the scenario's number on an open road, or where it places the vehicles)",
     )
     parser.add_argument(
         "--episodes", type=whole(1), default=50, metavar="N", help="episodes per number of vehicles"

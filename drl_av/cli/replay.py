@@ -27,7 +27,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     which.add_argument("--driver", metavar="NAME", help=driver_words())
     parser.add_argument("--seed", type=whole(0), metavar="S", help="traffic seed (default: 0)")
     parser.add_argument(
-        "--vehicles", type=whole(0), metavar="N", help="vehicles around the ego (default: 15)"
+        "--vehicles",
+        type=whole(0),
+        metavar="N",
+        help="vehicles around the ego (default: the scenario's number, or 15)",
     )
     parser.add_argument(
         "--decisions",

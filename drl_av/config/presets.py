@@ -1,5 +1,6 @@
 """Presets, which are complete configs with a name, and the config of a continual adaptation."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -100,7 +101,7 @@ def as_config(
         return from_sections(given, base)
     if isinstance(given, str) and given in PRESETS:
         return PRESETS[given]
-    is_file = isinstance(given, Path) or (isinstance(given, str) and given and Path(given).exists())
+    is_file = isinstance(given, Path) or (isinstance(given, str) and os.path.exists(given))
     if given is None or is_file:
         return load_config(given, base)
     raise ConfigError(

@@ -35,10 +35,14 @@ class SimulationConfig(Section):
     def __post_init__(self) -> None:
         super().__post_init__()
         steps = self.decision_interval_s / self.step_length_s
-        if not math.isclose(steps, round(steps), abs_tol=1e-9):
+        milliseconds = 1000 * self.step_length_s
+        if not all(
+            math.isclose(number, round(number), abs_tol=1e-9) for number in (steps, milliseconds)
+        ):
             raise ConfigError(
                 f"simulation.step_length_s is {self.step_length_s}, but must divide the "
-                f"{self.decision_interval_s:g} s between decisions: try 1, 0.5, 0.25, 0.2 or 0.1."
+                f"{self.decision_interval_s:g} s between decisions, and be a whole number of "
+                "milliseconds, as SUMO's times are: try 1, 0.5, 0.25, 0.2 or 0.1."
             )
 
     @cached_property

@@ -8,8 +8,10 @@ import numpy.typing as npt
 
 from drl_av.config.functions import require_function
 from drl_av.drivers.driver import Driver
+from drl_av.drivers.sumo import SumoDriver
 from drl_av.driving.actions import Action, action_of
 from drl_av.driving.scene import Scene
+from drl_av.errors import ConfigError
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, judged
 
 
@@ -18,9 +20,17 @@ class CheckedDriver:
 
     In an environment with the safety check ``permit_all``, it drives exactly as the inner driver
     does in an environment with this check.
+
+    Raises:
+        ConfigError: ``driver`` is ``sumo`` or ``sumo-tuned``, which propose no actions.
     """
 
     def __init__(self, driver: Driver, check: SafetyCheck) -> None:
+        if isinstance(driver, SumoDriver):
+            raise ConfigError(
+                "SUMO itself drives the ego with this driver, so a check has no actions to "
+                "examine: wrap another driver."
+            )
         self._driver, self._check = driver, check
         self.verdict: Verdict | None = None
         """The verdict on the last proposal; None before the first one."""

@@ -197,10 +197,10 @@ class OnnxDriver(Driver):
         [chosen] = self._run(feed)
         if chosen.ndim == 0:
             return action_of(chosen)
-        if chosen.shape != (len(ACTIONS),):
+        if chosen.shape != (len(ACTIONS),) or not np.isfinite(chosen).all():
             raise ConfigError(
-                f"The network {self._path} returns {chosen.size} numbers for a scene, but must "
-                f"return the number of an action or {len(ACTIONS)} values."
+                f"The network {self._path} returns {chosen.tolist()} for a scene, but must "
+                f"return the number of an action or {len(ACTIONS)} finite values."
             )
         return ACTIONS[int(chosen.argmax())]
 
@@ -250,6 +250,24 @@ def _session(path: Path, observed: int) -> Run:
         result: npt.NDArray[Any] = session.run([output], given)[0]
         return result
 
+    one_row = {
+        INDICATORS_INPUT: np.zeros((1, len(INDICATORS))),
+        LANE_CHANGE_INPUT: np.zeros(1, dtype=np.bool_),
+        "": np.zeros((1, observed), dtype=np.float32),
+    }
+    try:
+        shape = run(one_row).shape
+    except Exception as error:  # onnxruntime raises classes of its own
+        reason = " ".join(str(error).split())[:200]
+        raise CheckpointError(
+            f"{path} does not run on one observation, float32 of shape (1, {observed}) "
+            f"({reason}): export it with this input and a free number of rows."
+        ) from error
+    if shape[:1] != (1,):
+        raise CheckpointError(
+            f"{path} returns an array of shape {shape} for one observation, but must return one "
+            f"row: export it with the output (rows,) or (rows, {len(ACTIONS)})."
+        )
     return run
 
 

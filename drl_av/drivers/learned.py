@@ -14,6 +14,7 @@ from drl_av.driving.affordances import Affordances, observed_indicators
 from drl_av.driving.car_following import acceleration_behind_ego
 from drl_av.driving.mirror import MIRROR, Mirror, mirror_of, mirrored_observations
 from drl_av.driving.scene import Scene
+from drl_av.errors import ConfigError
 from drl_av.safety.check import SafetyCheck, permits
 
 Permission = Callable[[Scene, Action], bool]
@@ -31,9 +32,21 @@ CHANGES_SPEED = np.array([action.longitudinal is not Longitudinal.MAINTAIN for a
 
 
 def network_values(network: QNetwork) -> Values:
-    """Return a function that computes Q(s, .) with the current weights of this network."""
-    layers = network.layers
-    return lambda s: forward(layers, s)[1]
+    """Return a function that computes Q(s, .) with the current weights of this network.
+
+    The function raises ConfigError for an observation of another length than the network's.
+    """
+    layers, observed = network.layers, network.sizes[0]
+
+    def values(s: Float32Array) -> Float32Array:
+        if s.shape[-1] != observed:
+            raise ConfigError(
+                f"The observation has {s.shape[-1]} numbers, but this driver observes {observed}: "
+                "choose the environment of its training, or set observation.way as there."
+            )
+        return forward(layers, s)[1]
+
+    return values
 
 
 def mirrored_values(values: Values, mirror: Mirror = MIRROR) -> Values:

@@ -4,6 +4,7 @@ To add a rule-based driver, write its file and add a line to ``RULE_DRIVERS``. T
 then lists it.
 """
 
+import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -94,9 +95,8 @@ MAX_BYTES = 1_000_000_000
 def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
     """Find the driver that each word names; a repeated word counts once.
 
-    A word is one of ``driver_names``, the folder of a run, a policy file, a stable-baselines3 zip
-    file, an ONNX file, or a user's factory in the form ``module:factory``. A driver with a path is
-    named after the last part of its path, or after the whole path if two would share a name.
+    A word is one of ``driver_names``, a path, or a factory, as for ``load_driver``. A driver with a
+    path is named after the last part of it, or after the whole path if two would share a name.
 
     Raises:
         ConfigError: a word names no driver, or a zip or ONNX file that is no regular file or is
@@ -108,7 +108,7 @@ def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
             runs[word] = None
         elif word in policy_file.SHIPPED:
             runs[word] = policy_file.SHIPPED[word]
-        elif Path(word).exists():
+        elif os.path.exists(word):
             runs[word] = _existing(Path(word))
         elif is_factory(word):
             runs[word] = None
@@ -262,7 +262,8 @@ def load_driver(
     """Load a driver by its name, file or folder.
 
     Call ``driver.start(seed)`` before each episode; then ``driver.act(env.unwrapped.scene,
-    observation).number`` is the action for ``env.step``.
+    observation).number`` is the action for ``env.step``. ``sumo`` and ``sumo-tuned`` have no
+    actions; for them call ``env.unwrapped.hand_over(driver.model)`` after each reset.
 
     Args:
         driver: The name of a shipped or rule-based driver, a run's folder, a policy file, a
@@ -273,8 +274,7 @@ def load_driver(
 
     Raises:
         ConfigError: there is no such driver, or a setting is wrong.
-        RunError, CheckpointError: the file or folder cannot be used, or the driver was trained
-            with another observation.
+        RunError, CheckpointError: the file cannot be used, or another observation was trained.
     """
     if not isinstance(driver, str | Path):
         raise ConfigError(
@@ -289,8 +289,8 @@ def load_driver(
 def load_learned(path: Path) -> tuple[LearnedDriver, Config]:
     """Read a learned driver and its config from a run's folder or a policy file.
 
-    The driver may propose any action: unlike ``make_drivers``, this function does not limit it to
-    permitted actions if ``learning.permitted_only`` is set.
+    Unlike that of ``make_drivers``, this driver may propose any action, also with the setting
+    ``learning.permitted_only``.
 
     Raises:
         RunError: there is no policy file.

@@ -4,8 +4,9 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.drivers.driver import Driver
-from drl_av.driving.actions import Action, Lateral, Longitudinal
+from drl_av.driving.actions import Action
 from drl_av.driving.scene import Scene
+from drl_av.errors import ConfigError
 from drl_av.traffic.ego_model import EgoModel
 
 TUNED = EgoModel(headway_s=0.8, assertiveness=1.5, speed_gain=5.0, overtake_right=True)
@@ -16,13 +17,17 @@ not part of this project."""
 class SumoDriver(Driver):
     """Lets SUMO's IDM and lane-change model SL2015 drive the ego, with the parameters ``model``.
 
-    For this driver ``rollout`` calls ``HighwayEnv.hand_over``; the environment then ignores the
-    driver's actions.
+    For this driver ``rollout`` calls ``HighwayEnv.hand_over`` instead of ``act``; the environment
+    then ignores actions.
     """
 
     def __init__(self, model: EgoModel) -> None:
         self.model = model
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Return a placeholder, maintain and keep lane, which the environment ignores."""
-        return Action(Lateral.KEEP, Longitudinal.MAINTAIN)
+        """Raise ConfigError: SUMO chooses no action."""
+        raise ConfigError(
+            "SUMO itself drives the ego with this driver, which therefore has no actions: use "
+            "drl_av.evaluate, or call env.unwrapped.hand_over(driver.model) after each reset and "
+            "pass any action to step."
+        )

@@ -84,13 +84,16 @@ class Affordances(NamedTuple):
     left_rear: Neighbor | None
     right_lane: bool
     left_lane: bool
+    """Whether the lanes to the right and to the left exist and are open here."""
     lane: int
-    """Index of the lane that contains the ego's centre."""
+    """Index of the lane that contains the ego's centre; 0 is the rightmost lane."""
     lane_center_m: float
+    """Lateral position of that lane's centre, as ``ego_y_m``."""
     lane_width_m: float
     range_m: float
     ego_speed_m_s: float
     ego_y_m: float
+    """Lateral position of the ego's centre, left positive; 0 is the rightmost lane's centre."""
     ego_lateral_speed_m_s: float
     circumference_m: float = 0.0
     """Length of the loop; 0 for a road of unlimited length."""

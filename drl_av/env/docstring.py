@@ -26,16 +26,17 @@ The mean of r_v, r_y and r_x (eq. 6 to 8), each in [-1, 0]. The decision in whic
 collides has the reward `config.reward.collision_reward` instead.
 
 ## Starting State
-The other vehicles are at random positions within 250 m of the ego. Their number is
+On a loop the other vehicles are at random positions within 250 m of the ego; an open road begins
+with the vehicles of its flow. The number on a loop is
 `options={{"vehicles": n}}`, or is drawn from the range in the config.
 
 `reset(seed=7, options={{"vehicles": 30}})` always starts the same episode, which `drl-av evaluate`
 also drives for these numbers. Clients pass a small seed to their first reset. Without `vehicles`, a
 seed below 1,000,000 seeds the random choice of episodes for this reset and the following resets
 without a seed. These episodes have seeds of at least 1,000,000, so that no training uses
-an episode of the evaluation. `info["seed"]` holds the seed of the episode; pass it to `reset`
-to start the episode again. Changes that your own program makes in SUMO, such as the permissions
-of a lane, remain until `close`.
+an episode of the evaluation. The info of a reset holds the episode's `seed` and `vehicles`; pass
+both to `reset` to start the episode again. Changes that your own program makes in SUMO, such as the
+permissions of a lane, remain until `close`.
 
 ## Episode End
 The episode terminates when the ego collides. It is truncated after
@@ -51,6 +52,8 @@ contains the mask; True by `gymnasium.make`, False by default in this class),
 `reward` (a function of a `Transition` that replaces the reward; `info["rewards"]` stays),
 `observation` (names of groups of indicators, {groups};
 or an object with an attribute `space` that is called with the scene).
+A wrong argument or setting, or one that `strict` refuses, raises `ConfigError`; a scenario that is
+missing or damaged raises `ScenarioError`.
 
 ## Information
 `proposed_action, executed_action, rule, rewards, collision, collided_with, way, speed_m_s,

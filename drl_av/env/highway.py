@@ -29,7 +29,7 @@ from drl_av.errors import ConfigError, counted
 from drl_av.safety import ActionMask, action_mask, named_check, starts_unsafe
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, judged
 from drl_av.traffic.ego_model import EgoModel
-from drl_av.traffic.scenario import find_scenario, load_scenario
+from drl_av.traffic.scenario import find_scenario, load_scenario, shipped_scenarios
 from drl_av.traffic.snapshot import EGO, Collision, Snapshot
 
 Observation = npt.NDArray[np.float32]
@@ -57,9 +57,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         given = scenario, safety_check, config, render_mode, action_mask, reward, observation
         gymnasium.utils.EzPickle.__init__(self, *given)
         if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ConfigError(
-                f"render_mode is {render_mode!r}, but must be None, 'human' or 'rgb_array'."
-            )
+            modes = "None, 'human' or 'rgb_array'"
+            raise ConfigError(f"render_mode is {render_mode!r}, but must be {modes}.")
         self.render_mode = render_mode
         config = as_config(config)
         if scenario is not None:
@@ -68,27 +67,24 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
                     f"scenario is of the type {type(scenario).__name__}, but must be a folder or "
                     "the name of a shipped scenario; settings are the argument config."
                 )
-            folder = Path(scenario)
-            name = str(folder.absolute() if folder.is_dir() else scenario)
+            folder = find_scenario(scenario)
+            name = str(scenario if str(scenario) in shipped_scenarios() else folder.absolute())
             config = config.updated("simulation", scenario=name)
         if callable(safety_check):
             require_function(safety_check, "safety_check", "scene", "proposed")
         elif safety_check is not None:
             config = config.updated("safety", check=safety_check)
         self.config = config
-        self._check_name = (
-            getattr(safety_check, "__name__", "custom")
-            if callable(safety_check)
-            else config.safety.check
-        )
         loaded = load_scenario(find_scenario(config.simulation.scenario))
         types, self.road = loaded.vehicle_types, loaded.road
         self.safety_check: SafetyCheck
         if callable(safety_check):
             self.safety_check = safety_check
+            self._check_name = getattr(safety_check, "__name__", "custom")
         else:  # equal for each kind, but each may break an assumption
             each_kind = config.of_each_kind
             self.safety_check, *_ = (named_check(each, types, self.road) for each in each_kind)
+            self._check_name = config.safety.check
         self._kinds = traffic_of_each_kind(config, loaded, gui=render_mode == "human")
         self.simulation, self.traffic_drivers = self._kinds[0]
         if reward is not None:
@@ -137,12 +133,16 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode; ``options`` may set ``vehicles``, the number of other vehicles.
 
+        With it, or from 1,000,000 on, ``seed`` is the traffic seed of the episode. A smaller seed
+        alone begins a random sequence of episodes, and None continues the sequence.
+
         Returns:
             The observation, by default of shape (27,), and ``info``.
 
         Raises:
             ConfigError: an option is wrong, or the user's own observation is not in its space.
             ScenarioError: the vehicles do not fit on the road.
+            SimulationError: SUMO could not start, or ended unexpectedly.
         """
         super().reset(seed=seed)
         given = reset_options(options)
@@ -151,6 +151,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             self._kinds, self.seed, self.simulation
         )
         fleet, traffic = self.simulation.fleet, self.config.traffic
+        if "vehicles" not in given:
+            self.require_room()
         vehicles = number_of_vehicles(given, self.seed, traffic, fleet.placed, fleet.usual)
         self.decisions = 0
         self.ego_model = None
@@ -168,9 +170,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
     def hand_over(self, model: EgoModel) -> None:
         """Let SUMO drive the ego, by its IDM and SL2015, until the next reset.
 
-        ``model`` holds the parameters of these two models.
-        The environment then ignores actions and the safety check, and ``info`` holds the action
-        that is nearest to the ego's motion.
+        ``model`` holds the parameters of these two models. The environment then ignores actions and
+        the safety check, and ``info`` holds the action that is nearest to the ego's motion.
 
         Raises:
             gymnasium.error.ResetNeeded: no episode is running.
@@ -226,8 +227,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the scene as a picture, uint8 of shape (720, 1280, 3).
 
-        The result is None without a render mode, and in the mode ``human``, in which sumo-gui shows
-        the scene.
+        The result is None without a render mode, and in the mode ``human`` (sumo-gui).
         """
         return self._renderer.render()
 

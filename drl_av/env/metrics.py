@@ -38,7 +38,8 @@ class EpisodeResult:
     """Number of completed lane changes."""
     aborted_lane_changes: int
     min_ttc_s: PossiblyInfinite
-    """Smallest time to collision with the vehicle ahead; inf if the gap never shrank."""
+    """Smallest time to collision with the vehicle ahead; inf if the gap never shrank. For this and
+    the next column, the end of the ego's lane counts as a standing vehicle."""
     min_headway_s: PossiblyInfinite
     """Smallest time gap to the vehicle ahead; inf if there never was such a vehicle."""
     hard_brakes: int

@@ -32,7 +32,7 @@ def rollout(
     over = False
     while not over:
         scene, before = env.scene, observation
-        number = _number(driver.act(scene, before))
+        number = 0 if isinstance(driver, SumoDriver) else _number(driver.act(scene, before))
         observation, reward, terminated, truncated, info = env.step(number)
         over = terminated or truncated
         proposed = ACTIONS[info["proposed_action"]]
@@ -60,7 +60,11 @@ def drive(
     vehicles: int,
     make_metrics: Callable[[], EpisodeMetrics] = EpisodeMetrics,
 ) -> EpisodeResult:
-    """Drive one episode to its end and return its metrics; ``name`` is the name of the driver."""
+    """Drive one episode to its end and return its metrics; ``name`` is the name of the driver.
+
+    Raises:
+        DrlAvError: as ``rollout``.
+    """
     metrics = make_metrics()
     for decision in rollout(env, driver, seed, vehicles):
         metrics.add(decision)

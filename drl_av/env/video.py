@@ -107,10 +107,10 @@ class RecordVideo(
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Execute one decision; write the film if the episode ends."""
-        before = self._highway.scene.snapshot
+        scene = getattr(self._highway, "scene", None)
         observation, reward, terminated, truncated, info = self.env.step(action)
-        if self._film is not None:
-            self._film.add(before, self._highway.scene.snapshot, float(reward), info)
+        if self._film is not None and scene is not None:
+            self._film.add(scene.snapshot, self._highway.scene.snapshot, float(reward), info)
             if terminated or truncated:
                 self._write()
         return observation, float(reward), terminated, truncated, info

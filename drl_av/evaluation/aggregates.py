@@ -42,7 +42,7 @@ def interquartile_mean(strata: Strata) -> Estimate:
 
     The lowest and the highest quarter of the scores, rounded down, are left out. The interval is
     that of the stratified bootstrap: each resample has as many episodes of each number of vehicles
-    as the scores.
+    as the scores. ``strata`` has one array of shape (episodes,) for each number of vehicles.
 
     Raises:
         DrlAvError: a number of vehicles has no scores.
@@ -60,7 +60,8 @@ def probability_of_improvement(ours: Strata, theirs: Strata) -> Estimate:
     Each score of ours is compared with each score of theirs at the same number of vehicles; a tie
     counts as one half. The result is the mean over the numbers of vehicles. The bootstrap resamples
     both drivers independently, as rliable does. For drivers in the same traffic, the paired gain
-    has a narrower interval.
+    has a narrower interval. Each argument has one array of shape (episodes,) for each number of
+    vehicles.
 
     Raises:
         DrlAvError: a number of vehicles has no scores, or the drivers have different numbers of

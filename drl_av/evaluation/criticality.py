@@ -40,6 +40,7 @@ class CriticalityResult(EpisodeResult):
     """One row of the table with ``--criticality``: the usual columns, and those of this module."""
 
     driven_m: float
+    """Distance that the ego drives: the speed after each decision times its duration."""
     mean_abs_jerk_m_s3: float
     """Mean absolute longitudinal jerk."""
     max_abs_jerk_m_s3: float
@@ -49,13 +50,13 @@ class CriticalityResult(EpisodeResult):
     reversals: int
     """Number of accelerations after braking, and of brakings after an acceleration."""
     tet_s: float
-    """Time exposed time-to-collision: the time with a TTC of at most 3 s to the vehicle ahead."""
+    """Time exposed time-to-collision (Minderhoud and Bovy 2001): time with a TTC of at most 3 s."""
     tit_s2: float
     """Time integrated time-to-collision: the integral of 3 s minus TTC over that time."""
     max_drac_m_s2: PossiblyInfinite
-    """Largest deceleration needed to avoid a crash, if the vehicle ahead keeps its speed."""
+    """Largest deceleration needed behind the vehicle ahead at constant speed (Cooper 1976)."""
     min_pet_s: PossiblyInfinite
-    """Smallest post-encroachment time between the ego and any vehicle, in either order."""
+    """Smallest post-encroachment time between the ego and any vehicle (Allen et al. 1978)."""
     short_headways: int
     """Number of decisions after which the time gap ahead is below 1 s at more than 5 m/s."""
     forced_brakes: int

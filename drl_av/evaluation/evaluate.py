@@ -51,8 +51,9 @@ def evaluate(
             shipped one.
         own: Further drivers, by their name in the results: objects with the methods ``start(seed)``
             and ``act(scene, observation)``.
-        vehicles: Numbers of vehicles around the ego; by default those of the published tables, or
-            the number that the scenario places.
+        vehicles: Numbers of vehicles around the ego; by default those of the published tables, on
+            an open road the number that its flow sustains, and in a scenario that places its
+            vehicles their number.
         episodes: Number of episodes for each driver and number of vehicles.
         seed: Traffic seed of the first episode; the following episodes have the next seeds, which
             must be below 1,000,000.

@@ -5,7 +5,7 @@ from enum import Flag, auto
 from functools import cache
 from typing import NamedTuple
 
-from drl_av.driving.actions import Action
+from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 
@@ -45,12 +45,12 @@ def judged(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
     """Call a check, which the user may have written, and return its verdict.
 
     Raises:
-        ConfigError: the check did not return a Verdict with an Action and a Rule, or replaced
-            the action and named no rule.
+        ConfigError: the check did not return a Verdict with one of the 12 actions and a Rule,
+            replaced the action and named no rule, or named a rule and replaced nothing.
     """
     verdict = check(scene, proposed)
     is_verdict = isinstance(verdict, Verdict) and isinstance(verdict.rule, Rule)
-    if not is_verdict or not isinstance(verdict.action, Action):
+    if not is_verdict or verdict.action not in ACTIONS:
         raise ConfigError(
             f"The safety check returned {verdict!r}, but must return a Verdict: "
             "Verdict(proposed, Rule.NONE) permits the action."
@@ -60,7 +60,12 @@ def judged(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
             f"The safety check replaced the action {proposed} by {verdict.action}, but named no "
             "rule: return Rule.IN_LANE, Rule.OFF_ROAD or Rule.LANE_CHANGE in the Verdict."
         )
-    return verdict
+    if verdict.rule and verdict.action == proposed:
+        raise ConfigError(
+            f"The safety check named the rule {verdict.rule}, but did not replace the action "
+            f"{proposed}: return Rule.NONE in the Verdict."
+        )
+    return Verdict(ACTIONS[verdict.action.number], verdict.rule)
 
 
 def permits(check: SafetyCheck, scene: Scene, proposed: Action) -> bool:

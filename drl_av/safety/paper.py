@@ -108,7 +108,8 @@ def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> t
     if wanted is None:
         return proposed, Rule.NONE
     if not affordances.has_lane(wanted.target - affordances.lane):
-        return Lateral.KEEP, Rule.OFF_ROAD
+        instead = Lateral.KEEP if scene.lane_change is None else toward(-wanted.sign)
+        return instead, Rule.OFF_ROAD
     if lane_is_clear(affordances, wanted.target, config):
         return proposed, Rule.NONE
     if scene.lane_change is None:

@@ -131,7 +131,7 @@ class ScenarioDescription:
 
     def _check_barricades(self) -> None:
         """Raise ScenarioError unless the barricaded lanes exist and at least one lane is open."""
-        if not isinstance(self.barricaded_lanes, tuple) or not all(
+        if not isinstance(self.barricaded_lanes, list | tuple) or not all(
             type(lane) is int and 0 <= lane < self.lanes for lane in self.barricaded_lanes
         ):
             raise ScenarioError(
@@ -195,6 +195,13 @@ def check_sizes(description: Any) -> None:
             f"The scenario's vehicle_width_m is {description.vehicle_width_m:g}, but must be at "
             f"most lane_width_m, {description.lane_width_m:g}."
         )
+    for name, kind in (("vehicles", PlacedVehicle), ("vehicle_types", OwnVehicleType)):
+        given = getattr(description, name)
+        if not isinstance(given, list | tuple) or not all(isinstance(one, kind) for one in given):
+            raise ScenarioError(
+                f"The scenario's {name} are {given!r}, but must be a list of {kind.__name__}."
+            )
+        object.__setattr__(description, name, tuple(given))
     if (placed := len(description.vehicles)) > MOST_VEHICLES:
         raise ScenarioError(
             f"The scenario places {placed} vehicles, but must place at most {MOST_VEHICLES}."

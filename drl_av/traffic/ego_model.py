@@ -40,12 +40,16 @@ def hand_over(vehicle: Any, model: EgoModel, ego: EgoConfig, lane_width_m: float
 
     SL2015 permits only emergency vehicles to pass on the right above 60 km/h. If
     ``model.overtake_right`` is true, the ego therefore becomes an emergency vehicle without a
-    siren, for which other vehicles do not make way. ``vehicle`` is the domain ``vehicle`` of
-    libsumo or traci.
+    siren, for which other vehicles do not make way. The ego keeps its size. ``vehicle`` is the
+    domain ``vehicle`` of libsumo or traci.
     """
-    color = vehicle.getColor(EGO_ID)
+    color, length_m, width_m = (
+        read(EGO_ID) for read in (vehicle.getColor, vehicle.getLength, vehicle.getWidth)
+    )
     vehicle.setType(EGO_ID, "traffic")
     vehicle.setColor(EGO_ID, color)
+    vehicle.setLength(EGO_ID, length_m)
+    vehicle.setWidth(EGO_ID, width_m)
     vehicle.setSpeedMode(EGO_ID, SPEED_CHECKS)
     vehicle.setLaneChangeMode(EGO_ID, AUTONOMOUS_LANE_CHANGES)
     vehicle.setMaxSpeed(EGO_ID, ego.max_speed_m_s)

@@ -92,10 +92,12 @@ def draw_open_population(
 def open_capacity(start: OpenStart, length_m: float, start_gap_m: float) -> int:
     """Return the largest number of vehicles, the ego included, that may start on an open road.
 
-    ``length_m`` is the length of the longest vehicle.
+    The vehicles are dealt evenly to the lanes. An ego that must start in one of these lanes may
+    then be one more in it. ``length_m`` is the length of the longest vehicle.
     """
-    room = len(start.lanes) * int((start.span_m - length_m) // (length_m + start_gap_m))
-    return min(room, MOST_VEHICLES)
+    each_lane = int((start.span_m - length_m) // (length_m + start_gap_m))
+    each_lane -= start.ego_lane in start.lanes
+    return min(len(start.lanes) * max(each_lane, 0), MOST_VEHICLES)
 
 
 class Last(NamedTuple):

@@ -68,6 +68,12 @@ class OpenDescription(ABC):
                     f"Vehicle {vehicle.id!r} is placed on lane {vehicle.lane} at "
                     f"{vehicle.position_m:g} m, but must be on a lane that exists there."
                 )
+            if vehicle.position_m < self.vehicle_length_m:
+                raise ScenarioError(
+                    f"Vehicle {vehicle.id!r} is placed at {vehicle.position_m:g} m, but its front "
+                    f"must be at {self.vehicle_length_m:g} m or more, so that its rear is on the "
+                    "road."
+                )
             check_placed(self, number, plan.start.lanes)
 
     @abstractmethod

@@ -82,8 +82,8 @@ def require_speed_limit(config: Config, description: ScenarioDescription) -> Non
         if speed > description.speed_limit_m_s:
             raise ConfigError(
                 f"{name} is {speed:g}, but the scenario's speed_limit_m_s is "
-                f"{description.speed_limit_m_s:g}: lower the setting, or write a scenario with a "
-                f"higher limit{option}."
+                f"{description.speed_limit_m_s:g}: lower the setting, choose another traffic.kind, "
+                f"or write a scenario with a higher limit{option}."
             )
     for vehicle in description.vehicles:
         if vehicle.id == EGO_ID and vehicle.speed_m_s > config.ego.max_speed_m_s:

@@ -1,5 +1,6 @@
 """Functions that write, read and verify scenario folders, and that find the shipped ones."""
 
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -189,17 +190,18 @@ def shipped_scenarios() -> dict[str, Path]:
 def find_scenario(name_or_path: str | Path | None = None) -> Path:
     """Return the folder of a scenario, from its path or from the name of a shipped scenario.
 
-    None returns the folder of the default scenario.
+    A shipped scenario takes precedence over a folder of that name, which is ``./name``. None
+    returns the folder of the default scenario.
 
     Raises:
         ScenarioError: ``name_or_path`` is neither a folder nor a shipped scenario.
     """
     name = DEFAULT_SCENARIO if name_or_path is None else str(name_or_path)
     shipped = shipped_scenarios()
-    if name_or_path is not None and Path(name_or_path).is_dir():
-        return Path(name_or_path)
     if name in shipped:
         return shipped[name]
+    if os.path.isdir(name):  # no OSError for a name that is too long
+        return Path(name)
     hint = did_you_mean(name, shipped)
     raise ScenarioError(
         f"There is no scenario {name!r}{hint}: name a folder, or one of: {', '.join(shipped)}."

@@ -3,17 +3,21 @@
 from functools import partial
 
 import numpy as np
+import pytest
 import worlds
 from hypothesis import given
 from worlds import BARRICADED_ROAD, SLOW_LEADER, ahead, behind, scene, scenes
 
 from drl_av.config import SafetyConfig
 from drl_av.drivers.checked import CheckedDriver, PolicyDriver
+from drl_av.drivers.sumo import SumoDriver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
+from drl_av.errors import ConfigError
 from drl_av.safety import action_mask
-from drl_av.safety.check import Rule, Verdict
+from drl_av.safety.check import Rule, Verdict, judged
 from drl_av.safety.paper import paper
+from drl_av.traffic.ego_model import EgoModel
 
 PAPER = partial(paper, config=SafetyConfig())
 NOTHING = np.zeros(27, np.float32)
@@ -44,6 +48,35 @@ def test_a_check_that_couples_both_axes_is_masked_action_by_action() -> None:
 
     mask = action_mask(no_hard_swerve, worlds.ALONE)
     assert [ACTIONS[row].number for row in np.flatnonzero(mask == 0)] == [7, 11]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "message"),
+    [
+        (Verdict(Action(Lateral.KEEP, 7), Rule.IN_LANE), "must return a Verdict"),
+        (Verdict(("left", "brake"), Rule.IN_LANE), "must return a Verdict"),
+        (Verdict(ACTIONS[0], Rule.IN_LANE), "named the rule in_lane, but did not replace"),
+        (Verdict(ACTIONS[2], Rule.NONE), "but named no rule"),
+    ],
+)
+def test_a_verdict_that_contradicts_itself_is_refused(verdict: Verdict, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        judged(lambda scene, proposed: verdict, worlds.ALONE, ACTIONS[0])
+
+
+def test_an_action_of_plain_numbers_is_one_of_the_12() -> None:
+    plain = Verdict(Action(2, 3), Rule.IN_LANE)  # type: ignore[arg-type]
+    executed = judged(lambda scene, proposed: plain, worlds.ALONE, ACTIONS[0]).action
+    assert executed.lateral.sign == 1
+    assert executed.number == 11
+
+
+def test_no_check_is_put_around_sumo_which_proposes_nothing() -> None:
+    sumo = SumoDriver(EgoModel())
+    with pytest.raises(ConfigError, match=r"SUMO itself drives the ego .* wrap another driver"):
+        CheckedDriver(sumo, PAPER)
+    with pytest.raises(ConfigError, match=r"has no actions: .* env\.unwrapped\.hand_over"):
+        sumo.act(worlds.ALONE, NOTHING)
 
 
 @given(scenes())

@@ -212,13 +212,19 @@ def test_an_agent_of_another_environment_and_a_file_that_is_none_are_refused(
         driver_of_agent(tmp_path / "none.zip", 27, lambda: permit_all)
 
 
-def network(path: Path, inputs: int, outputs: int = 12) -> Path:
+def network(
+    path: Path,
+    inputs: int,
+    outputs: int = 12,
+    rows: int | str = "rows",
+    kind: int = TensorProto.FLOAT,
+) -> Path:
     """An ONNX network whose values are the first ones of its inputs."""
-    rows = [helper.make_tensor_value_info("s", TensorProto.FLOAT, ["rows", inputs])]
-    values = [helper.make_tensor_value_info("q", TensorProto.FLOAT, ["rows", outputs])]
+    given = [helper.make_tensor_value_info("s", kind, [rows, inputs])]
+    values = [helper.make_tensor_value_info("q", kind, [rows, outputs])]
     places = onnx.numpy_helper.from_array(np.arange(outputs), "places")
     node = helper.make_node("Gather", ["s", "places"], ["q"], axis=1)
-    graph = helper.make_graph([node], "first_12", rows, values, [places])
+    graph = helper.make_graph([node], "first_12", given, values, [places])
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     onnx.save(model, str(path))
     return path
@@ -243,5 +249,17 @@ def test_networks_of_other_inputs_and_damaged_files_are_refused(tmp_path: Path) 
 
 def test_a_network_with_a_wrong_number_of_values_is_refused(tmp_path: Path) -> None:
     driver = OnnxDriver(network(tmp_path / "four.onnx", 27, 4))
-    with pytest.raises(ConfigError, match=r"four\.onnx returns 4 numbers .* or 12 values"):
+    with pytest.raises(ConfigError, match=r"four\.onnx returns \[0.* for a scene, .* 12 finite"):
         driver.act(ALONE, OBSERVATION)
+    driver = OnnxDriver(network(tmp_path / "own.onnx", 27))
+    with pytest.raises(ConfigError, match=r"own\.onnx returns \[nan, .* 12 finite values"):
+        driver.act(ALONE, np.full(27, np.nan, np.float32))
+
+
+@pytest.mark.parametrize(("rows", "kind"), [(8, TensorProto.FLOAT), ("rows", TensorProto.DOUBLE)])
+def test_a_network_that_cannot_run_on_one_observation_is_refused_when_it_is_read(
+    tmp_path: Path, rows: int | str, kind: int
+) -> None:
+    path = network(tmp_path / "own.onnx", 27, rows=rows, kind=kind)
+    with pytest.raises(CheckpointError, match=r"does not run on one observation, float32 of shape"):
+        OnnxDriver(path)

@@ -37,6 +37,7 @@ from drl_av.drivers.network import QNetwork
 from drl_av.driving.actions import ACTIONS, Action, Lateral
 from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
 from drl_av.driving.scene import Scene
+from drl_av.errors import ConfigError
 from drl_av.safety.check import Rule, Verdict, permit_all
 from drl_av.traffic.road import Road
 
@@ -218,6 +219,14 @@ def test_algorithm_1_meets_lane_changes_that_the_margin_keeps_its_driver_from() 
     assert driver.greedy(S_T) == ACCELERATE_LEFT
     assert driver.act(ALONE, S_T).number == ACCELERATE
     assert driver.with_margins(Margins(0.005)).act(ALONE, S_T).number == ACCELERATE_LEFT
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_an_observation_of_another_length_is_refused_with_the_remedy(mirrored: bool) -> None:
+    networks = [QNetwork(np.random.default_rng(0), observation_size=27)]
+    driver = learned_driver(networks, Config().updated("learning", mirrored=mirrored))
+    with pytest.raises(ConfigError, match=r"has 30 numbers, but this driver observes 27: .*way"):
+        driver.act(ALONE, np.zeros(30, np.float32))
 
 
 def test_the_driver_follows_parameters_that_change_in_place() -> None:

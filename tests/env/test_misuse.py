@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from drl_av.config import Config
+from drl_av.drivers.registry import find_drivers
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.errors import ConfigError, ScenarioError, SimulationError
+from drl_av.errors import ConfigError, DrlAvError, ScenarioError, SimulationError
 from drl_av.safety.check import permit_all
-from drl_av.traffic.scenario import find_scenario
+from drl_av.traffic.scenario import ScenarioDescription, find_scenario, write_scenario
 
 SHORT = Config().updated("simulation", decisions_per_episode=3)
 
@@ -95,6 +96,35 @@ def test_training_refuses_more_vehicles_than_fit_before_it_begins() -> None:
     config = SHORT.updated("traffic", vehicles_max=500)
     with pytest.raises(ConfigError, match=r"vehicles_max is 500, but this road takes 113"):
         HighwayEnv(config=config).require_room()
+
+
+def test_a_number_of_vehicles_is_drawn_only_if_all_of_its_range_fit() -> None:
+    # 113 fit; the first draw, 1 or 2 of 500, would hardly ever be too many
+    config = SHORT.updated("traffic", vehicles_min=1, vehicles_max=500)
+    with HighwayEnv(config=config) as env:
+        with pytest.raises(ConfigError, match=r"vehicles_max is 500, but this road takes 113"):
+            env.reset(seed=1)
+        assert env.reset(seed=1, options={"vehicles": 3})[1]["vehicles"] == 3
+
+
+@pytest.mark.parametrize("name", ["x" * 300, Config().to_toml()])
+def test_a_name_too_long_for_a_file_is_refused_as_any_other(name: str) -> None:
+    for build in (lambda: HighwayEnv(config=name), lambda: HighwayEnv(scenario=name)):
+        with pytest.raises(DrlAvError, match=r"must be a preset|There is no scenario"):
+            build()
+    with pytest.raises(ConfigError, match="no driver"):
+        find_drivers([name])
+
+
+def test_a_folder_with_the_name_of_a_shipped_scenario_is_named_by_its_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "straight").mkdir()
+    write_scenario(tmp_path / "merge", ScenarioDescription(circumference_m=600.0))
+    for name, is_loop in (("straight", False), ("merge", False), ("./merge", True)):
+        with HighwayEnv(scenario=name, config=SHORT) as env:
+            assert env.road.is_loop is is_loop
 
 
 def test_sumo_that_ends_on_its_own_is_reported_and_starts_again_with_the_next_episode() -> None:

@@ -171,8 +171,8 @@ def test_picture_shows_the_acceleration_lane_only_where_it_is(merge: HighwayEnv)
 @pytest.mark.parametrize(
     ("name", "way"),
     [
-        ("Straight", []),
-        ("Merge", []),
+        ("Straight", [0.0, 1.0]),
+        ("Merge", [1 / 3, 0.35]),
         ("Exit", [-1.0, 1.0]),  # three lane changes to the right of three, within 1,000 m
         ("RampToRamp", [1 / 3, 0.35]),  # one to the left, within 100 m of ramp and 250 m
     ],

@@ -93,3 +93,10 @@ def test_another_environment_and_an_impossible_film_are_refused(tmp_path: Path) 
     (tmp_path / "file").touch()
     with pytest.raises(RecordingError, match=r"file cannot be made \(File exists\): name another"):
         drl_av.RecordVideo(highway(), tmp_path / "file")
+
+
+def test_a_step_before_the_first_reset_asks_for_a_reset(tmp_path: Path) -> None:
+    env = drl_av.RecordVideo(highway().unwrapped, tmp_path)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.int64(0))
+    env.close()

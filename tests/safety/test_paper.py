@@ -182,6 +182,15 @@ def test_no_lane_change_leads_off_the_open_lanes(
     assert verdict.action == Action(KEEP if fires else lateral, ACCELERATE)
 
 
+@pytest.mark.parametrize("proposed", [KEEP, TO_RIGHT])
+def test_a_lane_change_into_a_lane_that_has_ended_is_aborted(proposed: Lateral) -> None:
+    # to keep the lane would continue the lane change: off the road
+    beside_the_gore = changing(origin=1, target=0, seconds=1, road=BARRICADED_ROAD)
+    verdict = checked(beside_the_gore, proposed)
+    assert verdict == Verdict(Action(TO_LEFT, ACCELERATE), Rule.OFF_ROAD)
+    assert checked(beside_the_gore, TO_LEFT) == Verdict(Action(TO_LEFT, ACCELERATE), Rule.NONE)
+
+
 def test_a_way_back_from_beside_the_edge_is_no_way_off_the_road() -> None:
     # 2 s out of the right lane, right again: an abort, though there is no lane right of 0
     verdict = checked(changing(origin=0, target=1, seconds=2), TO_RIGHT)

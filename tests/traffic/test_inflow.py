@@ -37,6 +37,19 @@ def test_1000_vehicles_an_hour_on_three_lanes_of_2400_m_are_100_vehicles_at_20_m
     assert vehicles_of_flow(STRAIGHT._replace(flow_per_h=0.0), TRAFFIC) == 0
 
 
+def test_the_lane_in_which_the_ego_must_start_holds_its_vehicles_too() -> None:
+    # 303 m: 298 / 13 = 22 vehicles of 5 m a lane; the ego may be one more, so 3 lanes take 63
+    start = OpenStart((0, 1, 2), 303.0, 1000.0, 2, 100.0)
+    assert open_capacity(start, LENGTH_M, TRAFFIC.start_gap_m) == 63
+    assert open_capacity(start._replace(ego_lane=None), LENGTH_M, TRAFFIC.start_gap_m) == 66
+    for seed in range(20):
+        population = draw(62, seed, start)
+        assert population.lane[0] == 2
+        for lane in range(3):
+            front_m = np.sort(population.front_m[population.lane == lane])
+            assert np.diff(front_m).min() >= LENGTH_M + TRAFFIC.start_gap_m - 1e-9
+
+
 SLOW = STRAIGHT._replace(speed_limits=((600.0, 40.0), (1200.0, 10.0), (2400.0, 30.0)))
 """A quarter of the road with 10 m/s, and no vehicle wants less than 20."""
 

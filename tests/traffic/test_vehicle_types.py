@@ -6,12 +6,14 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import libsumo
 import pytest
 
 from drl_av.config import Config
 from drl_av.drivers.registry import default_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError
+from drl_av.traffic.ego_model import EgoModel
 from drl_av.traffic.scenario import (
     PlacedVehicle,
     ScenarioDescription,
@@ -107,6 +109,15 @@ def test_a_long_ego_is_as_long_as_sumo_has_it(changed: Change) -> None:
         ahead = env.scene.affordances.own_front
         assert ahead is not None
         assert ahead.gap_m == 45.0
+
+
+def test_an_ego_that_sumo_drives_keeps_its_size(changed: Change) -> None:
+    with closing(HighwayEnv(changed("ego", EGO, OTHER, length="12", width="2.4"))) as env:
+        env.reset(seed=0)
+        env.hand_over(EgoModel())
+        vehicle = libsumo.vehicle
+        assert (vehicle.getLength("ego"), vehicle.getWidth("ego")) == (12.0, 2.4)
+        assert vehicle.getTypeID("ego") != "ego"
 
 
 def test_vehicles_that_grew_into_each_other_are_refused(changed: Change) -> None:
