@@ -21,6 +21,7 @@ from drl_av.config import TRAFFIC_KINDS, Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import driver_names, driving_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
+from drl_av.errors import ConfigError
 from drl_av.traffic.collisions import bodies, motions
 from drl_av.traffic.population import EGO_ID, Kind
 from drl_av.traffic.road import CENTERED_M
@@ -104,10 +105,20 @@ def check(config: Config, ego: str, episodes: int, vehicles: Sequence[int]) -> S
 
 
 def with_mix(mix: str) -> Config:
-    """Return the default config with a mix: a kind of traffic, or shares as ``FSM,L0,L1``."""
+    """Return the default config with a mix: a kind of traffic, or shares as ``FSM,L0,L1``.
+
+    Raises:
+        ConfigError: ``mix`` is neither, or the shares are above 1 in total.
+    """
     if mix in TRAFFIC_KINDS:
         return Config().with_traffic(mix)
-    finite_state, level_0, level_1 = map(float, mix.split(","))
+    try:
+        finite_state, level_0, level_1 = map(float, mix.split(","))
+    except ValueError:
+        raise ConfigError(
+            f"The mix is {mix!r}, but must be one of {', '.join(TRAFFIC_KINDS)}, or three shares "
+            "as in 0.2,0.4,0.4: finite-state, level 0 and level 1."
+        ) from None
     return Config().updated(
         "traffic",
         finite_state_share=finite_state,

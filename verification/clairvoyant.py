@@ -235,6 +235,7 @@ def main() -> int:
     parser.number("--jobs", 1, "number of processes")
     options = parser.parse_args()
     config = Config().updated("safety", check=options.safety_check)
+    names = [spec.name for spec in find_drivers(options.driver)]
     seeds = range(options.seed, options.seed + options.episodes)
     speeds: list[Speed] = []
     with workers(options.jobs) as submit:
@@ -245,9 +246,9 @@ def main() -> int:
         ]
         for future in futures:
             speeds += future.result()
-            print(speeds[-1 - len(options.driver) :], file=sys.stderr, flush=True)
+            print(speeds[-1 - len(names) :], file=sys.stderr, flush=True)
     print(f"{'vehicles':>8}  {'driver':<14}{'speed, m/s':>11}  gain of the search, m/s")
-    for gain in paired(speeds, SEARCH, options.driver):
+    for gain in paired(speeds, SEARCH, names):
         own = [one.mean_speed_m_s for one in speeds if one[:2] == (gain.baseline, gain.vehicles)]
         mean, half = gain.difference_m_s
         print(

@@ -19,18 +19,16 @@ the same driver on the empty road. Intervals are Wilson's at 95 %. The exit stat
 hit anything.
 """
 
-import argparse
 import math
 import re
-import sys
 import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean
 
+from drl_av.cli.arguments import whole
 from drl_av.config import Config, MobilConfig
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, default_config, find_drivers, make_drivers
@@ -41,14 +39,14 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.env.way import COMPLETE, EXIT_MISSED
 from drl_av.experiments.markdown import markdown_table
-from drl_av.experiments.provenance import made_by
 from drl_av.safety import CHECKS
 from drl_av.traffic.kinds import KINDS
 from drl_av.traffic.scenario import write_scenario
 from drl_av.traffic.snapshot import Snapshot
+from verification.program import Program, run_program
 
 SEEDS = 760_000
-FLOWS = (0.0, 500.0, 1000.0, 1500.0, 2000.0)
+FLOWS = (0, 500, 1000, 1500, 2000)
 STANDING_M_S = 0.5
 HARD_M_S2 = 3.0
 DEMANDED_M_S2 = 2.0
@@ -228,30 +226,26 @@ def table(text: str) -> str:
 
 def main() -> int:
     """Drive each driver on each kind of road at each flow and print its line."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser = Program(__doc__)
     parser.add_argument(
         "--kind", nargs="+", default=["merge"], choices=SUCCESS, help="default: merge"
     )
-    parser.add_argument(
-        "--episodes", type=int, default=100, help="for each printed line (default: 100)"
-    )
+    parser.number("--episodes", 100, "for each printed line")
     parser.add_argument(
         "--driver", nargs="+", default=["gap-mobil"], metavar="NAME", help="default: gap-mobil"
     )
     parser.add_argument(
         "--flow",
         nargs="+",
-        type=float,
+        type=whole(0),
         default=FLOWS,
         metavar="VEHICLES_PER_H",
         help="inflow of each lane of the highway (default: 0 500 1000 1500 2000)",
     )
     parser.add_argument("--safety-check", default="strict", choices=CHECKS, help="default: strict")
-    parser.add_argument(
-        "--seed", type=int, default=SEEDS, help=f"of the first episode (default: {SEEDS})"
-    )
+    parser.number("--seed", SEEDS, "of the first episode", low=0)
     options = parser.parse_args()
-    hits, begun_s = 0, time.monotonic()
+    hits = 0
     specs = find_drivers(options.driver)
     seeds = range(options.seed, options.seed + options.episodes)
     with tempfile.TemporaryDirectory() as home:
@@ -266,7 +260,7 @@ def main() -> int:
                     trips = [drive(env, driver, seed) for seed in seeds]
                 hits += sum(trip.ego_hit for trip in trips)
                 print(line(kind, spec.name, flow, trips, empty_s), flush=True)
-    print(made_by(time.monotonic() - begun_s))
+    print(parser.made_by())
     return 1 if hits else 0
 
 
@@ -282,4 +276,4 @@ def driven_with(spec: DriverSpec, scenario: Path, check: str) -> Config:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_program(main)

@@ -30,7 +30,7 @@ from drl_av.env.reward import Transition
 from drl_av.env.rollout import drive
 from drl_av.evaluation import DENSITIES
 from drl_av.experiments.provenance import provenance, read_sidecar, write_sidecar
-from drl_av.files import append_rows, read_table
+from drl_av.files import append_rows, read_table, require_writable
 from verification.program import Program, run_program
 from verification.shielding_report import COLUMNS, FINAL, METHODS, TRAINING, figure, table
 
@@ -137,6 +137,7 @@ def main() -> int:
     parser.number("--episodes", 5, "evaluated at each density")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
     options = parser.parse_args()
+    require_writable(options.out)
     if not options.out.parent.is_dir():
         parser.error(f"The folder {options.out.parent} does not exist: make it first.")
     size = {"steps": options.steps, "evaluation_episodes": options.episodes}

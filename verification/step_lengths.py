@@ -17,7 +17,7 @@ from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.experiments.provenance import provenance, write_sidecar
-from drl_av.files import write_table
+from drl_av.files import require_writable, write_table
 from verification.program import Program, run_program
 from verification.traffic_tally import TrafficTally
 
@@ -52,6 +52,7 @@ def main() -> None:
     parser.number("--vehicles", 30, "beside the ego")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
     options = parser.parse_args()
+    require_writable(options.out)
     rows = [measure(step, options.episodes, options.vehicles) for step in STEP_LENGTHS_S]
     seeds = f"{SEEDS} to {SEEDS + options.episodes - 1}"
     facts = provenance(Config(), seeds=seeds, wall_time_s=round(parser.spent_s(), 1))

@@ -18,7 +18,7 @@ from drl_av.evaluation.evaluate import evaluate
 from drl_av.experiments.experiment import ResultsFolder
 from drl_av.experiments.markdown import markdown_table
 from drl_av.experiments.provenance import provenance, write_sidecar
-from drl_av.files import Row, write_table
+from drl_av.files import Row, require_writable, write_table
 from verification.program import Program, run_program
 
 STORIES = (
@@ -106,6 +106,7 @@ def main() -> None:
     parser = Program(__doc__)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
     options = parser.parse_args()
+    require_writable(options.out)
     rows = []
     for story in STORIES:
         for check in CHECKS:

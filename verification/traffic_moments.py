@@ -157,8 +157,8 @@ def main() -> None:
     """Drive each kind of traffic and print the table."""
     parser = Program(__doc__)
     parser.number("--episodes", 60, "for each kind of traffic")
-    parser.add_argument("--vehicles", type=whole(1), nargs="+", default=VEHICLES, metavar="N")
-    parser.add_argument("--traffic", nargs="+", default=SINGLE_KINDS, metavar="KIND")
+    parser.add_argument("--vehicles", type=whole(2), nargs="+", default=VEHICLES, metavar="N")
+    parser.some("--traffic", SINGLE_KINDS)
     options = parser.parse_args()
     found = {
         kind: moments(Config().with_traffic(kind), options.episodes, options.vehicles)

@@ -101,10 +101,12 @@ def evaluate(options: argparse.Namespace) -> int:
     from drl_av.files import require_suffix, require_writable
 
     words = [*options.runs, *options.driver]
-    beside = provenance_file(options.out) if options.out else None
-    require_writable(options.out, options.json, beside, inputs=[options.config, *words])
+    inputs = [*options.config, *words]
+    require_writable(options.out, options.json, inputs=inputs)
     require_suffix(options.out, ".csv")
     require_suffix(options.json, ".json")
+    if options.out:
+        require_writable(provenance_file(options.out), options.json, inputs=inputs)
     specs = find_drivers(words or ["pretrained"])
     if options.require_pass:
         _require_rivals([spec.name for spec in specs])
@@ -149,13 +151,13 @@ def evaluate(options: argparse.Namespace) -> int:
             "judgements": judgements,
         }
         write_summaries(options.json, parts)
-    if options.out and status == 0:
+    if options.out and (status == 0 or kept == options.out):
         _write_provenance(options, config)
     if rows:
         print_summaries(summaries)
     if status == 0:
-        if gains := _gains(rows, rules):
-            print_gains(gains)
+        if found_gains := gains(rows, rules):
+            print_gains(found_gains)
         print_overall(overalls)
     if found_styles:
         print_styles(found_styles)
@@ -199,15 +201,20 @@ def provenance_file(table: Path) -> Path:
     return table.with_suffix(".provenance.json")
 
 
-def _gains(rows: Sequence["EpisodeResult"], rules: Sequence[str]) -> list["Paired"]:
-    """Compute each other driver's gain over the fastest rule-based driver, at each density."""
+def gains(rows: Sequence["EpisodeResult"], rules: Sequence[str]) -> list["Paired"]:
+    """Compute each other driver's gain over the fastest rule-based driver, at each density.
+
+    Only the rule-based drivers that miss their exit or fail to merge least often count.
+    """
     from drl_av.evaluation.paired import paired
+    from drl_av.evaluation.statistics import fewest_missed
 
     names = list(dict.fromkeys(row.driver for row in rows))
-    if not rules:
+    eligible = fewest_missed(rows, rules)
+    if not eligible:
         return []
-    gains = [paired(rows, name, rules) for name in names if name not in rules]
-    return sorted((g for own in gains for g in own if g.best), key=lambda gain: gain.vehicles)
+    found = [paired(rows, name, eligible) for name in names if name not in rules]
+    return sorted((g for own in found for g in own if g.best), key=lambda gain: gain.vehicles)
 
 
 def _kept(table: Path | None) -> Path | None:

@@ -1,6 +1,8 @@
 """The verb ``figures``: draws the paper's figures from tables and runs."""
 
 import argparse
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
 from drl_av.config import Config
@@ -45,6 +47,7 @@ def figures(options: argparse.Namespace) -> int:
     figures = {"reward": reward_figure(Config()), "lane_change": lane_change_figure(Config())}
     if tables:
         rows = [row for table in tables for row in read_table(table, EPISODE_COLUMNS)]
+        _require_distinct(tables)
         figures["mean_speed"] = speed_figure(rows)
         figures["speed_profile"] = profile_figure(rows)
     if runs:
@@ -61,3 +64,21 @@ def figures(options: argparse.Namespace) -> int:
         save_figure(figure, options.out / f"{name}.png")
         print(options.out / f"{name}.png")
     return 0
+
+
+def _require_distinct(tables: Iterable[Path]) -> None:
+    """Raise ConfigError if the tables have two episodes of one driver in the same traffic.
+
+    Tables without a column ``seed`` are not examined.
+    """
+    from drl_av.files import read_table
+
+    rows = [row for table in tables for row in read_table(table) if "seed" in row]
+    episodes = Counter((row["driver"], row["vehicles"], row["seed"]) for row in rows)
+    for (driver, vehicles, seed), times in episodes.items():
+        if times > 1:
+            raise ConfigError(
+                f"The tables have {times} rows of {driver} with seed {seed} among {vehicles} "
+                "vehicles, for example under several checks, and a curve would mix them: draw "
+                "each evaluation by itself."
+            )

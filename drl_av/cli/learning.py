@@ -112,11 +112,16 @@ def adapt(options: argparse.Namespace) -> int:
 
     if options.tensorboard:
         require_tensorboard()
+    if options.resume and options.run is not None:
+        raise ConfigError(
+            f"--resume continues {options.out} with the driver that it began with: leave "
+            f"{options.run} out."
+        )
     run, word = Run(options.out), "pretrained" if options.run is None else options.run
     [spec] = find_drivers([word])
     if spec.run is None:
         raise ConfigError(
-            f"{word} is a rule-based driver and cannot learn: give a run's folder, "
+            f"{word} is not a driver that drl-av trained: give a run's folder, "
             "or leave it out for the driver that ships with drl-av."
         )
     config = _adaptation_config(options, run, spec)
@@ -132,7 +137,7 @@ def adapt(options: argparse.Namespace) -> int:
                     f"from {config.learning.collisions_to_start} collision rows on.",
                     file=sys.stderr,
                 )
-        rival = "idm" if options.resume and options.run is None else word
+        rival = "idm" if options.resume else word
         return _carry_on("adapt", run, training, options.tensorboard, rival)
 
 

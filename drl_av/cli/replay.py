@@ -11,7 +11,9 @@ from drl_av.drivers.registry import (
     find_drivers,
     make_drivers,
 )
-from drl_av.errors import RecordingError, counted
+from drl_av.errors import ConfigError, RecordingError, counted
+
+USUAL_RATE = 2.0
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -47,7 +49,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--html", type=Path, metavar="FILE.html", help="write a page that plays in a browser"
     )
     parser.add_argument(
-        "--rate", type=rate, default=2.0, metavar="X", help="speed as a multiple of real time"
+        "--rate", type=rate, metavar="X", help=f"multiple of real time (default: {USUAL_RATE:g})"
     )
     parser.add_argument("--record", type=Path, metavar="FILE.npz", help="save the episode")
     driving(parser, "the RUN's")
@@ -60,17 +62,22 @@ def replay(options: argparse.Namespace) -> int:
     from drl_av.evaluation.replay import Pacer, Page, ReplaySession, replay_session, watcher_of
     from drl_av.files import require_suffix, require_writable
 
-    inputs = [options.source, options.driver, options.config]
+    if options.html and options.rate is not None:
+        raise ConfigError(
+            "--rate has no effect on a page, whose menu sets the speed: leave it out."
+        )
+    pace = USUAL_RATE if options.rate is None else options.rate
+    inputs = [options.source, options.driver, *options.config]
     require_writable(options.record, options.video, options.html, inputs=inputs)
     for path, suffix in ((options.html, ".html"), (options.record, ".npz")):
         require_suffix(path, suffix)
     if options.video:
-        require_film(options.video, options.rate)
+        require_film(options.video, pace)
     given = (options.source, options.driver, "pretrained")
     source = next(word for word in given if word is not None)
     if Path(source).is_file() and Path(source).suffix not in (*DRIVER_FILES, ".toml"):
         recording = load_recording(Path(source))
-        _refuse_settings(options)
+        _refuse_settings(options, source)
         session = replay_session(recording)
     else:
         specs = find_drivers([source])
@@ -82,14 +89,14 @@ def replay(options: argparse.Namespace) -> int:
     if options.video:
         film = Film(session.name, session.road)
         recording, result = session.drive(None, watcher_of(film))
-        print(f"{options.video}: {counted(film.write(options.video, rate=options.rate), 'frame')}")
+        print(f"{options.video}: {counted(film.write(options.video, rate=pace), 'frame')}")
     elif options.html:
         page = Page(f"{session.name}, seed {session.seed}", session.road, session.driver)
         recording, result = session.drive(None, page)
         page.write(options.html)
         print(f"{options.html}: open it in a browser")
     else:
-        recording, result = session.drive("human", Pacer(options.rate))
+        recording, result = session.drive("human", Pacer(pace))
     if options.record:
         recording.save(options.record)
         print(f"{options.record}: recorded")
@@ -104,11 +111,11 @@ def replay(options: argparse.Namespace) -> int:
     return 0
 
 
-def _refuse_settings(options: argparse.Namespace) -> None:
+def _refuse_settings(options: argparse.Namespace, recording: str) -> None:
     names = ("seed", "vehicles", "decisions", "scenario", "safety_check", "traffic", "config")
-    given = [name for name in names if getattr(options, name) is not None]
+    given = [name for name in names if getattr(options, name) not in (None, [])]
     if given:
         raise RecordingError(
-            f"--{given[0].replace('_', '-')} cannot be changed in {options.source}: "
+            f"--{given[0].replace('_', '-')} cannot be changed in {recording}: "
             "a recording is replayed as it was recorded."
         )

@@ -26,7 +26,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     numbers = {
         "--seeds": (usual.seeds, "trainings of each variant; the paper has 200"),
         "--episodes": (usual.episodes, "episodes of each training, of a schedule of 10000"),
-        "--full-seeds": (usual.full_seeds, "trainings that continue to the schedule's end"),
+        "--full-seeds": (
+            usual.full_seeds,
+            "trainings that continue to the schedule's end; fast and adaptation have at least one",
+        ),
         "--drives": (usual.drives, "evaluation episodes at each number of vehicles"),
         "--jobs": (usual.jobs, "parallel processes on this machine"),
     }

@@ -36,7 +36,13 @@ def driving(parser: argparse.ArgumentParser, whose: str) -> None:
         metavar="KIND",
         help=f"one of: {', '.join(TRAFFIC_KINDS)} (default: {whose} [traffic])",
     )
-    parser.add_argument("--config", metavar="FILE.toml", help=f"TOML settings that replace {whose}")
+    parser.add_argument(
+        "--config",
+        action="append",
+        default=[],
+        metavar="FILE.toml",
+        help=f"TOML settings that replace {whose}; of several files the last one counts",
+    )
 
 
 def overridden(config: Config, options: argparse.Namespace) -> Config:
@@ -46,7 +52,8 @@ def overridden(config: Config, options: argparse.Namespace) -> Config:
     """
     if options.traffic is not None:
         config = config.with_traffic(options.traffic)
-    config = load_config(options.config, config)
+    for path in options.config:
+        config = load_config(path, config)
     if options.scenario is not None:
         config = config.updated("simulation", scenario=options.scenario)
     if options.safety_check is not None:

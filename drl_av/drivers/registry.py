@@ -96,11 +96,10 @@ def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
     """Find the driver that each word names; a repeated word counts once.
 
     A word is one of ``driver_names``, a path, or a factory, as for ``load_driver``. A driver with a
-    path is named after the last part of it, or after the whole path if two would share a name.
+    path is named after the last part of it, or after the whole path if another has that name.
 
     Raises:
-        ConfigError: a word names no driver, or a zip or ONNX file that is no regular file or is
-            larger than ``MAX_BYTES``.
+        ConfigError: a word names no driver, or a zip or ONNX file larger than ``MAX_BYTES``.
     """
     runs: dict[str, Path | None] = {}
     for word in dict.fromkeys(words):
@@ -115,7 +114,8 @@ def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
         else:
             raise _unknown(word)
     named = {*driver_names(), *filter(is_factory, runs)}
-    short = {word: word if word in named else Path(word).absolute().name for word in runs}
+    last = {word: Path(word).absolute().name for word in runs}
+    short = {word: word if {word, last[word]} & named else last[word] for word in runs}
     count = Counter(short.values())
     return tuple(
         DriverSpec(

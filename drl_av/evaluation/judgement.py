@@ -7,6 +7,7 @@ from typing import NamedTuple
 from drl_av.drivers.registry import baselines
 from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.criticality import CriticalityResult
+from drl_av.evaluation.paired import require_distinct
 from drl_av.evaluation.statistics import Mean, fastest, grouped, mean_difference
 
 
@@ -81,11 +82,14 @@ def judge(rows: Iterable[EpisodeResult]) -> list[Judgement]:
     The list is empty without a rule-based driver.
 
     Raises:
-        DrlAvError: a driver and the fastest rule-based driver did not drive the same traffic.
+        DrlAvError: a driver and the fastest rule-based driver did not drive the same traffic, or
+            one of them drove a seed twice.
     """
+    rows = list(rows)
+    require_distinct(rows)
     drives = grouped(rows, lambda row: row.driver)
     rules = baselines(drives)
-    best = fastest((row for own in drives.values() for row in own), rules)
+    best = fastest(rows, rules)
     if best is None:
         return []
     fewest = _Fewest(min(_hits(drives[name]) for name in rules), _missed(drives[best]))

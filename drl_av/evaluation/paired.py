@@ -1,5 +1,6 @@
 """Compares a driver with baselines in the same seeded traffic, episode by episode."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -51,6 +52,17 @@ class Paired(NamedTuple):
         }
 
 
+def require_distinct(rows: Iterable[Speed | EpisodeResult]) -> None:
+    """Raise DrlAvError if a driver drove a seed among as many vehicles twice."""
+    driven = Counter((row.driver, row.seed, row.vehicles) for row in rows)
+    for (driver, seed, vehicles), times in driven.items():
+        if times > 1:
+            raise DrlAvError(
+                f"{driver} drove seed {seed} among {counted(vehicles, 'vehicle')} twice: remove "
+                "one of the rows."
+            )
+
+
 def paired(
     episodes: Iterable[Speed | EpisodeResult], driver: str, baselines: Sequence[str]
 ) -> list[Paired]:
@@ -61,15 +73,13 @@ def paired(
     Raises:
         DrlAvError: the drivers did not drive the same seeds, or a driver drove a seed twice.
     """
+    episodes = list(episodes)
+    require_distinct(episodes)
     speeds: dict[int, dict[str, dict[int, float]]] = {}
     for row in episodes:
-        own = speeds.setdefault(row.vehicles, {}).setdefault(row.driver, {})
-        if row.seed in own:
-            raise DrlAvError(
-                f"{row.driver} drove seed {row.seed} among {counted(row.vehicles, 'vehicle')} "
-                "twice: remove one of the rows."
-            )
-        own[row.seed] = row.mean_speed_m_s
+        speeds.setdefault(row.vehicles, {}).setdefault(row.driver, {})[row.seed] = (
+            row.mean_speed_m_s
+        )
     return [
         _gain(vehicles, found, driver, baseline, baselines)
         for vehicles, found in sorted(speeds.items())

@@ -184,15 +184,24 @@ def fastest(rows: Iterable[EpisodeResult], drivers: Iterable[str]) -> str | None
     On a road with an exit or a merge, only those of the drivers count that miss their exit, or fail
     to merge, in the fewest episodes.
     """
+    rows = list(rows)
+    driven = grouped(rows, lambda row: row.driver)
+    means = {
+        driver: sum(row.mean_speed_m_s for row in driven[driver]) / len(driven[driver])
+        for driver in fewest_missed(rows, drivers)
+    }
+    return max(means, key=means.__getitem__, default=None)
+
+
+def fewest_missed(rows: Iterable[EpisodeResult], drivers: Iterable[str]) -> list[str]:
+    """Return those of ``drivers`` that miss their exit, or fail to merge, in the fewest episodes.
+
+    On a road without an exit or a merge these are all of ``drivers`` that have rows.
+    """
     names = set(drivers)
     driven = grouped((row for row in rows if row.driver in names), lambda row: row.driver)
     missed = {driver: sum(row.missed for row in own) for driver, own in driven.items()}
-    means = {
-        driver: sum(row.mean_speed_m_s for row in own) / len(own)
-        for driver, own in driven.items()
-        if missed[driver] == min(missed.values())
-    }
-    return max(means, key=means.__getitem__, default=None)
+    return [driver for driver, number in missed.items() if number == min(missed.values())]
 
 
 def _profile(strata: Sequence[FloatArray]) -> dict[int, float]:

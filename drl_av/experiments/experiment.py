@@ -135,8 +135,7 @@ def draw_results(
     """
     found = [each for each in experiments.values() if (folder / each.table).is_file()]
     if not any(experiment.figures for experiment in found):
-        raise DrlAvError(
-            f"{folder} holds neither a run nor results: make them with drl-av reproduce."
-        )
+        what = "no results that have figures" if found else "neither a run nor results"
+        raise DrlAvError(f"{folder} holds {what}: make them with drl-av reproduce.")
     for experiment in found:
         yield from experiment.draw(folder)

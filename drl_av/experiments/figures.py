@@ -50,11 +50,16 @@ def learning_figure(runs: Sequence[Path]) -> "Figure":
     The figure has one curve for each run's folder, like Fig. 7 of the paper. A second curve in a
     light colour shows the mean reward of the last ``SMOOTHED_OVER`` training episodes, which
     include exploration.
+
+    Raises:
+        DrlAvError: a run has no evaluation yet, or a table is damaged.
     """
     figure, axes = one_panel("training episode", "mean reward a decision")
     curves = {}
     for run in runs:
-        rows = read_table(run / "evaluations.csv", EVALUATION_COLUMNS)
+        rows = read_table(run / "evaluations.csv", EVALUATION_COLUMNS, growing=True)
+        if not rows:
+            raise DrlAvError(f"The run {run} has no evaluation yet: train it for longer.")
         episodes, rewards = ([row[name] for row in rows] for name in EVALUATION_COLUMNS)
         [curve] = axes.plot(episodes, rewards, marker=".", zorder=2)
         if (run / "episodes.csv").is_file():
@@ -128,7 +133,7 @@ def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
             number: mean_with_interval(float(row["mean_speed_m_s"]) for row in cells[number])
             for number in sorted(cells)
         }
-    figure, axes = one_panel("vehicles on the loop", "mean speed of the ego, m/s")
+    figure, axes = one_panel("vehicles around the ego", "mean speed of the ego, m/s")
     curves_by_density(axes, means)
     return figure
 

@@ -56,8 +56,10 @@ def command() -> str:
     called = {
         "tools": ["python", f"tools/{program.name}"],
         "verification": ["python", "-m", f"verification.{program.stem}"],
+        "drl_av": ["drl-av"],
     }
-    return shlex.join([*called.get(program.parent.name, ["drl-av"]), *sys.argv[1:]])
+    usual = ["drl-av"] if program.name in ("drl-av", "drl-av.exe") else ["python", program.name]
+    return shlex.join([*called.get(program.parent.name, usual), *sys.argv[1:]])
 
 
 def made_by(seconds: float) -> str:

@@ -191,13 +191,16 @@ class Training:
 
     @property
     def _most_on_open_road(self) -> int | None:
-        """Most other vehicles at the start of an episode on an open road; None on a loop.
+        """Most other vehicles at the start of an episode on an open road; otherwise None.
 
-        It is twice the number that corresponds to the inflow, as far as there is room, so that the
-        driver learns in every density (ours).
+        On a loop the settings say how many, and some scenarios place their vehicles. It is twice
+        the number that corresponds to the inflow, as far as there is room, so that the driver
+        learns in every density (ours).
         """
         fleet = self._env.simulation.fleet
-        return None if fleet.usual is None else min(2 * fleet.usual, fleet.capacity)
+        if fleet.usual is None or fleet.placed is not None:
+            return None
+        return min(2 * fleet.usual, fleet.capacity)
 
     @property
     def _gradient_steps(self) -> int:
@@ -220,6 +223,8 @@ class Training:
         """
         traffic, most = self.config.traffic, self._most_on_open_road
         ends = (traffic.vehicles_min, traffic.vehicles_max) if most is None else (0, most)
+        if (placed := self._env.simulation.fleet.placed) is not None:
+            ends = placed, placed
         numbers = np.linspace(*ends, self._config.evaluation_episodes).round()
         results = [
             drive(self._env, self.driver, "ddqn", EVALUATION_SEEDS + i, int(vehicles))

@@ -74,6 +74,13 @@ def test_runs_of_one_name_are_distinguished_and_drivers_mix(tmp_path: Path) -> N
     assert find_drivers(["pretrained"]) == (DriverSpec("pretrained", PRETRAINED, check="strict"),)
 
 
+def test_a_run_with_the_name_of_a_driver_keeps_its_path(tmp_path: Path) -> None:
+    runs = [run_folder(tmp_path / name) for name in ("sumo", "pretrained")]
+    specs = find_drivers([*map(str, runs), "sumo"])
+    assert [spec.name for spec in specs] == [*map(str, runs), "sumo"]
+    assert baselines(spec.name for spec in specs) == ["sumo"]
+
+
 @pytest.mark.parametrize(
     ("driver", "check"),
     [

@@ -173,6 +173,8 @@ def test_ctrl_c_keeps_the_rows_so_far(
     finally:
         signal.signal(signal.SIGINT, former)
     assert len(out.read_text().splitlines()) == 1 + 3
+    made = json.loads(out.with_suffix(".provenance.json").read_text())
+    assert made["seeds"] == "0 to 8"  # asked for
     printed = capsys.readouterr()
     assert printed.err == "drl-av: interrupted after 3 episodes.\n"
     assert "3 episodes each" in printed.out
@@ -184,9 +186,10 @@ def test_a_table_that_exists_keeps_its_rows_until_the_new_ones_are_whole(
     stop_at, driven = [3], iter(range(100))
 
     def drive(*arguments: object) -> EpisodeResult:
-        if next(driven) in stop_at:
+        number = next(driven)
+        if number in stop_at:
             signal.raise_signal(signal.SIGTERM)
-        return RESULT
+        return replace(RESULT, seed=number)
 
     monkeypatch.setattr(module, "drive", drive)
     out, partial = tmp_path / "rows.csv", tmp_path / "rows.partial.csv"

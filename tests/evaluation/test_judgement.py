@@ -35,6 +35,12 @@ FASTER = (25.0, 23.0, 21.0, 19.5)
 """1, 1, 1 and 1.5 m/s faster than sumo: 1.125 +- 3.182 * 0.25 / 2 = 0.398."""
 
 
+def test_two_evaluations_of_one_driver_are_not_judged_as_one() -> None:
+    mine = drives("mine", *FASTER)
+    with pytest.raises(DrlAvError, match=r"mine drove seed 0 among 0 vehicles twice: remove one"):
+        judge([*mine, *mine[:1], *RULES])
+
+
 def judged(rows: list[EpisodeResult]) -> dict[str, module.Judgement]:
     return {each.driver: each for each in judge([*rows, *RULES])}
 

@@ -8,9 +8,10 @@ import pytest
 from drives import RESULT, episode
 
 from drl_av.cli import main
+from drl_av.cli.evaluate import gains
 from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.judgement import judge
-from drl_av.evaluation.statistics import overall, summarize
+from drl_av.evaluation.statistics import fewest_missed, overall, summarize
 
 
 def drives(driver: str, ways: str, *speeds_m_s: float) -> list[EpisodeResult]:
@@ -37,6 +38,13 @@ def test_a_driver_is_compared_with_the_fastest_of_those_that_miss_fewest_exits()
     assert (mine.missed, mine.fewest_missed) == (1, 1)
     line = "\n  episodes in which the ego missed its exit or did not merge 1 (rule-based: 1)\n"
     assert line in str(mine)
+
+
+def test_only_drivers_that_miss_fewest_exits_are_the_fastest_baseline_at_a_density() -> None:
+    rows = [*drives("mine", "oxoo", *FASTER), *RULES]
+    assert fewest_missed(rows, ["idm", "gap-mobil", "sumo"]) == ["gap-mobil", "sumo"]
+    [gain] = gains(rows, ["idm", "gap-mobil", "sumo"])  # idm is 7 m/s faster
+    assert (gain.baseline, gain.difference_m_s.value) == ("sumo", 1.25)
 
 
 def test_the_summary_of_all_densities_compares_with_the_same_rule_based_driver() -> None:
@@ -81,6 +89,7 @@ def test_the_command_shows_exits_and_fails_a_driver_that_misses_more(
     assert main([*words, "--out", str(out), "--json", str(summary)]) == 1
     printed = capsys.readouterr().out
     assert "taken" in printed
+    assert "fastest baseline" in printed
     assert "missed its exit or did not merge 2 (rule-based: 0)" in printed
     header, *rows = out.read_text().splitlines()
     assert header.endswith("d_safe_violations,way")

@@ -98,6 +98,25 @@ def test_names_are_in_the_legend_as_they_are(tmp_path: Path) -> None:
         save_figure(figure, tmp_path / "figure.png")
 
 
+def test_episodes_of_one_driver_in_the_same_traffic_are_not_mixed_into_one_curve(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, rows in (("paper", "idm,5,1,20\n"), ("strict", "idm,5,2,20\nidm,5,1,10\n")):
+        (tmp_path / name).write_text(f"driver,vehicles,seed,mean_speed_m_s\n{rows}")
+    tables, out = [str(tmp_path / name) for name in ("paper", "strict")], str(tmp_path)
+    assert main(["figures", tables[0], "--out", out]) == 0
+    assert main(["figures", *tables, "--out", out]) == 1
+    assert "2 rows of idm with seed 1 among 5 vehicles" in error_message(capsys)
+
+
+def test_a_run_without_an_evaluation_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "evaluations.csv").write_text("episode,mean_reward\n")
+    assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
+    assert "has no evaluation yet: train it for longer" in error_message(capsys)
+
+
 @pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e400", "1e308", "9" * 400])
 def test_a_number_that_cannot_be_drawn_is_one_sentence(
     number: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -16,6 +16,7 @@ from drl_av.experiments.store import stored_config
         ("/home/someone/.venv/bin/drl-av", "drl-av --jobs 2 'a b'"),
         ("/home/someone/drl_av/__main__.py", "drl-av --jobs 2 'a b'"),
         ("/home/someone/tools/benchmark.py", "python tools/benchmark.py --jobs 2 'a b'"),
+        ("examples/own_experiment.py", "python own_experiment.py --jobs 2 'a b'"),
         ("tools/benchmark.py", "python tools/benchmark.py --jobs 2 'a b'"),
         ("/src/verification/long_run.py", "python -m verification.long_run --jobs 2 'a b'"),
     ],

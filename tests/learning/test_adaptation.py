@@ -68,8 +68,8 @@ def frozen(trained: Path, quick: str) -> Path:
 
 
 def command(trained: Path, quick: str, name: str, *options: str) -> list[str]:
-    out = str(trained.with_name(name))
-    return ["adapt", str(trained), "--out", out, "--config", quick, *options]
+    run = [] if "--resume" in options else [str(trained)]
+    return ["adapt", *run, "--out", str(trained.with_name(name)), "--config", quick, *options]
 
 
 def adapt(trained: Path, quick: str, name: str, *options: str) -> Path:
@@ -220,7 +220,7 @@ def test_killed_or_stopped_by_ctrl_c_it_ends_with_the_same_bytes(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["idm"], "idm is a rule-based driver and cannot learn"),
+        (["idm"], "idm is not a driver that drl-av trained"),
         (["imd"], "did you mean 'idm'"),
         (["."], "holds no trained driver"),
         (["--learning-rate", "2"], "learning.learning_rate is 2.0, but must be from 0 to 1"),
@@ -257,6 +257,8 @@ def test_a_run_that_is_there_is_not_begun_again_nor_resumed_otherwise(
     ):
         assert main(command(trained, quick, "adapted", *options)) == 1
         assert message in error_message(capsys)
+    assert main(["adapt", str(trained), "--out", str(adapted), "--resume"]) == 1
+    assert "with the driver that it began with: leave" in error_message(capsys)
     assert files_of(adapted) == before
     assert main(command(trained, quick, "adapted", "--resume")) == 0
 

@@ -46,7 +46,7 @@ class ScriptedEnv:
 
     road = ROAD
     scene = ALONE
-    simulation = SimpleNamespace(fleet=SimpleNamespace(usual=None))
+    simulation = SimpleNamespace(fleet=SimpleNamespace(usual=None, placed=None))
 
     def __init__(self, script: list[Step], config: Config, tape: list[str]) -> None:
         self.script, self.config, self.tape = script, config, tape
@@ -322,22 +322,31 @@ def test_target_network_follows_every_n_c_episodes() -> None:
     assert episodes == "rrrsrrrsr"
 
 
-def test_training_never_meets_the_traffic_of_an_evaluation(monkeypatch: pytest.MonkeyPatch) -> None:
+Driven = list[tuple[int, int]]
+
+
+@pytest.fixture
+def driven(monkeypatch: pytest.MonkeyPatch) -> Driven:
+    """Seed and number of vehicles of each evaluation episode, none of which is driven."""
+    found: Driven = []
+
+    def drive(env: Any, driver: Any, name: str, seed: int, vehicles: int) -> SimpleNamespace:
+        found.append((seed, vehicles))
+        names = ("mean_reward", "mean_r_v", "mean_r_y", "mean_r_x", "mean_speed_m_s")
+        counts = ("collided", "ego_hit", "safety_triggers")
+        return SimpleNamespace(**dict.fromkeys((*names, *counts), 1))
+
+    monkeypatch.setattr(module, "drive", drive)
+    return found
+
+
+def test_training_never_meets_the_traffic_of_an_evaluation(driven: Driven) -> None:
     training, env, *_ = story([QUIET], episodes=50)
     for _ in range(50):
         training.run_episode()
     assert min(env.seeds) >= TRAINING_SEED_RANGE[0] == 1_000_000
     assert len(set(env.seeds)) == 50
     assert env.options == [None] * 50  # on a loop the seed determines the number of vehicles
-    driven: list[tuple[int, int]] = []
-
-    def drive(env: Any, driver: Any, name: str, seed: int, vehicles: int) -> SimpleNamespace:
-        driven.append((seed, vehicles))
-        names = ("mean_reward", "mean_r_v", "mean_r_y", "mean_r_x", "mean_speed_m_s")
-        counts = ("collided", "ego_hit", "safety_triggers")
-        return SimpleNamespace(**dict.fromkeys((*names, *counts), 1))
-
-    monkeypatch.setattr(module, "drive", drive)
     training.evaluate()
     again = driven.copy()
     training.evaluate()
@@ -352,10 +361,20 @@ def test_on_an_open_road_episodes_begin_with_none_to_twice_as_many_vehicles_as_t
     capacity: int, most: int
 ) -> None:
     training, env, *_ = story([QUIET], episodes=200)
-    env.simulation = SimpleNamespace(fleet=SimpleNamespace(usual=5, capacity=capacity))
+    fleet = SimpleNamespace(usual=5, placed=None, capacity=capacity)
+    env.simulation = SimpleNamespace(fleet=fleet)
     for _ in range(200):
         training.run_episode()
     assert {options["vehicles"] for options in env.options} == set(range(most + 1))
+
+
+def test_where_the_scenario_places_the_vehicles_each_episode_has_these(driven: Driven) -> None:
+    training, env, *_ = story([QUIET], episodes=3)
+    env.simulation = SimpleNamespace(fleet=SimpleNamespace(usual=4, placed=4, capacity=30))
+    training.run_episode()
+    training.evaluate()
+    assert env.options == [None]
+    assert {vehicles for _, vehicles in driven} == {4}
 
 
 @pytest.fixture(scope="module")

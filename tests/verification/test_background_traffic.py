@@ -3,8 +3,9 @@
 import pytest
 
 from drl_av.config import Config
+from drl_av.errors import ConfigError
 from verification import background_traffic
-from verification.background_traffic import check
+from verification.background_traffic import check, with_mix
 
 
 @pytest.fixture(autouse=True)
@@ -20,6 +21,12 @@ def test_idm_that_brakes_too_late_is_found_and_named_once() -> None:
         "sumo and sumo, in one lane: 1 pairs, first in seed 810029, 30 vehicles, 176 s, "
         "vehicle10 and vehicle11"
     ]
+
+
+@pytest.mark.parametrize("mix", ["clam", "0.5,0.5"])
+def test_a_mix_that_is_none_is_refused(mix: str) -> None:
+    with pytest.raises(ConfigError, match=r"but must be one of calm, .* or three shares"):
+        with_mix(mix)
 
 
 def test_with_a_stopping_distance_the_same_traffic_does_not_collide() -> None:
