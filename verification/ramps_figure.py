@@ -12,6 +12,7 @@ from collections import defaultdict
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from drl_av.errors import DrlAvError
 from drl_av.experiments.canvas import label_axes, legend_of_names, panels, save_figure
 from verification.program import Program, run_program
 from verification.ramps import PRINTED, SUCCESS
@@ -78,6 +79,8 @@ def main() -> None:
     for column, kind in enumerate(SUCCESS):
         files = (folder / f"{kind}.txt", folder / f"{kind}_learned.txt")
         text = "".join(file.read_text(encoding="utf-8") for file in files if file.is_file())
+        if not text:
+            raise DrlAvError(f"{folder} has no {files[0].name}: make it with verification.ramps.")
         grid[0, column].set_title(TITLES[kind])
         for row, (measure, name) in enumerate(MEASURES.items()):
             axes = grid[row, column]

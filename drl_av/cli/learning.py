@@ -195,7 +195,8 @@ def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, ri
     if not finished:
         print(f"drl-av: stopped; continue with: {again}", file=sys.stderr)
         return INTERRUPTED
-
+    if not run.policy_file.exists():
+        run.save(training)
     episodes = training.config.learning.episodes
     print(f"{run.folder}: {counted(episodes, 'episode')}; compare it with the driver {rival}:")
     print(shlex.join(["drl-av", "evaluate", str(run.folder), rival]))

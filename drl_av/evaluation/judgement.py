@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from drl_av.drivers.registry import baselines
 from drl_av.env.metrics import EpisodeResult
-from drl_av.evaluation.criticality import CriticalityResult
+from drl_av.evaluation.criticality import styles
 from drl_av.evaluation.paired import require_distinct
 from drl_av.evaluation.statistics import Mean, fastest, grouped, mean_difference
 
@@ -159,8 +159,5 @@ def _hard_brakes_per_km(rows: Sequence[EpisodeResult]) -> float:
 
 
 def _comfortable_percent(rows: Sequence[EpisodeResult]) -> float | None:
-    measured = [row for row in rows if isinstance(row, CriticalityResult)]
-    if not measured:
-        return None
-    decisions = sum(row.decisions for row in measured)
-    return 100 * sum(row.comfortable_decisions for row in measured) / decisions
+    measured = styles(rows)
+    return measured[0].comfortable_percent if measured else None

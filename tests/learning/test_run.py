@@ -137,6 +137,13 @@ def test_resuming_a_finished_run_does_nothing(copy: Path) -> None:
     assert {path.name: path.stat().st_mtime_ns for path in copy.iterdir()} == before
 
 
+def test_resuming_a_finished_run_writes_a_policy_that_is_gone(copy: Path) -> None:
+    before = files_of(copy)
+    (copy / "policy.safetensors").unlink()
+    assert main(command(copy, "--resume")) == 0
+    assert files_of(copy) == before
+
+
 @pytest.mark.parametrize(
     ("limit", "mode", "reason"),
     [

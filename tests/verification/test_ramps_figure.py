@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from drl_av.errors import DrlAvError
 from verification import ramps_figure
 from verification.ramps import Trip, line
 from verification.ramps_figure import Point, points
@@ -29,9 +30,11 @@ def test_each_measure_has_its_value_and_the_ends_of_its_interval() -> None:
 def test_the_figure_is_written_beside_the_printed_lines(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("sys.argv", ["ramps_figure", str(tmp_path)])
+    with pytest.raises(DrlAvError, match=r"has no merge.txt: make it with verification.ramps"):
+        ramps_figure.main()
     for kind in ("merge", "exit", "ramp_to_ramp"):
         (tmp_path / f"{kind}.txt").write_text(line(kind, "sumo", 1000.0, TRIPS, 30.0))
     (tmp_path / "exit_learned.txt").write_text(line("exit", "learned", 1000.0, TRIPS, 30.0))
-    monkeypatch.setattr("sys.argv", ["ramps_figure", str(tmp_path)])
     ramps_figure.main()
     assert (tmp_path / "ramps.png").stat().st_size > 10_000
