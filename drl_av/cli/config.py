@@ -19,12 +19,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--preset", default="paper", metavar="NAME", help=f"one of: {', '.join(PRESETS)}"
     )
     parser.add_argument(
-        "--config", metavar="FILE.toml", help="TOML settings that replace the preset's"
+        "--config",
+        action="append",
+        default=[],
+        metavar="FILE.toml",
+        help="TOML settings that replace the preset's; given again, a file is laid over those "
+        "before",
     )
 
 
 def config(options: argparse.Namespace) -> int:
     """Print the settings as TOML with comments; return the exit status 0."""
-    settings = load_config(options.config, preset(options.preset))
+    settings = preset(options.preset)
+    for path in options.config:
+        settings = load_config(path, settings)
     print(annotated_toml(settings, options.section), end="")
     return 0

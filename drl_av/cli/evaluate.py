@@ -151,7 +151,7 @@ def evaluate(options: argparse.Namespace) -> int:
             "judgements": judgements,
         }
         write_summaries(options.json, parts)
-    if options.out and (status == 0 or kept == options.out):
+    if rows and options.out and (status == 0 or kept == options.out):
         _write_provenance(options, config)
     if rows:
         print_summaries(summaries)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from drl_av.config import Config
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, counted
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -71,14 +71,17 @@ def _require_distinct(tables: Iterable[Path]) -> None:
 
     Tables without a column ``seed`` are not examined.
     """
-    from drl_av.files import read_table
+    from drl_av.experiments.figures import EPISODE_COLUMNS
+    from drl_av.files import PlainNumber, read_table
 
-    rows = [row for table in tables for row in read_table(table) if "seed" in row]
+    with_seeds = [table for table in tables if "seed" in read_table(table)[0]]
+    columns = {**EPISODE_COLUMNS, "seed": PlainNumber}
+    rows = [row for table in with_seeds for row in read_table(table, columns)]
     episodes = Counter((row["driver"], row["vehicles"], row["seed"]) for row in rows)
     for (driver, vehicles, seed), times in episodes.items():
         if times > 1:
             raise ConfigError(
-                f"The tables have {times} rows of {driver} with seed {seed} among {vehicles} "
-                "vehicles, for example under several checks, and a curve would mix them: draw "
-                "each evaluation by itself."
+                f"There are {times} rows of {driver} with seed {seed:g} among "
+                f"{counted(int(vehicles), 'vehicle')}, for example under several checks, and a "
+                "curve would mix them: draw the rows of one evaluation at a time."
             )

@@ -61,7 +61,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, default=usual.out, metavar="DIR", help="folder of the results"
     )
     parser.add_argument(
-        "--config", metavar="FILE.toml", help="TOML settings that replace each experiment's"
+        "--config",
+        action="append",
+        default=[],
+        metavar="FILE.toml",
+        help="TOML settings that replace each experiment's; given again, a file is laid over those "
+        "before",
     )
 
 
@@ -89,7 +94,8 @@ def reproduce(options: argparse.Namespace) -> int:
     if options.engine == "ray":
         require_ray()
     asked = {key: value for key, value in vars(options).items() if key in ReproduceOptions._fields}
-    wanted = ReproduceOptions(**asked)._replace(runs=options.runs.absolute())  # for a cluster
+    absolute = {"runs": options.runs.absolute(), "config": tuple(options.config)}  # for a cluster
+    wanted = ReproduceOptions(**asked)._replace(**absolute)
     try:
         for name in options.experiments or EXPERIMENTS:
             with progress_bar(name, 0) as bar, closing(make(EXPERIMENTS[name], wanted)) as steps:

@@ -2,9 +2,10 @@
 
 import argparse
 
-from drl_av.config import TRAFFIC_KINDS, Config, load_config, located
+from drl_av.config import TRAFFIC_KINDS, Config, load_config
 from drl_av.drivers.registry import driver_names
 from drl_av.safety import CHECKS
+from drl_av.traffic.scenario import with_scenario
 
 
 def driver_words() -> str:
@@ -41,7 +42,7 @@ def driving(parser: argparse.ArgumentParser, whose: str) -> None:
         action="append",
         default=[],
         metavar="FILE.toml",
-        help=f"TOML settings that replace {whose}; of several files the last one counts",
+        help=f"TOML settings that replace {whose}; given again, a file is laid over those before",
     )
 
 
@@ -54,8 +55,7 @@ def overridden(config: Config, options: argparse.Namespace) -> Config:
         config = config.with_traffic(options.traffic)
     for path in options.config:
         config = load_config(path, config)
-    if options.scenario is not None:
-        config = config.updated("simulation", scenario=options.scenario)
     if options.safety_check is not None:
         config = config.updated("safety", check=options.safety_check)
-    return located(config)
+    given = options.scenario
+    return with_scenario(config, config.simulation.scenario if given is None else given)

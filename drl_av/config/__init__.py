@@ -46,7 +46,6 @@ __all__ = [
     "from_sections",
     "from_toml",
     "load_config",
-    "located",
 ]
 
 
@@ -154,17 +153,6 @@ def from_sections(
                 )
         config = config.updated(section, **settings)
     return config
-
-
-def located(config: Config) -> Config:
-    """Return the config with an absolute scenario path if the scenario is an existing folder.
-
-    Otherwise, for example for the name of a shipped scenario, return the config unchanged.
-    """
-    folder = Path(config.simulation.scenario)
-    if not folder.is_dir():
-        return config
-    return config.updated("simulation", scenario=str(folder.absolute()))
 
 
 MOST_CHARACTERS = 1_000_000

@@ -187,7 +187,8 @@ class OnnxDriver(Driver):
         """Return the action that the network chooses by its number or by the greatest value.
 
         Raises:
-            ConfigError: the network returns neither a number from 0 to 11 nor 12 values.
+            ConfigError: the network returns neither a number from 0 to 11 nor 12 values, or returns
+                nan.
         """
         feed = {
             INDICATORS_INPUT: scene.affordances.vector()[None],
@@ -197,10 +198,10 @@ class OnnxDriver(Driver):
         [chosen] = self._run(feed)
         if chosen.ndim == 0:
             return action_of(chosen)
-        if chosen.shape != (len(ACTIONS),) or not np.isfinite(chosen).all():
+        if chosen.shape != (len(ACTIONS),) or not np.isfinite(chosen.max()):  # -inf is a mask
             raise ConfigError(
                 f"The network {self._path} returns {chosen.tolist()} for a scene, but must "
-                f"return the number of an action or {len(ACTIONS)} finite values."
+                f"return the number of an action or {len(ACTIONS)} values, none of them nan."
             )
         return ACTIONS[int(chosen.argmax())]
 

@@ -92,7 +92,7 @@ MAX_BYTES = 1_000_000_000
 """The largest zip or ONNX file that is read as a driver."""
 
 
-def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
+def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
     """Find the driver that each word names; a repeated word counts once.
 
     A word is one of ``driver_names``, a path, or a factory, as for ``load_driver``. A driver with a
@@ -102,7 +102,8 @@ def find_drivers(words: Iterable[str]) -> tuple[DriverSpec, ...]:
         ConfigError: a word names no driver, or a zip or ONNX file larger than ``MAX_BYTES``.
     """
     runs: dict[str, Path | None] = {}
-    for word in dict.fromkeys(words):
+    given = (str(word.absolute()) if isinstance(word, Path) else word for word in words)
+    for word in dict.fromkeys(given):
         if word in RULE_DRIVERS:
             runs[word] = None
         elif word in policy_file.SHIPPED:
@@ -281,9 +282,8 @@ def load_driver(
             f"driver is a {type(driver).__name__}, but must be a name, a path or "
             "'module:function'; a driver object needs no loading."
         )
-    specs = find_drivers([str(driver)])
-    [loaded] = make_drivers(specs, driving_config(specs, config)).values()
-    return loaded
+    specs = find_drivers([driver])
+    return make_drivers(specs, driving_config(specs, config))[specs[0].name]
 
 
 def load_learned(path: Path) -> tuple[LearnedDriver, Config]:

@@ -27,7 +27,7 @@ class SumoDriver(Driver):
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Raise ConfigError: SUMO chooses no action."""
         raise ConfigError(
-            "SUMO itself drives the ego with this driver, which therefore has no actions: use "
-            "drl_av.evaluate, or call env.unwrapped.hand_over(driver.model) after each reset and "
-            "pass any action to step."
+            "SUMO itself drives the ego with this driver, which therefore has no actions: give "
+            "its name to drl_av.evaluate, or call env.unwrapped.hand_over(driver.model) after each "
+            "reset and pass any action to step."
         )

@@ -29,7 +29,7 @@ from drl_av.errors import ConfigError, counted
 from drl_av.safety import ActionMask, action_mask, named_check, starts_unsafe
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, judged
 from drl_av.traffic.ego_model import EgoModel
-from drl_av.traffic.scenario import find_scenario, load_scenario, shipped_scenarios
+from drl_av.traffic.scenario import find_scenario, load_scenario, with_scenario
 from drl_av.traffic.snapshot import EGO, Collision, Snapshot
 
 Observation = npt.NDArray[np.float32]
@@ -67,9 +67,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
                     f"scenario is of the type {type(scenario).__name__}, but must be a folder or "
                     "the name of a shipped scenario; settings are the argument config."
                 )
-            folder = find_scenario(scenario)
-            name = str(scenario if str(scenario) in shipped_scenarios() else folder.absolute())
-            config = config.updated("simulation", scenario=name)
+            config = with_scenario(config, scenario)
         if callable(safety_check):
             require_function(safety_check, "safety_check", "scene", "proposed")
         elif safety_check is not None:
@@ -140,11 +138,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             The observation, by default of shape (27,), and ``info``.
 
         Raises:
-            ConfigError: an option is wrong, or the user's own observation is not in its space.
+            ConfigError: an option is wrong, the range of the number of vehicles does not fit on the
+                road, or the user's own observation is not in its space.
             ScenarioError: the vehicles do not fit on the road.
             SimulationError: SUMO could not start, or ended unexpectedly.
         """
         super().reset(seed=seed)
+        self._over = True
         given = reset_options(options)
         self.seed = traffic_seed(seed, given, self.np_random)
         self.simulation, self.traffic_drivers = drawn_traffic(
@@ -156,7 +156,6 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         vehicles = number_of_vehicles(given, self.seed, traffic, fleet.placed, fleet.usual)
         self.decisions = 0
         self.ego_model = None
-        self._over = True
         snapshot = self.simulation.reset(self.seed, vehicles)
         self.traffic_drivers.start(fleet.kinds, fleet.population.desired_speed_m_s, self.seed)
         observation = self._observe(snapshot, None)

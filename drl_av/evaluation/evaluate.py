@@ -7,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeGuard
 
-from drl_av.config import Config, located
+from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import is_driver, require_methods
 from drl_av.drivers.registry import DriverSpec, driving_config, find_drivers
@@ -16,6 +16,7 @@ from drl_av.errors import ConfigError
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.criticality import CriticalityMetrics
 from drl_av.evaluation.judgement import Judgement, judge
+from drl_av.traffic.scenario import with_scenario
 
 Word = str | Path
 """A driver as the user names it on the command line, for example ``"idm"`` or a run's folder."""
@@ -94,13 +95,14 @@ def evaluate(
         )
     specs = _specs(drivers if _is_several(drivers) else [drivers], own)
     settings = driving_config(specs, config, traffic)
-    if scenario is not None:
-        settings = settings.updated("simulation", scenario=str(scenario))
+    settings = with_scenario(
+        settings, settings.simulation.scenario if scenario is None else scenario
+    )
     if safety_check is not None:
         settings = settings.updated("safety", check=safety_check)
     metrics = CriticalityMetrics if criticality else EpisodeMetrics
     seeds = range(seed, seed + episodes)
-    evaluation = Evaluation(located(settings), specs, numbers, seeds, metrics)
+    evaluation = Evaluation(settings, specs, numbers, seeds, metrics)
     with closing(evaluation.rows(jobs)) as rows:
         return Results(rows)
 
@@ -118,7 +120,7 @@ def _specs(drivers: Iterable[Any], own: Mapping[str, Driver]) -> list[DriverSpec
                 "driver object as own={'mine': driver}, the driver of a function of yours as "
                 "own={'mine': function(config)} or 'module:function'."
             )
-    specs = list(find_drivers(map(str, words) if own else map(str, words or ["pretrained"])))
+    specs = list(find_drivers(words if own else words or ["pretrained"]))
     for name, driver in own.items():
         if not isinstance(name, str) or not name:
             raise ConfigError(f"own names a driver {name!r}, but a name must be a text.")

@@ -4,8 +4,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import Config, load_config, located
+from drl_av.config import Config, load_config
 from drl_av.drivers.registry import default_config, find_drivers
+from drl_av.traffic.scenario import with_scenario
 
 ENGINES = ("loky", "ray")
 """The libraries that can distribute the trainings over processes."""
@@ -32,23 +33,25 @@ class ReproduceOptions(NamedTuple):
     """Folder of the trainings' folders; a training continues from its folder."""
     out: Path = Path("docs/results")
     """Folder of the tables, their provenance and the figures."""
-    config: str | None = None
-    """TOML file with settings that replace those of each experiment."""
+    config: tuple[str, ...] = ()
+    """TOML files with settings that replace those of each experiment, in this order."""
 
     def laid_over(self, config: Config) -> Config:
-        """Return the settings of an experiment, changed by the user's TOML file.
+        """Return the settings of an experiment, changed by the user's TOML files.
 
-        Raises ConfigError if the file or a setting in it is wrong.
+        Raises ConfigError if a file or a setting in it is wrong.
         """
-        return located(load_config(self.config, config))
+        for path in self.config:
+            config = load_config(path, config)
+        return with_scenario(config, config.simulation.scenario)
 
     def settings_of(self, drivers: Iterable[str]) -> Config:
         """Return the settings with which ``drivers`` drive in an experiment.
 
         They are those of the first learned driver, or the defaults without one, with the check
-        ``paper`` and the changes of the user's TOML file.
+        ``paper`` and the changes of the user's TOML files.
 
-        Raises ConfigError if the file or a setting in it is wrong.
+        Raises ConfigError if a file or a setting in it is wrong.
         """
         config = default_config(find_drivers(drivers))
         return self.laid_over(config.updated("safety", check="paper"))

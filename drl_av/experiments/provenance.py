@@ -56,9 +56,10 @@ def command() -> str:
     called = {
         "tools": ["python", f"tools/{program.name}"],
         "verification": ["python", "-m", f"verification.{program.stem}"],
-        "drl_av": ["drl-av"],
+        "examples": ["python", f"examples/{program.name}"],
     }
-    usual = ["drl-av"] if program.name in ("drl-av", "drl-av.exe") else ["python", program.name]
+    is_ours = program.stem == "drl-av" or program.name == "__main__.py"
+    usual = ["drl-av"] if is_ours else ["python", program.name]
     return shlex.join([*called.get(program.parent.name, usual), *sys.argv[1:]])
 
 

@@ -50,7 +50,8 @@ def judged(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
     """
     verdict = check(scene, proposed)
     is_verdict = isinstance(verdict, Verdict) and isinstance(verdict.rule, Rule)
-    if not is_verdict or verdict.action not in ACTIONS:
+    is_action = is_verdict and isinstance(verdict.action, Action)
+    if not is_action or verdict.action not in ACTIONS:
         raise ConfigError(
             f"The safety check returned {verdict!r}, but must return a Verdict: "
             "Verdict(proposed, Rule.NONE) permits the action."
@@ -65,7 +66,7 @@ def judged(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
             f"The safety check named the rule {verdict.rule}, but did not replace the action "
             f"{proposed}: return Rule.NONE in the Verdict."
         )
-    return Verdict(ACTIONS[verdict.action.number], verdict.rule)
+    return Verdict(ACTIONS[ACTIONS.index(verdict.action)], verdict.rule)
 
 
 def permits(check: SafetyCheck, scene: Scene, proposed: Action) -> bool:

@@ -68,11 +68,12 @@ class OpenDescription(ABC):
                     f"Vehicle {vehicle.id!r} is placed on lane {vehicle.lane} at "
                     f"{vehicle.position_m:g} m, but must be on a lane that exists there."
                 )
-            if vehicle.position_m < self.vehicle_length_m:
+            rear_m = vehicle.position_m - self.vehicle_length_m
+            if rear_m < 0 or not road.is_open_at(vehicle.lane, rear_m):
                 raise ScenarioError(
-                    f"Vehicle {vehicle.id!r} is placed at {vehicle.position_m:g} m, but its front "
-                    f"must be at {self.vehicle_length_m:g} m or more, so that its rear is on the "
-                    "road."
+                    f"Vehicle {vehicle.id!r} is placed on lane {vehicle.lane} at "
+                    f"{vehicle.position_m:g} m, but its rear, {self.vehicle_length_m:g} m behind, "
+                    "must be on this lane, too."
                 )
             check_placed(self, number, plan.start.lanes)
 

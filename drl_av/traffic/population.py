@@ -79,10 +79,11 @@ def require_speed_limit(config: Config, description: ScenarioDescription) -> Non
             fastest["traffic.fast_speed_m_s"] = config.traffic.fast_speed_m_s
     option = " by --lowest-limit-m-s" if description.limits_vary else ""
     for name, speed in fastest.items():
+        other = " choose another traffic.kind," if name.startswith("traffic.") else ""
         if speed > description.speed_limit_m_s:
             raise ConfigError(
                 f"{name} is {speed:g}, but the scenario's speed_limit_m_s is "
-                f"{description.speed_limit_m_s:g}: lower the setting, choose another traffic.kind, "
+                f"{description.speed_limit_m_s:g}: lower the setting,{other} "
                 f"or write a scenario with a higher limit{option}."
             )
     for vehicle in description.vehicles:

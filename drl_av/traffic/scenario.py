@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from drl_av.config import Config
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
 from drl_av.files import replacing
@@ -31,6 +32,7 @@ __all__ = [
     "find_scenario",
     "load_scenario",
     "shipped_scenarios",
+    "with_scenario",
     "write_scenario",
 ]
 
@@ -187,10 +189,22 @@ def shipped_scenarios() -> dict[str, Path]:
     return {}
 
 
+def with_scenario(config: Config, name_or_path: str | Path) -> Config:
+    """Return the config with a scenario that is the same in every working directory.
+
+    A folder is named by its absolute path. A shipped scenario takes precedence over a folder of its
+    name, which a Path or ``./name`` stands for. Any other text stays as it is.
+    """
+    is_name = isinstance(name_or_path, str) and name_or_path in shipped_scenarios()
+    is_folder = not is_name and os.path.isdir(name_or_path)  # False for a name that is too long
+    scenario = str(Path(name_or_path).absolute() if is_folder else name_or_path)
+    return config.updated("simulation", scenario=scenario)
+
+
 def find_scenario(name_or_path: str | Path | None = None) -> Path:
     """Return the folder of a scenario, from its path or from the name of a shipped scenario.
 
-    A shipped scenario takes precedence over a folder of that name, which is ``./name``. None
+    A text that names a shipped scenario does not mean a folder of that name; ``./name`` does. None
     returns the folder of the default scenario.
 
     Raises:
@@ -198,9 +212,9 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
     """
     name = DEFAULT_SCENARIO if name_or_path is None else str(name_or_path)
     shipped = shipped_scenarios()
-    if name in shipped:
+    if name in shipped and not isinstance(name_or_path, Path):
         return shipped[name]
-    if os.path.isdir(name):  # no OSError for a name that is too long
+    if os.path.isdir(name):
         return Path(name)
     hint = did_you_mean(name, shipped)
     raise ScenarioError(

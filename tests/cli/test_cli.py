@@ -108,7 +108,7 @@ def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[
         (["train", "--out", "run", "--safety-check", "papr"], r"did you mean 'paper'"),
         (["evaluate", "idm", "--scenario", "circular_three_lanes"], r"did you mean 'circular_t"),
         (["evaluate", "idm", "--safety-check", ""], r"safety.check is ''"),
-        (["evaluate", "idm", "--scenario", ""], r"scenario.toml is missing"),
+        (["evaluate", "idm", "--scenario", ""], r"no scenario ''"),
         (["train", "--out", "run", "--preset", ""], r"no preset ''"),
         (["adapt", "", "--out", "run"], r"no driver or run folder ''"),
         (["replay", "--driver", "", "--video", "v.gif"], r"no driver or run folder ''"),

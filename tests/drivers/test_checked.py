@@ -55,6 +55,8 @@ def test_a_check_that_couples_both_axes_is_masked_action_by_action() -> None:
     [
         (Verdict(Action(Lateral.KEEP, 7), Rule.IN_LANE), "must return a Verdict"),
         (Verdict(("left", "brake"), Rule.IN_LANE), "must return a Verdict"),
+        (Verdict((0, 0), Rule.NONE), "must return a Verdict"),
+        (Verdict(np.zeros(2), Rule.NONE), "must return a Verdict"),
         (Verdict(ACTIONS[0], Rule.IN_LANE), "named the rule in_lane, but did not replace"),
         (Verdict(ACTIONS[2], Rule.NONE), "but named no rule"),
     ],
@@ -64,8 +66,9 @@ def test_a_verdict_that_contradicts_itself_is_refused(verdict: Verdict, message:
         judged(lambda scene, proposed: verdict, worlds.ALONE, ACTIONS[0])
 
 
-def test_an_action_of_plain_numbers_is_one_of_the_12() -> None:
-    plain = Verdict(Action(2, 3), Rule.IN_LANE)  # type: ignore[arg-type]
+@pytest.mark.parametrize("kind", [int, float])
+def test_an_action_of_plain_numbers_is_one_of_the_12(kind: type) -> None:
+    plain = Verdict(Action(kind(2), kind(3)), Rule.IN_LANE)
     executed = judged(lambda scene, proposed: plain, worlds.ALONE, ACTIONS[0]).action
     assert executed.lateral.sign == 1
     assert executed.number == 11

@@ -249,11 +249,14 @@ def test_networks_of_other_inputs_and_damaged_files_are_refused(tmp_path: Path) 
 
 def test_a_network_with_a_wrong_number_of_values_is_refused(tmp_path: Path) -> None:
     driver = OnnxDriver(network(tmp_path / "four.onnx", 27, 4))
-    with pytest.raises(ConfigError, match=r"four\.onnx returns \[0.* for a scene, .* 12 finite"):
+    with pytest.raises(ConfigError, match=r"four\.onnx returns \[0.* for a scene, .* 12 values"):
         driver.act(ALONE, OBSERVATION)
     driver = OnnxDriver(network(tmp_path / "own.onnx", 27))
-    with pytest.raises(ConfigError, match=r"own\.onnx returns \[nan, .* 12 finite values"):
+    with pytest.raises(ConfigError, match=r"own\.onnx returns \[nan, .* none of them nan"):
         driver.act(ALONE, np.full(27, np.nan, np.float32))
+    masked = np.full(27, -np.inf, np.float32)
+    masked[3] = 1.0
+    assert driver.act(ALONE, masked).number == 3
 
 
 @pytest.mark.parametrize(("rows", "kind"), [(8, TensorProto.FLOAT), ("rows", TensorProto.DOUBLE)])

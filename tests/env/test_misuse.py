@@ -10,6 +10,7 @@ import libsumo
 import numpy as np
 import pytest
 
+import drl_av
 from drl_av.config import Config
 from drl_av.drivers.registry import find_drivers
 from drl_av.drivers.rules import IdmDriver
@@ -17,7 +18,12 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.errors import ConfigError, DrlAvError, ScenarioError, SimulationError
 from drl_av.safety.check import permit_all
-from drl_av.traffic.scenario import ScenarioDescription, find_scenario, write_scenario
+from drl_av.traffic.scenario import (
+    ScenarioDescription,
+    find_scenario,
+    with_scenario,
+    write_scenario,
+)
 
 SHORT = Config().updated("simulation", decisions_per_episode=3)
 
@@ -105,6 +111,10 @@ def test_a_number_of_vehicles_is_drawn_only_if_all_of_its_range_fit() -> None:
         with pytest.raises(ConfigError, match=r"vehicles_max is 500, but this road takes 113"):
             env.reset(seed=1)
         assert env.reset(seed=1, options={"vehicles": 3})[1]["vehicles"] == 3
+        with pytest.raises(ConfigError):
+            env.reset(seed=2)
+        with pytest.raises(gymnasium.error.ResetNeeded):  # not the episode of before
+            env.step(0)
 
 
 @pytest.mark.parametrize("name", ["x" * 300, Config().to_toml()])
@@ -125,6 +135,11 @@ def test_a_folder_with_the_name_of_a_shipped_scenario_is_named_by_its_path(
     for name, is_loop in (("straight", False), ("merge", False), ("./merge", True)):
         with HighwayEnv(scenario=name, config=SHORT) as env:
             assert env.road.is_loop is is_loop
+        rows = drl_av.evaluate("idm", scenario=name, config=SHORT, vehicles=0, episodes=1)
+        assert (rows[0].way == "") is (is_loop or name == "straight")
+    with HighwayEnv(scenario=Path("merge"), config=SHORT) as env:  # a Path is no name
+        assert env.road.is_loop
+    assert with_scenario(SHORT, "x" * 300).simulation.scenario == "x" * 300
 
 
 def test_sumo_that_ends_on_its_own_is_reported_and_starts_again_with_the_next_episode() -> None:

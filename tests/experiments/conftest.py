@@ -28,4 +28,4 @@ def short(tmp_path: Path) -> ReproduceOptions:
     """Two evaluation episodes of 5 decisions in each cell; a training has two episodes."""
     config, runs = tmp_path / "short.toml", tmp_path / "runs"
     config.write_text("[simulation]\ndecisions_per_episode = 5\n[learning]\nepisodes = 2\n")
-    return ReproduceOptions(drives=2, jobs=1, runs=runs, out=tmp_path, config=str(config))
+    return ReproduceOptions(drives=2, jobs=1, runs=runs, out=tmp_path, config=(str(config),))

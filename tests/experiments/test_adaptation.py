@@ -31,7 +31,7 @@ def options(tmp_path: Path) -> ReproduceOptions:
     """Five short episodes, in this process."""
     (tmp_path / "settings.toml").write_text(SETTINGS)
     config = str(tmp_path / "settings.toml")
-    return ReproduceOptions(engine="here", runs=tmp_path / "runs", out=tmp_path, config=config)
+    return ReproduceOptions(engine="here", runs=tmp_path / "runs", out=tmp_path, config=(config,))
 
 
 def test_both_begin_as_the_shipped_driver_trained_again_and_only_one_of_them_learns(

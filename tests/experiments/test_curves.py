@@ -30,7 +30,7 @@ def options(folder: Path, config: Config = TINY, **changes: Any) -> ReproduceOpt
     file = folder / "settings.toml"
     file.write_text(config.to_toml())
     usual = ReproduceOptions(("paper",), 2, 6, runs=folder / "runs", out=folder, engine="here")
-    return usual._replace(config=str(file), **changes)
+    return usual._replace(config=(str(file),), **changes)
 
 
 def make(wanted: ReproduceOptions) -> list[Progress]:

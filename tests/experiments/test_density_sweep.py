@@ -30,7 +30,7 @@ def options(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ReproduceOptions
     monkeypatch.setattr(density_sweep, "DENSITIES", (1, 30))
     (tmp_path / "settings.toml").write_text(SETTINGS)
     config = str(tmp_path / "settings.toml")
-    return ReproduceOptions(drives=2, jobs=1, out=tmp_path, config=config)
+    return ReproduceOptions(drives=2, jobs=1, out=tmp_path, config=(config,))
 
 
 def sweep(options: ReproduceOptions) -> list[Progress]:

@@ -85,7 +85,7 @@ def test_each_driver_is_driven_in_the_same_traffic(
     (tmp_path / "short.toml").write_text(SHORT)
     usual = ReproduceOptions(seeds=1, drives=2, jobs=1, engine="here")
     options = usual._replace(
-        out=tmp_path / "out", runs=tmp_path / "runs", config=str(tmp_path / "short.toml")
+        out=tmp_path / "out", runs=tmp_path / "runs", config=(str(tmp_path / "short.toml"),)
     )
     list(reproduce(REAL_BOUNDS, options))
     rows = ResultsFolder(options.out).rows("real_bounds.csv")

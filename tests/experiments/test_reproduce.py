@@ -184,7 +184,7 @@ def test_one_line_in_the_registry_gives_it_to_the_command_line(
         main(["reproduce", "--help"])
     assert "sober: a sober driver beside a random one" in " ".join(capsys.readouterr().out.split())
     words = ["reproduce", "sober", "--drives", "1", "--jobs", "1", "--out", str(options.out)]
-    assert main([*words, "--config", str(options.config)]) == 0
+    assert main([*words, "--config", *options.config]) == 0
     assert capsys.readouterr().out == f"{options.out / 'speeds.png'}\n"
     assert len(ResultsFolder(options.out).rows("sober.csv")) == 4
     assert main(["figures", str(options.out), "--out", str(options.out / "figures")]) == 0

@@ -32,7 +32,7 @@ def options(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ReproduceOptions
     (tmp_path / "short.toml").write_text(SHORT)
     runs, out, config = tmp_path / "runs", tmp_path / "out", str(tmp_path / "short.toml")
     usual = ReproduceOptions(seeds=3, episodes=2, drives=2, jobs=1, engine="here")
-    return usual._replace(runs=runs, out=out, config=config)
+    return usual._replace(runs=runs, out=out, config=(config,))
 
 
 def make(experiment: Experiment, options: ReproduceOptions) -> list[Progress]:

@@ -205,7 +205,8 @@ def test_a_network_that_is_not_the_described_road_is_refused(
         (PlacedVehicle("slow", 1, 402.0, 50.0, 50.0), r"faster than .* speed_limit_m_s, 40"),
         (PlacedVehicle("ego", 1, 600.0, 10.0, 10.0), r"Two vehicles are called 'ego'"),
         (PlacedVehicle("slow", 0, 404.0, 10.0, 10.0), r"'ego' and 'slow' overlap on lane 0"),
-        (PlacedVehicle("slow", 1, 4.9, 10.0, 10.0), r"its front must be at 5 m or more, so that"),
+        (PlacedVehicle("slow", 1, 4.9, 10.0, 10.0), r"at 4.9 m, but its rear, 5 m behind"),
+        (PlacedVehicle("slow", 0, 399.0, 10.0, 10.0), r"its rear, 5 m behind, must be on"),
         ({"id": "slow"}, r"vehicles are .*, but must be a list of PlacedVehicle"),
     ],
 )
