@@ -11,6 +11,7 @@ import pytest
 from drives import HARD_BRAKE, KEEP, LEFT, Place, until_over
 from gymnasium.utils.env_checker import check_env
 
+import drl_av
 from drl_av.config import Config
 from drl_av.drawing.film import Film
 from drl_av.drawing.panels import Caption
@@ -210,3 +211,23 @@ def test_drivers_of_our_own_are_refused_on_an_open_road() -> None:
     own = config("merge").updated("traffic", finite_state_share=0.5)
     with pytest.raises(ConfigError, match=r"must be 0 on an open road, on which SUMO drives"):
         HighwayEnv(config=own)
+
+
+@pytest.mark.parametrize(
+    ("name", "driver"),
+    [
+        ("Merge", "pretrained-merge"),
+        ("Exit", "pretrained-exit"),
+        ("RampToRamp", "pretrained-ramp_to_ramp"),
+    ],
+)
+def test_the_shipped_driver_of_a_road_drives_in_its_environment(name: str, driver: str) -> None:
+    with closing(gymnasium.make(f"drl_av/{name}-v0", safety_check="strict")) as env:
+        observation, _ = env.reset(seed=3, options={"vehicles": 20})
+        found, over = drl_av.load_driver(driver), False
+        found.start(3)
+        while not over:
+            number = found.act(env.unwrapped.scene, observation).number
+            observation, _, terminated, truncated, info = env.step(number)
+            over = terminated or truncated
+    assert info["way"] in ("merged", "exit taken")
