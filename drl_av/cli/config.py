@@ -2,7 +2,8 @@
 
 import argparse
 
-from drl_av.config import load_config
+from drl_av.cli.settings import config_files
+from drl_av.config import laid_over
 from drl_av.config.presets import PRESETS, preset
 from drl_av.config.reference import SECTIONS, annotated_toml
 
@@ -18,20 +19,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--preset", default="paper", metavar="NAME", help=f"one of: {', '.join(PRESETS)}"
     )
-    parser.add_argument(
-        "--config",
-        action="append",
-        default=[],
-        metavar="FILE.toml",
-        help="TOML settings that replace the preset's; given again, a file is laid over those "
-        "before",
-    )
+    config_files(parser, "the preset's")
 
 
 def config(options: argparse.Namespace) -> int:
     """Print the settings as TOML with comments; return the exit status 0."""
-    settings = preset(options.preset)
-    for path in options.config:
-        settings = load_config(path, settings)
+    settings = laid_over(preset(options.preset), options.config)
     print(annotated_toml(settings, options.section), end="")
     return 0

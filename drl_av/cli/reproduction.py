@@ -6,6 +6,7 @@ from contextlib import closing
 from pathlib import Path
 
 from drl_av.cli.arguments import whole
+from drl_av.cli.settings import config_files
 from drl_av.config.schema import did_you_mean
 from drl_av.experiments.options import ENGINES, VARIANTS, ReproduceOptions
 
@@ -60,14 +61,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, default=usual.out, metavar="DIR", help="folder of the results"
     )
-    parser.add_argument(
-        "--config",
-        action="append",
-        default=[],
-        metavar="FILE.toml",
-        help="TOML settings that replace each experiment's; given again, a file is laid over those "
-        "before",
-    )
+    config_files(parser, "each experiment's")
 
 
 def _experiment(text: str) -> str:

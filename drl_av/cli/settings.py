@@ -2,7 +2,7 @@
 
 import argparse
 
-from drl_av.config import TRAFFIC_KINDS, Config, load_config
+from drl_av.config import TRAFFIC_KINDS, Config, laid_over
 from drl_av.drivers.registry import driver_names
 from drl_av.safety import CHECKS
 from drl_av.traffic.scenario import with_scenario
@@ -37,6 +37,11 @@ def driving(parser: argparse.ArgumentParser, whose: str) -> None:
         metavar="KIND",
         help=f"one of: {', '.join(TRAFFIC_KINDS)} (default: {whose} [traffic])",
     )
+    config_files(parser, whose)
+
+
+def config_files(parser: argparse.ArgumentParser, whose: str) -> None:
+    """Add --config; the help says that the files replace ``whose`` settings."""
     parser.add_argument(
         "--config",
         action="append",
@@ -53,8 +58,7 @@ def overridden(config: Config, options: argparse.Namespace) -> Config:
     """
     if options.traffic is not None:
         config = config.with_traffic(options.traffic)
-    for path in options.config:
-        config = load_config(path, config)
+    config = laid_over(config, options.config)
     if options.safety_check is not None:
         config = config.updated("safety", check=options.safety_check)
     given = options.scenario

@@ -7,7 +7,7 @@ it. A setting's name ends with its unit, as in ``headway_s``; lower and upper bo
 """
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -45,6 +45,7 @@ __all__ = [
     "TrafficConfig",
     "from_sections",
     "from_toml",
+    "laid_over",
     "load_config",
 ]
 
@@ -152,6 +153,16 @@ def from_sections(
                     f"its keys are: {', '.join(known)}."
                 )
         config = config.updated(section, **settings)
+    return config
+
+
+def laid_over(config: Config, paths: Iterable[str | Path]) -> Config:
+    """Return the config with the settings of TOML files, each laid over those before it.
+
+    Raises ConfigError as ``load_config`` does.
+    """
+    for path in paths:
+        config = load_config(path, config)
     return config
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import Config, load_config
+from drl_av.config import Config, laid_over
 from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.traffic.scenario import with_scenario
 
@@ -41,8 +41,7 @@ class ReproduceOptions(NamedTuple):
 
         Raises ConfigError if a file or a setting in it is wrong.
         """
-        for path in self.config:
-            config = load_config(path, config)
+        config = laid_over(config, self.config)
         return with_scenario(config, config.simulation.scenario)
 
     def settings_of(self, drivers: Iterable[str]) -> Config:

@@ -6,6 +6,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -348,3 +349,19 @@ def test_the_command_that_opens_a_scenario_is_quoted_for_the_shell(
     assert main(["scenario", str(folder)]) == 0
     _, command = capsys.readouterr().out.split(": open it with ")
     assert shlex.split(command) == ["sumo-gui", "-c", str(folder / "highway.sumocfg")]
+
+
+def test_several_config_files_are_laid_over_each_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.toml").write_text("[traffic]\nvehicles_max = 20\nvehicles_min = 2\n")
+    (tmp_path / "b.toml").write_text("[traffic]\nvehicles_max = 9\n")
+    configs = ["--config", str(tmp_path / "a.toml"), "--config", str(tmp_path / "b.toml")]
+    assert main(["config", "traffic", *configs]) == 0
+    printed = tomllib.loads(capsys.readouterr().out)["traffic"]
+    out = tmp_path / "rows.csv"
+    words = ["evaluate", "idm", "--vehicles", "0", "--episodes", "1", "--out", str(out)]
+    assert main([*words, *configs]) == 0
+    used = json.loads(out.with_suffix(".provenance.json").read_text())["settings"]["traffic"]
+    for settings in (printed, used):
+        assert (settings["vehicles_min"], settings["vehicles_max"]) == (2, 9)
