@@ -61,5 +61,4 @@ def overridden(config: Config, options: argparse.Namespace) -> Config:
     config = laid_over(config, options.config)
     if options.safety_check is not None:
         config = config.updated("safety", check=options.safety_check)
-    given = options.scenario
-    return with_scenario(config, config.simulation.scenario if given is None else given)
+    return with_scenario(config, options.scenario)

@@ -57,8 +57,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         given = scenario, safety_check, config, render_mode, action_mask, reward, observation
         gymnasium.utils.EzPickle.__init__(self, *given)
         if render_mode not in (None, *self.metadata["render_modes"]):
-            modes = "None, 'human' or 'rgb_array'"
-            raise ConfigError(f"render_mode is {render_mode!r}, but must be {modes}.")
+            raise ConfigError(
+                f"render_mode is {render_mode!r}, but must be None, 'human' or 'rgb_array'."
+            )
         self.render_mode = render_mode
         config = as_config(config)
         if scenario is not None:

@@ -50,13 +50,15 @@ class CriticalityResult(EpisodeResult):
     reversals: int
     """Number of accelerations after braking, and of brakings after an acceleration."""
     tet_s: float
-    """Time exposed time-to-collision (Minderhoud and Bovy 2001): time with a TTC of at most 3 s."""
+    """Time exposed time-to-collision (Minderhoud and Bovy 2001): the time with a TTC of at most 3 s
+    to the vehicle ahead."""
     tit_s2: float
     """Time integrated time-to-collision: the integral of 3 s minus TTC over that time."""
     max_drac_m_s2: PossiblyInfinite
     """Largest deceleration needed behind the vehicle ahead at constant speed (Cooper 1976)."""
     min_pet_s: PossiblyInfinite
-    """Smallest post-encroachment time between the ego and any vehicle (Allen et al. 1978)."""
+    """Smallest post-encroachment time between the ego and any vehicle, in either order (Allen et
+    al. 1978)."""
     short_headways: int
     """Number of decisions after which the time gap ahead is below 1 s at more than 5 m/s."""
     forced_brakes: int

@@ -95,9 +95,7 @@ def evaluate(
         )
     specs = _specs(drivers if _is_several(drivers) else [drivers], own)
     settings = driving_config(specs, config, traffic)
-    settings = with_scenario(
-        settings, settings.simulation.scenario if scenario is None else scenario
-    )
+    settings = with_scenario(settings, scenario)
     if safety_check is not None:
         settings = settings.updated("safety", check=safety_check)
     metrics = CriticalityMetrics if criticality else EpisodeMetrics

@@ -41,8 +41,7 @@ class ReproduceOptions(NamedTuple):
 
         Raises ConfigError if a file or a setting in it is wrong.
         """
-        config = laid_over(config, self.config)
-        return with_scenario(config, config.simulation.scenario)
+        return with_scenario(laid_over(config, self.config))
 
     def settings_of(self, drivers: Iterable[str]) -> Config:
         """Return the settings with which ``drivers`` drive in an experiment.

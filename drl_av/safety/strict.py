@@ -181,7 +181,7 @@ def fallback_maneuver(scene: Scene) -> LaneChange | None:
 
 
 class Strict:
-    """The check ``strict`` of this module; ConfigError without the kinematic lateral plant."""
+    """The check ``strict`` of this module; it raises ConfigError without the kinematic plant."""
 
     def __init__(self, strict: StrictConfig, ego: EgoConfig, simulation: SimulationConfig) -> None:
         if ego.lateral_plant != "kinematic":

@@ -189,12 +189,15 @@ def shipped_scenarios() -> dict[str, Path]:
     return {}
 
 
-def with_scenario(config: Config, name_or_path: str | Path) -> Config:
+def with_scenario(config: Config, name_or_path: str | Path | None = None) -> Config:
     """Return the config with a scenario that is the same in every working directory.
 
-    A folder is named by its absolute path. A shipped scenario takes precedence over a folder of its
-    name, which a Path or ``./name`` stands for. Any other text stays as it is.
+    Without ``name_or_path`` it is the config's own. A folder is named by its absolute path. A
+    shipped scenario takes precedence over a folder of its name, which a Path or ``./name`` stands
+    for. Any other text stays as it is.
     """
+    if name_or_path is None:
+        name_or_path = config.simulation.scenario
     is_name = isinstance(name_or_path, str) and name_or_path in shipped_scenarios()
     is_folder = not is_name and os.path.isdir(name_or_path)  # False for a name that is too long
     scenario = str(Path(name_or_path).absolute() if is_folder else name_or_path)
