@@ -25,8 +25,8 @@ from drl_av.errors import CheckpointError, ConfigError, ScenarioError, Simulatio
 from drl_av.learning.assembly import make_training
 from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
-from drl_av.traffic import description_file
-from drl_av.traffic.scenario import find_scenario, load_scenario
+from drl_av.scenarios import description_file
+from drl_av.scenarios.folder import find_scenario, load_scenario
 from verification.fuzz_driving import positions
 
 TINY = (

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
-from drl_av.traffic.scenario import write_scenario
-from drl_av.traffic.straight import StraightDescription
+from drl_av.scenarios.folder import write_scenario
+from drl_av.scenarios.highways import StraightDescription
 
 TOOLS = Path(__file__).parents[1] / "tools"
 

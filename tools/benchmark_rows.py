@@ -26,9 +26,9 @@ from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import load_learned, rule_driver
 from drl_av.drivers.rules import IdmDriver
 from drl_av.env.highway import HighwayEnv
-from drl_av.traffic.kinds import KINDS
-from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
-from drl_av.traffic.straight import StraightDescription
+from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
+from drl_av.scenarios.highways import StraightDescription
+from drl_av.scenarios.road_types import KINDS
 
 VEHICLES = 30
 ON_STRAIGHT = 500

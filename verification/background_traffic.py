@@ -22,10 +22,10 @@ from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import driver_names, driving_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError
-from drl_av.traffic.collisions import bodies, motions
-from drl_av.traffic.population import EGO_ID, Kind
-from drl_av.traffic.road import CENTERED_M
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import CENTERED_M
+from drl_av.road.snapshot import EGO_ID, Snapshot
+from drl_av.road.sweep import bodies, motions
+from drl_av.simulation.population import Kind
 from verification.program import Program, run_program
 from verification.traffic_tally import TrafficTally
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, Lateral, Longitudinal
+from drl_av.road.road import FloatArray
 from drl_av.safety.check import SafetyCheck
 from drl_av.safety.reachability import (
     ON_LINE_M,
@@ -21,7 +22,6 @@ from drl_av.safety.reachability import (
 )
 from drl_av.safety.stopping import covered, reach
 from drl_av.safety.strict import ORDER, seconds_to_line
-from drl_av.traffic.road import FloatArray
 from verification.kinematic_simulator import (
     LENGTH_M,
     NONE,

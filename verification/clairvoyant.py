@@ -35,8 +35,8 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.evaluation.paired import Speed, paired
 from drl_av.evaluation.processes import workers
+from drl_av.road.snapshot import EGO
 from drl_av.safety import CHECKS
-from drl_av.traffic.snapshot import EGO
 from verification.program import Program, run_program
 
 HORIZON = 20

@@ -24,8 +24,8 @@ import numpy as np
 from drl_av.cli.arguments import whole
 from drl_av.config import Config
 from drl_av.errors import ScenarioError
+from drl_av.road.snapshot import Collision
 from drl_av.safety import CHECKS, named_check
-from drl_av.traffic.snapshot import Collision
 from verification.batch_check import BatchStrict, one_by_one
 from verification.falsification import Tally, genes, orders, play, scripted
 from verification.falsification import search as learn

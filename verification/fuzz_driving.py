@@ -19,13 +19,13 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, DrlAvError
-from drl_av.traffic.connection import connection
-from drl_av.traffic.description import BOUNDS, PlacedVehicle
-from drl_av.traffic.kinds import KINDS
-from drl_av.traffic.own_types import CAR_FOLLOWING_MODELS, OwnVehicleType
-from drl_av.traffic.road import Road
-from drl_av.traffic.scenario import find_scenario, shipped_scenarios, write_scenario
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import Road
+from drl_av.road.snapshot import Snapshot
+from drl_av.scenarios.custom_types import CAR_FOLLOWING_MODELS, OwnVehicleType
+from drl_av.scenarios.folder import find_scenario, shipped_scenarios, write_scenario
+from drl_av.scenarios.road_description import BOUNDS, PlacedVehicle
+from drl_av.scenarios.road_types import KINDS
+from drl_av.simulation.sumo import connection
 
 Attempt = Callable[[random.Random, Path], None]
 DECISIONS = 4

@@ -22,7 +22,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.learning.assembly import make_training
 from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
-from drl_av.traffic.scenario import find_scenario
+from drl_av.scenarios.folder import find_scenario
 
 TINY = """
 [simulation]

@@ -15,10 +15,10 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.scene import LaneChange, Scene
+from drl_av.road.road import ARRIVED_M, FloatArray, Road
+from drl_av.road.snapshot import Collision, CollisionKind, Snapshot
 from drl_av.safety.reachability import STILL_M_S, lanes_under, lateral_extent
 from drl_av.safety.stopping import cut_in_gap, stopping_distance
-from drl_av.traffic.road import ARRIVED_M, FloatArray, Road
-from drl_av.traffic.snapshot import Collision, CollisionKind, Snapshot
 from verification.integration import Integration
 from verification.lateral_plants import PLANTS, Aside, Lanes
 from verification.separation import barrier_separation, first_collision, swept_separation

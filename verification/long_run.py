@@ -27,7 +27,7 @@ from drl_av.experiments.provenance import provenance, read_sidecar, write_sideca
 from drl_av.experiments.store import settings_mismatch, stored_config
 from drl_av.files import append_rows, read_table
 from drl_av.safety import CHECKS
-from drl_av.traffic.population import Kind
+from drl_av.simulation.population import Kind
 from verification.auditor import BETWEEN, BRAKES, LEAVES, SOONER, THROUGH, Auditor, Breach
 from verification.program import Program, run_program
 

@@ -18,11 +18,11 @@ from drl_av.cli.arguments import whole
 from drl_av.config import SINGLE_KINDS, Config
 from drl_av.drivers.background.level_k import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
-from drl_av.traffic.ego_model import EgoModel
-from drl_av.traffic.road import FloatArray, Road
-from drl_av.traffic.scenario import find_scenario, load_scenario
-from drl_av.traffic.simulation import Simulation
-from drl_av.traffic.snapshot import EGO, Command, Snapshot
+from drl_av.road.road import FloatArray, Road
+from drl_av.road.snapshot import EGO, Command, Snapshot
+from drl_av.scenarios.folder import find_scenario, load_scenario
+from drl_av.simulation.simulation import Simulation
+from drl_av.simulation.vehicle_calls import EgoModel
 from verification.program import Program, run_program
 
 SEEDS = 840_000

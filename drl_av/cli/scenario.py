@@ -10,7 +10,7 @@ from typing import Any
 
 from drl_av.cli.arguments import whole
 from drl_av.errors import ScenarioError
-from drl_av.traffic.kinds import KINDS, kind_name
+from drl_av.scenarios.road_types import KINDS, kind_name
 
 FLAGS = {"barricaded_lanes": "--barricade"}
 """Maps a setting to its option, if the option does not have the name of the setting."""
@@ -73,8 +73,8 @@ def _parsing(item: Field[Any]) -> dict[str, Any]:
 
 def scenario(options: argparse.Namespace) -> int:
     """Write the folder, and print the command that opens it; return the exit status 0."""
-    from drl_av.traffic.composed import composed
-    from drl_av.traffic.scenario import write_scenario
+    from drl_av.scenarios.composed import composed
+    from drl_av.scenarios.folder import write_scenario
 
     users = _users()
     given = {name: value for name, value in vars(options).items() if name in users}
@@ -98,8 +98,8 @@ def scenario(options: argparse.Namespace) -> int:
 
 def _stories(sources: Sequence[str], kind: str | None) -> dict[str, Any]:
     """Return the descriptions of ``sources``; raise ScenarioError if one has another kind."""
-    from drl_av.traffic.description_file import unknown_kind
-    from drl_av.traffic.scenario import find_description, read_description
+    from drl_av.scenarios.description_file import unknown_kind
+    from drl_av.scenarios.folder import find_description, read_description
 
     if kind is not None and kind not in KINDS:
         raise unknown_kind(kind, KINDS)

@@ -5,7 +5,7 @@ import argparse
 from drl_av.config import TRAFFIC_KINDS, Config, laid_over
 from drl_av.drivers.registry import driver_names
 from drl_av.safety import CHECKS
-from drl_av.traffic.scenario import with_scenario
+from drl_av.scenarios.folder import with_scenario
 
 
 def driver_words() -> str:

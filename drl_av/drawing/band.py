@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drl_av.traffic.road import Road
+from drl_av.road.road import Road
 
 
 @dataclass(frozen=True)

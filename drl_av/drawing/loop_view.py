@@ -14,8 +14,8 @@ from drl_av.drawing.sheet import (
     Sheet,
     speed_color,
 )
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import EGO, Snapshot
+from drl_av.road.road import Road
+from drl_av.road.snapshot import EGO, Snapshot
 
 _CENTER, _RADIUS, _LANES_PX = (186.0, 548.0), 146.0, 48.0
 

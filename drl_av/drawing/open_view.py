@@ -11,8 +11,8 @@ from drl_av.drawing.sheet import (
     Sheet,
     speed_color,
 )
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import EGO, Snapshot
+from drl_av.road.road import Road
+from drl_av.road.snapshot import EGO, Snapshot
 
 _LEFT, _RIGHT, _MIDDLE, _LANE_PX = 36.0, 336.0, 540.0, 16.0
 BEYOND_M = 250.0

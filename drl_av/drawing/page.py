@@ -9,8 +9,8 @@ from typing import Any
 from drl_av.drawing.sheet import EGO_COLOR, FAST_M_S, SLOW_M_S, SPEED_COLORS
 from drl_av.driving.actions import ACTIONS
 from drl_av.files import write_whole
-from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
+from drl_av.road.snapshot import Snapshot
 
 TEMPLATE = Path(__file__).with_name("page.html")
 PLACEHOLDER = "EPISODE"

@@ -22,7 +22,7 @@ from drl_av.drawing.sheet import (
     wrapped,
 )
 from drl_av.errors import counted
-from drl_av.traffic.snapshot import EGO, Snapshot
+from drl_av.road.snapshot import EGO, Snapshot
 
 _HISTORY = 60
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from drl_av.drawing.band import Band
 from drl_av.drawing.sheet import ALARM, AMBER, BRIGHT, GROUND, Sheet
-from drl_av.traffic.road import PartialLane, Road
+from drl_av.road.road import PartialLane, Road
 
 LINE_PX = 2.0
 FAR_M = 1e6

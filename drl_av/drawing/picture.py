@@ -19,8 +19,8 @@ from drl_av.drawing.panels import (
 )
 from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, draw_band, lay_asphalt, lay_marks
 from drl_av.drawing.sheet import GROUND, OVERSAMPLING, SHEET_SIZE, Sheet
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import Road
+from drl_av.road.snapshot import Snapshot
 
 Picture = npt.NDArray[np.uint8]
 

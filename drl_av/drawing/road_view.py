@@ -18,8 +18,8 @@ from drl_av.drawing.sheet import (
     Sheet,
     speed_color,
 )
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import EGO, Snapshot
+from drl_av.road.road import Road
+from drl_av.road.snapshot import EGO, Snapshot
 
 _MOVING_SIDEWAYS_M_S = 0.05
 DASH_M = 5.0

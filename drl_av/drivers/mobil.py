@@ -12,8 +12,8 @@ from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.driving.car_following import idm_acceleration
 from drl_av.driving.scene import Scene
-from drl_av.traffic.road import UNHURRIED_M
-from drl_av.traffic.snapshot import EGO
+from drl_av.road.road import UNHURRIED_M
+from drl_av.road.snapshot import EGO
 
 MANDATORY_BIAS_M_S2 = 4.0
 """Largest bias of MOBIL's incentive criterion towards a mandatory lane change (ours)."""

@@ -28,8 +28,8 @@ from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import ConfigError, RunError
 from drl_av.safety import named_check
 from drl_av.safety.check import SafetyCheck
-from drl_av.traffic.ego_model import EgoModel
-from drl_av.traffic.scenario import find_scenario, load_scenario
+from drl_av.scenarios.folder import find_scenario, load_scenario
+from drl_av.simulation.vehicle_calls import EgoModel
 
 RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "idm": lambda config: IdmDriver(config.safety),

@@ -8,8 +8,8 @@ from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, toward
 from drl_av.driving.affordances import Affordances
 from drl_av.driving.scene import Scene
+from drl_av.random_streams import Stream, generator
 from drl_av.safety.paper import closing_speed, gap_condition, safe_action, time_to_collision
-from drl_av.traffic.streams import Stream, generator
 
 
 def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:

@@ -7,7 +7,7 @@ from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import Action
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
-from drl_av.traffic.ego_model import EgoModel
+from drl_av.simulation.vehicle_calls import EgoModel
 
 TUNED = EgoModel(headway_s=0.8, assertiveness=1.5, speed_gain=5.0, overtake_right=True)
 """The parameters of ``sumo-tuned`` (ours): those with the highest speed in a search. The search is

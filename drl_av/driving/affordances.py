@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import ObservationConfig
-from drl_av.traffic.road import NO_CHANGE, Barrier, FloatArray, MandatoryChange, Road
-from drl_av.traffic.snapshot import EGO, Snapshot
+from drl_av.road.road import NO_CHANGE, Barrier, FloatArray, MandatoryChange, Road
+from drl_av.road.snapshot import EGO, Snapshot
 
 SLOTS = ("own_front", "own_rear", "right_front", "right_rear", "left_front", "left_rear")
 INDICATORS: tuple[str, ...] = (

@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeVar
 from drl_av.config import EgoConfig, MobilConfig, SimulationConfig
 from drl_av.driving.actions import Longitudinal
 from drl_av.driving.affordances import Affordances, Neighbor
-from drl_av.traffic.road import FloatArray
+from drl_av.road.road import FloatArray
 
 Number = TypeVar("Number", float, FloatArray)
 

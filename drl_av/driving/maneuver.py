@@ -8,7 +8,7 @@ from drl_av.driving.actions import Action, Lateral
 from drl_av.driving.car_following import reference_speeds
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.driving.steering import Pose, settled, steer
-from drl_av.traffic.snapshot import Command
+from drl_av.road.snapshot import Command
 
 
 class Plan(NamedTuple):

@@ -3,8 +3,8 @@
 from drl_av.config import Config
 from drl_av.driving.actions import Action, Lateral, nearest_action, toward
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.traffic.road import ARRIVED_M, Road
-from drl_av.traffic.snapshot import EGO, Snapshot
+from drl_av.road.road import ARRIVED_M, Road
+from drl_av.road.snapshot import EGO, Snapshot
 
 STILL_M = 1e-6
 """A lateral movement of at most this distance, metres, within a decision counts as none."""

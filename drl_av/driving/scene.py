@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from drl_av.driving.affordances import Affordances
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.snapshot import Snapshot
 
 
 class LaneChange(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 
 from drl_av.config import TrafficConfig
 from drl_av.errors import ConfigError
-from drl_av.traffic.streams import Stream, generator
+from drl_av.random_streams import Stream, generator
 
 TRAINING_SEED_RANGE = (1_000_000, 2**31)
 """Range [low, high) of the traffic seeds that a reset draws; evaluations use smaller seeds."""

@@ -26,11 +26,11 @@ from drl_av.env.observation import ObservationFunction, default_groups, observat
 from drl_av.env.reward import RewardFunction, Rewards, Transition, desired, own_reward, rewards
 from drl_av.env.way import Way
 from drl_av.errors import ConfigError, counted
+from drl_av.road.snapshot import EGO, Collision, Snapshot
 from drl_av.safety import ActionMask, action_mask, named_check, starts_unsafe
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, judged
-from drl_av.traffic.ego_model import EgoModel
-from drl_av.traffic.scenario import find_scenario, load_scenario, with_scenario
-from drl_av.traffic.snapshot import EGO, Collision, Snapshot
+from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
+from drl_av.simulation.vehicle_calls import EgoModel
 
 Observation = npt.NDArray[np.float32]
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 from drl_av.config import Config
 from drl_av.drivers.background.level_k import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
-from drl_av.traffic.scenario import Scenario
-from drl_av.traffic.simulation import Simulation
-from drl_av.traffic.streams import Stream, generator
+from drl_av.random_streams import Stream, generator
+from drl_av.scenarios.folder import Scenario
+from drl_av.simulation.simulation import Simulation
 
 
 class Traffic(NamedTuple):

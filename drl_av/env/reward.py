@@ -11,10 +11,10 @@ from drl_av.driving.actions import Action
 from drl_av.driving.affordances import Affordances
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
+from drl_av.road.road import UNHURRIED_M, MandatoryChange
+from drl_av.road.snapshot import Collision
 from drl_av.safety.check import Rule
 from drl_av.safety.paper import lane_is_clear
-from drl_av.traffic.road import UNHURRIED_M, MandatoryChange
-from drl_av.traffic.snapshot import Collision
 
 
 class Desired(NamedTuple):

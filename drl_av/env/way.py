@@ -3,8 +3,8 @@
 import math
 
 from drl_av.driving.scene import Scene
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import EGO
+from drl_av.road.road import Road
+from drl_av.road.snapshot import EGO
 
 EXIT_TAKEN, EXIT_MISSED = "exit taken", "exit missed"
 MERGED, NOT_MERGED = "merged", "not merged"

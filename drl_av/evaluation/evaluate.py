@@ -16,7 +16,7 @@ from drl_av.errors import ConfigError
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.criticality import CriticalityMetrics
 from drl_av.evaluation.judgement import Judgement, judge
-from drl_av.traffic.scenario import with_scenario
+from drl_av.scenarios.folder import with_scenario
 
 Word = str | Path
 """A driver as the user names it on the command line, for example ``"idm"`` or a run's folder."""

@@ -17,9 +17,9 @@ from drl_av.driving.scene import Scene
 from drl_av.env.decision import Decision
 from drl_av.errors import RecordingError
 from drl_av.files import write_whole
-from drl_av.traffic.ego_model import EgoModel
-from drl_av.traffic.road import FloatArray
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import FloatArray
+from drl_av.road.snapshot import Snapshot
+from drl_av.simulation.vehicle_calls import EgoModel
 
 
 @dataclass(frozen=True)

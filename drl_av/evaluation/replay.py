@@ -17,9 +17,9 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import rollout
 from drl_av.evaluation.recording import Follower, RecordedDriver, Recorder, Recording
-from drl_av.traffic.road import Road
-from drl_av.traffic.scenario import find_scenario, load_scenario
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import Road
+from drl_av.road.snapshot import Snapshot
+from drl_av.scenarios.folder import find_scenario, load_scenario
 
 USUAL_VEHICLES = 15
 Watcher = Callable[[Decision], None]

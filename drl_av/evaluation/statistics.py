@@ -18,7 +18,7 @@ from drl_av.evaluation.aggregates import (
     probability_of_improvement,
 )
 from drl_av.files import write_whole
-from drl_av.traffic.road import FloatArray
+from drl_av.road.road import FloatArray
 
 OF_A_WAY = ("exits_taken", "merged", "missed", "fewest_missed")
 """Fields that are None on a road on which the ego neither has an exit nor starts in a lane that

@@ -29,8 +29,8 @@ from drl_av.experiments.plan import Cell, Plan
 from drl_av.experiments.store import MadeWith
 from drl_av.experiments.values import require_numbers
 from drl_av.files import Row
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import CollisionKind
+from drl_av.road.road import Road
+from drl_av.road.snapshot import CollisionKind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from drl_av.config import Config, laid_over
 from drl_av.drivers.registry import default_config, find_drivers
-from drl_av.traffic.scenario import with_scenario
+from drl_av.scenarios.folder import with_scenario
 
 ENGINES = ("loky", "ray")
 """The libraries that can distribute the trainings over processes."""

@@ -14,8 +14,8 @@ from drl_av.env.reward import desired, rewards, speed_bonus
 from drl_av.errors import ConfigError
 from drl_av.learning.buffers import Batch, Buffer
 from drl_av.learning.experience import Store
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import EGO
+from drl_av.road.road import Road
+from drl_av.road.snapshot import EGO
 
 
 def require_symmetry(config: Config, road: Road) -> None:

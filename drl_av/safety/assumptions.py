@@ -11,10 +11,10 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.errors import ConfigError
+from drl_av.road.road import ARRIVED_M, Road
+from drl_av.road.vehicle_types import AS_WRITTEN, VehicleType, VehicleTypes
 from drl_av.safety.reachability import LINE_M, ON_LINE_M
 from drl_av.safety.stopping import cut_in_gap
-from drl_av.traffic.road import ARRIVED_M, Road
-from drl_av.traffic.vehicle_types import AS_WRITTEN, VehicleType, VehicleTypes
 
 ROAD_AS_WRITTEN = Road(500.0, 3.8, (True, True, True))
 """The road of a new scenario with the default sizes."""

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import StrictConfig
+from drl_av.road.road import ARRIVED_M, Barrier, FloatArray
 from drl_av.safety.stopping import stopping_distance
-from drl_av.traffic.road import ARRIVED_M, Barrier, FloatArray
 
 LINE_M = 0.01
 """A body overlaps a lane if it is at least this far over the marking of that lane."""

@@ -98,6 +98,7 @@ from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.errors import ConfigError
+from drl_av.road.snapshot import EGO
 from drl_av.safety.assumptions import WAY_OUT
 from drl_av.safety.check import Rule, Verdict
 from drl_av.safety.reachability import (
@@ -113,7 +114,6 @@ from drl_av.safety.reachability import (
     with_barriers,
 )
 from drl_av.safety.stopping import covered, reach
-from drl_av.traffic.snapshot import EGO
 
 ORDER = (
     Longitudinal.ACCELERATE,

@@ -15,8 +15,8 @@ from drl_av.drawing.picture import Picture, draw
 from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, Band
 from drl_av.drawing.sheet import ALARM, AMBER, ASPHALT, EGO_COLOR, GROUND, speed_color
 from drl_av.errors import RecordingError
-from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
+from drl_av.road.snapshot import Snapshot
 
 ROAD = Road(500.0, 3.8, (True, True, True))
 BARRICADED = Road(500.0, 3.8, (False, True, True))

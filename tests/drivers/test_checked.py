@@ -17,7 +17,7 @@ from drl_av.errors import ConfigError
 from drl_av.safety import action_mask
 from drl_av.safety.check import Rule, Verdict, judged
 from drl_av.safety.paper import paper
-from drl_av.traffic.ego_model import EgoModel
+from drl_av.simulation.vehicle_calls import EgoModel
 
 PAPER = partial(paper, config=SafetyConfig())
 NOTHING = np.zeros(27, np.float32)

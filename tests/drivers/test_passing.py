@@ -15,7 +15,7 @@ from drl_av.driving.actions import Lateral, Longitudinal
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
+from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
 
 FREE = Config()
 BANNED = FREE.updated("ego", overtake_right=False)

@@ -6,8 +6,8 @@ import pytest
 from drl_av.config import SINGLE_KINDS, Config, TrafficConfig
 from drl_av.env.highway import HighwayEnv, Observation
 from drl_av.errors import ConfigError
+from drl_av.road.snapshot import Snapshot
 from drl_av.safety import assumptions
-from drl_av.traffic.snapshot import Snapshot
 
 ALL = Config().with_traffic("all")
 SEEDS = range(800_000, 800_020)

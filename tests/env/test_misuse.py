@@ -18,7 +18,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.errors import ConfigError, DrlAvError, ScenarioError, SimulationError
 from drl_av.safety.check import permit_all
-from drl_av.traffic.scenario import (
+from drl_av.scenarios.folder import (
     ScenarioDescription,
     find_scenario,
     with_scenario,

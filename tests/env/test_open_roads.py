@@ -22,12 +22,11 @@ from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError, RecordingError, ScenarioError
 from drl_av.evaluation.recording import load_recording
 from drl_av.evaluation.replay import Page, ReplaySession, replay_session, watcher_of
-from drl_av.traffic.description import PlacedVehicle
-from drl_av.traffic.kinds import KINDS
-from drl_av.traffic.merge import MergeDescription
-from drl_av.traffic.scenario import write_scenario
-from drl_av.traffic.snapshot import CollisionKind
-from drl_av.traffic.straight import StraightDescription
+from drl_av.road.snapshot import CollisionKind
+from drl_av.scenarios.folder import write_scenario
+from drl_av.scenarios.highways import MergeDescription, StraightDescription
+from drl_av.scenarios.road_description import PlacedVehicle
+from drl_av.scenarios.road_types import KINDS
 
 EGO = PlacedVehicle("ego", 0, 639.0, 20.0, 30.0)
 STRICT = Config().updated("safety", check="strict")

@@ -11,7 +11,7 @@ from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.traffic.scenario import PlacedVehicle
+from drl_av.scenarios.folder import PlacedVehicle
 
 KEEP, ACCELERATE, RIGHT, LEFT = 0, 1, 4, 8
 STEERED = Config().updated("ego", lateral_plant="steering")

@@ -18,7 +18,7 @@ from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive, rollout
 from drl_av.errors import ConfigError
-from drl_av.traffic.ego_model import EgoModel
+from drl_av.simulation.vehicle_calls import EgoModel
 
 
 class ScriptedEnv:

@@ -25,8 +25,8 @@ from drl_av.learning.augmentation import (
     store_counterfactuals,
 )
 from drl_av.learning.buffers import TwoBuffers
+from drl_av.road.road import Road
 from drl_av.safety import named_check
-from drl_av.traffic.road import Road
 
 # Three indicators: gap right, gap left, own y from the middle of the road; two actions swap.
 TINY = Mirror(

@@ -20,7 +20,7 @@ from drl_av.learning import run as module
 from drl_av.learning.assembly import make_training
 from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
-from drl_av.traffic.scenario import write_scenario
+from drl_av.scenarios.folder import write_scenario
 
 EPISODES = 9
 SETTINGS = f"""

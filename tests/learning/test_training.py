@@ -28,7 +28,7 @@ from drl_av.learning.experience import StoreDecision
 from drl_av.learning.learner import Learner, Update
 from drl_av.learning.run import Run, train
 from drl_av.learning.training import EVALUATION_SEEDS, Training, Variant, draw_seed
-from drl_av.traffic.snapshot import Collision, CollisionKind
+from drl_av.road.snapshot import Collision, CollisionKind
 
 KEEP, HARD_BRAKE, LEFT = 0, 3, 8
 HIT = Collision(CollisionKind.HIT_AHEAD, "vehicle1")

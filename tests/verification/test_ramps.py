@@ -10,10 +10,10 @@ from drl_av.config import Config
 from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.registry import rule_driver
 from drl_av.env.highway import HighwayEnv
-from drl_av.traffic.description import PlacedVehicle
-from drl_av.traffic.exit import ExitDescription
-from drl_av.traffic.kinds import KINDS
-from drl_av.traffic.scenario import write_scenario
+from drl_av.scenarios.folder import write_scenario
+from drl_av.scenarios.highways import ExitDescription
+from drl_av.scenarios.road_description import PlacedVehicle
+from drl_av.scenarios.road_types import KINDS
 from verification.ramps import Trip, drive, interval, line, table, time_lost
 
 

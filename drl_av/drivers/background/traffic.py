@@ -11,10 +11,10 @@ from drl_av.drivers.background.level_k import Level1, level_0
 from drl_av.drivers.background.right_of_way import give_way
 from drl_av.drivers.background.surroundings import Surroundings, surroundings
 from drl_av.drivers.driver import Decisions
-from drl_av.traffic.population import Kind
-from drl_av.traffic.road import FloatArray, Road
-from drl_av.traffic.snapshot import Snapshot, TrafficCommand
-from drl_av.traffic.vehicle_types import VehicleTypes
+from drl_av.road.road import FloatArray, Road
+from drl_av.road.snapshot import Snapshot, TrafficCommand
+from drl_av.road.vehicle_types import VehicleTypes
+from drl_av.simulation.population import Kind
 
 IntArray = npt.NDArray[np.intp]
 

@@ -14,7 +14,7 @@ from drl_av.drivers.planner.limits import Limits, Near
 from drl_av.drivers.planner.others import FAR_M, BoolArray, IntArray
 from drl_av.drivers.planner.plans import SIDE, YIELDS
 from drl_av.driving.car_following import time_gap_acceleration
-from drl_av.traffic.road import FloatArray
+from drl_av.road.road import FloatArray
 
 SHORT_HEADWAY_S = 1.0
 """The ego brakes if the time-gap law with this headway demands braking."""

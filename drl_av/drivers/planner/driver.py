@@ -13,7 +13,7 @@ from drl_av.drivers.planner.watcher import Ahead, Watcher
 from drl_av.driving.actions import Action, Longitudinal, nearest_action, toward
 from drl_av.driving.affordances import Affordances
 from drl_av.driving.scene import Scene
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.snapshot import Snapshot
 
 DECISIONS_PER_PLAN = 2
 HURRIED_M = 150.0

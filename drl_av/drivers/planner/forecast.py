@@ -13,7 +13,7 @@ from drl_av.config import EgoConfig
 from drl_av.drivers.planner.choice import LONG_HEADWAY_S, Choice, Chooser, Ego, OthersAround
 from drl_av.drivers.planner.others import FAR_M, BoolArray, IntArray, Lanes, Others, idm
 from drl_av.drivers.planner.watcher import Watcher
-from drl_av.traffic.road import UNHURRIED_M, FloatArray, MandatoryChange
+from drl_av.road.road import UNHURRIED_M, FloatArray, MandatoryChange
 
 SETTLED_S = 2
 """Seconds after which a vehicle that is changing lanes now has left its old lane."""

@@ -15,9 +15,9 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.drivers.planner.others import BoolArray
+from drl_av.road.road import FloatArray
 from drl_av.safety.paper import gap_condition
 from drl_av.safety.stopping import reach, stopping_distance
-from drl_av.traffic.road import FloatArray
 
 
 class Near(NamedTuple):

@@ -11,7 +11,7 @@ from drl_av.drivers.planner.others import (
     Others,
     wanted_gap,
 )
-from drl_av.traffic.road import FloatArray
+from drl_av.road.road import FloatArray
 
 USUAL_SPEED_M_S = 26.0
 """First estimate of a vehicle's desired speed; for a faster vehicle it is its present speed."""

@@ -16,15 +16,15 @@ from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.drivers.rules import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.evaluation.replay import ReplaySession
-from drl_av.traffic.population import Kind
-from drl_av.traffic.scenario import (
+from drl_av.road.snapshot import Command, Snapshot, TrafficCommand
+from drl_av.scenarios.folder import (
     PlacedVehicle,
     ScenarioDescription,
     load_scenario,
     write_scenario,
 )
-from drl_av.traffic.simulation import Simulation
-from drl_av.traffic.snapshot import Command, Snapshot, TrafficCommand
+from drl_av.simulation.population import Kind
+from drl_av.simulation.simulation import Simulation
 
 TESTS = Path(__file__).parents[2]
 OTHER = 1

@@ -12,7 +12,7 @@ from drl_av.drivers.planner.others import IntArray, others_of
 from drl_av.drivers.planner.plans import PLANS, Intent, usable_plans
 from drl_av.drivers.planner.watcher import Watcher
 from drl_av.driving.scene import Scene
-from drl_av.traffic.road import FloatArray, MandatoryChange
+from drl_av.road.road import FloatArray, MandatoryChange
 
 CONFIG = Config()
 KEEP, LEFTWARD = np.full((1, 20), Intent.KEEP), np.full((1, 20), Intent.LEFT)

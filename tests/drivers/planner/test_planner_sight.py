@@ -6,7 +6,7 @@ from worlds import LEFT, RIGHT, Car, ahead, behind, scene
 
 from drl_av.drivers.planner.others import Others, idm, others_of
 from drl_av.drivers.planner.watcher import Ahead, Watcher
-from drl_av.traffic.road import FloatArray
+from drl_av.road.road import FloatArray
 
 
 def seen(*cars: Car) -> Others:

@@ -16,9 +16,9 @@ from drl_av.config import Config
 from drl_av.driving.actions import Longitudinal
 from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.scene import LaneChange, Scene
+from drl_av.road.road import Road
+from drl_av.road.snapshot import Snapshot
 from drl_av.safety import reachability, stopping, strict
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import Snapshot
 from verification.proofs import lateral, motion
 from verification.proofs.argument import argument
 from verification.proofs.followers import seconds_to_line

@@ -15,8 +15,8 @@ import z3
 
 import verification.kinematic_simulator as simulator
 from drl_av.config import Config
+from drl_av.road.snapshot import CollisionKind
 from drl_av.safety.stopping import stopping_distance
-from drl_av.traffic.snapshot import CollisionKind
 from verification.approaches import APART_M
 from verification.batch_check import BatchStrict
 from verification.in_sumo import SumoWorld
