@@ -21,7 +21,7 @@ def test_the_long_road_has_500_vehicles_by_its_flow(monkeypatch, tmp_path):
     write_scenario(tmp_path / "long", rows.long_road())
     config = rows.crowded(rows.ON_STRAIGHT).updated("simulation", scenario=str(tmp_path / "long"))
     with closing(HighwayEnv(config=config)) as env:
-        assert env.simulation.fleet.usual == rows.ON_STRAIGHT == 500
+        assert env.simulation.fleet.default_vehicle_count == rows.ON_STRAIGHT == 500
     assert "straight" in importlib.import_module("benchmark").ROWS
 
 

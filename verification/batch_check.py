@@ -13,12 +13,12 @@ from drl_av.safety.check import SafetyCheck
 from drl_av.safety.reachability import (
     ON_LINE_M,
     Others,
-    is_held,
     lanes_under,
     lateral_extent,
-    may_reach,
-    met,
+    must_stay_behind,
+    overlaps_laterally,
     stays_behind,
+    stopping_limit,
 )
 from drl_av.safety.stopping import covered, reach
 from drl_av.safety.strict import ORDER, seconds_to_line
@@ -95,9 +95,9 @@ class BatchStrict:
         ahead_m = world.x_m[:, 1:] - world.x_m[:, :1]
         gap_m, is_ahead, speed = np.abs(ahead_m) - LENGTH_M, ahead_m >= 0, world.speed_m_s[:, 1:]
         step_s = self._config.simulation.step_length_s
-        may_m = may_reach(gap_m, is_ahead, speed, self._config.strict, step_s)
+        may_m = stopping_limit(gap_m, is_ahead, speed, self._config.strict, step_s)
         y_m, lane_m = world.y_m, ROAD.lane_width_m
-        held = is_held(y_m[:, 1:], width_m, y_m[:, :1], WIDTH_M, lane_m)
+        held = must_stay_behind(y_m[:, 1:], width_m, y_m[:, :1], WIDTH_M, lane_m)
         others = Others(*ends_m, gap_m, is_ahead, speed, may_m, held)
         return self._with_barriers(others, world) if world.road.barriers else others
 
@@ -109,16 +109,16 @@ class BatchStrict:
         s_m, right_m, left_m = np.array(world.road.barriers).T
         gap_m = s_m - (world.x_m[:, :1] + LENGTH_M / 2)
         ahead, standing = gap_m >= 0, np.zeros(gap_m.shape)
-        most_m = np.where(gap_m > 0, gap_m - self._config.strict.clearance_m, -np.inf)
+        stop_within_m = np.where(gap_m > 0, gap_m - self._config.strict.clearance_m, -np.inf)
         ends_m = np.where(ahead, right_m, np.inf), np.where(ahead, left_m, -np.inf)
-        rows = (*ends_m, gap_m, standing == 0, standing, most_m, standing == 0)
+        rows = (*ends_m, gap_m, standing == 0, standing, stop_within_m, standing == 0)
         return Others(*(np.column_stack(pair) for pair in zip(others, rows, strict=True)))
 
     def _may_reach(self, world: World, neighbors: Others) -> FloatArray:
         lane = _lane(world.y_m[:, 0])
         right_m, left_m = self._corridor(world, np.where(world.target == NONE, NONE, lane))
-        meets = met(neighbors, right_m[:, None], left_m[:, None])
-        result: FloatArray = np.where(meets, neighbors.most_m, np.inf).min(axis=1)
+        meets = overlaps_laterally(neighbors, right_m[:, None], left_m[:, None])
+        result: FloatArray = np.where(meets, neighbors.stop_within_m, np.inf).min(axis=1)
         return result
 
     def _permits(
@@ -134,14 +134,14 @@ class BatchStrict:
         right_m, left_m = self._corridor(world, target)
         aside_m = strict.lateral_speed_m_s * sim.decision_interval_s
         right_m, left_m = right_m - aside_m * (sign < 0), left_m + aside_m * (sign > 0)
-        meets = met(neighbors, right_m[:, None], left_m[:, None])
+        meets = overlaps_laterally(neighbors, right_m[:, None], left_m[:, None])
         to_line_m = sign * ((origin + target) / 2 * lane_m - y_m) - WIDTH_M / 2
         crosses_s = seconds_to_line(to_line_m, lane_m, config.ego, sim)[:, None]
         motion = world.speed_m_s[:, :1], self._rates[how][:, None], config.ego, sim
         covered_m = [*covered(*motion), reach(*motion)]
         stays = stays_behind(neighbors, crosses_s, covered_m, strict, sim.step_length_s)
-        free = covered_m[-1] < np.where(meets, neighbors.most_m, np.inf)
-        result: BoolArray = (free & (stays | ~meets | neighbors.is_held)).all(axis=1)
+        free = covered_m[-1] < np.where(meets, neighbors.stop_within_m, np.inf)
+        result: BoolArray = (free & (stays | ~meets | neighbors.must_stay_behind)).all(axis=1)
         return result
 
     def _corridor(self, world: World, target: IntArray) -> tuple[FloatArray, FloatArray]:

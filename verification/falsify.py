@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from drl_av.cli.arguments import whole
+from drl_av.cli.arguments import int_at_least
 from drl_av.config import Config
 from drl_av.errors import ScenarioError
 from drl_av.road.snapshot import Collision
@@ -157,7 +157,7 @@ def main() -> int:
     parser.add_argument("--check", default="paper", choices=CHECKS, help="default: paper")
     parser.add_argument("--family", nargs="+", choices=ENVELOPE | SEARCHED, help="default: all")
     parser.add_argument(
-        "--scenes", type=whole(1), help="for each family (default: 1000; strict: 100000)"
+        "--scenes", type=int_at_least(1), help="for each family (default: 1000; strict: 100000)"
     )
     parser.number("--seed", 0, low=0)
     parser.add_argument(

@@ -6,7 +6,7 @@ from drl_av.road.road import Road
 
 
 @dataclass(frozen=True)
-class Band:
+class RoadStrip:
     """A view of the road around the ego as a horizontal band; traffic drives to the right."""
 
     top: int

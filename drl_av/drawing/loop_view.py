@@ -2,8 +2,7 @@
 
 import math
 
-from drl_av.drawing.road_view import OVERVIEW
-from drl_av.drawing.sheet import (
+from drl_av.drawing.canvas import (
     AMBER,
     ASPHALT,
     BARRED,
@@ -11,16 +10,17 @@ from drl_av.drawing.sheet import (
     DIM,
     EGO_COLOR,
     RULE,
-    Sheet,
+    Canvas,
     speed_color,
 )
+from drl_av.drawing.road_view import OVERVIEW
 from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO, Snapshot
 
 _CENTER, _RADIUS, _LANES_PX = (186.0, 548.0), 146.0, 48.0
 
 
-def lay_ring(sheet: Sheet, road: Road) -> None:
+def lay_ring(sheet: Canvas, road: Road) -> None:
     """Draw the static parts of the loop: lanes, markings, barricades, and its length as text."""
     lanes = len(road.open_lanes)
     lane_px = _LANES_PX / lanes
@@ -44,7 +44,7 @@ def lay_ring(sheet: Sheet, road: Road) -> None:
     sheet.polygon([(x - 44, y - 59), (x - 32, y - 61), (x - 38, y - 71)], DIM)
 
 
-def draw_ring(sheet: Sheet, snapshot: Snapshot, road: Road) -> None:
+def draw_ring(sheet: Canvas, snapshot: Snapshot, road: Road) -> None:
     """Draw all vehicles as dots on the loop, and an arc along the part that the overview shows."""
     lane_px = _LANES_PX / len(road.open_lanes)
     turn = math.tau / road.lap_m

@@ -1,16 +1,16 @@
 """Draws a whole open road from above, from its beginning at the left to its end at the right."""
 
-from drl_av.drawing.road_view import OVERVIEW
-from drl_av.drawing.sheet import (
+from drl_av.drawing.canvas import (
     AMBER,
     ASPHALT,
     BRIGHT,
     DIM,
     EGO_COLOR,
     RULE,
-    Sheet,
+    Canvas,
     speed_color,
 )
+from drl_av.drawing.road_view import OVERVIEW
 from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO, Snapshot
 
@@ -28,7 +28,7 @@ def _y(road: Road, y_m: float) -> float:
     return _MIDDLE + ((len(road.open_lanes) - 1) / 2 - y_m / road.lane_width_m) * _LANE_PX
 
 
-def lay_open_road(sheet: Sheet, road: Road) -> None:
+def lay_open_road(sheet: Canvas, road: Road) -> None:
     """Draw the static parts of the road: each lane where it exists, and the end of the way."""
     parts = [(part.lane, part.begin_m, part.end_m) for part in road.partial_lanes]
     partial = {lane for lane, _, _ in parts}
@@ -44,7 +44,7 @@ def lay_open_road(sheet: Sheet, road: Road) -> None:
     sheet.text((_LEFT, bottom + 16), "0", 14, DIM, "ms")
 
 
-def draw_open_road(sheet: Sheet, snapshot: Snapshot, road: Road) -> None:
+def draw_open_road(sheet: Canvas, snapshot: Snapshot, road: Road) -> None:
     """Draw all vehicles as dots, and the part of the road that the overview shows."""
     ego_m, bottom = float(snapshot.s_m[EGO]), _y(road, 0.0) + 12
     ends = (_x(road, ego_m - OVERVIEW.behind_m), _x(road, ego_m + OVERVIEW.ahead_m))

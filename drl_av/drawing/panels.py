@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drl_av.drawing.sheet import (
+from drl_av.drawing.canvas import (
     ALARM,
     AMBER,
     BRIGHT,
@@ -16,12 +16,12 @@ from drl_av.drawing.sheet import (
     GROUND,
     RULE,
     SLOW_M_S,
+    Canvas,
     Color,
-    Sheet,
     speed_color,
     wrapped,
 )
-from drl_av.errors import counted
+from drl_av.errors import pluralize
 from drl_av.road.snapshot import EGO, Snapshot
 
 _HISTORY = 60
@@ -55,7 +55,7 @@ class Caption:
     """The kind of the ego's collision in words; empty without a collision."""
 
 
-def lay_cards(sheet: Sheet) -> None:
+def lay_cards(sheet: Canvas) -> None:
     """Draw the backgrounds of the panels."""
     left, middle, right = (20, 352), (364, 812), (824, 1260)
     for (x0, x1), (y0, y1) in (
@@ -67,7 +67,7 @@ def lay_cards(sheet: Sheet) -> None:
         sheet.box((x0, y0, x1, y1), CARD, radius=12)
 
 
-def lay_legend(sheet: Sheet) -> None:
+def lay_legend(sheet: Canvas) -> None:
     """Draw the legend of the vehicles' colours."""
     left, right = 1040, 1211
     for x in range(left, right):
@@ -79,17 +79,17 @@ def lay_legend(sheet: Sheet) -> None:
     sheet.text((953, 31), "ego", 14, DIM)
 
 
-def draw_header(sheet: Sheet, snapshot: Snapshot, caption: Caption) -> None:
+def draw_header(sheet: Canvas, snapshot: Snapshot, caption: Caption) -> None:
     """Draw the driver, the traffic, the seed, the decision and the time above the road."""
     vehicles = len(snapshot.ids) - 1 if caption.vehicles is None else caption.vehicles
-    facts = [counted(vehicles, "vehicle")]
+    facts = [pluralize(vehicles, "vehicle")]
     facts += [] if caption.seed is None else [f"seed {caption.seed}"]
     facts += [f"decision {caption.decision}", f"t = {snapshot.time_s:.1f} s"]
     sheet.text((20, 36), wrapped(caption.driver or "highway", 24, 400, 1)[0], 24, bold=True)
     sheet.text((890, 33), "   ".join(facts), 16, DIM, "rs")
 
 
-def draw_decision(sheet: Sheet, snapshot: Snapshot, caption: Caption) -> None:
+def draw_decision(sheet: Canvas, snapshot: Snapshot, caption: Caption) -> None:
     """Draw the speed, the executed and the proposed action, and the result of the safety check."""
     speed = float(snapshot.speed_m_s[EGO])
     mean = float(np.mean(caption.speed_history)) if caption.speed_history else speed
@@ -106,13 +106,13 @@ def draw_decision(sheet: Sheet, snapshot: Snapshot, caption: Caption) -> None:
     _draw_verdict(sheet, caption)
 
 
-def _draw_field(sheet: Sheet, y: float, label: str, value: str, fill: Color) -> None:
+def _draw_field(sheet: Canvas, y: float, label: str, value: str, fill: Color) -> None:
     """Draw a label and, below it, a value; ``y`` is the baseline of the label, px."""
     sheet.text((384, y), label, 13, DIM)
     sheet.text((384, y + 26), wrapped(value, 22, 408, 1)[0], 22, fill)
 
 
-def _draw_verdict(sheet: Sheet, caption: Caption) -> None:
+def _draw_verdict(sheet: Canvas, caption: Caption) -> None:
     """Draw the safety rule or the collision on a bright background; "none" on a dark one."""
     label, words = "SAFETY CHECK", caption.rule or "none"
     if caption.collision:
@@ -129,7 +129,7 @@ def _draw_verdict(sheet: Sheet, caption: Caption) -> None:
         sheet.text((392, 634 + pitch * (number + 0.8)), line, size, ink)
 
 
-def draw_reward(sheet: Sheet, caption: Caption) -> None:
+def draw_reward(sheet: Canvas, caption: Caption) -> None:
     """Draw the reward, and its three terms as bars from -1 at the left to 0 at the right."""
     sheet.text((844, 412), "REWARD", 13, DIM)
     sheet.text((1240, 416), _number(caption.reward), 24, BRIGHT, "rs", bold=True)
@@ -153,7 +153,7 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:z.2f}"
 
 
-def draw_history(sheet: Sheet, caption: Caption) -> None:
+def draw_history(sheet: Canvas, caption: Caption) -> None:
     """Draw the last 60 speeds, the newest at the right.
 
     A red mark shows a decision in which the safety check changed the action.

@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterator
 from itertools import pairwise
 
-from drl_av.drawing.band import Band
-from drl_av.drawing.sheet import ALARM, AMBER, BRIGHT, GROUND, Sheet
+from drl_av.drawing.band import RoadStrip
+from drl_av.drawing.canvas import ALARM, AMBER, BRIGHT, GROUND, Canvas
 from drl_av.road.road import PartialLane, Road
 
 LINE_PX = 2.0
@@ -13,7 +13,7 @@ FAR_M = 1e6
 """A distance beyond the ends of every open road."""
 
 
-def draw_partial_lanes(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> None:
+def draw_partial_lanes(sheet: Canvas, band: RoadStrip, ego_s_m: float, road: Road) -> None:
     """Draw where the lanes of an open road begin and end, on a sheet that shows all lanes.
 
     The function covers each partial lane where it does not exist. It draws solid lines along both
@@ -49,7 +49,7 @@ def solid_lines(road: Road, line: int) -> Iterator[tuple[float, float, tuple[int
             yield begin_m, end_m, BRIGHT
 
 
-def _clear(sheet: Sheet, band: Band, road: Road, lane: int, ego_s_m: float) -> None:
+def _clear(sheet: Canvas, band: RoadStrip, road: Road, lane: int, ego_s_m: float) -> None:
     """Cover a lane where it does not exist."""
     begin_m = -math.inf
     ends_m = sorted((part.begin_m, part.end_m) for part in road.partial_lanes if part.lane == lane)
@@ -59,7 +59,9 @@ def _clear(sheet: Sheet, band: Band, road: Road, lane: int, ego_s_m: float) -> N
     _box(sheet, band, road, lane, (begin_m, math.inf))
 
 
-def _box(sheet: Sheet, band: Band, road: Road, lane: int, ahead_m: tuple[float, float]) -> None:
+def _box(
+    sheet: Canvas, band: RoadStrip, road: Road, lane: int, ahead_m: tuple[float, float]
+) -> None:
     left, right = (_column(band, at_m) for at_m in ahead_m)
     center_m, half_m = road.center_m(lane), road.lane_width_m / 2
     outward = -1 if not all(map(road.is_partial, range(lane))) else 1
@@ -70,7 +72,7 @@ def _box(sheet: Sheet, band: Band, road: Road, lane: int, ahead_m: tuple[float, 
         sheet.box((left, upper, right, lower + 1), GROUND)
 
 
-def _end(sheet: Sheet, band: Band, road: Road, part: PartialLane, ego_s_m: float) -> None:
+def _end(sheet: Canvas, band: RoadStrip, road: Road, part: PartialLane, ego_s_m: float) -> None:
     """Draw a bar where a lane ends."""
     end_m = part.end_m - ego_s_m
     if -band.behind_m < end_m < band.ahead_m:
@@ -80,8 +82,8 @@ def _end(sheet: Sheet, band: Band, road: Road, part: PartialLane, ego_s_m: float
 
 
 def _line(
-    sheet: Sheet,
-    band: Band,
+    sheet: Canvas,
+    band: RoadStrip,
     road: Road,
     y_m: float,
     ahead_m: tuple[float, float],
@@ -92,6 +94,6 @@ def _line(
         sheet.line([(left, band.y(road, y_m)), (right, band.y(road, y_m))], color, LINE_PX)
 
 
-def _column(band: Band, ahead_m: float) -> float:
+def _column(band: RoadStrip, ahead_m: float) -> float:
     """Return the x coordinate, px, of a point ``ahead_m`` ahead of the ego, limited to the band."""
     return band.x(min(max(ahead_m, -band.behind_m), band.ahead_m))

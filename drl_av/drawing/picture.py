@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageOps
 
+from drl_av.drawing.canvas import GROUND, OVERSAMPLING, SHEET_SIZE, Canvas
 from drl_av.drawing.loop_view import draw_ring, lay_ring
 from drl_av.drawing.open_view import draw_open_road, lay_open_road
 from drl_av.drawing.panels import (
@@ -18,7 +19,6 @@ from drl_av.drawing.panels import (
     lay_legend,
 )
 from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, draw_band, lay_asphalt, lay_marks
-from drl_av.drawing.sheet import GROUND, OVERSAMPLING, SHEET_SIZE, Sheet
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 
@@ -33,7 +33,7 @@ def draw(
     ``size`` is (width, height) in px. The layout is scaled to fit; if the aspect ratio differs, it
     gets bars at its sides.
     """
-    sheet = Sheet(_background(road).copy())
+    sheet = Canvas(_background(road).copy())
     for band in (CLOSE_UP, OVERVIEW):
         draw_band(sheet, band, snapshot, road)
     if road.is_loop:
@@ -55,7 +55,7 @@ def _background(road: Road) -> Image.Image:
     """Return the image of the static parts. It is cached: copy it before drawing on it."""
     width, height = SHEET_SIZE
     size = (OVERSAMPLING * width, OVERSAMPLING * height)
-    sheet = Sheet(Image.new("RGB", size, GROUND))
+    sheet = Canvas(Image.new("RGB", size, GROUND))
     for band in (CLOSE_UP, OVERVIEW):
         lay_asphalt(sheet, band, road)
     lay_marks(sheet)

@@ -6,9 +6,9 @@ from typing import Any
 
 import gymnasium
 
+from drl_av.drawing.canvas import EGO_COLOR, Color, speed_color
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import Picture, draw
-from drl_av.drawing.sheet import EGO_COLOR, Color, speed_color
 from drl_av.driving.actions import ACTIONS
 from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO, Snapshot

@@ -2,9 +2,8 @@
 
 from collections.abc import Iterator
 
-from drl_av.drawing.band import Band
-from drl_av.drawing.partial_lanes import draw_partial_lanes
-from drl_av.drawing.sheet import (
+from drl_av.drawing.band import RoadStrip
+from drl_av.drawing.canvas import (
     AMBER,
     ASPHALT,
     BARRED,
@@ -14,10 +13,11 @@ from drl_av.drawing.sheet import (
     EGO_COLOR,
     GROUND,
     SHEET_SIZE,
+    Canvas,
     Point,
-    Sheet,
     speed_color,
 )
+from drl_av.drawing.partial_lanes import draw_partial_lanes
 from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO, Snapshot
 
@@ -26,11 +26,11 @@ DASH_M = 5.0
 """Length of a dash between two lanes."""
 
 
-CLOSE_UP = Band(top=66, lane_px=60, behind_m=32.0, ahead_m=60.0)
-OVERVIEW = Band(top=276, lane_px=24, behind_m=90.0, ahead_m=150.0)
+CLOSE_UP = RoadStrip(top=66, lane_px=60, behind_m=32.0, ahead_m=60.0)
+OVERVIEW = RoadStrip(top=276, lane_px=24, behind_m=90.0, ahead_m=150.0)
 
 
-def lay_marks(sheet: Sheet) -> None:
+def lay_marks(sheet: Canvas) -> None:
     """Draw the scale of distances from the ego, below the overview."""
     for mark_m in (-90, -50, 0, 50, 100, 150):
         anchor = {-90: "ls", 150: "rs"}.get(mark_m, "ms")
@@ -38,7 +38,7 @@ def lay_marks(sheet: Sheet) -> None:
         sheet.text((OVERVIEW.x(mark_m), 371), text, 12, DIM, anchor)
 
 
-def lay_asphalt(sheet: Sheet, band: Band, road: Road) -> None:
+def lay_asphalt(sheet: Canvas, band: RoadStrip, road: Road) -> None:
     """Draw the static parts of a band: asphalt, road edges and barricaded lanes."""
     lanes, half = len(road.open_lanes), road.lane_width_m / 2
     verge = band.lane_px / 8
@@ -56,7 +56,7 @@ def lay_asphalt(sheet: Sheet, band: Band, road: Road) -> None:
     sheet.line([(band.left, bottom), (band.right, bottom)], BRIGHT, thick)
 
 
-def draw_band(sheet: Sheet, band: Band, snapshot: Snapshot, road: Road) -> None:
+def draw_band(sheet: Canvas, band: RoadStrip, snapshot: Snapshot, road: Road) -> None:
     """Draw the moving parts of a band: lanes that begin or end, markings, barricades, vehicles."""
     if road.partial_lanes:
         draw_partial_lanes(sheet, band, float(snapshot.s_m[EGO]), road)
@@ -74,7 +74,7 @@ def draw_band(sheet: Sheet, band: Band, snapshot: Snapshot, road: Road) -> None:
         _frame_close_up(sheet)
 
 
-def _frame_close_up(sheet: Sheet) -> None:
+def _frame_close_up(sheet: Canvas) -> None:
     """Draw corners in the overview around the part of the road that the close-up shows."""
     left, right = OVERVIEW.x(-CLOSE_UP.behind_m), OVERVIEW.x(CLOSE_UP.ahead_m)
     upper, lower = OVERVIEW.top - 7.0, OVERVIEW.top + 3.0 * OVERVIEW.lane_px + 7
@@ -83,7 +83,7 @@ def _frame_close_up(sheet: Sheet) -> None:
         sheet.line(corner, BRIGHT, 1.5)
 
 
-def _every(spacing_m: float, ego_s_m: float, road: Road, band: Band) -> Iterator[float]:
+def _every(spacing_m: float, ego_s_m: float, road: Road, band: RoadStrip) -> Iterator[float]:
     """Yield how far ahead, m, the road has its marks in the band; a loop has whole spacings."""
     pitch_m = road.lap_m / max(1, round(road.lap_m / spacing_m))
     mark_m = -band.behind_m - (ego_s_m - band.behind_m) % pitch_m
@@ -92,7 +92,7 @@ def _every(spacing_m: float, ego_s_m: float, road: Road, band: Band) -> Iterator
         mark_m += pitch_m
 
 
-def _draw_markings(sheet: Sheet, band: Band, ego_s_m: float, road: Road) -> None:
+def _draw_markings(sheet: Canvas, band: RoadStrip, ego_s_m: float, road: Road) -> None:
     """Draw the dashes between lanes, and the barricades on closed lanes, fixed to the road."""
     thick = 1.5 if band is CLOSE_UP else 1.0
     for boundary in range(1, len(road.open_lanes)):
@@ -113,7 +113,7 @@ def _is_dashed(road: Road, boundary: int, from_m: float) -> bool:
     )
 
 
-def _draw_barricade(sheet: Sheet, band: Band, ego_s_m: float, road: Road, lane: int) -> None:
+def _draw_barricade(sheet: Canvas, band: RoadStrip, ego_s_m: float, road: Road, lane: int) -> None:
     """Draw stripes and blocks along a barricaded lane."""
     center_m, half_m = road.center_m(lane), road.lane_width_m / 2
     upper, lower = band.y(road, center_m + 0.9 * half_m), band.y(road, center_m - 0.9 * half_m)
@@ -129,7 +129,7 @@ def _draw_barricade(sheet: Sheet, band: Band, ego_s_m: float, road: Road, lane: 
 
 
 def _draw_vehicle(
-    sheet: Sheet, band: Band, snapshot: Snapshot, road: Road, row: int, ahead_m: float
+    sheet: Canvas, band: RoadStrip, snapshot: Snapshot, road: Road, row: int, ahead_m: float
 ) -> None:
     """Draw the vehicle of a row in its true size, ``ahead_m`` ahead of the ego."""
     y_m, speed = float(snapshot.y_m[row]), float(snapshot.speed_m_s[row])
@@ -154,7 +154,7 @@ def _draw_vehicle(
 
 
 def _draw_signals(
-    sheet: Sheet, body: tuple[float, float, float, float], sideways: float, time_s: float
+    sheet: Canvas, body: tuple[float, float, float, float], sideways: float, time_s: float
 ) -> None:
     """Draw turn signals towards ``sideways`` (left positive) in the first half of each second."""
     left, top, right, bottom = body
@@ -164,7 +164,7 @@ def _draw_signals(
             sheet.dot((x, top + size if sideways > 0 else bottom - size), 1.3 * size, AMBER)
 
 
-def _draw_arrow(sheet: Sheet, body: tuple[float, float, float, float], sideways: float) -> None:
+def _draw_arrow(sheet: Canvas, body: tuple[float, float, float, float], sideways: float) -> None:
     """Draw an arrow beside the ego in the direction of its lateral velocity, left positive."""
     left, top, right, bottom = body
     up = -1 if sideways > 0 else 1

@@ -12,7 +12,7 @@ from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.driving.car_following import idm_acceleration
 from drl_av.driving.scene import Scene
-from drl_av.road.road import UNHURRIED_M
+from drl_av.road.road import LANE_CHANGE_DUE_M
 from drl_av.road.snapshot import EGO
 
 MANDATORY_BIAS_M_S2 = 4.0
@@ -51,10 +51,11 @@ class MobilDriver(Driver):
         """Return MOBIL's bias towards mandatory lane changes, m/s^2, left positive (ours).
 
         The bias grows while the distance that is left for the lane changes shrinks. It is largest
-        once this distance is ``UNHURRIED_M`` for each lane change. It is 0 if none is mandatory.
+        once this distance is ``LANE_CHANGE_DUE_M`` for each lane change. It is 0 if none is
+        mandatory.
         """
         lanes, within_m = affordances.mandatory
-        share = abs(lanes) * UNHURRIED_M / max(within_m, 1.0)
+        share = abs(lanes) * LANE_CHANGE_DUE_M / max(within_m, 1.0)
         return math.copysign(MANDATORY_BIAS_M_S2 * min(share, 1.0), lanes)
 
     def gain(self, scene: Scene, sign: int) -> float:

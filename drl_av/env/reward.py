@@ -11,7 +11,7 @@ from drl_av.driving.actions import Action
 from drl_av.driving.affordances import Affordances
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
-from drl_av.road.road import UNHURRIED_M, MandatoryChange
+from drl_av.road.road import LANE_CHANGE_DUE_M, MandatoryChange
 from drl_av.road.snapshot import Collision
 from drl_av.safety.check import Rule
 from drl_av.safety.paper import lane_is_clear
@@ -61,7 +61,7 @@ class Transition(NamedTuple):
 RewardFunction = Callable[[Transition], float]
 
 
-def own_reward(function: RewardFunction, transition: Transition) -> float:
+def custom_reward(function: RewardFunction, transition: Transition) -> float:
     """Return the reward of a transition that the user's own function computes.
 
     Raises:
@@ -175,11 +175,11 @@ def best_speed(affordances: Affordances, config: RewardConfig, minimum_gap_m: fl
 def due_changes(mandatory: MandatoryChange) -> int:
     """Return how many of the mandatory lane changes are due now, left positive (ours).
 
-    A lane change is due if it cannot be postponed, assuming that each takes ``UNHURRIED_M``.
+    A lane change is due if it cannot be postponed, assuming that each takes ``LANE_CHANGE_DUE_M``.
     """
     if not mandatory.lanes:
         return 0
-    later = int(mandatory.within_m // UNHURRIED_M)
+    later = int(mandatory.within_m // LANE_CHANGE_DUE_M)
     return mandatory.side * max(abs(mandatory.lanes) - later, 0)
 
 

@@ -8,7 +8,7 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
-from drl_av.env.way import front_m
+from drl_av.env.route_outcome import front_m
 from drl_av.errors import ConfigError
 
 

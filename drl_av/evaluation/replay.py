@@ -113,7 +113,7 @@ class ReplaySession:
         follower = None if self.recording is None else Follower(self.recording)
         following = [] if follower is None else [follower.add]
         with closing(HighwayEnv(config=self.config, render_mode=render_mode)) as env:
-            implied = env.simulation.fleet.usual
+            implied = env.simulation.fleet.default_vehicle_count
             usual = USUAL_VEHICLES if implied is None else implied
             vehicles = usual if self.vehicles is None else self.vehicles
             for decision in rollout(env, self.driver, self.seed, vehicles):

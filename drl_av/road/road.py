@@ -50,7 +50,7 @@ class Barrier(NamedTuple):
     """The lateral positions of its two ends; they are equal if only a lane marking is blocked."""
 
 
-UNHURRIED_M = 400.0
+LANE_CHANGE_DUE_M = 400.0
 """Mandatory lane changes are urgent if less than this distance, metres, is left for each (ours)."""
 
 

@@ -20,7 +20,7 @@ BACKWARD_M = 1.0
 ACCELERATION_M_S2, LATERAL_SPEED_M_S = 10.0, 1.5
 """Upper bounds of each vehicle's acceleration and lateral speed for ``Bodies.within_reach``."""
 
-Motion = tuple[float, float, float, float]
+Displacement = tuple[float, float, float, float]
 """The motion of a body's centre in one SUMO step, (s, y, forward, left), metres.
 
 (s, y) is the start along and across the road (left positive); (forward, left) is the displacement.
@@ -37,7 +37,9 @@ class Contact(NamedTuple):
     """The kind of collision for the first of the two bodies, which counts as the ego."""
 
 
-def motion(from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, road: Road) -> Motion:
+def displacement(
+    from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, road: Road
+) -> Displacement:
     """Return the motion of a body from one position (s, y) to another, both in metres.
 
     The function assumes that the body moves backward by at most ``BACKWARD_M``, or forward by less
@@ -48,7 +50,7 @@ def motion(from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, road:
 
 
 def first_contact(
-    ego: Motion, other: Motion, length_m: float, width_m: float, road: Road
+    ego: Displacement, other: Displacement, length_m: float, width_m: float, road: Road
 ) -> Contact | None:
     """Return the first contact of two bodies in a SUMO step, or None if they do not touch.
 
@@ -97,7 +99,7 @@ def _overlap(distance_m: float, moved_m: float, size_m: float) -> tuple[float, f
 
 
 @dataclass(frozen=True)
-class Bodies:
+class VehicleRectangles:
     """The vehicles of an episode as rectangles; index 0 of each sequence is the ego."""
 
     ids: Sequence[str]
@@ -149,7 +151,7 @@ class Bodies:
                 rows.append(row)
         return rows
 
-    def ego_collision(self, moves: Mapping[int, Motion]) -> Collision | None:
+    def ego_collision(self, moves: Mapping[int, Displacement]) -> Collision | None:
         """Return the ego's first collision in a SUMO step with a vehicle in ``moves``, or None.
 
         ``moves`` holds the motions of the ego and of some vehicles, by row index.
@@ -162,7 +164,7 @@ class Bodies:
                     first, collision = contact.time, Collision(contact.kind, self.ids[row])
         return collision
 
-    def collisions(self, moves: Mapping[int, Motion]) -> list[tuple[str, str]]:
+    def collisions(self, moves: Mapping[int, Displacement]) -> list[tuple[str, str]]:
         """Return each pair of vehicles that touch each other in a SUMO step, as a pair of ids.
 
         ``moves`` holds the motion of each vehicle, the ego included, by its row index.
@@ -173,19 +175,23 @@ class Bodies:
             if self._contact(one, its, other, others)
         ]
 
-    def _contact(self, one: int, its: Motion, other: int, others: Motion) -> Contact | None:
+    def _contact(
+        self, one: int, its: Displacement, other: int, others: Displacement
+    ) -> Contact | None:
         """Return the first contact of the vehicles in rows ``one`` and ``other``, or None."""
         length_m = (self.length_m[one] + self.length_m[other]) / 2
         width_m = (self.width_m[one] + self.width_m[other]) / 2
         return first_contact(its, others, length_m, width_m, self.road)
 
 
-def bodies(snapshot: Snapshot, road: Road) -> Bodies:
+def rectangles_of(snapshot: Snapshot, road: Road) -> VehicleRectangles:
     """Return the vehicles of a snapshot as rectangles."""
-    return Bodies(snapshot.ids, snapshot.length_m.tolist(), snapshot.width_m.tolist(), road)
+    return VehicleRectangles(
+        snapshot.ids, snapshot.length_m.tolist(), snapshot.width_m.tolist(), road
+    )
 
 
-def motions(before: Snapshot, after: Snapshot, road: Road) -> dict[int, Motion]:
+def displacements(before: Snapshot, after: Snapshot, road: Road) -> dict[int, Displacement]:
     """Return the motion of each vehicle between two snapshots of the same vehicles.
 
     The key is the vehicle's row index in the snapshot arrays.
@@ -193,6 +199,6 @@ def motions(before: Snapshot, after: Snapshot, road: Road) -> dict[int, Motion]:
     columns = (before.s_m, before.y_m, after.s_m, after.y_m)
     ends = zip(*(column.tolist() for column in columns), strict=True)
     return {
-        row: motion(from_s_m, from_y_m, to_s_m, to_y_m, road)
+        row: displacement(from_s_m, from_y_m, to_s_m, to_y_m, road)
         for row, (from_s_m, from_y_m, to_s_m, to_y_m) in enumerate(ends)
     }

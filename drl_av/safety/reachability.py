@@ -51,7 +51,7 @@ def lateral_extent(
     )
 
 
-def is_held(
+def must_stay_behind(
     y_m: FloatArray, width_m: FloatArray, ego_y_m: Any, ego_width_m: float, lane_width_m: float
 ) -> npt.NDArray[np.bool_]:
     """Whether a vehicle, if it is behind the ego, must stay behind it by bound 4 of ``strict``.
@@ -76,12 +76,12 @@ class Others(NamedTuple):
     """Net gap to the ego along the road; 0 or less for a vehicle beside the ego."""
     is_ahead: npt.NDArray[np.bool_]
     speed_m_s: FloatArray
-    most_m: FloatArray
+    stop_within_m: FloatArray
     """Distance within which the ego must stop in order to stay behind the vehicle, metres.
 
     It is inf for a vehicle behind, and -inf for a vehicle beside the ego whose centre is ahead.
     """
-    is_held: npt.NDArray[np.bool_]
+    must_stay_behind: npt.NDArray[np.bool_]
     """Whether the vehicle, if it is behind the ego, must stay behind it (bound 4 of ``strict``)."""
 
 
@@ -92,19 +92,19 @@ def with_barriers(others: Others, barriers: Sequence[Barrier], clearance_m: floa
     """
     gap_m, right_m, left_m = np.array(barriers).T
     standing = np.zeros(len(barriers))
-    most_m = np.where(gap_m > 0, gap_m - clearance_m, -np.inf)
-    rows = (right_m, left_m, gap_m, standing == 0, standing, most_m, standing > 0)
+    stop_within_m = np.where(gap_m > 0, gap_m - clearance_m, -np.inf)
+    rows = (right_m, left_m, gap_m, standing == 0, standing, stop_within_m, standing > 0)
     return Others(*map(np.append, others, rows))
 
 
-def may_reach(
+def stopping_limit(
     gap_m: FloatArray,
     is_ahead: npt.NDArray[np.bool_],
     speed_m_s: FloatArray,
     strict: StrictConfig,
     step_s: float,
 ) -> FloatArray:
-    """Return the distance within which the ego must stop for each vehicle, ``Others.most_m``.
+    """Return ``Others.stop_within_m``: the distance within which the ego must stop, metres.
 
     The first three arguments are fields of ``Others``; ``step_s`` is the length of a SUMO step.
     """
@@ -114,13 +114,13 @@ def may_reach(
     return result
 
 
-def met(neighbors: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
+def overlaps_laterally(neighbors: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
     """Whether each vehicle's body can overlap the lateral range from ``right_m`` to ``left_m``."""
     result: npt.NDArray[np.bool_] = (neighbors.left_m > right_m) & (neighbors.right_m < left_m)
     return result
 
 
-def must_reach(
+def required_travel(
     neighbors: Others, delay_s: FloatArray | float, strict: StrictConfig, step_s: float
 ) -> FloatArray:
     """Return the distances, metres, that the ego must travel before it stands, shape (N,).
@@ -163,7 +163,7 @@ def stays_behind(
     Returns:
         One flag for each vehicle: True for a vehicle ahead, False for a vehicle beside the ego.
     """
-    must_m = must_reach(neighbors, strict.follower_response_s + crosses_s, strict, step_s)
+    must_m = required_travel(neighbors, strict.follower_response_s + crosses_s, strict, step_s)
     result: npt.NDArray[np.bool_] = covered_m[-1] > must_m
     for step, ego_m in enumerate(covered_m[:-1], 1):
         rolled_m = accelerated(neighbors.speed_m_s, step * step_s, strict, step_s)

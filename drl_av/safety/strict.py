@@ -99,18 +99,18 @@ from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.errors import ConfigError
 from drl_av.road.snapshot import EGO
-from drl_av.safety.assumptions import WAY_OUT
+from drl_av.safety.assumptions import FALLBACK_CHECK
 from drl_av.safety.check import Rule, Verdict
 from drl_av.safety.reachability import (
     LINE_M,
     ON_LINE_M,
     Others,
-    is_held,
     lanes_under,
     lateral_extent,
-    may_reach,
-    met,
+    must_stay_behind,
+    overlaps_laterally,
     stays_behind,
+    stopping_limit,
     with_barriers,
 )
 from drl_av.safety.stopping import covered, reach
@@ -187,7 +187,7 @@ class Strict:
         if ego.lateral_plant != "kinematic":
             raise ConfigError(
                 f"ego.lateral_plant is {ego.lateral_plant!r}, but the check strict holds for "
-                f"'kinematic' only (the lemma corridor): take that, or {WAY_OUT}."
+                f"'kinematic' only (the lemma corridor): take that, or {FALLBACK_CHECK}."
             )
         self._strict, self._ego, self._simulation = strict, ego, simulation
         self._accelerations = np.array([how.acceleration_m_s2(ego) for how in Longitudinal])
@@ -240,11 +240,11 @@ class Strict:
         ends_m = lateral_extent(
             y_m, shot.lateral_speed_m_s[rows], width_m, affordances.lane_width_m
         )
-        held = is_held(
+        held = must_stay_behind(
             y_m, width_m, affordances.ego_y_m, float(shot.width_m[EGO]), affordances.lane_width_m
         )
         facts = gap_m, ahead_m >= 0, shot.speed_m_s[rows]
-        may_m = may_reach(*facts, self._strict, self._simulation.step_length_s)
+        may_m = stopping_limit(*facts, self._strict, self._simulation.step_length_s)
         others = Others(*ends_m, *facts, may_m, held)
         barriers, clearance_m = affordances.barriers, self._strict.clearance_m
         return with_barriers(others, barriers, clearance_m) if barriers else others
@@ -258,7 +258,9 @@ class Strict:
     def _may_reach(self, scene: Scene, fallback: LaneChange | None, neighbors: Others) -> float:
         """Return the distance, metres, within which the fallback maneuver must stop the ego."""
         ends_m = corridor(scene, fallback, self._ego, self._simulation.decision_interval_s)
-        return float(neighbors.most_m[met(neighbors, *ends_m)].min(initial=np.inf))
+        return float(
+            neighbors.stop_within_m[overlaps_laterally(neighbors, *ends_m)].min(initial=np.inf)
+        )
 
     def _permits(
         self,
@@ -275,17 +277,17 @@ class Strict:
         right_m, left_m = (
             (right_m, left_m + aside_m) if change.sign > 0 else (right_m - aside_m, left_m)
         )
-        meets = met(neighbors, right_m, left_m)
+        meets = overlaps_laterally(neighbors, right_m, left_m)
         if not meets.any():
             return True
-        if reaches_m[how] >= neighbors.most_m[meets].min():
+        if reaches_m[how] >= neighbors.stop_within_m[meets].min():
             return False
         slowest = self._slowest(how)
         speed, acceleration = scene.affordances.ego_speed_m_s, self._accelerations[slowest]
         covered_m = [*covered(speed, acceleration, self._ego, sim), reaches_m[slowest]]
         crosses_s = self._crosses_s(scene, change)
         stays = stays_behind(neighbors, crosses_s, covered_m, strict, sim.step_length_s)
-        return bool(stays[meets & ~neighbors.is_held].all())
+        return bool(stays[meets & ~neighbors.must_stay_behind].all())
 
     def _crosses_s(self, scene: Scene, change: LaneChange) -> float:
         """Return ``seconds_to_line`` for a lane change of the ego, seconds."""

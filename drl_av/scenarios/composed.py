@@ -7,7 +7,7 @@ from typing import Any
 from drl_av.errors import ScenarioError
 from drl_av.road.snapshot import EGO_ID
 from drl_av.scenarios.road_description import PlacedVehicle
-from drl_av.scenarios.road_types import kind_name
+from drl_av.scenarios.road_types import road_type_name
 
 
 def composed(stories: Mapping[str, Any]) -> Any:
@@ -39,7 +39,7 @@ def composed(stories: Mapping[str, Any]) -> Any:
 
 def _require_one_road(name: str, base: Any, other: str, story: Any) -> None:
     """Raise ScenarioError if two stories differ in more than their vehicles."""
-    kinds = kind_name(base), kind_name(story)
+    kinds = road_type_name(base), road_type_name(story)
     if kinds[0] != kinds[1]:
         raise ScenarioError(
             f"{name} is a scenario of the kind {kinds[0]} and {other} of the kind {kinds[1]}: put "

@@ -18,7 +18,7 @@ COLOR = "150,170,200"
 
 
 @dataclass(frozen=True)
-class OwnVehicleType:
+class CustomVehicleType:
     """A vehicle type of the traffic, written under ``[[vehicle_types]]`` in ``scenario.toml``.
 
     Raises:
@@ -64,7 +64,7 @@ class OwnVehicleType:
         }
 
 
-def check_own_types(description: Any) -> None:
+def check_custom_types(description: Any) -> None:
     """Raise ScenarioError if the user's vehicle types do not fit each other or the scenario."""
     own = description.vehicle_types
     names = [each.id for each in own]
@@ -88,7 +88,7 @@ def check_own_types(description: Any) -> None:
         )
 
 
-def draw_types(seed: int, own: Sequence[OwnVehicleType]) -> Iterator[str]:
+def draw_types(seed: int, own: Sequence[CustomVehicleType]) -> Iterator[str]:
     """Yield the type id of each vehicle of an episode, drawn by the shares; the ego is the first.
 
     The vehicles of the start come first, then those that enter an open road later. The types have a

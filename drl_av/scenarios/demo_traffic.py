@@ -5,7 +5,7 @@ from typing import Any
 
 from drl_av.config import TrafficConfig
 from drl_av.road.snapshot import EGO_ID
-from drl_av.scenarios.layout import OpenPlan, in_sumo, route_on
+from drl_av.scenarios.layout import OpenPlan, route_on, split_long_edges
 from drl_av.scenarios.netconvert import DEMO_END_S, vehicle_element
 
 EGO_DEPARTS_S = 60
@@ -17,7 +17,7 @@ def traffic(description: Any) -> ET.Element:
 
     ``description`` is an ``OpenDescription``.
     """
-    plan = in_sumo(description.plan())
+    plan = split_long_edges(description.plan())
     root = ET.Element("routes")
     for name, edges in plan.routes.items():
         ET.SubElement(root, "route", id=name, edges=" ".join(edges))

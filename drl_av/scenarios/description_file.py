@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
-from drl_av.scenarios.custom_types import OwnVehicleType
+from drl_av.scenarios.custom_types import CustomVehicleType
 from drl_av.scenarios.road_description import TYPES, PlacedVehicle, ScenarioDescription
 
 
@@ -37,7 +37,7 @@ def from_toml(
     try:
         kind = values.pop("kind", "loop")
         if kind not in kinds:
-            raise unknown_kind(kind, kinds)
+            raise unknown_road_type(kind, kinds)
         if isinstance(values.get("barricaded_lanes"), list):
             values["barricaded_lanes"] = tuple(values["barricaded_lanes"])
         if isinstance(values.get(NET), str) and values[NET]:
@@ -52,14 +52,14 @@ def from_toml(
 
 TABLES: dict[str, tuple[type[Any], str]] = {
     "vehicles": (PlacedVehicle, "a placed vehicle"),
-    TYPES: (OwnVehicleType, "a vehicle type"),
+    TYPES: (CustomVehicleType, "a vehicle type"),
 }
 """For each key that holds tables: the class of a table, and its name in error messages."""
 NET = "net"
 """The key of the path of a network file."""
 
 
-def unknown_kind(kind: object, kinds: Iterable[str]) -> ScenarioError:
+def unknown_road_type(kind: object, kinds: Iterable[str]) -> ScenarioError:
     """Return the error for a kind of scenario that does not exist."""
     names = list(kinds)
     return ScenarioError(

@@ -16,7 +16,7 @@ from drl_av.scenarios.description_file import from_toml
 from drl_av.scenarios.layout import Layout
 from drl_av.scenarios.netconvert import NETWORK_FILE
 from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription, require_ego
-from drl_av.scenarios.road_types import KINDS, kind_of
+from drl_av.scenarios.road_types import ROAD_TYPES, road_type_of
 from drl_av.scenarios.safe_xml import (
     ADDITIONAL,
     NETWORK,
@@ -128,7 +128,7 @@ def load_scenario(folder: str | Path) -> Scenario:
     read_xml(folder / folder_files.VIEW_FILE, VIEW, WRITE_AGAIN)
     network_file = folder / NETWORK_FILE
     network = read_xml(network_file, NETWORK, WRITE_AGAIN)
-    layout = kind_of(description).read(network, description, str(network_file))
+    layout = road_type_of(description).read(network, description, str(network_file))
     as_written = _require_unchanged(folder)
     return Scenario(
         folder=folder,
@@ -147,7 +147,7 @@ def read_description(path: Path, remedy: str = WRITE_AGAIN) -> Any:
         ScenarioError: the file cannot be read, or its contents are wrong. If it cannot be read, the
             message ends with ``remedy``, which says what the user can do.
     """
-    described = {name: kind.description for name, kind in KINDS.items()}
+    described = {name: kind.description for name, kind in ROAD_TYPES.items()}
     return from_toml(_text(path, remedy), str(path), described)
 
 

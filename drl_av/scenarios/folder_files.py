@@ -7,10 +7,10 @@ from typing import Any
 
 from drl_av.config import TrafficConfig
 from drl_av.road.vehicle_types import VEHICLE, type_attributes
-from drl_av.scenarios.custom_types import OwnVehicleType
+from drl_av.scenarios.custom_types import CustomVehicleType
 from drl_av.scenarios.loop import BARRICADES_FILE
 from drl_av.scenarios.netconvert import DEMO_END_S, NETWORK_FILE, xml_text
-from drl_av.scenarios.road_types import kind_of, stated_kind
+from drl_av.scenarios.road_types import road_type_of, stated_road_type
 
 DESCRIPTION_FILE = "scenario.toml"
 VEHICLE_TYPES_FILE = "vehicle_types.add.xml"
@@ -40,9 +40,9 @@ def scenario_texts(description: Any) -> dict[str, str]:
         ScenarioError: netconvert refuses the description.
         SimulationError: netconvert cannot be run.
     """
-    kind = kind_of(description)
+    kind = road_type_of(description)
     texts = {
-        DESCRIPTION_FILE: stated_kind(description) + description.to_toml(),
+        DESCRIPTION_FILE: stated_road_type(description) + description.to_toml(),
         NETWORK_FILE: kind.network_text(description),
         VEHICLE_TYPES_FILE: xml_text(_vehicle_types(description)),
         TRAFFIC_FILE: xml_text(_demo(kind.traffic(description), description)),
@@ -85,7 +85,7 @@ def _demo(root: ET.Element, description: Any) -> ET.Element:
     return root
 
 
-def _demo_types(demo: dict[str, str], own: Sequence[OwnVehicleType]) -> ET.Element:
+def _demo_types(demo: dict[str, str], own: Sequence[CustomVehicleType]) -> ET.Element:
     """Return the type "demo" with these attributes, or a distribution of types by their shares."""
     if not own:
         return ET.Element("vType", demo)
@@ -112,7 +112,7 @@ def checksums(files: Mapping[str, bytes]) -> str:
 
 def additional_files(description: Any) -> tuple[str, ...]:
     """Return the names of the files that SUMO loads before its vehicles, vehicle types first."""
-    return (VEHICLE_TYPES_FILE, *kind_of(description).additional(description))
+    return (VEHICLE_TYPES_FILE, *road_type_of(description).additional(description))
 
 
 def _vehicle_types(description: Any) -> ET.Element:

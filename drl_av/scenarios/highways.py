@@ -8,7 +8,7 @@ from drl_av.config.schema import setting
 from drl_av.errors import ScenarioError
 from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
 from drl_av.scenarios.layout import Edge, OpenPlan, OpenStart
-from drl_av.scenarios.open_road import BEYOND_M, START_M, OpenDescription, open_kind
+from drl_av.scenarios.open_road import BEYOND_M, START_M, OpenDescription, open_road_type
 from drl_av.scenarios.road_description import longest_m
 
 OFF_RAMP_ASIDE_M = 40.0
@@ -130,7 +130,7 @@ class ExitDescription(OffRamp):
         )
 
 
-EXIT = open_kind(
+EXIT = open_road_type(
     "a deceleration lane and its off-ramp, by which the ego leaves from the left lane",
     ExitDescription,
 )
@@ -210,7 +210,7 @@ class MergeDescription(OnRamp):
         )
 
 
-MERGE = open_kind(
+MERGE = open_road_type(
     "an on-ramp and its acceleration lane, from which the ego merges", MergeDescription
 )
 
@@ -239,7 +239,7 @@ class RampToRampDescription(OnRamp, OffRamp):
         )
 
 
-RAMP_TO_RAMP = open_kind(
+RAMP_TO_RAMP = open_road_type(
     "an on-ramp, a highway and an off-ramp, by which the ego leaves", RampToRampDescription
 )
 
@@ -263,4 +263,4 @@ class StraightDescription(OpenDescription):
         )
 
 
-STRAIGHT = open_kind("an open highway with inflow at its beginning", StraightDescription)
+STRAIGHT = open_road_type("an open highway with inflow at its beginning", StraightDescription)

@@ -56,8 +56,8 @@ class OpenPlan(NamedTuple):
     An edge leads to each edge whose ``begin_m`` equals its ``end_m``. There each lane continues in
     the lane with the same index, unless ``road`` says that the lane ends. The first route is that
     of the traffic, and of an ego that has missed its exit. The last route is that of the ego. SUMO
-    needs a road beyond ``road.end_m``: if no edge begins there, ``in_sumo`` extends the edges that
-    end there.
+    needs a road beyond ``road.end_m``: if no edge begins there, ``split_long_edges`` extends the
+    edges that end there.
     """
 
     edges: tuple[Edge, ...]
@@ -107,7 +107,7 @@ def route_on(routes: Mapping[str, tuple[str, ...]], edge: str, is_way: bool) -> 
     return names[-1 if is_way else 0]
 
 
-class ScenarioKind(NamedTuple):
+class RoadType(NamedTuple):
     """A kind of scenario: its description, and the functions that write and read its files.
 
     Each function takes a description, but ``read`` takes (root element of the network file,
@@ -135,7 +135,7 @@ PIECE_M = 400.0
 """Length of the longest piece of a divided edge (ours), with which SUMO is the fastest."""
 
 
-def in_sumo(plan: OpenPlan) -> OpenPlan:
+def split_long_edges(plan: OpenPlan) -> OpenPlan:
     """Return a plan with the edges and routes that its road has in SUMO.
 
     The last edges extend beyond the end of the ego's way. A straight edge longer than ``LONGEST_M``

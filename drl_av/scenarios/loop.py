@@ -4,9 +4,9 @@ import math
 import xml.etree.ElementTree as ET
 from collections import defaultdict
 
-from drl_av.errors import ScenarioError, counted
+from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.road import Road
-from drl_av.scenarios.layout import Layout, ScenarioKind
+from drl_av.scenarios.layout import Layout, RoadType
 from drl_av.scenarios.netconvert import (
     DEMO_END_S,
     EDGES,
@@ -207,7 +207,7 @@ def _compare(lanes: list[ET.Element], edge: str, description: ScenarioDescriptio
     """Raise _LoopMismatch unless the lanes of an edge are as the description says."""
     if len(lanes) != description.lanes:
         raise _LoopMismatch(
-            f"has {counted(len(lanes), 'lane')} on edge {edge!r}, not {description.lanes}"
+            f"has {pluralize(len(lanes), 'lane')} on edge {edge!r}, not {description.lanes}"
         )
     for index, (lane, is_open) in enumerate(zip(lanes, description.open_lanes, strict=True)):
         if lane.attrib["index"] != str(index) or lane.attrib["id"] != f"{edge}_{index}":
@@ -228,7 +228,7 @@ def _compare(lanes: list[ET.Element], edge: str, description: ScenarioDescriptio
                 )
 
 
-LOOP = ScenarioKind(
+LOOP = RoadType(
     "a closed circular highway",
     ScenarioDescription,
     network_text,

@@ -9,9 +9,9 @@ from typing import ClassVar
 
 from drl_av.config.schema import setting
 from drl_av.errors import ScenarioError
-from drl_av.scenarios.custom_types import OwnVehicleType
+from drl_av.scenarios.custom_types import CustomVehicleType
 from drl_av.scenarios.demo_traffic import traffic
-from drl_av.scenarios.layout import Edge, Layout, OpenPlan, Point, ScenarioKind, in_sumo
+from drl_av.scenarios.layout import Edge, Layout, OpenPlan, Point, RoadType, split_long_edges
 from drl_av.scenarios.netconvert import PRECISION, netconvert
 from drl_av.scenarios.road_description import (
     LANE_WIDTH_M,
@@ -50,7 +50,7 @@ class OpenDescription(ABC):
         1000.0, "ours", "inflow of each lane of the highway, vehicles per hour", low=0, high=2400
     )
     vehicles: tuple[PlacedVehicle, ...] = ()
-    vehicle_types: tuple[OwnVehicleType, ...] = ()
+    vehicle_types: tuple[CustomVehicleType, ...] = ()
     """The user's own vehicle types and their shares; all other vehicles have the size above."""
     limits_vary: ClassVar[bool] = False
     """Whether the speed limit may be higher on parts of the road than ``speed_limit_m_s``."""
@@ -85,12 +85,12 @@ class OpenDescription(ABC):
         return toml_text(self)
 
 
-def open_kind(meaning: str, description: type[OpenDescription]) -> ScenarioKind:
+def open_road_type(meaning: str, description: type[OpenDescription]) -> RoadType:
     """Return a kind of scenario with open roads; ``description`` is the class of its descriptions.
 
     ``meaning`` is its text in the help of the command line.
     """
-    return ScenarioKind(meaning, description, network_text, read_layout, traffic)
+    return RoadType(meaning, description, network_text, read_layout, traffic)
 
 
 def network_text(description: OpenDescription) -> str:
@@ -100,7 +100,7 @@ def network_text(description: OpenDescription) -> str:
         ScenarioError: netconvert refuses the road.
         SimulationError: netconvert cannot be run.
     """
-    plan = in_sumo(description.plan())
+    plan = split_long_edges(description.plan())
     roots = {name: ET.Element(f"{name}s") for name in ("node", "edge", "connection")}
     nodes: dict[Point, str] = {}
     for edge in plan.edges:
@@ -167,7 +167,7 @@ def read_layout(network: ET.Element, description: OpenDescription, name: str) ->
     Raises:
         ScenarioError: the road is not the described one; the message contains ``name``.
     """
-    plan = in_sumo(description.plan())
+    plan = split_long_edges(description.plan())
     positions = {
         f"{edge.id}_{index}": (lane, edge.begin_m)
         for edge in plan.edges

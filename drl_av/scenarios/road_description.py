@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 import tomli_w
 
 from drl_av.config.schema import setting
-from drl_av.errors import ScenarioError, counted
+from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.bounds import LENGTHS_M, WIDTHS_M, Bounds, check_numbers
-from drl_av.scenarios.custom_types import OwnVehicleType, check_own_types
+from drl_av.scenarios.custom_types import CustomVehicleType, check_custom_types
 
 BOUNDS: dict[str, Bounds] = {
     "lane": (0, 9),
@@ -99,7 +99,7 @@ class ScenarioDescription:
         default=(), metadata={"meaning": "lanes to close along the loop; 0 is the rightmost"}
     )
     vehicles: tuple[PlacedVehicle, ...] = ()
-    vehicle_types: tuple[OwnVehicleType, ...] = ()
+    vehicle_types: tuple[CustomVehicleType, ...] = ()
     """The user's own vehicle types and their shares; all other vehicles have the size above."""
     limits_vary: ClassVar[bool] = False
     """Whether the speed limit may be higher on parts of the road than ``speed_limit_m_s``."""
@@ -125,7 +125,7 @@ class ScenarioDescription:
         if self.circumference_m < least_m:
             raise ScenarioError(
                 f"The scenario's circumference_m is {self.circumference_m:g}, but must be at least "
-                f"{math.ceil(least_m)} for {counted(self.lanes, 'lane')} of "
+                f"{math.ceil(least_m)} for {pluralize(self.lanes, 'lane')} of "
                 f"{self.lane_width_m:g} m."
             )
 
@@ -177,7 +177,7 @@ def toml_text(description: Any, **changed: str) -> str:
 
 def longest_m(description: Any) -> float:
     """Return the length of the longest vehicle of a description, metres."""
-    types: tuple[OwnVehicleType, ...] = description.vehicle_types
+    types: tuple[CustomVehicleType, ...] = description.vehicle_types
     return float(max([description.vehicle_length_m, *(each.length_m for each in types)]))
 
 
@@ -195,7 +195,7 @@ def check_sizes(description: Any) -> None:
             f"The scenario's vehicle_width_m is {description.vehicle_width_m:g}, but must be at "
             f"most lane_width_m, {description.lane_width_m:g}."
         )
-    for name, kind in (("vehicles", PlacedVehicle), ("vehicle_types", OwnVehicleType)):
+    for name, kind in (("vehicles", PlacedVehicle), ("vehicle_types", CustomVehicleType)):
         given = getattr(description, name)
         if not isinstance(given, list | tuple) or not all(isinstance(one, kind) for one in given):
             raise ScenarioError(
@@ -206,14 +206,14 @@ def check_sizes(description: Any) -> None:
         raise ScenarioError(
             f"The scenario places {placed} vehicles, but must place at most {MOST_VEHICLES}."
         )
-    check_own_types(description)
+    check_custom_types(description)
 
 
 def require_ego(placed: Collection[PlacedVehicle]) -> None:
     """Raise ScenarioError if a scenario places vehicles, and the ego is not among them."""
     if placed and "ego" not in (vehicle.id for vehicle in placed):
         raise ScenarioError(
-            f"The scenario places {counted(len(placed), 'vehicle')} but not the ego: "
+            f"The scenario places {pluralize(len(placed), 'vehicle')} but not the ego: "
             'place one with the id "ego" too.'
         )
 

@@ -1,7 +1,7 @@
 """The kinds of scenarios by name.
 
-To add a kind, write its file and add a line to ``KINDS``, from which the help of the command line
-and the docs are generated.
+To add a kind, write its file and add a line to ``ROAD_TYPES``, from which the help of the command
+line and the docs are generated.
 """
 
 from typing import Any
@@ -9,10 +9,10 @@ from typing import Any
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.highways import EXIT, MERGE, RAMP_TO_RAMP, STRAIGHT
 from drl_av.scenarios.imported.description import IMPORTED
-from drl_av.scenarios.layout import ScenarioKind
+from drl_av.scenarios.layout import RoadType
 from drl_av.scenarios.loop import LOOP
 
-KINDS: dict[str, ScenarioKind] = {
+ROAD_TYPES: dict[str, RoadType] = {
     "loop": LOOP,
     "straight": STRAIGHT,
     "merge": MERGE,
@@ -22,31 +22,31 @@ KINDS: dict[str, ScenarioKind] = {
 }
 
 
-def kind_name(description: Any) -> str:
+def road_type_name(description: Any) -> str:
     """Return the name of the kind of scenario to which a description belongs.
 
     Raises:
         ScenarioError: no kind has a description of this class.
     """
-    for name, kind in KINDS.items():
+    for name, kind in ROAD_TYPES.items():
         if type(description) is kind.description:
             return name
     raise ScenarioError(
         f"No kind of scenario is described by a {type(description).__name__}: add its kind to "
-        "drl_av.scenarios.road_types.KINDS."
+        "drl_av.scenarios.road_types.ROAD_TYPES."
     )
 
 
-def kind_of(description: Any) -> ScenarioKind:
+def road_type_of(description: Any) -> RoadType:
     """Return the kind of scenario to which a description belongs.
 
     Raises:
         ScenarioError: no kind has a description of this class.
     """
-    return KINDS[kind_name(description)]
+    return ROAD_TYPES[road_type_name(description)]
 
 
-def stated_kind(description: Any) -> str:
+def stated_road_type(description: Any) -> str:
     """Return the TOML line that names the kind; "" for a loop, whose file has no such line."""
-    name = kind_name(description)
+    name = road_type_name(description)
     return "" if name == "loop" else f'kind = "{name}"\n'

@@ -24,7 +24,7 @@ from drl_av.simulation.inflow import (
 from drl_av.simulation.population import (
     Population,
     capacity,
-    draw_kinds,
+    draw_driver_models,
     draw_population,
     placed_population,
     random_lane_changes,
@@ -46,7 +46,7 @@ class Fleet:
     population: Population
     """The vehicles at the start of the episode."""
     ids: tuple[str, ...]
-    kinds: npt.NDArray[np.intp]
+    driver_models: npt.NDArray[np.intp]
     """The kind of driver of each vehicle, a value of ``population.Kind``."""
     type_ids: Sequence[str]
     """The id of the vehicle type of each vehicle."""
@@ -95,7 +95,7 @@ class Fleet:
         return len(placed) - 1 if placed else None
 
     @property
-    def usual(self) -> int | None:
+    def default_vehicle_count(self) -> int | None:
         """Default number of vehicles besides the ego at the start, or None if there is no default.
 
         If the scenario places its vehicles, it is their number. Otherwise, a loop has no default,
@@ -140,7 +140,7 @@ class Fleet:
             if self._inflow is None
             else self._random_lane_changes(rng, rate)
         )
-        self.kinds = draw_kinds(seed, len(self.ids), config.traffic)
+        self.driver_models = draw_driver_models(seed, len(self.ids), config.traffic)
 
     def _random_lane_changes(
         self, rng: np.random.Generator, chance: float
@@ -182,7 +182,7 @@ class Fleet:
         lane_of = self.scenario.road.lane_of
         return [(row, side) for row, side in changes if lane_of(y_m[row]) + side in lanes]
 
-    def exchange(
+    def update_open_road(
         self, time_s: float, s_m: Sequence[float], y_m: Sequence[float], speed_m_s: Sequence[float]
     ) -> tuple[Sequence[int], Sequence[Population]] | None:
         """Remove the vehicles that have left an open road, and add those that enter it now.
@@ -210,7 +210,7 @@ class Fleet:
         self.type_ids = [*(self.type_ids[row] for row in kept), *new_types]
         sizes_m = np.array((self.length_m, self.width_m))[:, kept]
         self.length_m, self.width_m = np.concatenate((sizes_m, new_sizes_m), axis=1)
-        self.kinds = np.zeros(len(self.ids), dtype=np.intp)
+        self.driver_models = np.zeros(len(self.ids), dtype=np.intp)
         return kept, entering
 
     def _last(

@@ -21,7 +21,7 @@ CAPTION_SHARE = 0.12
 Color = tuple[int, int, int]
 
 
-class Window:
+class GuiCamera:
     """The window of sumo-gui, which is turned so that the ego always drives to the right.
 
     It shows at least the road from ``BEHIND_M`` behind the ego to ``AHEAD_M`` ahead of it, and the

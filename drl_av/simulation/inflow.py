@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import EgoConfig, TrafficConfig
-from drl_av.errors import ScenarioError, counted
+from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.road import FloatArray
 from drl_av.scenarios.layout import OpenStart
 from drl_av.scenarios.road_description import MOST_VEHICLES
 from drl_av.simulation.population import Population, draw_trucks, pitches_m, with_drivers
-from drl_av.simulation.start_positions import Places, ring_places, safe_speed
+from drl_av.simulation.start_positions import StartPositions, ring_places, safe_speed
 
 SUPPLY = 64
 """Number of entering vehicles whose parameters are drawn at once."""
@@ -67,8 +67,8 @@ def draw_open_population(
     room = open_capacity(start, traffic.longest_m(length_m), traffic.start_gap_m)
     if n > room:
         raise ScenarioError(
-            f"This road takes {counted(max(room - 1, 0), 'vehicle')} besides the ego on its "
-            f"{counted(len(start.lanes), 'lane')}, not {vehicles}: ask for fewer."
+            f"This road takes {pluralize(max(room - 1, 0), 'vehicle')} besides the ego on its "
+            f"{pluralize(len(start.lanes), 'lane')}, not {vehicles}: ask for fewer."
         )
     streams = rng.spawn(2)
     is_truck = draw_trucks(streams[1], n, traffic)
@@ -194,7 +194,7 @@ class Inflow:
         """Draw ``SUPPLY`` vehicles with random parameters; the row of the ego is left out."""
         n, streams = SUPPLY + 1, self._rng.spawn(2)
         zeros: npt.NDArray[np.intp] = np.zeros(n, dtype=np.intp)
-        places = Places(zeros, np.zeros(n), np.full(n, np.inf), np.arange(n))
+        places = StartPositions(zeros, np.zeros(n), np.full(n, np.inf), np.arange(n))
         is_truck = draw_trucks(streams[1], n, self._traffic)
         drawn = with_drivers(self._rng, streams, places, is_truck, self._traffic, self._ego)
         return (drawn.rows([row]) for row in range(1, n))

@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config, EgoConfig, TrafficConfig
-from drl_av.errors import ConfigError, ScenarioError, counted
+from drl_av.errors import ConfigError, ScenarioError, pluralize
 from drl_av.random_streams import Stream, generator
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import EGO_ID
 from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription, require_ego
-from drl_av.simulation.start_positions import Places, random_lanes, ring_places, safe_speeds
+from drl_av.simulation.start_positions import StartPositions, random_lanes, ring_places, safe_speeds
 
 SPREAD_M = 250.0
 """Vehicles start within this distance of the ego (Sec. IV-B)."""
@@ -25,7 +25,7 @@ STANDING_M_S = 0.1
 that SUMO has stopped."""
 
 
-class Kind(IntEnum):
+class DriverModel(IntEnum):
     """The kind of driver of a background vehicle."""
 
     SUMO = 0
@@ -134,9 +134,9 @@ def draw_population(
     room = capacity(road, traffic.longest_m(length_m), traffic.start_gap_m)
     if n > room:
         raise ScenarioError(
-            f"This road has room for {counted(max(room - 1, 0), 'vehicle')} besides the ego on its "
-            f"{counted(sum(road.open_lanes), 'open lane')}, not for {vehicles}: ask for fewer or "
-            "make the loop longer."
+            f"This road has room for {pluralize(max(room - 1, 0), 'vehicle')} besides the ego on "
+            f"its {pluralize(sum(road.open_lanes), 'open lane')}, not for {vehicles}: ask for fewer"
+            " or make the loop longer."
         )
     streams = rng.spawn(2)
     is_truck = draw_trucks(streams[1], n, traffic)
@@ -167,7 +167,7 @@ def draw_trucks(rng: np.random.Generator, n: int, traffic: TrafficConfig) -> npt
 def with_drivers(
     rng: np.random.Generator,
     streams: Sequence[np.random.Generator],
-    places: Places,
+    places: StartPositions,
     is_truck: npt.NDArray[np.bool_],
     traffic: TrafficConfig,
     ego: EgoConfig,
@@ -244,15 +244,15 @@ def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig)
     )
 
 
-def draw_kinds(seed: int, n: int, traffic: TrafficConfig) -> npt.NDArray[np.intp]:
+def draw_driver_models(seed: int, n: int, traffic: TrafficConfig) -> npt.NDArray[np.intp]:
     """Draw the kind of driver of each row by the shares, shape (n,); the ego's is ``Kind.SUMO``.
 
     The kinds have a separate random stream, so they do not change the other parameters.
     """
     limits = np.cumsum(traffic.shares)
     draws = generator(seed, Stream.KINDS_OF_DRIVERS).random(n)
-    drawn = (np.searchsorted(limits, draws, side="right") + 1) % len(Kind)
-    drawn[0] = Kind.SUMO
+    drawn = (np.searchsorted(limits, draws, side="right") + 1) % len(DriverModel)
+    drawn[0] = DriverModel.SUMO
     return drawn
 
 

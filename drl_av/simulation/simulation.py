@@ -20,23 +20,23 @@ from drl_av.road.snapshot import (
     Snapshot,
     TrafficCommand,
 )
-from drl_av.road.sweep import LATERAL_SPEED_M_S, Bodies, Motion, motion
+from drl_av.road.sweep import LATERAL_SPEED_M_S, Displacement, VehicleRectangles, displacement
 from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.fleet import Fleet
-from drl_av.simulation.gui_camera import Color, Window
+from drl_av.simulation.gui_camera import Color, GuiCamera
 from drl_av.simulation.instances import acquire
-from drl_av.simulation.population import Kind, Population
+from drl_av.simulation.population import DriverModel, Population
 from drl_av.simulation.sumo import connection, require_display, start
 from drl_av.simulation.vehicle_calls import (
     EgoModel,
-    Readings,
+    StateReader,
     ask_for_lane_changes,
     ask_for_speeds,
     clear_the_road,
     hand_over,
     is_centered,
     leave_to_commands,
-    place,
+    spawn,
 )
 
 LANE_CHANGE_S = 5.0
@@ -96,11 +96,11 @@ class Simulation:
                 "changed in it."
             ) from error
         if self._gui:
-            self._window = Window(self._sumo, self.scenario.layout)
+            self._window = GuiCamera(self._sumo, self.scenario.layout)
         self._steps = 0
         self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
-        self._readings = Readings(self._sumo, self.scenario)
+        self._states = StateReader(self._sumo, self.scenario)
         self._watch()
         self._read()
         return self._snapshot()
@@ -108,13 +108,13 @@ class Simulation:
     def _watch(self) -> None:
         """Prepare to read the vehicles that are on the road now, and to find their collisions."""
         fleet = self.fleet
-        self._readings.watch(fleet.ids, fleet.length_m)
+        self._states.watch(fleet.ids, fleet.length_m)
         sizes_m = fleet.length_m.tolist(), fleet.width_m.tolist()
-        self._bodies = Bodies(fleet.ids, *sizes_m, self.road, self._fastest_aside_m_s)
+        self._bodies = VehicleRectangles(fleet.ids, *sizes_m, self.road, self._fastest_aside_m_s)
 
     def _read(self) -> None:
         """Read the state of all vehicles from SUMO."""
-        self._s_m, self._y_m, self._speed_m_s, self._aside_m_s = self._readings.state()
+        self._s_m, self._y_m, self._speed_m_s, self._aside_m_s = self._states.state()
         if self._ego_lateral_speed_m_s is not None:
             self._aside_m_s[EGO] = self._ego_lateral_speed_m_s
 
@@ -142,7 +142,9 @@ class Simulation:
         ids, vehicle = self.fleet.ids, self._sumo.vehicle
         try:
             for row, side in self.fleet.lane_changes(self._time_s, self._y_m):
-                if self.fleet.kinds[row] == Kind.SUMO or is_centered(vehicle, ids[row]):
+                if self.fleet.driver_models[row] == DriverModel.SUMO or is_centered(
+                    vehicle, ids[row]
+                ):
                     vehicle.changeLaneRelative(ids[row], side, LANE_CHANGE_S)
             ask_for_lane_changes(vehicle, ids, traffic_commands, timing)
             asks = traffic_commands or self._config.traffic.keep_stopping_distance
@@ -183,7 +185,7 @@ class Simulation:
 
     def _exchange(self) -> None:
         """Remove the vehicles that have left an open road, and add those that enter it."""
-        exchanged = self.fleet.exchange(self._time_s, self._s_m, self._y_m, self._speed_m_s)
+        exchanged = self.fleet.update_open_road(self._time_s, self._s_m, self._y_m, self._speed_m_s)
         if exchanged is None:
             return
         kept, entering = exchanged
@@ -191,7 +193,7 @@ class Simulation:
             self._populate(vehicle, first)
         self._watch()
         before = self._s_m, self._y_m, self._speed_m_s, self._aside_m_s
-        entered = self._readings.state(len(kept))
+        entered = self._states.state(len(kept))
         columns = zip(before, entered, strict=True)
         self._s_m, self._y_m, self._speed_m_s, self._aside_m_s = (
             [column[row] for row in kept] + new for column, new in columns
@@ -223,8 +225,8 @@ class Simulation:
         fleet, layout, traffic = self.fleet, self.scenario.layout, self._config.traffic
         for number, name in enumerate(population.ids):
             type_id = fleet.type_ids[first + number]
-            place(self._sumo.vehicle, population, number, type_id, layout, traffic)
-            if fleet.kinds[first + number] != Kind.SUMO:
+            spawn(self._sumo.vehicle, population, number, type_id, layout, traffic)
+            if fleet.driver_models[first + number] != DriverModel.SUMO:
                 leave_to_commands(self._sumo.vehicle, name)
 
     def _step(self, command: Command, near: Sequence[int]) -> Collision | None:
@@ -241,12 +243,12 @@ class Simulation:
             self.after_step(self._snapshot())
         return collision
 
-    def _moves(self, rows: Sequence[int]) -> dict[int, Motion]:
+    def _moves(self, rows: Sequence[int]) -> dict[int, Displacement]:
         """Return each vehicle's motion since its position was last read, by row."""
         moves = {}
         for row in rows:
-            s_m, y_m = self._readings.place(row)
-            moves[row] = motion(self._s_m[row], self._y_m[row], s_m, y_m, self.road)
+            s_m, y_m = self._states.position(row)
+            moves[row] = displacement(self._s_m[row], self._y_m[row], s_m, y_m, self.road)
             self._s_m[row], self._y_m[row] = s_m, y_m
         return moves
 
@@ -259,7 +261,7 @@ class Simulation:
         if (changes or self.road.partial_lanes) and not self._stays_on_its_lanes(command):
             return False
         if changes:
-            vehicle.changeSublane(EGO_ID, command.y_m - self._readings.place(EGO)[1])
+            vehicle.changeSublane(EGO_ID, command.y_m - self._states.position(EGO)[1])
             self._ego_y_m = command.y_m
         if self.road.exit_m < math.inf and self._misses_exit(command):
             vehicle.setRouteID(EGO_ID, next(iter(self.scenario.layout.routes)))
@@ -284,7 +286,7 @@ class Simulation:
     def _front_m(self, command: Command) -> float:
         """Return the position of the ego's front bumper after the next step."""
         further_m = command.speed_m_s * self._config.simulation.step_length_s
-        return self._readings.place(EGO)[0] + float(self.fleet.length_m[EGO]) / 2 + further_m
+        return self._states.position(EGO)[0] + float(self.fleet.length_m[EGO]) / 2 + further_m
 
     @property
     def _time_s(self) -> float:
@@ -305,5 +307,5 @@ class Simulation:
             lateral_speed_m_s=lateral,
             length_m=self.fleet.length_m,
             width_m=self.fleet.width_m,
-            sumo_lane_change=self._readings.lane_change(EGO),
+            sumo_lane_change=self._states.lane_change(EGO),
         )

@@ -13,7 +13,7 @@ COMFORTABLE_BRAKING_M_S2 = 2.0
 """Braking with which each vehicle can stop behind the vehicle ahead at the start."""
 
 
-class Places(NamedTuple):
+class StartPositions(NamedTuple):
     """The start positions of vehicles along a ring; one row for each vehicle, the ego's first."""
 
     lane: npt.NDArray[np.intp]
@@ -54,7 +54,7 @@ def ring_places(
     ring_m: float,
     pitch_m: FloatArray,
     start_gap_m: float,
-) -> Places:
+) -> StartPositions:
     """Draw the positions of vehicles in their lanes, along a ring of ``ring_m`` metres.
 
     ``pitch_m`` is the length of each vehicle plus ``start_gap_m``, the smallest gap.
@@ -68,7 +68,7 @@ def ring_places(
         front_m[members] = (rng.uniform(0, ring_m) + ends) % ring_m
         leader[members] = np.roll(members, -1)
         gap_m[members] = np.roll(spare_m, -1) + start_gap_m
-    return Places(lane, front_m, gap_m, leader)
+    return StartPositions(lane, front_m, gap_m, leader)
 
 
 def safe_speeds(

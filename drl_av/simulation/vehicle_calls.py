@@ -175,7 +175,7 @@ def hand_over(vehicle: Any, model: EgoModel, ego: EgoConfig, lane_width_m: float
         vehicle.setVehicleClass(EGO_ID, "emergency")
 
 
-def place(
+def spawn(
     vehicle: Any,
     population: Population,
     row: int,
@@ -239,7 +239,7 @@ STATE = (
 )
 
 
-class Readings:
+class StateReader:
     """Reads the state of the vehicles on the road; ``watch`` sets their names."""
 
     _ids: Sequence[str]
@@ -258,7 +258,7 @@ class Readings:
         """Set the vehicles on the road; a row is an index into ``ids``, the ego's is 0."""
         self._ids, self._half_m = ids, (length_m / 2).tolist()
 
-    def place(self, row: int) -> tuple[float, float]:
+    def position(self, row: int) -> tuple[float, float]:
         """Return the position of a vehicle's centre along (s) and across (y) the road, metres."""
         name = self._ids[row]
         lane, start_m = self._lane_positions[self._lane(name)]

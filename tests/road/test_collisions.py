@@ -11,22 +11,28 @@ from worlds import CARS, CENTER, LEFT, LENGTH_M, RIGHT, ROAD, WIDTH_M, Car, ahea
 
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Collision, CollisionKind, Command, Snapshot
-from drl_av.road.sweep import Motion, bodies, first_contact, motion, motions
+from drl_av.road.sweep import (
+    Displacement,
+    displacement,
+    displacements,
+    first_contact,
+    rectangles_of,
+)
 
 STEP_S = 0.5
 SMALL_ROAD = Road(100.0, 3.8, (True, True, True))
 
 
-def moved(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> dict[int, Motion]:
+def moved(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> dict[int, Displacement]:
     """The motions of all vehicles in a step at the speeds of the snapshot."""
     s_m = (shot.s_m + shot.speed_m_s * step_s) % road.lap_m
     after = shot._replace(s_m=s_m, y_m=shot.y_m + shot.lateral_speed_m_s * step_s)
-    return motions(shot, after, road)
+    return displacements(shot, after, road)
 
 
 def collision(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> Collision | None:
     """The ego's collision in the step that begins at a snapshot."""
-    return bodies(shot, road).ego_collision(moved(shot, road, step_s))
+    return rectangles_of(shot, road).ego_collision(moved(shot, road, step_s))
 
 
 def kind(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> CollisionKind | None:
@@ -152,9 +158,9 @@ def test_on_a_small_loop_the_ego_meets_the_one_that_is_nearer_behind_it() -> Non
 
 
 def test_a_standing_vehicle_that_rounding_moves_back_has_not_driven_a_lap() -> None:
-    there = motion(499.999, 0.0, 499.999 - 1e-12, 0.0, ROAD)
+    there = displacement(499.999, 0.0, 499.999 - 1e-12, 0.0, ROAD)
     assert there == pytest.approx((499.999, 0.0, 0.0, 0.0), abs=1e-9)
-    assert motion(499.0, 0.0, 14.0, 0.76, ROAD) == pytest.approx((499.0, 0.0, 15.0, 0.76))
+    assert displacement(499.0, 0.0, 14.0, 0.76, ROAD) == pytest.approx((499.0, 0.0, 15.0, 0.76))
 
 
 # Among many
@@ -175,7 +181,7 @@ def test_the_one_touched_first_is_named_among_many() -> None:
 def test_traffic_that_collides_with_itself_is_no_collision_of_the_ego_and_is_found() -> None:
     shot = snapshot(ahead(40.0, speed_m_s=30.0), ahead(49.0, speed_m_s=0.0), behind(90.0))
     assert collision(shot) is None
-    pairs = bodies(shot, ROAD).collisions(moved(shot))
+    pairs = rectangles_of(shot, ROAD).collisions(moved(shot))
     assert pairs == [("vehicle1", "vehicle2")]
 
 
@@ -224,7 +230,7 @@ def test_of_10_000_random_approaches_exactly_those_that_overlap_on_the_way_are_f
         left_m = relative[1] + relative[3] * step_s * shares
         depth_m = np.minimum(LENGTH_M - np.abs(ahead_m), WIDTH_M - np.abs(left_m)).max()
         one, two = (
-            motion(s, y, (s + v * step_s) % 500, y + u * step_s, ROAD)
+            displacement(s, y, (s + v * step_s) % 500, y + u * step_s, ROAD)
             for s, y, v, u in (ego, other)
         )
         contact = first_contact(one, two, LENGTH_M, WIDTH_M, ROAD)
@@ -253,13 +259,15 @@ def test_a_vehicle_that_touches_the_ego_in_a_decision_was_within_its_reach(
     commands = [Command(speed, CENTER + v_y * step_s * (n + 1), v_y) for n in range(steps)]
     moves, rows = moved(shot, step_s=1.0), within_reach(shot, commands, step_s)
     ego = moves[0]
-    touched = {row for row in moves if bodies(shot, ROAD).ego_collision({0: ego, row: moves[row]})}
+    touched = {
+        row for row in moves if rectangles_of(shot, ROAD).ego_collision({0: ego, row: moves[row]})
+    }
     assert touched <= set(rows)
 
 
 def within_reach(shot: Snapshot, commands: list[Command], step_s: float) -> list[int]:
     s_m, y_m, speed = shot.s_m.tolist(), shot.y_m.tolist(), shot.speed_m_s.tolist()
-    return bodies(shot, ROAD).within_reach(s_m, y_m, speed, commands, step_s)
+    return rectangles_of(shot, ROAD).within_reach(s_m, y_m, speed, commands, step_s)
 
 
 def test_a_vehicle_that_could_stop_at_once_or_accelerate_hard_is_within_reach() -> None:

@@ -15,15 +15,15 @@ from drl_av.cli import main
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.random_streams import Stream, generator
-from drl_av.scenarios.custom_types import OwnVehicleType, draw_types
+from drl_av.scenarios.custom_types import CustomVehicleType, draw_types
 from drl_av.scenarios.description_file import from_toml
 from drl_av.scenarios.folder import load_scenario, write_scenario
 from drl_av.scenarios.highways import StraightDescription
 from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription
-from drl_av.scenarios.road_types import KINDS
+from drl_av.scenarios.road_types import ROAD_TYPES
 
-TRUCK = OwnVehicleType("truck", 0.3, 14.0, 2.5)
-TAXI = OwnVehicleType("taxi", 0.2, 4.5, 1.7, "Krauss")
+TRUCK = CustomVehicleType("truck", 0.3, 14.0, 2.5)
+TAXI = CustomVehicleType("taxi", 0.2, 4.5, 1.7, "Krauss")
 MIXED = """
 circumference_m = 800
 speed_limit_m_s = 45
@@ -95,10 +95,10 @@ def test_no_two_purposes_draw_the_same_random_numbers() -> None:
     assert len({*first}) == len(first) == 6
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"loop"}))
+@pytest.mark.parametrize("kind", sorted(ROAD_TYPES.keys() - {"loop"}))
 def test_vehicles_that_enter_an_open_road_have_its_types_too(kind: str, tmp_path: Path) -> None:
     given = {"vehicle_types": (TRUCK, TAXI), "flow_per_h": 1500.0}
-    described = KINDS[kind].description(**needed(kind), **given)
+    described = ROAD_TYPES[kind].description(**needed(kind), **given)
     write_scenario(tmp_path / "road", described)
     env = HighwayEnv(tmp_path / "road")
     sizes = {"truck": (14.0, 2.5), "taxi": (4.5, 1.7), "traffic": (5.0, 1.8), "ego": (5.0, 1.8)}
@@ -157,7 +157,7 @@ def test_a_demo_truck_is_the_environments_truck_with_mean_parameters(folder: Pat
 
 
 def test_types_that_make_up_all_traffic_leave_none_of_the_usual_one(tmp_path: Path) -> None:
-    bus = OwnVehicleType("demo", 1.0, 12.0, 2.5)
+    bus = CustomVehicleType("demo", 1.0, 12.0, 2.5)
     write_scenario(tmp_path / "buses", ScenarioDescription(vehicle_types=(bus,)))
     assert set(departed(tmp_path / "buses", 2)) == {"demo.demo", "ego"}
 
@@ -200,7 +200,7 @@ def test_a_wrong_type_is_refused_in_one_sentence(types: dict[str, Any], message:
 
 
 def test_types_that_do_not_fit_each_other_are_refused() -> None:
-    many = OwnVehicleType("bus", 0.8, 12.0, 2.5)
+    many = CustomVehicleType("bus", 0.8, 12.0, 2.5)
     with pytest.raises(ScenarioError, match=r"truck, bus add up to 1.1, but must be at most 1"):
         ScenarioDescription(vehicle_types=(TRUCK, many))
     with pytest.raises(ScenarioError, match="Two vehicle types are called 'truck'"):

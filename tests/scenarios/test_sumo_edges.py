@@ -13,7 +13,7 @@ from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.env.highway import HighwayEnv
 from drl_av.scenarios.folder import load_scenario, write_scenario
 from drl_av.scenarios.highways import ExitDescription, MergeDescription, StraightDescription
-from drl_av.scenarios.layout import in_sumo
+from drl_av.scenarios.layout import split_long_edges
 from drl_av.scenarios.open_road import OpenDescription
 
 
@@ -27,12 +27,12 @@ def test_a_straight_road_of_2800_m_has_seven_edges_of_400_m(tmp_path: Path) -> N
 
 
 def test_a_road_of_2000_m_with_its_run_out_is_one_edge() -> None:
-    assert len(in_sumo(StraightDescription(length_m=1200.0).plan()).edges) == 1
-    assert len(in_sumo(StraightDescription(length_m=1201.0).plan()).edges) == 6
+    assert len(split_long_edges(StraightDescription(length_m=1200.0).plan()).edges) == 1
+    assert len(split_long_edges(StraightDescription(length_m=1201.0).plan()).edges) == 6
 
 
 def test_only_the_long_edge_before_an_exit_is_divided() -> None:
-    plan = in_sumo(ExitDescription(approach_m=2500.0).plan())
+    plan = split_long_edges(ExitDescription(approach_m=2500.0).plan())
     ends = {edge.id: (edge.begin_m, edge.end_m) for edge in plan.edges}
     assert ends == {
         "before": (0.0, 364.0),  # a seventh of 2,550 m is 364.3 m
@@ -58,7 +58,7 @@ def test_only_the_long_edge_before_an_exit_is_divided() -> None:
 def test_the_pieces_of_every_road_follow_each_other_without_a_gap(
     description: OpenDescription,
 ) -> None:
-    plan, whole = in_sumo(description.plan()), description.plan()
+    plan, whole = split_long_edges(description.plan()), description.plan()
     edges = {edge.id: edge for edge in plan.edges}
     for name, route in plan.routes.items():
         for one, other in pairwise(route):

@@ -17,10 +17,10 @@ from drl_av.road.road import Road
 from drl_av.scenarios.folder import write_scenario
 from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription
 from drl_av.simulation.population import (
-    Kind,
+    DriverModel,
     Population,
     capacity,
-    draw_kinds,
+    draw_driver_models,
     draw_population,
     placed_population,
     random_lane_changes,
@@ -191,30 +191,30 @@ def shares(
 @pytest.mark.parametrize(
     ("mix", "kind"),
     [
-        (shares(1, 0, 0), Kind.FINITE_STATE),
-        (shares(0, 1, 0), Kind.LEVEL_0),
-        (shares(0, 0, 1), Kind.LEVEL_1),
-        (shares(0, 0, 0, 1), Kind.HARD_BRAKING),
+        (shares(1, 0, 0), DriverModel.FINITE_STATE),
+        (shares(0, 1, 0), DriverModel.LEVEL_0),
+        (shares(0, 0, 1), DriverModel.LEVEL_1),
+        (shares(0, 0, 0, 1), DriverModel.HARD_BRAKING),
     ],
 )
 @given(seed=st.integers(0, 2**40))
 def test_a_share_of_1_is_every_vehicle_but_the_ego(
-    mix: TrafficConfig, kind: Kind, seed: int
+    mix: TrafficConfig, kind: DriverModel, seed: int
 ) -> None:
-    assert draw_kinds(seed, 31, mix).tolist() == [Kind.SUMO] + [kind] * 30
+    assert draw_driver_models(seed, 31, mix).tolist() == [DriverModel.SUMO] + [kind] * 30
 
 
 def test_kinds_come_in_their_shares_with_sumo_for_the_rest() -> None:
     mix = shares(0.2, 0.1, 0.3, 0.1)
-    kinds = np.concatenate([draw_kinds(seed, 31, mix)[1:] for seed in range(300)])
-    found = np.bincount(kinds, minlength=len(Kind)) / len(kinds)
+    kinds = np.concatenate([draw_driver_models(seed, 31, mix)[1:] for seed in range(300)])
+    found = np.bincount(kinds, minlength=len(DriverModel)) / len(kinds)
     # 9,000 draws: a standard deviation of at most 0.0053
     np.testing.assert_allclose(found, [0.3, 0.2, 0.1, 0.3, 0.1], atol=0.025)
 
 
 @given(st.integers(0, 2**40))
 def test_shares_that_sum_to_1_leave_no_vehicle_to_sumo(seed: int) -> None:
-    assert (draw_kinds(seed, 31, shares(0.3, 0.3, 0.4))[1:] != Kind.SUMO).all()
+    assert (draw_driver_models(seed, 31, shares(0.3, 0.3, 0.4))[1:] != DriverModel.SUMO).all()
 
 
 def test_shares_change_neither_places_nor_characters() -> None:

@@ -24,7 +24,7 @@ from drl_av.scenarios.layout import (
     Layout,
     OpenPlan,
     OpenStart,
-    ScenarioKind,
+    RoadType,
     along,
     straight_on,
 )
@@ -218,7 +218,7 @@ def read_layout(network: ET.Element, description: ImportedDescription, name: str
     return open_road.read_layout(network, description, name)
 
 
-IMPORTED = ScenarioKind(
+IMPORTED = RoadType(
     "a route through a SUMO network of your own, such as one from OpenStreetMap",
     ImportedDescription,
     open_road.network_text,

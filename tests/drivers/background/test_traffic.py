@@ -23,7 +23,7 @@ from drl_av.scenarios.folder import (
     load_scenario,
     write_scenario,
 )
-from drl_av.simulation.population import Kind
+from drl_av.simulation.population import DriverModel
 from drl_av.simulation.simulation import Simulation
 
 TESTS = Path(__file__).parents[2]
@@ -225,8 +225,8 @@ def test_a_mix_is_one_of_all_kinds_and_decides_on_the_snapshot_that_the_ego_sees
 ) -> None:
     env = HighwayEnv(config=MIX)
     env.reset(seed=3, options={"vehicles": 30})
-    assert set(env.simulation.fleet.kinds.tolist()) == set(Kind)
-    ours = np.flatnonzero(env.simulation.fleet.kinds != Kind.SUMO).tolist()
+    assert set(env.simulation.fleet.driver_models.tolist()) == set(DriverModel)
+    ours = np.flatnonzero(env.simulation.fleet.driver_models != DriverModel.SUMO).tolist()
     given, affordances = [], []
     drivers, advance = env.traffic_drivers, env.simulation.advance
     monkeypatch.setattr(env, "traffic_drivers", lambda s: (affordances.append(s), drivers(s))[1])

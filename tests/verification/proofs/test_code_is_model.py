@@ -45,7 +45,7 @@ def test_the_closed_forms_are_the_pieces_of_the_model_on_a_million_states() -> N
         gap_m = 250 * rng.random(20_000) + 1e-3
         rolled_m = motion.stopping(largest_of_arrays, other, 4.5, 60.0, 0.5)
         assert close(stopping.stopping_distance(other, 4.5, 0.5), rolled_m)
-        ahead_m = reachability.may_reach(gap_m, gap_m > 0, other, bounds, 0.5)
+        ahead_m = reachability.stopping_limit(gap_m, gap_m > 0, other, bounds, 0.5)
         assert close(ahead_m, motion.may_reach(largest_of_arrays, gap_m, other, a))
         for how in Longitudinal:
             rate = how.acceleration_m_s2(CONFIG.ego)
@@ -61,7 +61,7 @@ def test_the_closed_forms_are_the_pieces_of_the_model_on_a_million_states() -> N
             rolled_m = reachability.accelerated(other, time_s, bounds, 0.5)
             assert close(rolled_m, motion.accelerated(other, time_s, a))
         for delay_s in (0.5, 1.0, 1.5):
-            must_m = reachability.must_reach(facts, delay_s, bounds, 0.5)
+            must_m = reachability.required_travel(facts, delay_s, bounds, 0.5)
             model_m = motion.must_reach(largest_of_arrays, gap_m, other, delay_s, a)
             assert close(must_m, model_m)
 
@@ -80,7 +80,9 @@ def test_rounding_is_within_its_bound(
 ) -> None:
     rate = how.acceleration_m_s2(CONFIG.ego)
     reach_m = stopping.reach(ego, rate, CONFIG.ego, CONFIG.simulation)
-    ahead_m = reachability.may_reach(np.array(gap_m), np.True_, np.array(other), CONFIG.strict, 0.5)
+    ahead_m = reachability.stopping_limit(
+        np.array(gap_m), np.True_, np.array(other), CONFIG.strict, 0.5
+    )
     speed, rest = Fraction(ego), Fraction(other)
     exact_m = motion.reach(max, speed, Fraction(rate), EXACT.steps, EXACT)
     exact_m -= motion.may_reach(max, Fraction(gap_m), rest, EXACT)

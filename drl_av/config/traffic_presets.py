@@ -8,7 +8,7 @@ from drl_av.config.traffic import TrafficConfig
 from drl_av.errors import ConfigError
 
 
-class TrafficKind(NamedTuple):
+class TrafficPreset(NamedTuple):
     """A kind of traffic: its meaning, and the settings of [traffic] that it changes."""
 
     meaning: str
@@ -23,9 +23,9 @@ _TRUCK_LIMIT = "ours: about 60 mph, a limit for trucks in the United States"
 _FITTED = "fitted to speed, time gap and range of the SPMD and IVBSS studies"
 """Fitted with ``verification/traffic_moments.py``, without regard to the ego's results."""
 
-TRAFFIC_KINDS: dict[str, TrafficKind] = {
-    "calm": TrafficKind("lane changes are random only; no driver overtakes", {}),
-    "paper": TrafficKind(
+TRAFFIC_PRESETS: dict[str, TrafficPreset] = {
+    "calm": TrafficPreset("lane changes are random only; no driver overtakes", {}),
+    "paper": TrafficPreset(
         "level-k, finite-state and IDM drivers together",
         {
             "finite_state_share": _EQUAL_PARTS,
@@ -33,11 +33,11 @@ TRAFFIC_KINDS: dict[str, TrafficKind] = {
             "level_1_share": _EQUAL_PARTS,
         },
     ),
-    "overtaking": TrafficKind(
+    "overtaking": TrafficPreset(
         "SUMO's drivers change lanes to get ahead",
         {"speed_gain_min": _BY_SUMO, "speed_gain_max": _BY_SUMO},
     ),
-    "naturalistic": TrafficKind(
+    "naturalistic": TrafficPreset(
         "speeds, gaps and lane changes similar to those measured on US highways, and trucks",
         {
             "desired_speed_min_m_s": (34.0, f"{_FITTED}; 35.5 on I-24, CorridorCalibration 3b"),
@@ -59,7 +59,7 @@ TRAFFIC_KINDS: dict[str, TrafficKind] = {
             "truck_acceleration_m_s2": (0.67, "ours: as the weakest car"),
         },
     ),
-    "hazards": TrafficKind(
+    "hazards": TrafficPreset(
         "standing, crawling, hard-braking and fast vehicles, and lane changes into one lane from "
         "both sides",
         {
@@ -78,13 +78,15 @@ TRAFFIC_KINDS: dict[str, TrafficKind] = {
             "random_lane_changes_per_s": (0.01, "ours: five times that of calm, to both sides"),
         },
     ),
-    "all": TrafficKind("each episode draws one of the other kinds", {"all_kinds": (True, "ours")}),
+    "all": TrafficPreset(
+        "each episode draws one of the other kinds", {"all_kinds": (True, "ours")}
+    ),
 }
-SINGLE_KINDS = tuple(name for name in TRAFFIC_KINDS if name != "all")
+SINGLE_PRESETS = tuple(name for name in TRAFFIC_PRESETS if name != "all")
 """The kinds of traffic except ``all``, for which each episode draws one of these."""
 
 
-def traffic_of_kind(name: object, traffic: TrafficConfig) -> TrafficConfig:
+def traffic_preset(name: object, traffic: TrafficConfig) -> TrafficConfig:
     """Return the settings of the kind of traffic ``name``.
 
     ``vehicles_min`` and ``vehicles_max`` are those of ``traffic``.
@@ -92,12 +94,12 @@ def traffic_of_kind(name: object, traffic: TrafficConfig) -> TrafficConfig:
     Raises:
         ConfigError: there is no such kind; the message suggests the nearest name.
     """
-    if not isinstance(name, str) or name not in TRAFFIC_KINDS:
+    if not isinstance(name, str) or name not in TRAFFIC_PRESETS:
         raise ConfigError(
-            f"There is no kind of traffic {name!r}{did_you_mean(name, TRAFFIC_KINDS)}; "
-            f"the kinds are: {', '.join(TRAFFIC_KINDS)}."
+            f"There is no kind of traffic {name!r}{did_you_mean(name, TRAFFIC_PRESETS)}; "
+            f"the kinds are: {', '.join(TRAFFIC_PRESETS)}."
         )
-    found = TRAFFIC_KINDS[name].settings
+    found = TRAFFIC_PRESETS[name].settings
     return TrafficConfig(
         vehicles_min=traffic.vehicles_min,
         vehicles_max=traffic.vehicles_max,

@@ -20,14 +20,14 @@ from drl_av.learning.augmentation import (
     unchanged,
 )
 from drl_av.learning.buffers import Buffer, TwoBuffers, UniformBuffer
-from drl_av.learning.experience import Store, StoreDecision, StoreWithPenalty
+from drl_av.learning.experience import StoreDecision, TransitionWriter, TransitionWriterWithPenalty
 from drl_av.learning.learner import Learner
 from drl_av.learning.prioritized import PrioritizedBuffer
 from drl_av.learning.ring import require_memory
 from drl_av.learning.training import Training, Variant, draw_seed, learner_names, seed_of_episode
 
 
-def make_training(env: HighwayEnv) -> Training:
+def build_training(env: HighwayEnv) -> Training:
     """Build a new training by Algorithm 1 of the paper, with the settings of ``env.config``.
 
     All its random numbers come from one generator, seeded with ``learning.seed``.
@@ -88,10 +88,12 @@ def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
     )
 
 
-def make_store(buffer: Buffer, env: HighwayEnv, rng: np.random.Generator) -> Store:
+def make_store(buffer: Buffer, env: HighwayEnv, rng: np.random.Generator) -> TransitionWriter:
     """Return the function that stores each decision in ``buffer``, as ``env.config`` demands."""
     config: Config = env.config
-    store = (StoreWithPenalty if config.learning.unsafe_penalty else StoreDecision)(buffer, config)
+    store = (TransitionWriterWithPenalty if config.learning.unsafe_penalty else StoreDecision)(
+        buffer, config
+    )
     if config.learning.counterfactuals:
         return StoreCounterfactuals(store, buffer, env, rng)
     return store

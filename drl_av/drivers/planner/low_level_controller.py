@@ -10,7 +10,7 @@ import numpy as np
 
 from drl_av.config import EgoConfig
 from drl_av.config.traffic import CONGESTED_M_S
-from drl_av.drivers.planner.limits import Limits, Near
+from drl_av.drivers.planner.limits import Limits, NextVehicle
 from drl_av.drivers.planner.others import FAR_M, BoolArray, IntArray
 from drl_av.drivers.planner.plans import SIDE, YIELDS
 from drl_av.driving.car_following import time_gap_acceleration
@@ -46,7 +46,7 @@ class Ego:
     """Seconds that a lane change needs from ``origin`` to the present position; 0 without one."""
 
 
-class Choice(NamedTuple):
+class Control(NamedTuple):
     """The action of the ego for one second."""
 
     acceleration_m_s2: FloatArray
@@ -54,7 +54,7 @@ class Choice(NamedTuple):
     """Direction of the lane change that begins: left +1, right -1, none 0."""
     aborts: BoolArray
     """Whether the ego aborts its lane change."""
-    front: Near
+    front: NextVehicle
     """The vehicle ahead in the ego's lane."""
 
 
@@ -67,7 +67,7 @@ class OthersAround(NamedTuple):
     half_m: FloatArray
     """Distance between the centres at which a vehicle touches the ego, shape (N,)."""
 
-    def near(self, member: BoolArray) -> tuple[Near, Near]:
+    def near(self, member: BoolArray) -> tuple[NextVehicle, NextVehicle]:
         """Return the next vehicle ahead and the next vehicle behind.
 
         ``member``, shape (P, N), selects the vehicles that count.
@@ -76,17 +76,17 @@ class OthersAround(NamedTuple):
             member & (self.ahead_m < 0)
         )
 
-    def _nearest(self, candidates: BoolArray) -> Near:
+    def _nearest(self, candidates: BoolArray) -> NextVehicle:
         if candidates.shape[1] == 0:
-            return Near(np.full(len(candidates), FAR_M), np.zeros(len(candidates)))
+            return NextVehicle(np.full(len(candidates), FAR_M), np.zeros(len(candidates)))
         distance_m = np.where(candidates, np.abs(self.ahead_m), FAR_M)
         nearest = distance_m.argmin(axis=1)
         rows = np.arange(len(nearest))
         gap_m = np.maximum(distance_m[rows, nearest] - self.half_m[nearest], 0.0)
-        return Near(gap_m, self.speed_m_s[rows, nearest])
+        return NextVehicle(gap_m, self.speed_m_s[rows, nearest])
 
 
-class Chooser:
+class LowLevelController:
     """Chooses the ego's actions within the limits of the safety check.
 
     ``open_lanes``, shape (L,), says which lanes are open. ``way`` is the direction of a mandatory
@@ -105,7 +105,7 @@ class Chooser:
 
     def __call__(
         self, ego: Ego, intent: IntArray, around: OthersAround, member: BoolArray
-    ) -> Choice:
+    ) -> Control:
         """Choose the action of the ego in each scene; ``intent`` has shape (P,).
 
         ``member``, shape (L, N), says which lanes each other vehicle uses.
@@ -120,7 +120,7 @@ class Chooser:
         front, rear = around.near(member[other])
         into, from_behind = own.where(crossed, front), own_rear.where(crossed, rear)
         if self._limits.followers_stay_behind:
-            from_behind = Near(np.where(crossed, FAR_M, rear.gap_m), rear.speed_m_s)
+            from_behind = NextVehicle(np.where(crossed, FAR_M, rear.gap_m), rear.speed_m_s)
         margin_m = np.where(changes | (wanted == self._way), 0.0, MARGIN_M)
         while_maintaining = self._permits(ego.speed_m_s, (own, into), from_behind, margin_m)
         while_braking, brake = while_maintaining, -self._ego.brake_m_s2
@@ -148,13 +148,13 @@ class Chooser:
         if not self._ego.overtake_right:
             rate = np.minimum(rate, self._behind_the_left(ego, lane, around, member))
         rate = np.minimum(rate, self._limits.fastest(ego.speed_m_s, own))
-        return Choice(rate, begins, fails | (changes & (wanted == -direction)), own)
+        return Control(rate, begins, fails | (changes & (wanted == -direction)), own)
 
     def _permits(
         self,
         speed: FloatArray,
-        fronts: tuple[Near, Near],
-        rear: Near,
+        fronts: tuple[NextVehicle, NextVehicle],
+        rear: NextVehicle,
         margin_m: FloatArray | float,
         rate: float = 0.0,
     ) -> BoolArray:
@@ -165,7 +165,7 @@ class Chooser:
         first, second = (self._limits.clear_ahead(speed, front, margin_m, rate) for front in fronts)
         return first & second & self._limits.clear_behind(speed, rear, margin_m, rate)
 
-    def _to_continue(self, speed: FloatArray, own: Near, front: Near) -> FloatArray:
+    def _to_continue(self, speed: FloatArray, own: NextVehicle, front: NextVehicle) -> FloatArray:
         """Return the largest acceleration that still permits the lane change a second later, m/s^2.
 
         Both vehicles ahead are assumed to keep their speeds. The result is hard braking if no
@@ -175,7 +175,7 @@ class Chooser:
         permitted = np.ones(faster.shape, dtype=np.bool_)
         for near in (own, front):
             gap_m = near.gap_m - (speed + faster) / 2 + near.speed_m_s
-            permitted &= self._limits.clear_ahead(faster, Near(gap_m, near.speed_m_s))
+            permitted &= self._limits.clear_ahead(faster, NextVehicle(gap_m, near.speed_m_s))
         permitted[-1] = True
         most: FloatArray = self._rates[permitted.argmax(axis=0), 0]
         return most
@@ -193,7 +193,7 @@ class Chooser:
         rate = self._follow(ego.speed_m_s, front, front)
         return np.where(binds, rate, self._ego.accelerate_m_s2)
 
-    def _follow(self, speed: FloatArray, own: Near, front: Near) -> FloatArray:
+    def _follow(self, speed: FloatArray, own: NextVehicle, front: NextVehicle) -> FloatArray:
         """Return the acceleration with which the ego follows two vehicles, m/s^2.
 
         It is that of an action, or that of the model ``ego.longitudinal_reference``.
@@ -213,7 +213,7 @@ class Chooser:
             accelerates &= self._stays_steady(speed, own) & self._stays_steady(speed, front)
         return np.where(accelerates, ego.accelerate_m_s2, braking)
 
-    def _stays_steady(self, speed: FloatArray, front: Near) -> BoolArray:
+    def _stays_steady(self, speed: FloatArray, front: NextVehicle) -> BoolArray:
         """Return whether the ego can accelerate now without braking in the ``STEADY_S`` after it.
 
         The vehicle ahead is assumed to keep its speed.
@@ -221,13 +221,13 @@ class Chooser:
         faster = np.minimum(speed + self._ego.accelerate_m_s2, self._ego.max_speed_m_s)
         gap_m = front.gap_m - (speed + faster) / 2 + front.speed_m_s
         gap_m -= STEADY_S * np.maximum(faster - front.speed_m_s, 0.0)
-        later = Near(np.maximum(gap_m, 0.0), front.speed_m_s)
+        later = NextVehicle(np.maximum(gap_m, 0.0), front.speed_m_s)
         steady: BoolArray = (self._limits.fastest(faster, later) >= 0) & (
             self._braking(faster, later) == 0
         )
         return steady
 
-    def _braking(self, speed: FloatArray, front: Near) -> FloatArray:
+    def _braking(self, speed: FloatArray, front: NextVehicle) -> FloatArray:
         """Return the acceleration, m/s^2, of the mildest action that is safe behind ``front``.
 
         The actions are maintain (0), brake and hard brake.
@@ -241,13 +241,13 @@ class Chooser:
         hard |= needed > BRAKES_FROM * ego.hard_brake_m_s2
         return np.where(hard, -ego.hard_brake_m_s2, np.where(brakes, -ego.brake_m_s2, 0.0))
 
-    def _law(self, speed: FloatArray, front: Near, headway_s: float) -> FloatArray:
+    def _law(self, speed: FloatArray, front: NextVehicle, headway_s: float) -> FloatArray:
         """Return the acceleration of the time-gap law behind ``front``, m/s^2."""
         closing = speed - front.speed_m_s
         return time_gap_acceleration(speed, front.gap_m, closing, headway_s, self._ego)
 
 
-def _is_passed_on_the_left(front: Near) -> BoolArray:
+def _is_passed_on_the_left(front: NextVehicle) -> BoolArray:
     """Return whether the rule of ``passing.py`` forbids the ego to pass ``front`` on its right."""
     banned: BoolArray = (front.gap_m > 0) & (front.speed_m_s > CONGESTED_M_S)
     return banned & (front.gap_m < FAR_M / 2)

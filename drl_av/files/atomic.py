@@ -49,7 +49,7 @@ def replacing(path: Path, error: type[DrlAvError] = DrlAvError) -> Iterator[Path
         raise _refused(path, refusal, error) from refusal
 
 
-def write_whole(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> None:
+def write_atomic(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> None:
     """Write ``data`` to a file atomically: the file has the new contents, or stays unchanged.
 
     Raises:
@@ -114,7 +114,7 @@ def make_folder(folder: Path, option: str) -> None:
 
 
 def require_writable(*paths: Path | None, inputs: Iterable[str | Path | None] = ()) -> None:
-    """Check before a long computation that ``write_whole`` can write to the given paths.
+    """Check before a long computation that ``write_atomic`` can write to the given paths.
 
     A path that is None is ignored. ``inputs`` are the files that the same command reads.
 
@@ -133,7 +133,7 @@ def require_writable(*paths: Path | None, inputs: Iterable[str | Path | None] = 
 
 
 def _try(path: Path) -> None:
-    """Raise DrlAvError unless ``write_whole`` can write as much to ``path`` as it holds now."""
+    """Raise DrlAvError unless ``write_atomic`` can write as much to ``path`` as it holds now."""
     if path.is_dir():
         raise DrlAvError(f"{path} is a folder: name a file in it.")
     if path.exists() and not path.is_file():

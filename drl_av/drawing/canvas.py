@@ -50,7 +50,7 @@ def speed_color(speed_m_s: float) -> Color:
     return red, green, blue
 
 
-class Sheet:
+class Canvas:
     """An oversampled image; all its methods take coordinates in pixels of the layout."""
 
     def __init__(self, image: Image.Image) -> None:

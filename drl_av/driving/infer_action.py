@@ -10,7 +10,7 @@ STILL_M = 1e-6
 """A lateral movement of at most this distance, metres, within a decision counts as none."""
 
 
-def observed(
+def infer_action(
     before: Scene, after: Snapshot, road: Road, config: Config
 ) -> tuple[Action, LaneChange | None]:
     """Return the action nearest to the ego's motion from ``before`` to ``after`` (ours).

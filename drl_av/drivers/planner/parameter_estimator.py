@@ -34,7 +34,7 @@ class Ahead(NamedTuple):
     closing_m_s: FloatArray
 
 
-class Watcher:
+class ParameterEstimator:
     """Estimates the desired speed and the time gap of each other vehicle of an episode.
 
     The motion of a vehicle on a free road reveals its desired speed, and the motion of a vehicle
@@ -70,7 +70,7 @@ class Watcher:
             values[new] = known[old]
             return values
 
-        fresh = Watcher(others)
+        fresh = ParameterEstimator(others)
         self.desired_m_s = kept(self.desired_m_s, fresh.desired_m_s)
         self.headway_s = kept(self.headway_s, fresh.headway_s)
         self._known = kept(self._known, fresh._known)

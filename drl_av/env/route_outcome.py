@@ -12,7 +12,7 @@ COMPLETE = (EXIT_TAKEN, MERGED)
 """The outcomes of a way that the ego has completed."""
 
 
-class Way:
+class RouteOutcome:
     """The way of the ego in one episode.
 
     The way leads to the ego's exit. On a road without an exit, it leads out of the lane in which
