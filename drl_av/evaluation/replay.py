@@ -11,7 +11,7 @@ from drl_av.drawing.film import Film
 from drl_av.drawing.page import PageDecision, write_page
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import LearnedDriver
-from drl_av.drivers.sumo import SumoDriver
+from drl_av.drivers.rule_based import SumoDriver
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
