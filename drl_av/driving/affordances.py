@@ -7,7 +7,16 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import ObservationConfig
-from drl_av.road.road import NO_CHANGE, Barrier, FloatArray, MandatoryChange, Road
+from drl_av.road.road import (
+    LANE_CHANGE_S,
+    NO_CHANGE,
+    Barrier,
+    FloatArray,
+    MandatoryChange,
+    Road,
+    SpeedLimit,
+    allowed_speed,
+)
 from drl_av.road.snapshot import EGO, Snapshot
 
 SLOTS = ("own_front", "own_rear", "right_front", "right_rear", "left_front", "left_rear")
@@ -84,7 +93,8 @@ class Affordances(NamedTuple):
     left_rear: Neighbor | None
     right_lane: bool
     left_lane: bool
-    """Whether the lanes to the right and to the left exist and are open here."""
+    """Whether the lanes to the right and to the left exist, are open here, and may be entered: no
+    forbidden line lies between, neither here nor ahead, until the ego could have crossed it."""
     lane: int
     """Index of the lane that contains the ego's centre; 0 is the rightmost lane."""
     lane_center_m: float
@@ -102,6 +112,14 @@ class Affordances(NamedTuple):
     mandatory: MandatoryChange = NO_CHANGE
     """The lane changes that the ego must make to reach its exit or to leave a lane that ends. Their
     ``within_m`` is measured from the ego's front bumper."""
+    speed_limits: tuple[SpeedLimit, ...] = ()
+    """The speed limits here and ahead; their positions are distances from the ego's front bumper.
+    Empty if the road has one limit, which no setting may exceed."""
+
+    @property
+    def allowed_speed_m_s(self) -> float:
+        """The largest speed with which the ego keeps the limits here and ahead; inf without any."""
+        return allowed_speed(self.speed_limits)
 
     def front(self, sign: int) -> Neighbor | None:
         """Return the vehicle ahead in the ego's own (0), left (+1) or right (-1) lane, or None."""
@@ -191,6 +209,11 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
                 speed.append(0.0)
                 lateral.append(0.0)
     ego_speed, ego_y_m, ego_lateral = speed[EGO], y_m[EGO], lateral[EGO]
+    if road.forbidden_lines:
+        for side in beside:
+            share = 1 - side * (ego_y_m - own_m) / road.lane_width_m
+            to_m = front_m + ego_speed * share * LANE_CHANGE_S
+            beside[side] = beside[side] and road.may_cross(lane, side, ego_s_m, to_m)
     own_front, own_rear, right_front, right_rear, left_front, left_rear = [
         None
         if gap_m > range_m
@@ -222,6 +245,16 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
         circumference_m=road.lap_m if road.is_loop else 0.0,
         barriers=_ahead(road, front_m) if partial else (),
         mandatory=road.mandatory_change(lane, front_m) if partial else NO_CHANGE,
+        speed_limits=_limits_ahead(road, front_m) if road.speed_limits else (),
+    )
+
+
+def _limits_ahead(road: Road, front_m: float) -> tuple[SpeedLimit, ...]:
+    """Return the speed limits here and ahead; positions are distances from the ego's front."""
+    return tuple(
+        SpeedLimit(begin_m - front_m, end_m - front_m, limit_m_s)
+        for begin_m, end_m, limit_m_s in road.speed_limits
+        if end_m > front_m
     )
 
 
@@ -248,6 +281,7 @@ class ObservationScale:
         )
         self.lanes = len(road.open_lanes)
         """Number of lanes of the road."""
+        self.max_speed_m_s = max_speed_m_s
         middle_m = road.lane_width_m * (self.lanes - 1) / 2
         half_speed = max_speed_m_s / 2
         self.offset = np.array([0.0] * 24 + [half_speed, middle_m, 0.0])

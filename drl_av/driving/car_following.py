@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeVar
 from drl_av.config import EgoConfig, MobilConfig, SimulationConfig
 from drl_av.driving.actions import Longitudinal
 from drl_av.driving.affordances import Affordances, Neighbor
-from drl_av.road.road import FloatArray
+from drl_av.road.road import FloatArray, allowed_speed
 
 Number = TypeVar("Number", float, FloatArray)
 
@@ -93,8 +93,31 @@ def reference_speeds(
 
     A model (IDM or ACC) computes a new acceleration at each SUMO step, and assumes that the vehicle
     ahead keeps its speed. This acceleration is limited to the range of the ego's actions. The ego
-    is never faster than it would be with the constant acceleration of the same action.
+    is never faster than it would be with the constant acceleration of the same action. On a road
+    whose speed limit varies it keeps the limits here and ahead, as far as hard braking permits.
     """
+    speeds = _action_speeds(affordances, action, ego, simulation)
+    if not affordances.speed_limits:
+        return speeds
+    return _within_limits(affordances, speeds, ego, simulation.step_length_s)
+
+
+def _within_limits(
+    affordances: Affordances, speeds: Iterable[float], ego: EgoConfig, step_s: float
+) -> Iterator[float]:
+    """Yield the speeds, each reduced to what the speed limits here and ahead allow."""
+    front_m, speed = 0.0, affordances.ego_speed_m_s
+    for wanted in speeds:
+        allowed = allowed_speed(affordances.speed_limits, front_m, step_s)
+        speed = min(wanted, max(allowed, speed - ego.hard_brake_m_s2 * step_s, 0.0))
+        front_m += speed * step_s
+        yield speed
+
+
+def _action_speeds(
+    affordances: Affordances, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
+) -> Iterable[float]:
+    """Return the speeds of ``reference_speeds`` on a road of one speed limit."""
     if ego.longitudinal_reference == "acceleration" or action >= Longitudinal.BRAKE:
         speed, step_s = affordances.ego_speed_m_s, simulation.step_length_s
         acceleration = action.acceleration_m_s2(ego)  # the point mass, eq. 4 of the paper

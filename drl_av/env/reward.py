@@ -107,14 +107,16 @@ def attainable_speed(
 
     ``sign`` selects the lane: the own (0), left (+1) or right (-1) lane. The speed is that of the
     vehicle ahead in this lane, plus the closing speed that reduces the gap to d_safe within
-    ``catch_up_time_s``. It is at most ``desired_speed_m_s``, and equal to it if the lane is free.
+    ``catch_up_time_s``. It is at most ``desired_speed_m_s`` or what the speed limits allow, and
+    equal to the lower of the two if the lane is free.
     """
     front = affordances.front(sign)
+    most_m_s = min(config.desired_speed_m_s, affordances.allowed_speed_m_s)
     if front is None:
-        return config.desired_speed_m_s
+        return most_m_s
     leader_m_s = affordances.ego_speed_m_s + front.relative_speed_m_s
     spare_m = front.gap_m - safe_gap(leader_m_s, config.safe_headway_s, minimum_gap_m)
-    return min(config.desired_speed_m_s, leader_m_s + max(0.0, spare_m) / config.catch_up_time_s)
+    return min(most_m_s, leader_m_s + max(0.0, spare_m) / config.catch_up_time_s)
 
 
 def tolerated_speed(speed_m_s: float, attainable_m_s: float, config: RewardConfig) -> float:
@@ -149,7 +151,8 @@ def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig
     yet.
     """
     if config.desired == "fixed":
-        return Desired(config.desired_speed_m_s, config.desired_lateral_m)
+        allowed_m_s = affordances.allowed_speed_m_s
+        return Desired(min(config.desired_speed_m_s, allowed_m_s), config.desired_lateral_m)
     lanes, side = due_changes(affordances.mandatory), affordances.mandatory.side
     next_lane = side if lanes and affordances.has_lane(side) else 0
     speed_m_s = attainable_speed(affordances, next_lane, config, safety.minimum_gap_m)

@@ -98,6 +98,7 @@ from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.errors import ConfigError
+from drl_av.road.road import allowed_speed
 from drl_av.road.snapshot import EGO
 from drl_av.safety.assumptions import FALLBACK_CHECK
 from drl_av.safety.check import Rule, Verdict
@@ -219,10 +220,27 @@ class Strict:
         lateral = Lateral.KEEP if fallback is None else toward(fallback.sign)
         return Verdict(Action(lateral, safe), rule)
 
-    def _slowest(self, how: Longitudinal) -> Longitudinal:
-        """Return ``how``, or hard brake with IDM or ACC, which may brake so hard at any time."""
-        by_number = self._ego.longitudinal_reference == "acceleration"
-        return how if by_number else Longitudinal.HARD_BRAKE
+    def _slowest(self, scene: Scene, how: Longitudinal) -> Longitudinal:
+        """Return the slowest action that the ego may execute in place of ``how``.
+
+        It is ``how`` itself, but hard brake with IDM or ACC, which may brake so hard at any time.
+        Where a speed limit slows the ego down, it is the fastest action that keeps the limit.
+        """
+        if self._ego.longitudinal_reference != "acceleration":
+            return Longitudinal.HARD_BRAKE
+        affordances, decision_s = scene.affordances, self._simulation.decision_interval_s
+        if not affordances.speed_limits:
+            return how
+        speed, step_s = affordances.ego_speed_m_s, self._simulation.step_length_s
+        allowed = allowed_speed(affordances.speed_limits, speed * decision_s, step_s)
+        return next(
+            (
+                slower
+                for slower in same_or_slower(how)
+                if speed + self._accelerations[slower] * decision_s <= allowed
+            ),
+            Longitudinal.HARD_BRAKE,
+        )
 
     def others(self, scene: Scene) -> Others:
         """Return the other vehicles of a scene as the check needs them.
@@ -282,7 +300,7 @@ class Strict:
             return True
         if reaches_m[how] >= neighbors.stop_within_m[meets].min():
             return False
-        slowest = self._slowest(how)
+        slowest = self._slowest(scene, how)
         speed, acceleration = scene.affordances.ego_speed_m_s, self._accelerations[slowest]
         covered_m = [*covered(speed, acceleration, self._ego, sim), reaches_m[slowest]]
         crosses_s = self._crosses_s(scene, change)
