@@ -56,7 +56,7 @@ def chain(
         for k, part in enumerate(parts)
     )
     places = "".join(
-        f'<node id="n{k}" x="{500 * k}" y="{60 * k * k}" type="{kind if k == 1 else "priority"}"/>'
+        f'<node id="n{k}" x="{500 * k}" y="{40 * k * k}" type="{kind if k == 1 else "priority"}"/>'
         for k in range(len(parts) + 1)
     )
     return converted(folder, places + nodes, roads + edges, ways, options)

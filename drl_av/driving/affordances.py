@@ -113,7 +113,7 @@ class Affordances(NamedTuple):
     """The lane changes that the ego must make to reach its exit or to leave a lane that ends. Their
     ``within_m`` is measured from the ego's front bumper."""
     speed_limits: tuple[SpeedLimit, ...] = ()
-    """The speed limits here and ahead; their positions are distances from the ego's front bumper.
+    """The speed limits of the ego's lane here and ahead, at their distances from its front bumper.
     Empty if the road has one limit, which no setting may exceed."""
 
     @property
@@ -245,15 +245,17 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
         circumference_m=road.lap_m if road.is_loop else 0.0,
         barriers=_ahead(road, front_m) if partial else (),
         mandatory=road.mandatory_change(lane, front_m) if partial else NO_CHANGE,
-        speed_limits=_limits_ahead(road, front_m) if road.speed_limits else (),
+        speed_limits=_limits_ahead(road, lane, front_m) if road.speed_limits else (),
     )
 
 
-def _limits_ahead(road: Road, front_m: float) -> tuple[SpeedLimit, ...]:
-    """Return the speed limits here and ahead; positions are distances from the ego's front."""
+def _limits_ahead(road: Road, lane: int, front_m: float) -> tuple[SpeedLimit, ...]:
+    """Return a lane's speed limits here and ahead, at their distances from the ego's front."""
+    if not 0 <= lane < len(road.speed_limits):
+        return ()
     return tuple(
         SpeedLimit(begin_m - front_m, end_m - front_m, limit_m_s)
-        for begin_m, end_m, limit_m_s in road.speed_limits
+        for begin_m, end_m, limit_m_s in road.speed_limits[lane]
         if end_m > front_m
     )
 

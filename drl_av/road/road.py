@@ -52,21 +52,18 @@ class Barrier(NamedTuple):
 
 
 class SpeedLimit(NamedTuple):
-    """A part of an open road with its speed limit; a vehicle obeys it while its front is there."""
+    """A part of a lane with its speed limit; a vehicle obeys it while its front is there."""
 
     begin_m: float
     end_m: float
     limit_m_s: float
-    """The lowest limit of the lanes of this part."""
 
 
 LIMIT_BRAKING_M_S2 = 2.0
 """Braking with which the ego slows down for a lower speed limit ahead (ours)."""
 
 
-def allowed_speed(
-    limits: Iterable[SpeedLimit], front_m: float = 0.0, step_s: float = 0.0
-) -> float:
+def allowed_speed(limits: Iterable[SpeedLimit], front_m: float = 0.0, step_s: float = 0.0) -> float:
     """Return the largest speed of the next SUMO step that keeps all limits, m/s (ours).
 
     The front of the vehicle is at ``front_m``, in the coordinate of ``limits``. With this speed v
@@ -139,9 +136,9 @@ class Road:
     """The position up to which a vehicle can enter the ego's exit; inf without an exit."""
     exit_lane: int = 0
     """The leftmost lane that leads to the exit; each lane to its right leads there too."""
-    speed_limits: tuple[SpeedLimit, ...] = ()
-    """The parts of the road in driving order, each with its limit; empty if the road has one limit,
-    which no setting may exceed."""
+    speed_limits: tuple[tuple[SpeedLimit, ...], ...] = ()
+    """For each lane its parts in driving order, each with its limit; empty if the road has one
+    limit, which no setting may exceed."""
     forbidden_lines: tuple[ForbiddenLine, ...] = ()
 
     @cached_property
