@@ -129,4 +129,5 @@ def leaving(
             ("away", "r1", "r2", 2, 10),
         )
     )
-    return converted(folder, nodes, edges, ways)
+    # the lanes inside the junction are as fast as the edges: each limit has one place
+    return converted(folder, nodes, edges, ways, ["--junctions.limit-turn-speed", "-1"])

@@ -116,7 +116,7 @@ class ImportedDescription(OpenDescription):
             object.__setattr__(self, name, value)
         fastest_m_s = max(self._raised(limit) for limit in _limits(way.driven))
         curves = curve_limits(route.lines, self.sideways_m_s2, fastest_m_s)
-        object.__setattr__(self, "curves", tuple(curves))
+        object.__setattr__(self, "curves", tuple(one for one in curves if one[0] < way.end_m))
         last = way.off_ramp[0].edge if way.off_ramp else self._edges(way.sections[-1])[-1].id
         object.__setattr__(self, "to_edge", last)
         left_out = self._left_out() if self.left_out is None else map(str, self.left_out)
@@ -127,7 +127,8 @@ class ImportedDescription(OpenDescription):
         self._check_route()
         super().__post_init__()
         self._check_flow()
-        require_usual_ego_reaches_exit(self.plan(), self.speed_limit_m_s)
+        fastest_m_s = max(one.limit_m_s for one in self.plan().start.speed_limits)
+        require_usual_ego_reaches_exit(self.plan(), fastest_m_s)
 
     def plan(self) -> OpenPlan:
         """Return the road: the route, a straight edge beyond its end or exit, and any off-ramp."""

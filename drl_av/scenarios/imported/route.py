@@ -219,7 +219,9 @@ def _parts(
     """
     own = {lane: file.lanes[f"{edge.getID()}_{lane}"] for lane in lanes}
     limits = [lane_limit_m_s(file, edge, lane) for lane in lanes]
-    attributes = {first + lane: found for lane in lanes if (found := _rules([own[lane]]))}
+    attributes = {
+        first + lane: found for lane in lanes if (found := _rules(own[lane], [own[lane]]))
+    }
     edge_part = Part(ends_m[1], tuple(limits), attributes)
     if ends_m[1] - ends_m[0] < SHORTEST_M or ends_m[0] < SHORTEST_M or not step.inside:
         return [edge_part]
@@ -227,7 +229,11 @@ def _parts(
         min((float(one["speed"]) for one in step.inside.get(lane, ())), default=limit)
         for lane, limit in zip(lanes, limits, strict=True)
     ]
-    inside = {first + lane: found for lane in lanes if (found := _rules(step.inside.get(lane, ())))}
+    inside = {
+        first + lane: found
+        for lane in lanes
+        if (found := _rules(own[lane], step.inside.get(lane, ())))
+    }
     slower = any(
         inside_limit < min(limit, step.further_m_s.get(lane, limit))
         for lane, limit, inside_limit in zip(lanes, limits, inside_limits, strict=True)
@@ -238,15 +244,15 @@ def _parts(
     return [edge_part._replace(end_m=ends_m[0]), inside_part]
 
 
-def _rules(lanes: Iterable[Attributes]) -> dict[str, str]:
-    """Return the SUMO attributes that lanes one after another give to the road that is written."""
-    found: dict[str, str] = {}
-    for lane in lanes:
-        for key in ("changeLeft", "changeRight"):
-            if key in lane and not _permits(lane[key]):
-                found[key] = FORBIDDEN
-        if lane.get("acceleration") in ("1", "true"):
-            found["acceleration"] = "1"
+def _rules(own: Attributes, lanes: Sequence[Attributes]) -> dict[str, str]:
+    """Return the SUMO attributes that the road that is written gets from lanes one after another.
+
+    ``own`` is the lane of the edge, which says whether it is an acceleration lane.
+    """
+    found = {"acceleration": "1"} if own.get("acceleration") in ("1", "true") else {}
+    for key in ("changeLeft", "changeRight"):
+        if any(key in lane and not _permits(lane[key]) for lane in lanes):
+            found[key] = FORBIDDEN
     return found
 
 
