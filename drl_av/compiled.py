@@ -1,0 +1,120 @@
+"""Functions that numba compiles at their first call; they may call each other (ours).
+
+A module may use ``compiled`` without importing numba: that happens when such a function is called
+for the first time. The result is cached beside the module, or in the user's cache folder where the
+module's folder is read-only. With the environment variable ``NUMBA_DISABLE_JIT=1`` the functions
+run as plain Python.
+"""
+
+import sys
+from collections.abc import Callable
+from functools import cache, cached_property, update_wrapper
+from typing import Any, Generic, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+NOTICE = (
+    "drl-av compiles its functions for this machine; this takes up to a minute, once after an "
+    "installation."
+)
+
+
+class Compiled(Generic[P, R]):
+    """A function that numba compiles at its first call, without fastmath.
+
+    Other compiled functions may call it by its name. It takes float64 arrays that are contiguous,
+    numbers, and plain or named tuples of these.
+    """
+
+    def __init__(self, function: Callable[P, R]) -> None:
+        update_wrapper(self, function)
+        self.python = function
+        """The function as plain Python."""
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        return self.dispatcher(*args, **kwargs)
+
+    @cached_property
+    def dispatcher(self) -> Callable[P, R]:
+        """The function as numba has compiled it; the plain function without compilation."""
+        numba = _numba()
+        dispatcher: Any = numba.njit(cache=True, nogil=True)(self.python)
+        if dispatcher is not self.python:
+            _depends_on(dispatcher, _sources(self, set()))
+        return dispatcher  # type: ignore[no-any-return]
+
+    def entry(self, *args: P.args, **kwargs: P.kwargs) -> Callable[..., R]:
+        """Return the machine code for arguments of these types.
+
+        It does not look at the types again, which takes most of the time of a short call. The
+        arguments of each call must therefore have exactly these types, and be positional.
+        """
+        dispatcher: Any = self.dispatcher
+        if dispatcher is self.python:
+            return self.python
+        types = tuple(map(_numba().typeof, (*args, *kwargs.values())))
+        code: Callable[..., R] = dispatcher.compile(types)
+        return code
+
+
+def compiled(function: Callable[P, R]) -> Compiled[P, R]:
+    """Return the function, which numba compiles at its first call."""
+    return Compiled(function)
+
+
+@cache
+def _numba() -> Any:
+    """Import numba and tell it how compiled functions call each other."""
+    import numba
+    from numba.core import event, types
+    from numba.extending import typeof_impl
+
+    @typeof_impl.register(Compiled)
+    def _(value: Compiled[..., Any], context: Any) -> Any:
+        return types.Dispatcher(value.dispatcher)
+
+    class Notice(event.Listener):
+        """Says in one line on stderr that a function of ours is compiled, once in a process."""
+
+        said = False
+
+        def on_start(self, event: Any) -> None:
+            if not self.said and _is_ours(event.data["dispatcher"].py_func):
+                self.said = True
+                print(NOTICE, file=sys.stderr)
+
+        def on_end(self, event: Any) -> None:
+            return None
+
+    event.register("numba:compile", Notice())
+    return numba
+
+
+def _is_ours(function: Any) -> bool:
+    return str(function.__module__).split(".")[0] == __package__
+
+
+def _sources(function: Compiled[..., Any], known: set[int]) -> list[tuple[str, Any]]:
+    """Return the code and the constants that a function and the functions it calls consist of."""
+    if id(function) in known:
+        return []
+    known.add(id(function))
+    code, names = function.python.__code__, function.python.__globals__
+    found: list[tuple[str, Any]] = [(function.__qualname__, (code.co_code, code.co_consts))]
+    for name in code.co_names:
+        value = names.get(name)
+        if isinstance(value, Compiled):
+            found += _sources(value, known)
+        elif isinstance(value, int | float | str | tuple):
+            found.append((name, value))
+    return found
+
+
+def _depends_on(dispatcher: Any, sources: list[tuple[str, Any]]) -> None:
+    """Make the cached code of a function invalid when a function that it calls has changed.
+
+    Numba compares only the file of the function itself.
+    """
+    file = getattr(dispatcher._cache, "_cache_file", None)
+    if file is not None:
+        file._source_stamp = repr(sources)
