@@ -1,18 +1,23 @@
-"""Functions that numba compiles at their first call; they may call each other (ours).
+"""Functions that numba compiles at their first call (ours).
 
-A module may use ``compiled`` without importing numba: that happens when such a function is called
-for the first time. The result is cached beside the module, or in the user's cache folder where the
-module's folder is read-only. With the environment variable ``NUMBA_DISABLE_JIT=1`` the functions
-run as plain Python.
+``compiled`` marks such a function. It may call any other function of this package by its name,
+which numba then compiles too. An equation can thus be a plain function, which takes the settings of
+a ``Config`` in Python, and a named tuple of the same numbers (``numbers``) in a compiled function.
+
+Nothing imports numba before the first call. The machine code is cached beside the module, or in the
+user's cache folder where the module's folder is read-only. With the environment variable
+``NUMBA_DISABLE_JIT=1`` the functions run as plain Python, with the same results to the bit.
 """
 
 import sys
 from collections.abc import Callable
 from functools import cache, cached_property, update_wrapper
+from types import FunctionType
 from typing import Any, Generic, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
+N = TypeVar("N", bound=tuple[Any, ...])
 NOTICE = (
     "drl-av compiles its functions for this machine; this takes up to a minute, once after an "
     "installation."
@@ -20,10 +25,9 @@ NOTICE = (
 
 
 class Compiled(Generic[P, R]):
-    """A function that numba compiles at its first call, without fastmath.
+    """A function that numba compiles at its first call, without fastmath and without the GIL.
 
-    Other compiled functions may call it by its name. It takes float64 arrays that are contiguous,
-    numbers, and plain or named tuples of these.
+    It takes numbers, contiguous arrays, and plain or named tuples of these.
     """
 
     def __init__(self, function: Callable[P, R]) -> None:
@@ -57,9 +61,33 @@ class Compiled(Generic[P, R]):
         return code
 
 
+@cache
 def compiled(function: Callable[P, R]) -> Compiled[P, R]:
     """Return the function, which numba compiles at its first call."""
     return Compiled(function)
+
+
+def numbers(kind: type[N], *settings: Any, **further: Any) -> N:
+    """Return a named tuple of the type ``kind``, with the settings of the same names.
+
+    ``settings`` are sections of a config; ``further`` gives values that no section has.
+    """
+    found = {
+        name: next(getattr(section, name) for section in settings if hasattr(section, name))
+        for name in kind._fields
+        if name not in further
+    }
+    types = kind.__annotations__
+    return kind(**{name: types[name](value) for name, value in (found | further).items()})
+
+
+def squared(x: float) -> float:
+    """Return x to the power 2 as Python computes it, for a finite number.
+
+    LLVM replaces the power by x * x, which differs in the last bit once in a thousand times. It
+    does not know that this exponent is always 2.
+    """
+    return x ** (2.0 + 0.0 * x)
 
 
 @cache
@@ -72,6 +100,10 @@ def _numba() -> Any:
     @typeof_impl.register(Compiled)
     def _(value: Compiled[..., Any], context: Any) -> Any:
         return types.Dispatcher(value.dispatcher)
+
+    @typeof_impl.register(FunctionType)
+    def _(value: Any, context: Any) -> Any:
+        return types.Dispatcher(compiled(value).dispatcher) if _is_ours(value) else None
 
     class Notice(event.Listener):
         """Says in one line on stderr that a function of ours is compiled, once in a process."""
@@ -103,6 +135,8 @@ def _sources(function: Compiled[..., Any], known: set[int]) -> list[tuple[str, A
     found: list[tuple[str, Any]] = [(function.__qualname__, (code.co_code, code.co_consts))]
     for name in code.co_names:
         value = names.get(name)
+        if isinstance(value, FunctionType) and _is_ours(value):
+            value = compiled(value)
         if isinstance(value, Compiled):
             found += _sources(value, known)
         elif isinstance(value, int | float | str | tuple):
