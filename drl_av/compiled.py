@@ -45,7 +45,8 @@ class Compiled(Generic[P, R]):
         dispatcher: Any = numba.njit(cache=True, nogil=True)(self.python)
         if dispatcher is not self.python:
             _depends_on(dispatcher, _sources(self, set()))
-        return dispatcher  # type: ignore[no-any-return]
+        result: Callable[P, R] = dispatcher
+        return result
 
     def entry(self, *args: P.args, **kwargs: P.kwargs) -> Callable[..., R]:
         """Return the machine code for arguments of these types.
@@ -72,12 +73,12 @@ def numbers(kind: type[N], *settings: Any, **further: Any) -> N:
 
     ``settings`` are sections of a config; ``further`` gives values that no section has.
     """
+    types: dict[str, Callable[[Any], Any]] = kind.__annotations__
     found = {
         name: next(getattr(section, name) for section in settings if hasattr(section, name))
-        for name in kind._fields
+        for name in types
         if name not in further
     }
-    types = kind.__annotations__
     return kind(**{name: types[name](value) for name, value in (found | further).items()})
 
 
@@ -87,7 +88,8 @@ def squared(x: float) -> float:
     LLVM replaces the power by x * x, which differs in the last bit once in a thousand times. It
     does not know that this exponent is always 2.
     """
-    return x ** (2.0 + 0.0 * x)
+    square: float = x ** (2.0 + 0.0 * x)
+    return square
 
 
 @cache
@@ -118,7 +120,7 @@ def _numba() -> Any:
         def on_end(self, event: Any) -> None:
             return None
 
-    event.register("numba:compile", Notice())
+    event.register("numba:compile", Notice())  # type: ignore[no-untyped-call]
     return numba
 
 
@@ -132,7 +134,7 @@ def _sources(function: Compiled[..., Any], known: set[int]) -> list[tuple[str, A
         return []
     known.add(id(function))
     code, names = function.python.__code__, function.python.__globals__
-    found: list[tuple[str, Any]] = [(function.__qualname__, (code.co_code, code.co_consts))]
+    found: list[tuple[str, Any]] = [(code.co_name, (code.co_code, code.co_consts))]
     for name in code.co_names:
         value = names.get(name)
         if isinstance(value, FunctionType) and _is_ours(value):

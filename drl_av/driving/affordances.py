@@ -154,6 +154,26 @@ class Affordances(NamedTuple):
         values += (self.ego_speed_m_s, self.ego_y_m, self.ego_lateral_speed_m_s)
         return np.array(values)
 
+    def arrays(self) -> "Indicators":
+        """Return the indicators as compiled functions take them."""
+        rows = [NOBODY if slot is None else slot.vehicle for slot in self[:6]]
+        lanes = self.lane, self.right_lane, self.left_lane, self.mandatory.lanes
+        values = np.append(self.vector(), self.mandatory.within_m)
+        return Indicators(values, np.array([*rows, *lanes], np.int64), self.range_m)
+
+
+class Indicators(NamedTuple):
+    """The indicators as the function ``indicators`` writes them, in two arrays."""
+
+    values: FloatArray
+    """Shape (28,), float64: the 27 indicators in SI units, in the order of INDICATORS; then the
+    distance ``MandatoryChange.within_m``."""
+    codes: IntArray
+    """Shape (10,), int64: the row of the neighbour in each of the six SLOTS, ``NOBODY`` if there is
+    none, and N + 1 for the end of a lane; then ``LANE`` to ``CHANGES``."""
+    range_m: float
+    """The largest gap that is observed."""
+
 
 VALUES, CODES = 28, 10
 """Sizes of the two arrays that ``indicators`` fills."""
@@ -182,11 +202,7 @@ def indicators(
     """Compute the indicators of one scene (Sec. III); ``compute_affordances`` has the rules.
 
     The first six arrays are those of a snapshot, shape (1 + N,), the ego first. The function fills
-
-    - ``values``, shape (28,), float64: the 27 indicators in SI units, in the order of INDICATORS;
-      then the distance ``MandatoryChange.within_m``.
-    - ``codes``, shape (10,), int64: the row of the neighbour in each of the six SLOTS, ``NOBODY``
-      if there is none, and N + 1 for the end of a lane; then ``LANE`` to ``CHANGES``.
+    ``values``, shape (28,), and ``codes``, shape (10,), which ``Indicators`` describes.
     """
     vehicles, lane = len(s_m), lane_of(y_m[EGO], road.lane_width_m)
     own_m = lane * road.lane_width_m
@@ -201,7 +217,10 @@ def indicators(
         behind = 0
         if ahead_m < 0.0:
             ahead_m, behind = -ahead_m, 1
-        gap_m, reach_m = ahead_m - (length_m[row] + ego_length_m) / 2, width_m[row] / 2 + half_lane_m
+        gap_m, reach_m = (
+            ahead_m - (length_m[row] + ego_length_m) / 2,
+            width_m[row] / 2 + half_lane_m,
+        )
         across_m = y_m[row]
         if gap_m < values[4 * behind] and -reach_m < across_m - own_m < reach_m:
             values[4 * behind], codes[behind] = gap_m, row
@@ -219,7 +238,7 @@ def indicators(
             codes[RIGHT_LANE if side < 0 else LEFT_LANE] = beside
         for slot, sign in ((0, 0), (2, -1), (4, 1)):
             gap_m = lane_end_m(lane + sign, ego_s_m, road) - front_m
-            if gap_m < values[4 * slot] and (sign == 0 or codes[RIGHT_LANE + (sign > 0)] == 1):
+            if gap_m < values[4 * slot] and has_lane(codes, sign):
                 values[4 * slot], codes[slot] = gap_m, vehicles
         codes[CHANGES], values[WITHIN] = mandatory_change(lane, front_m, road)
     for slot in range(6):
@@ -244,9 +263,8 @@ def _complete(
     center_m = (codes[LANE] + sign) * road.lane_width_m
     if values[at] > range_m or row == NOBODY:
         codes[slot] = NOBODY
-        exists = sign == 0 or codes[RIGHT_LANE + (sign > 0)] == 1
         center_m = codes[LANE] * road.lane_width_m + sign * road.lane_width_m
-        values[at] = range_m if exists else 0.0
+        values[at] = range_m if has_lane(codes, sign) else 0.0
         values[at + 1], values[at + 2], values[at + 3] = 0.0, center_m - y_m[EGO], 0.0
         return
     values[at] = values[at] if values[at] > 0.0 else 0.0
@@ -259,6 +277,19 @@ def _complete(
     values[at + 3] = lateral_speed_m_s[row] - lateral_speed_m_s[EGO]
 
 
+def slot_of(sign: int) -> int:
+    """Return the slot of the vehicle ahead in the own (0), left (+1) or right (-1) lane.
+
+    The next slot is that of the vehicle behind.
+    """
+    return (0, 4, 2)[sign]
+
+
+def has_lane(codes: IntArray, sign: int) -> bool:
+    """Whether the ego's own (0), left (+1) or right (-1) lane exists and is open."""
+    return sign == 0 or codes[RIGHT_LANE + (sign > 0)] == 1
+
+
 def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
     """Find the nearest vehicle ahead and behind in the ego's own, right and left lane (Sec. III).
 
@@ -269,22 +300,26 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     """
     values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
     indicators(*snapshot.arrays, road_numbers(road), float(range_m), values, codes)
-    return affordances_of(values, codes, snapshot, road, range_m)
+    return affordances_of(Indicators(values, codes, range_m), snapshot, road)
 
 
-def affordances_of(
-    values: FloatArray, codes: IntArray, snapshot: Snapshot, road: Road, range_m: float
-) -> Affordances:
+def affordances_of(indicators: Indicators, snapshot: Snapshot, road: Road) -> Affordances:
     """Return the indicators by name from the arrays that ``indicators`` has filled."""
+    values, codes, range_m = indicators
     number, code = values.tolist(), codes.tolist()
     lane, partial = code[LANE], road.partial_lanes
     front_m = float(snapshot.s_m[EGO]) + float(snapshot.length_m[EGO]) / 2
-    neighbors = (
+    own_front, own_rear, right_front, right_rear, left_front, left_rear = (
         None if row == NOBODY else Neighbor(row, *number[4 * slot : 4 * slot + 4])
         for slot, row in enumerate(code[:6])
     )
     return Affordances(
-        *neighbors,
+        own_front,
+        own_rear,
+        right_front,
+        right_rear,
+        left_front,
+        left_rear,
         right_lane=code[RIGHT_LANE] == 1,
         left_lane=code[LEFT_LANE] == 1,
         lane=lane,

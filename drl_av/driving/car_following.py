@@ -48,7 +48,8 @@ def idm_acceleration(
         / (2 * math.sqrt(config.acceleration_m_s2 * config.comfortable_braking_m_s2)),
     )
     interaction = squared(wanted_gap_m / max(gap_m, 0.01))
-    return config.acceleration_m_s2 * (1 - (speed_m_s / desired_m_s) ** 4.0 - interaction)
+    free: float = 1 - (speed_m_s / desired_m_s) ** 4.0
+    return config.acceleration_m_s2 * (free - interaction)
 
 
 def acceleration_behind_ego(

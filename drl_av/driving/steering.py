@@ -82,7 +82,7 @@ def curvature_command(
     left_m = max(share_left, LEAST_LEFT) * lane_change_length(speed_m_s, lane_width_m, ego)
     bend = 6 * offset_m / squared(left_m) - 4 * math.tan(heading_rad) / left_m
     limit = curvature_limit(speed_m_s, heading_rad, ego)
-    wanted = road_curvature_per_m + bend * math.cos(heading_rad) ** 3.0
+    wanted: float = road_curvature_per_m + bend * math.cos(heading_rad) ** 3.0
     return min(max(wanted, -limit), limit)
 
 

@@ -79,8 +79,8 @@ def is_open_at(lane: int, s_m: float, road: RoadNumbers) -> bool:
         return False
     is_partial = False
     for row in range(len(road.partial_lanes)):
-        is_partial = is_partial or road.partial_lanes[row, 0] == lane
-    return not is_partial or partial_lane(lane, s_m, road) >= 0
+        is_partial = is_partial or bool(road.partial_lanes[row, 0] == lane)
+    return bool(not is_partial or partial_lane(lane, s_m, road) >= 0)
 
 
 @compiled
@@ -89,7 +89,8 @@ def is_beside(lane: int, other: int, s_m: float, road: RoadNumbers) -> bool:
     row = partial_lane(min(lane, other), s_m, road)
     if row >= 0 and not road.partial_lanes[row, 3] <= s_m < road.partial_lanes[row, 4]:
         return False
-    return is_open_at(other, s_m, road)
+    there: bool = is_open_at(other, s_m, road)
+    return there
 
 
 @compiled
@@ -131,17 +132,15 @@ def holds(y_m: float, width_m: float, s_m: float, road: RoadNumbers) -> bool:
     width = road.lane_width_m
     right = math.floor((y_m - width_m / 2 + width / 2) / width + ROUNDING)
     left = math.ceil((y_m + width_m / 2 + width / 2) / width - ROUNDING) - 1
-    if len(road.partial_lanes) == 0:
-        for lane in range(right, left + 1):
-            if not is_open(lane, road):
-                return False
-        return True
-    if not is_open_at(right, s_m, road):
-        return False
-    for lane in range(right, left):
-        if not is_beside(lane, lane + 1, s_m, road):
-            return False
-    return True
+    whole, found = len(road.partial_lanes) == 0, True
+    for lane in range(right, left + 1):
+        if whole:
+            found = found and is_open(lane, road)
+        elif lane == right:
+            found = is_open_at(right, s_m, road)
+        else:
+            found = found and is_beside(lane - 1, lane, s_m, road)
+    return found
 
 
 @compiled
