@@ -4,9 +4,11 @@ The packages, each importing only from those before it:
 
     config, errors   every setting with its source and bounds, and every error
     files            atomic writing, CSV tables
-    traffic          roads, scenarios and the simulation; the only package that uses SUMO
+    road             lanes, the state of all vehicles, swept bodies: pure functions
     driving          affordance indicators, actions, lane changes: pure functions
     safety           the safety checks: pure functions
+    scenarios        a description becomes SUMO's files, and back
+    simulation       vehicles in SUMO; the only package that opens it
     drivers          the drivers of the ego, and the drivers of the background traffic
     drawing          a scene as a picture, an episode as a film
     env              ``drl_av/Highway-v0``, the gymnasium environment, and its reward

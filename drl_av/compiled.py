@@ -55,8 +55,8 @@ class Compiled(Generic[P, R]):
         arguments of each call must therefore have exactly these types, and be positional.
         """
         dispatcher: Any = self.dispatcher
-        if dispatcher is self.python:
-            return self.python
+        if not hasattr(dispatcher, "compile"):
+            return self.python  # compilation is switched off
         types = tuple(map(_numba().typeof, (*args, *kwargs.values())))
         code: Callable[..., R] = dispatcher.compile(types)
         return code

@@ -7,8 +7,8 @@ import numpy.typing as npt
 
 from drl_av.compiled import compiled
 from drl_av.config import ObservationConfig
-from drl_av.traffic.road import NO_CHANGE, Barrier, FloatArray, MandatoryChange, Road
-from drl_av.traffic.road_numbers import (
+from drl_av.road.road import NO_CHANGE, Barrier, FloatArray, MandatoryChange, Road
+from drl_av.road.road_numbers import (
     RoadNumbers,
     is_beside,
     is_open,
@@ -17,7 +17,7 @@ from drl_av.traffic.road_numbers import (
     mandatory_change,
     road_numbers,
 )
-from drl_av.traffic.snapshot import EGO, Snapshot
+from drl_av.road.snapshot import EGO, Snapshot
 
 IntArray = npt.NDArray[np.int64]
 

@@ -15,7 +15,7 @@ from drl_av.compiled import squared
 from drl_av.config import EgoConfig, MobilConfig, SimulationConfig
 from drl_av.driving.actions import ACCELERATE, BRAKE, EgoNumbers, Longitudinal, acceleration_of
 from drl_av.driving.affordances import Affordances, Neighbor
-from drl_av.traffic.road import FloatArray
+from drl_av.road.road import FloatArray
 
 Number = TypeVar("Number", float, FloatArray)
 

@@ -12,8 +12,8 @@ from drl_av.driving.affordances import LANE, NOBODY, IntArray
 from drl_av.driving.car_following import reference_speeds, set_speeds
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.driving.steering import Pose, settled, steer
-from drl_av.traffic.road import FloatArray
-from drl_av.traffic.snapshot import Command
+from drl_av.road.road import FloatArray
+from drl_av.road.snapshot import Command
 
 
 class Plan(NamedTuple):

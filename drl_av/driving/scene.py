@@ -3,8 +3,8 @@
 from typing import Any, NamedTuple
 
 from drl_av.driving.affordances import Affordances, Indicators, affordances_of
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import Road
+from drl_av.road.snapshot import Snapshot
 
 
 class LaneChange(NamedTuple):

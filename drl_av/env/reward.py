@@ -21,10 +21,10 @@ from drl_av.driving.affordances import (
 )
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
+from drl_av.road.road import LANE_CHANGE_DUE_M, FloatArray
+from drl_av.road.snapshot import Collision
 from drl_av.safety.check import Rule
 from drl_av.safety.paper import SafetyNumbers, is_clear
-from drl_av.traffic.road import UNHURRIED_M, FloatArray
-from drl_av.traffic.snapshot import Collision
 
 
 class Desired(NamedTuple):
@@ -91,7 +91,7 @@ def reward_numbers(config: RewardConfig) -> RewardNumbers:
 RewardFunction = Callable[[Transition], float]
 
 
-def own_reward(function: RewardFunction, transition: Transition) -> float:
+def custom_reward(function: RewardFunction, transition: Transition) -> float:
     """Return the reward of a transition that the user's own function computes.
 
     Raises:
@@ -239,11 +239,11 @@ def due_changes(changes: int, within_m: float) -> int:
     """Return how many of the mandatory lane changes are due now, left positive (ours).
 
     The arguments are the fields of ``MandatoryChange``. A lane change is due if it cannot be
-    postponed, assuming that each takes ``UNHURRIED_M``.
+    postponed, assuming that each takes ``LANE_CHANGE_DUE_M``.
     """
     if changes == 0:
         return 0
-    due = max(abs(changes) - int(within_m // UNHURRIED_M), 0)
+    due = max(abs(changes) - int(within_m // LANE_CHANGE_DUE_M), 0)
     return due if changes > 0 else -due
 
 

@@ -10,12 +10,12 @@ from drl_av.config.schema import did_you_mean
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
+from drl_av.road.road import Road
+from drl_av.road.vehicle_types import AS_WRITTEN, VehicleTypes
 from drl_av.safety.assumptions import ROAD_AS_WRITTEN, require_assumptions
 from drl_av.safety.check import SafetyCheck, WholeCheck, permit_all, permits
 from drl_av.safety.paper import Paper
 from drl_av.safety.strict import Strict
-from drl_av.traffic.road import Road
-from drl_av.traffic.vehicle_types import AS_WRITTEN, VehicleTypes
 
 
 def _strict(config: Config, vehicle_types: VehicleTypes, road: Road) -> SafetyCheck:

@@ -77,7 +77,7 @@ SafetyCheck = Callable[[Scene, Action], Verdict]
 """A function that returns the verdict on a proposed action in a scene."""
 
 
-def judged(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
+def apply_check(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
     """Call a check, which the user may have written, and return its verdict.
 
     Raises:
@@ -107,7 +107,7 @@ def judged(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
 
 def permits(check: SafetyCheck, scene: Scene, proposed: Action) -> bool:
     """Return whether the ego would execute the proposed action unchanged under the check."""
-    return judged(check, scene, proposed).action == proposed
+    return apply_check(check, scene, proposed).action == proposed
 
 
 def permit_all(scene: Scene, proposed: Action) -> Verdict:

@@ -22,8 +22,8 @@ from drl_av.driving.actions import (
 from drl_av.driving.affordances import LANE, NOBODY, IntArray, Neighbor, has_lane, slot_of
 from drl_av.driving.maneuver import next_change
 from drl_av.driving.scene import Scene
+from drl_av.road.road import FloatArray
 from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdict, Verdicts, WholeCheck
-from drl_av.traffic.road import FloatArray
 
 
 class SafetyNumbers(NamedTuple):

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.config import StrictConfig
+from drl_av.road.road import ARRIVED_M
 from drl_av.safety.stopping import stopping_distance
-from drl_av.traffic.road import ARRIVED_M
 
 LINE_M = 0.01
 """A body overlaps a lane if it is at least this far over the marking of that lane."""
@@ -111,7 +111,7 @@ def required_travel(
     if is_ahead:
         return -np.inf
     faster = speed_m_s + strict.acceleration_m_s2 * delay_s
-    rolled_m = accelerated(speed_m_s, delay_s, strict, step_s)
+    rolled_m: float = accelerated(speed_m_s, delay_s, strict, step_s)
     rolled_m = rolled_m + stopping_distance(faster, strict.follower_braking_m_s2, step_s)
     return rolled_m - gap_m + strict.clearance_m
 

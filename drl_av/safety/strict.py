@@ -110,9 +110,11 @@ from drl_av.driving.actions import (
 )
 from drl_av.driving.affordances import LANE, IntArray, has_lane
 from drl_av.driving.maneuver import next_change
-from drl_av.driving.scene import LaneChange, Scene
+from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
-from drl_av.safety.assumptions import WAY_OUT
+from drl_av.road.road import FloatArray
+from drl_av.road.snapshot import EGO
+from drl_av.safety.assumptions import FALLBACK_CHECK
 from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdicts, WholeCheck
 from drl_av.safety.reachability import (
     LINE_M,
@@ -125,8 +127,6 @@ from drl_av.safety.reachability import (
     stopping_limit,
 )
 from drl_av.safety.stopping import reach, travel
-from drl_av.traffic.road import FloatArray
-from drl_av.traffic.snapshot import EGO
 
 ORDER = (ACCELERATE, MAINTAIN, BRAKE, HARD_BRAKE)
 """The longitudinal actions, the fastest first."""
@@ -141,7 +141,7 @@ class Strict(WholeCheck):
         if ego.has_steering:
             raise ConfigError(
                 f"ego.lateral_plant is {ego.lateral_plant!r}, but the check strict holds for "
-                f"'kinematic' only (the lemma corridor): take that, or {WAY_OUT}."
+                f"'kinematic' only (the lemma corridor): take that, or {FALLBACK_CHECK}."
             )
         self._strict, self._ego = numbers(StrictNumbers, strict), ego_numbers(ego, simulation)
 
@@ -158,7 +158,8 @@ class Strict(WholeCheck):
 
     def fallback_is_free(self, scene: Scene) -> bool:
         """Whether the invariant holds: the ego hits no vehicle ahead in its fallback maneuver."""
-        return fallback_is_free(*self._arguments(scene))
+        is_free: bool = fallback_is_free(*self._arguments(scene))
+        return is_free
 
     def _arguments(self, scene: Scene) -> tuple[Any, ...]:
         """Return the arguments that describe a scene to the compiled functions."""
@@ -357,7 +358,7 @@ def free_distance(
     ends_m = corridor(others[1][EGO], others[5][EGO], change, ground[1], ego)
     nearest_m = nearest_barrier(ground, ends_m, strict)
     for row in range(1, len(others[0])):
-        if meets(others, row, ends_m, ground[1]):
+        if overlaps_laterally(others, row, ends_m, ground[1]):
             for ahead_m in distances_ahead(others, ground, row):
                 gap_m = abs(ahead_m) - (others[4][row] + others[4][EGO]) / 2
                 limit_m = stopping_limit(
@@ -387,7 +388,7 @@ def permitted_with(
     crosses_s = seconds_to_line(sign * (line_m - ego_y_m) - ego_width_m / 2, width_m, ego)
     nearest_m, permitted = nearest_barrier(ground, ends_m, strict), 15
     for row in range(1, len(others[0])):
-        if not meets(others, row, ends_m, width_m):
+        if not overlaps_laterally(others, row, ends_m, width_m):
             continue
         speed, its_width_m = others[2][row], others[5][row]
         held = must_stay_behind(others[1][row], its_width_m, ego_y_m, ego_width_m, width_m)
@@ -413,13 +414,11 @@ def permitted_with(
     return permitted
 
 
-def meets(
+def overlaps_laterally(
     others: Vehicles, row: int, ends_m: tuple[float, float], lane_width_m: float
 ) -> bool:
     """Whether a vehicle's body can overlap the lateral range between two ends, right and left."""
-    right_m, left_m = lateral_extent(
-        others[1][row], others[3][row], others[5][row], lane_width_m
-    )
+    right_m, left_m = lateral_extent(others[1][row], others[3][row], others[5][row], lane_width_m)
     return left_m > ends_m[0] and right_m < ends_m[1]
 
 
@@ -435,9 +434,7 @@ def distances_ahead(others: Vehicles, ground: Ground, row: int) -> tuple[float, 
     return ahead_m % ground[0], ahead_m % ground[0] - ground[0]
 
 
-def nearest_barrier(
-    ground: Ground, ends_m: tuple[float, float], strict: StrictNumbers
-) -> float:
+def nearest_barrier(ground: Ground, ends_m: tuple[float, float], strict: StrictNumbers) -> float:
     """Return the distance within which the ego must stop before the barriers in a lateral range."""
     barriers, nearest_m = ground[2], np.inf
     for row in range(len(barriers)):

@@ -16,7 +16,7 @@ from drl_av.env import highway
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.safety.check import Rule, Verdict
-from drl_av.traffic import simulation
+from drl_av.simulation import simulation
 
 
 class TapedDriver:
