@@ -11,6 +11,7 @@ user's cache folder where the module's folder is read-only. With the environment
 
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, cached_property, update_wrapper
 from types import FunctionType
 from typing import Any, Generic, ParamSpec, TypeVar
@@ -149,8 +150,23 @@ def _sources(function: Compiled[..., Any], known: set[int]) -> list[tuple[str, A
 def _depends_on(dispatcher: Any, sources: list[tuple[str, Any]]) -> None:
     """Make the cached code of a function invalid when a function that it calls has changed.
 
-    Numba compares only the file of the function itself.
+    Numba itself compares only the file of the function. It also fails where the cache is damaged,
+    or names a class that has moved; then the function is compiled again.
     """
-    file = getattr(dispatcher._cache, "_cache_file", None)
-    if file is not None:
-        file._source_stamp = repr(sources)
+    from numba.core import caching
+
+    base: Any = caching.IndexDataCacheFile
+
+    class CacheFile(base):  # type: ignore[misc]
+        def load(self, key: Any) -> Any:
+            with suppress(Exception):
+                return super().load(key)
+            return None
+
+        def _load_index(self) -> Any:
+            with suppress(Exception):
+                return super()._load_index()
+            return {}
+
+    cache: Any = dispatcher._cache
+    cache._cache_file = CacheFile(cache._cache_path, cache._impl.filename_base, repr(sources))
