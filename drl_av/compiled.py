@@ -49,18 +49,22 @@ class Compiled(Generic[P, R]):
         result: Callable[P, R] = dispatcher
         return result
 
-    def entry(self, *args: P.args, **kwargs: P.kwargs) -> Callable[..., R]:
-        """Return the machine code for arguments of these types.
+    @cached_property
+    def fast(self) -> Callable[..., R]:
+        """The function without a look at the types of its arguments, a third of a short call.
 
-        It does not look at the types again, which takes most of the time of a short call. The
-        arguments of each call must therefore have exactly these types, and be positional.
+        The first call fixes the types; those of all later calls must be the same.
         """
-        dispatcher: Any = self.dispatcher
-        if not hasattr(dispatcher, "compile"):
-            return self.python  # compilation is switched off
-        types = tuple(map(_numba().typeof, (*args, *kwargs.values())))
-        code: Callable[..., R] = dispatcher.compile(types)
-        return code
+
+        def first(*args: Any) -> R:
+            dispatcher: Any = self.dispatcher
+            if hasattr(dispatcher, "compile"):
+                self.__dict__["fast"] = dispatcher.compile(tuple(map(_numba().typeof, args)))
+            else:  # compilation is switched off
+                self.__dict__["fast"] = self.python
+            return self.fast(*args)
+
+        return first
 
 
 @cache
