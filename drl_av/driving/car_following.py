@@ -97,7 +97,7 @@ def reference_speeds(
     """
     if ego.longitudinal_reference == "acceleration" or action >= Longitudinal.BRAKE:
         speed, step_s = affordances.ego_speed_m_s, simulation.step_length_s
-        acceleration = action.acceleration_m_s2(ego)  # the point mass, eq. 4 of the paper
+        acceleration = action.acceleration_m_s2(ego)  # the point mass, eq. 5 of the paper
         steps = range(1, simulation.steps_per_decision + 1)
         return [
             min(max(speed + acceleration * step * step_s, 0.0), ego.max_speed_m_s) for step in steps

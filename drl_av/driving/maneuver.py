@@ -85,7 +85,7 @@ def _kinematic(
     ego: EgoConfig,
     step_s: float,
 ) -> Sideways:
-    """Move the ego at one lane width per T_LC towards the target lane (eq. 5 of the paper)."""
+    """Move the ego at one lane width per T_LC towards the target lane (eq. 6 of the paper)."""
     target_m = lane_change.target * lane_width_m
     rate_m_s = lane_width_m / ego.lane_change_duration_s
     stride_m = rate_m_s * step_s
