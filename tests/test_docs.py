@@ -100,6 +100,16 @@ def test_the_argument_for_strict_stands_on_the_safety_page(site: Path) -> None:
         assert sentence in page
 
 
+def test_each_choice_answers_a_question() -> None:
+    for page in ("docs/choices.md", "docs/choices_learning.md"):
+        for section in re.split(r"^## ", read(page), flags=re.MULTILINE)[1:]:
+            name, first, *_ = re.split(r"\n+", section)
+            assert first.startswith("### "), f"{page}: {name} begins with no question"
+        entries = re.findall(r"^### (.+)$", read(page), re.MULTILINE)
+        assert len(entries) > 8
+        assert all(entry.endswith("?") for entry in entries)
+
+
 def test_a_picture_is_there(site: Path) -> None:
     shown = 0
     for page in site.rglob("*.html"):
