@@ -1,4 +1,4 @@
-"""The reward of a decision, eq. 6 to 8 of the paper, and the desired values in these equations."""
+"""The reward of a decision, eq. 7 to 9 of the paper, and the desired values in these equations."""
 
 import math
 from collections.abc import Callable
@@ -28,7 +28,7 @@ from drl_av.safety.paper import SafetyNumbers, is_clear
 
 
 class Desired(NamedTuple):
-    """The desired speed and lateral position of the ego, v_des of eq. 6 and y_des of eq. 7."""
+    """The desired speed and lateral position of the ego, v_des of eq. 7 and y_des of eq. 8."""
 
     speed_m_s: float
     lateral_m: float
@@ -36,7 +36,7 @@ class Desired(NamedTuple):
 
 
 class Rewards(NamedTuple):
-    """The three terms of the reward (eq. 6, 7 and 8 of the paper), each in [-1, 0]."""
+    """The three terms of the reward (eq. 7, 8 and 9 of the paper), each in [-1, 0]."""
 
     r_v: float
     r_y: float
@@ -104,17 +104,17 @@ def custom_reward(function: RewardFunction, transition: Transition) -> float:
 
 
 def speed_reward(speed_m_s: float, desired_m_s: float) -> float:
-    """Return r_v (eq. 6 of the paper): 0 at the desired speed, and down to -1 far from it."""
+    """Return r_v (eq. 7 of the paper): 0 at the desired speed, and down to -1 far from it."""
     return math.exp(-squared(speed_m_s - desired_m_s) / 10) - 1
 
 
 def lateral_reward(lateral_m: float, desired_m: float) -> float:
-    """Return r_y (eq. 7 of the paper): 0 at the desired position, and down to -1 far from it."""
+    """Return r_y (eq. 8 of the paper): 0 at the desired position, and down to -1 far from it."""
     return math.exp(-squared(lateral_m - desired_m) / 10) - 1
 
 
 def gap_reward(gap_m: float, safe_gap_m: float) -> float:
-    """Return r_x (eq. 8 of the paper): 0 if the gap is at least d_safe, and down to -1 below."""
+    """Return r_x (eq. 9 of the paper): 0 if the gap is at least d_safe, and down to -1 below."""
     if gap_m >= safe_gap_m:
         return 0.0
     return math.exp(-squared(gap_m - safe_gap_m) / (10 * safe_gap_m)) - 1

@@ -1,6 +1,6 @@
 """The experiment ``adaptation``: safety triggers with and without continual adaptation.
 
-It corresponds to Fig. 9 of the paper, with the shipped driver.
+It corresponds to Fig. 8 of the paper, with the shipped driver.
 """
 
 from itertools import product

@@ -1,7 +1,7 @@
 """The experiment ``curves``: learning curves of Algorithm 1 of the paper and of two variants.
 
-The variants are training without the safety check (Fig. 7 of the paper), and prioritized replay
-instead of two buffers (Fig. 9).
+The variants are training without the safety check (Fig. 5 of the paper), and prioritized replay
+instead of two buffers (Fig. 7).
 """
 
 import math
@@ -126,7 +126,7 @@ def cost_table(results: ResultsFolder) -> str:
 def check_figure(rows: list[Row]) -> "Figure | None":
     """Draw the reward and the collisions of learning with and without the safety check.
 
-    The figure corresponds to Fig. 7 of the paper. It is None if the rows have neither variant.
+    The figure corresponds to Fig. 5 of the paper. It is None if the rows have neither variant.
     """
     columns = ("mean_reward", "training_reward", "training_collisions")
     return _figure(rows, ("paper", "permit_all"), columns)
@@ -135,7 +135,7 @@ def check_figure(rows: list[Row]) -> "Figure | None":
 def replay_figure(rows: list[Row]) -> "Figure | None":
     """Draw reward and safety triggers of learning with two buffers and with prioritized replay.
 
-    The figure corresponds to Fig. 9 of the paper, left. It is None if the rows have neither
+    The figure corresponds to Fig. 7 of the paper. It is None if the rows have neither
     variant.
     """
     return _figure(rows, ("paper", "prioritized"), ("mean_reward", "safety_triggers"))

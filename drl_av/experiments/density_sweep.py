@@ -1,6 +1,6 @@
 """The experiment ``density_sweep``: mean speed against the number of vehicles.
 
-It corresponds to Fig. 8 of the paper, and goes on to densities at which the shipped driver and the
+It corresponds to Fig. 6 of the paper, and goes on to densities at which the shipped driver and the
 paper's baselines are equally fast. Stronger opponents (ours) drive the same traffic.
 """
 

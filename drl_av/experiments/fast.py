@@ -1,6 +1,6 @@
 """The experiment ``fast`` compares the preset ``fast`` (ours) with the paper's whole schedule.
 
-The drivers of the whole schedule correspond to those in Fig. 8 of the paper.
+The drivers of the whole schedule correspond to those in Fig. 6 of the paper.
 """
 
 from collections.abc import Iterable, Sequence
@@ -132,7 +132,7 @@ def whole_schedule_table(results: ResultsFolder) -> str:
 
 
 def whole_schedule_figure(rows: Sequence[Row]) -> "Figure":
-    """Draw mean speed against the number of vehicles, with 95 % intervals (Fig. 8 of the paper)."""
+    """Draw mean speed against the number of vehicles, with 95 % intervals (Fig. 6 of the paper)."""
     figure, axes = one_panel("vehicles on the loop", "mean speed of the ego, m/s")
     curves_by_density(axes, {name: by_vehicles(own) for name, own in driven_by(rows).items()})
     return figure

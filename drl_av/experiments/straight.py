@@ -1,4 +1,4 @@
-"""Measures mean speed against flow on a straight highway, like Fig. 8 of the paper on a loop."""
+"""Measures mean speed against flow on a straight highway, like Fig. 6 of the paper on a loop."""
 
 from collections.abc import Iterable
 from operator import itemgetter
