@@ -26,7 +26,6 @@ ROOMS = (
     "env",
     "learning",
     "evaluation",
-    "experiments",
     "cli",
     "__main__",
 )
@@ -37,7 +36,7 @@ ONLY_IN = {
     "sumolib": {"scenarios"},
     "torch": {"learning"},
     "safetensors": {"learning", "drivers"},
-    "matplotlib": {"experiments"},
+    "matplotlib": {"evaluation"},
 }
 
 
