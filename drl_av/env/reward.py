@@ -1,19 +1,11 @@
 """The reward of a decision, eq. 6 to 8 of the paper, and the desired values in these equations."""
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
-
 from drl_av.config import EgoConfig, RewardConfig, SafetyConfig
-from drl_av.driving.actions import Action
 from drl_av.driving.affordances import Affordances
-from drl_av.driving.scene import Scene
-from drl_av.errors import ConfigError
 from drl_av.road.road import LANE_CHANGE_DUE_M, MandatoryChange
-from drl_av.road.snapshot import Collision
-from drl_av.safety.check import Rule
 from drl_av.safety.paper import lane_is_clear
 
 
@@ -36,41 +28,6 @@ class Rewards(NamedTuple):
     def total(self) -> float:
         """Mean of the three terms, in [-1, 0]."""
         return (self.r_v + self.r_y + self.r_x) / 3
-
-
-class Transition(NamedTuple):
-    """The input of a reward function that the user defines: one decision and its outcome."""
-
-    scene: Scene
-    """The scene before the decision."""
-    proposed: Action
-    executed: Action
-    """The action after the safety check."""
-    rule: Rule
-    """The rules of the safety check that changed the action, or ``Rule.NONE``."""
-    next_scene: Scene
-    """The scene after the decision."""
-    collision: Collision | None
-    """The ego's collision within this decision, or None."""
-    rewards: Rewards
-    """The three terms of the paper's reward in the next scene."""
-    reward: float
-    """The paper's reward: the mean of the three terms, or r_col after a collision."""
-
-
-RewardFunction = Callable[[Transition], float]
-
-
-def custom_reward(function: RewardFunction, transition: Transition) -> float:
-    """Return the reward of a transition that the user's own function computes.
-
-    Raises:
-        ConfigError: the function does not return a finite number.
-    """
-    reward = function(transition)
-    if isinstance(reward, int | float | np.number) and math.isfinite(reward):
-        return float(reward)
-    raise ConfigError(f"The reward function returned {reward!r}, but must return a finite number.")
 
 
 def speed_reward(speed_m_s: float, desired_m_s: float) -> float:
