@@ -86,7 +86,7 @@ def room(module: str) -> int:
 def test_the_graph_sees_what_is_there() -> None:
     # were it empty, every fence would stand
     assert "drl_av.simulation.simulation" in graph()["drl_av.env.kinds"]
-    assert "drl_av.safety.paper" in graph()["drl_av.drivers.rules"]
+    assert "drl_av.safety.paper" in graph()["drl_av.drivers.rule_based"]
     assert "drl_av.env.highway" in graph()["drl_av.cli.learning"]  # inside a function
     assert "torch" in imported(modules()["drl_av.learning.learner"])
     assert len(modules()) > 35
@@ -236,7 +236,7 @@ HEAVY = ("libsumo", "traci", "sumolib", "torch", "matplotlib", "stable_baselines
         "import drl_av.cli; drl_av.cli.main(['--help'])",
         "import drl_av.cli; drl_av.cli.main(['train', '--help'])",
         "import drl_av.env",
-        "import drl_av.safety.paper, drl_av.drivers.rules",
+        "import drl_av.safety.paper, drl_av.drivers.rule_based",
     ],
 )
 def test_importing_and_help_load_neither_sumo_nor_torch(statement: str) -> None:

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
 
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import pluralize
 from drl_av.experiments.provenance import made_by

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from drl_av.config import TRAFFIC_PRESETS, Config, load_config
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import Action
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv

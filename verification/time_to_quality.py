@@ -33,7 +33,7 @@ from drl_av.config.presets import preset
 from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import learned_driver
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.errors import pluralize

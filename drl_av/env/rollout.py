@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.sumo import SumoDriver
+from drl_av.drivers.rule_based import SumoDriver
 from drl_av.driving.actions import Action
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult

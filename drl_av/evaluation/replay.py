@@ -10,7 +10,7 @@ from drl_av.config import Config
 from drl_av.drawing.page import PageDecision, write_page
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import LearnedDriver
-from drl_av.drivers.sumo import SumoDriver
+from drl_av.drivers.rule_based import SumoDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import rollout

@@ -10,7 +10,7 @@ from worlds import BARRICADED_ROAD, SLOW_LEADER, ahead, behind, scene, scenes
 
 from drl_av.config import SafetyConfig
 from drl_av.drivers.checked import CheckedDriver, PolicyDriver
-from drl_av.drivers.sumo import SumoDriver
+from drl_av.drivers.rule_based import SumoDriver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError

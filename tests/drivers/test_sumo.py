@@ -11,7 +11,7 @@ import pytest
 
 from drl_av.config import Config
 from drl_av.drivers.registry import rule_driver
-from drl_av.drivers.sumo import TUNED, SumoDriver
+from drl_av.drivers.rule_based import TUNED, SumoDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive, rollout
 from drl_av.evaluation.comparison import drive_all

@@ -12,8 +12,7 @@ from decisions import decided
 from worlds import scene
 
 from drl_av.config import Config
-from drl_av.drivers.rules import RandomDriver
-from drl_av.drivers.sumo import SumoDriver
+from drl_av.drivers.rule_based import RandomDriver, SumoDriver
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv

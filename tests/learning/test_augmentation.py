@@ -9,7 +9,7 @@ from decisions import decided
 from worlds import LEAVE, LEFT, RIGHT, ROAD, ahead, scene
 
 from drl_av.config import Config
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS, ObservationScale
 from drl_av.driving.mirror import Mirror
