@@ -1,14 +1,12 @@
 """The reward of a decision, eq. 7 to 9 of the paper, and the desired values in these equations."""
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from drl_av.compiled import compiled, numbers, squared
 from drl_av.config import EgoConfig, RewardConfig, SafetyConfig
-from drl_av.driving.actions import Action
 from drl_av.driving.affordances import (
     CHANGES,
     LANE,
@@ -19,11 +17,7 @@ from drl_av.driving.affordances import (
     has_lane,
     slot_of,
 )
-from drl_av.driving.scene import Scene
-from drl_av.errors import ConfigError
 from drl_av.road.road import LANE_CHANGE_DUE_M, FloatArray
-from drl_av.road.snapshot import Collision
-from drl_av.safety.check import Rule
 from drl_av.safety.paper import SafetyNumbers, is_clear
 
 
@@ -48,26 +42,6 @@ class Rewards(NamedTuple):
         return (self.r_v + self.r_y + self.r_x) / 3
 
 
-class Transition(NamedTuple):
-    """The input of a reward function that the user defines: one decision and its outcome."""
-
-    scene: Scene
-    """The scene before the decision."""
-    proposed: Action
-    executed: Action
-    """The action after the safety check."""
-    rule: Rule
-    """The rules of the safety check that changed the action, or ``Rule.NONE``."""
-    next_scene: Scene
-    """The scene after the decision."""
-    collision: Collision | None
-    """The ego's collision within this decision, or None."""
-    rewards: Rewards
-    """The three terms of the paper's reward in the next scene."""
-    reward: float
-    """The paper's reward: the mean of the three terms, or r_col after a collision."""
-
-
 class RewardNumbers(NamedTuple):
     """The settings of the section ``reward`` as numbers, for compiled functions."""
 
@@ -86,21 +60,6 @@ def reward_numbers(config: RewardConfig) -> RewardNumbers:
     """Return the settings of the section ``reward`` as numbers."""
     is_fixed, is_best = config.desired == "fixed", config.desired == "best-lane"
     return numbers(RewardNumbers, config, desired_is_fixed=is_fixed, desired_is_best_lane=is_best)
-
-
-RewardFunction = Callable[[Transition], float]
-
-
-def custom_reward(function: RewardFunction, transition: Transition) -> float:
-    """Return the reward of a transition that the user's own function computes.
-
-    Raises:
-        ConfigError: the function does not return a finite number.
-    """
-    reward = function(transition)
-    if isinstance(reward, int | float | np.number) and math.isfinite(reward):
-        return float(reward)
-    raise ConfigError(f"The reward function returned {reward!r}, but must return a finite number.")
 
 
 def speed_reward(speed_m_s: float, desired_m_s: float) -> float:
