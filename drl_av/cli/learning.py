@@ -4,6 +4,7 @@ import argparse
 import shlex
 import sys
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -163,7 +164,8 @@ def _adaptation_config(options: argparse.Namespace, run: "Run", spec: "DriverSpe
         return _unchanged(
             run, stored, with_command_line(stored, options).updated("learning", **given)
         )
-    base = adaptation(default_config([spec._replace(check=None)]))  # that of its training
+    spec = replace(spec, check=None)  # that of its training
+    base = adaptation(default_config([spec]))
     config = with_command_line(base, options).updated("learning", **given)
     make_drivers([spec], config)
     return config

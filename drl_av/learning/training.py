@@ -17,7 +17,7 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import observed_indicators
 from drl_av.driving.mirror import mirror_of
 from drl_av.driving.scene import Scene
-from drl_av.env.episode import TRAINING_SEED_RANGE
+from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import drive, rollout

@@ -14,7 +14,7 @@ from drl_av.drivers.learned import network_values
 from drl_av.drivers.policy_file import load, save_policy
 from drl_av.drivers.registry import find_drivers, load_learned, make_drivers
 from drl_av.driving.mirror import MIRROR, mirrored_observations
-from drl_av.env.episode import TRAINING_SEED_RANGE
+from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import CheckpointError

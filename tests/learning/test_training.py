@@ -17,7 +17,7 @@ from drl_av.config import REPLAYS, Config
 from drl_av.drivers.learned import LearnedDriver, Margins
 from drl_av.drivers.network import QNetwork
 from drl_av.driving.affordances import INDICATORS
-from drl_av.env.episode import TRAINING_SEED_RANGE
+from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.env.transition import Transition
