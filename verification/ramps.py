@@ -38,11 +38,11 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.env.route_outcome import COMPLETE, EXIT_MISSED
 from drl_av.env.transition import Transition
-from drl_av.experiments.markdown import markdown_table
 from drl_av.road.snapshot import Snapshot
 from drl_av.safety import CHECKS
 from drl_av.scenarios.folder import write_scenario
 from drl_av.scenarios.road_types import ROAD_TYPES
+from studies.markdown import markdown_table
 from verification.program import Program, run_program
 
 SEEDS = 760_000

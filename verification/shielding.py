@@ -29,7 +29,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.env.transition import Observation, Transition
 from drl_av.evaluation import DENSITIES
-from drl_av.experiments.provenance import provenance, read_sidecar, write_sidecar
+from drl_av.evaluation.provenance import provenance, read_sidecar, write_sidecar
 from drl_av.files import append_rows, read_table, require_writable
 from verification.program import Program, run_program
 from verification.shielding_report import COLUMNS, FINAL, METHODS, TRAINING, figure, table
