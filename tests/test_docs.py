@@ -19,7 +19,7 @@ from drl_av.config import Config, from_toml
 from drl_av.config.reference import SECTIONS, settings
 from drl_av.drivers.onnx_interface import INPUTS, OUTPUTS
 from drl_av.driving.affordances import INDICATORS
-from drl_av.experiments.strictness import under
+from studies.strictness import under
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 ARGUMENTS = {

@@ -14,9 +14,9 @@ from drl_av.drivers.registry import load_driver, load_learned
 from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.experiments.experiment import ResultsFolder
-from drl_av.experiments.provenance import checksum
+from drl_av.evaluation.provenance import checksum
 from drl_av.learning.checkpoint import save_policy
+from studies.experiment import ResultsFolder
 from verification.ramps import drive as drive_ramp
 
 RAMPS = ("merge", "exit", "ramp_to_ramp")
