@@ -1,7 +1,8 @@
 """The vehicles at the start of an episode, with random positions and parameters."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from operator import attrgetter
 
@@ -240,6 +241,43 @@ def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig)
         ),
         speed_gain=np.full(n, (traffic.speed_gain_min + traffic.speed_gain_max) / 2),
         is_truck=np.zeros(n, dtype=np.bool_),
+    )
+
+
+def with_stated_values(
+    population: Population,
+    stated: Sequence[Mapping[str, float]],
+    length_m: FloatArray,
+    lap_m: float,
+) -> Population:
+    """Return a population whose vehicles have what their types state (``CustomVehicleType``).
+
+    ``stated`` and ``length_m`` have one entry for each row. Each vehicle is then slow enough at the
+    start for its own parameters and for the vehicle ahead.
+    """
+    if not any(stated):
+        return population
+    desired, headway = population.desired_speed_m_s.copy(), population.headway_s.copy()
+    acceleration = population.acceleration_m_s2.copy()
+    for row, values in enumerate(stated):
+        desired[row] = min(desired[row], values.get("top_speed_m_s", math.inf))
+        headway[row] = values.get("headway_s", headway[row])
+        acceleration[row] = values.get("acceleration_m_s2", acceleration[row])
+    rows = np.arange(len(desired))
+    ahead_m = (population.front_m - population.front_m[:, None]) % lap_m
+    ahead_m[(population.lane != population.lane[:, None]) | np.eye(len(rows), dtype=bool)] = (
+        math.inf
+    )
+    leader = ahead_m.argmin(axis=1)
+    gap_m = np.maximum(ahead_m[rows, leader] - length_m[leader], 0.0)
+    speed = np.minimum(population.speed_m_s, safe_speeds(desired, headway, gap_m, leader))
+    speed[0] = population.speed_m_s[0]
+    return replace(
+        population,
+        speed_m_s=speed,
+        desired_speed_m_s=desired,
+        headway_s=headway,
+        acceleration_m_s2=acceleration,
     )
 
 
