@@ -55,7 +55,7 @@ class Fleet:
     width_m: FloatArray
 
     def __init__(self, scenario: Scenario, config: Config) -> None:
-        require_speed_limit(config, scenario.description, scenario.road)
+        require_speed_limit(config, scenario.description, bool(scenario.road.speed_limits))
         require_truck_width(config, scenario.description)
         self.scenario, self._config, self._start = scenario, config, scenario.layout.start
         if self._start is not None and self.placed is None:

@@ -65,11 +65,14 @@ ARRAYS = attrgetter(*(item.name for item in fields(Population)[1:]))
 """Returns the arrays of a population, in the order of its fields."""
 
 
-def require_speed_limit(config: Config, description: RoadDescription, road: Road) -> None:
+def require_speed_limit(
+    config: Config, description: RoadDescription, limits_vary: bool = False
+) -> None:
     """Raise ConfigError if a setting permits a speed above the road's speed limit.
 
     It also raises ConfigError if the scenario starts the ego faster than ``ego.max_speed_m_s``. On
-    a road with limits along it the settings may be higher: the ego and SUMO keep the limits.
+    a road with limits along it (``limits_vary``) the settings may be higher: the ego and SUMO keep
+    the limits.
     """
     fastest = {"ego.max_speed_m_s": config.ego.max_speed_m_s}
     if not description.vehicles:
@@ -78,7 +81,7 @@ def require_speed_limit(config: Config, description: RoadDescription, road: Road
             fastest["traffic.truck_speed_max_m_s"] = config.traffic.truck_speed_max_m_s
         if config.traffic.fast_share:
             fastest["traffic.fast_speed_m_s"] = config.traffic.fast_speed_m_s
-    for name, speed in () if road.speed_limits else fastest.items():
+    for name, speed in () if limits_vary else fastest.items():
         other = " choose another traffic.kind," if name.startswith("traffic.") else ""
         if speed > description.speed_limit_m_s:
             raise ConfigError(
@@ -271,7 +274,8 @@ def with_stated_values(
     leader = ahead_m.argmin(axis=1)
     gap_m = np.maximum(ahead_m[rows, leader] - length_m[leader], 0.0)
     speed = np.minimum(population.speed_m_s, safe_speeds(desired, headway, gap_m, leader))
-    speed[0] = population.speed_m_s[0]
+    if population.ids[0] == EGO_ID:
+        speed[0] = population.speed_m_s[0]
     return replace(
         population,
         speed_m_s=speed,

@@ -271,9 +271,7 @@ def test_a_relative_scenario_survives_another_working_directory(
 @pytest.mark.parametrize("name", ["m.sumocfg", "m.net.xml", "m.net.xml.gz"])
 def test_a_file_of_sumo_in_place_of_a_scenario_names_the_way(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text("<net/>")
-    with pytest.raises(
-        ScenarioError, match=r"is a file of SUMO, .* drl-av scenario DIR --kind"
-    ):
+    with pytest.raises(ScenarioError, match=r"is a file of SUMO, .* drl-av scenario DIR --kind"):
         find_scenario(str(tmp_path / name))
     with pytest.raises(ScenarioError, match=r"There is no scenario"):
         find_scenario(str(tmp_path / f"other{name}"))
