@@ -1,14 +1,17 @@
-"""Starts from which ``strict`` cannot protect the ego: ahead, beside and behind."""
+"""Starts that ``strict`` cannot protect, what it reads from the vehicle types, and speed limits."""
 
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from worlds import LEFT, ROAD, Car, ahead, behind, scene
 
 from drl_av.config import Config
+from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError
+from drl_av.road.road import OPEN_LAP_M, Road, SpeedLimit
 from drl_av.safety import named_check, starts_unsafe
 from drl_av.scenarios.folder import write_scenario
 from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription
@@ -83,3 +86,28 @@ def test_a_number_of_a_vehicle_type_that_is_none_is_refused_under_every_check(
     folder = spoilt(tmp_path / "road", old, f'{key}="{value}"')
     with pytest.raises(ScenarioError, match=rf"has {key} '{value}', but must have a"):
         HighwayEnv(folder, safety_check=check)
+
+
+LIMIT = SpeedLimit(400.0, 500.0, 8.0)
+FREE = Road(OPEN_LAP_M, 3.8, (True, True, True), 2000.0)
+LIMITED = replace(FREE, speed_limits=((LIMIT,),) * 3)
+
+
+def changes_left(road: Road, gap_m: float, how: Longitudinal) -> bool:
+    """Whether strict lets an ego of 25 m/s move in front of a vehicle of 25 m/s."""
+    # 400 m - 277.5 m: after one second at 25 m/s it may drive 21 m/s
+    world = scene(behind(gap_m, LEFT, 25.0), s_m=275.0, speed_m_s=25.0, road=road)
+    verdict = named_check(STRICT, road=road)(world, Action(Lateral.LEFT, how))
+    return verdict.action.lateral is Lateral.LEFT
+
+
+def test_a_change_of_lanes_expects_that_a_speed_limit_slows_the_ego_down() -> None:
+    gaps_m = [float(gap_m) for gap_m in range(1, 60)]
+    found = {
+        (road is LIMITED, how): [changes_left(road, gap_m, how) for gap_m in gaps_m]
+        for road in (FREE, LIMITED)
+        for how in (Longitudinal.MAINTAIN, Longitudinal.HARD_BRAKE)
+    }
+    # to keep 21 m/s it may have to brake with 4 m/s^2
+    assert found[True, Longitudinal.MAINTAIN] == found[False, Longitudinal.HARD_BRAKE]
+    assert sum(found[False, Longitudinal.MAINTAIN]) > sum(found[True, Longitudinal.MAINTAIN]) > 0
