@@ -21,6 +21,7 @@ from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode_start import (
     drawn_traffic,
+    most_decisions,
     number_of_vehicles,
     reset_options,
     traffic_seed,
@@ -59,8 +60,6 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         reward: RewardFunction | None = None,
         observation: str | Iterable[str] | ObservationFunction | None = None,
     ) -> None:
-        given = scenario, safety_check, config, render_mode, action_mask, reward, observation
-        gymnasium.utils.EzPickle.__init__(self, *given)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(
                 f"render_mode is {render_mode!r}, but must be None, 'human' or 'rgb_array'."
@@ -78,9 +77,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             require_function(safety_check, "safety_check", "scene", "proposed")
         elif safety_check is not None:
             config = config.updated("safety", check=safety_check)
+        config = with_scenario(config)  # a copy may be made in another working directory
+        given = None, safety_check, config, render_mode, action_mask, reward, observation
+        gymnasium.utils.EzPickle.__init__(self, *given)
         self.config = config
         loaded = load_scenario(find_scenario(config.simulation.scenario))
         types, self.road = loaded.vehicle_types, loaded.road
+        self._most_decisions = most_decisions(config, loaded.layout)
         self.safety_check: SafetyCheck
         if callable(safety_check):
             self.safety_check = safety_check
@@ -117,7 +120,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        most = self.config.simulation.decisions_per_episode
+        most = self._most_decisions
         self._spec = None if spec is None else replace(spec, max_episode_steps=most)
 
     @property
@@ -253,7 +256,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         terms = self._observe(snapshot, lane_change)
         terminated = collision is not None
         at_the_end = not self.road.is_loop and bool(self.road.end_m <= snapshot.s_m[EGO])
-        truncated = self.decisions >= config.simulation.decisions_per_episode or at_the_end
+        truncated = self.decisions >= self._most_decisions or at_the_end
         over = terminated or truncated
         self.transition = Transition(
             scene,

@@ -186,6 +186,32 @@ class Strict(WholeCheck):
         is_free: bool = fallback_is_free.fast(*self._arguments(scene))
         return is_free
 
+    def start_is_safe(self, scene: Scene) -> bool:
+        """Whether the check can protect an episode that begins with this scene.
+
+        Ahead: the ego can stop behind each vehicle. Beside: no body in the ego's way is beside it.
+        Behind: each vehicle that must stay behind (bound 4) can stop behind the ego, if the ego
+        keeps its speed for one decision and then brakes hard.
+        """
+        if not self.fallback_is_free(scene):
+            return False
+        shot, ground, ego = scene.snapshot, scene.indicators.ground, self._ego
+        covered_m, width_m = covered(float(shot.speed_m_s[EGO]), ego)[MAINTAIN], ground[1]
+        others = (
+            *(shot.s_m, shot.y_m, shot.speed_m_s, shot.lateral_speed_m_s),
+            *(shot.length_m, shot.width_m),
+        )
+        body = float(shot.y_m[EGO]), float(shot.width_m[EGO])
+        for row in range(1, len(shot.ids)):
+            if not must_stay_behind(shot.y_m[row], shot.width_m[row], *body, width_m):
+                continue
+            for ahead_m in distances_ahead(others, ground, row):
+                gap_m = abs(ahead_m) - (shot.length_m[row] + shot.length_m[EGO]) / 2
+                near = gap_m, gap_m > 0 and ahead_m >= 0, shot.speed_m_s[row]
+                if not stays_behind(*near, 0.0, covered_m, self._strict, ego.step_length_s):
+                    return False
+        return True
+
     def _arguments(self, scene: Scene) -> tuple[Any, ...]:
         """Return the arguments that describe a scene to the compiled functions."""
         codes, ground = scene.indicators[1:3]
