@@ -15,19 +15,19 @@ from drl_av.config.functions import require_function
 from drl_av.config.schema import did_you_mean
 from drl_av.driving.affordances import (
     INDICATORS,
+    ROUTE_INDICATORS,
+    ROUTE_SCALE_M,
     SLOTS,
-    WAY_INDICATORS,
-    WAY_M,
     ObservationScale,
 )
 from drl_av.driving.mirror import Mirror, mirror_of
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 
-FURTHER = ("right_lane", "left_lane", "lane_change", *WAY_INDICATORS)
+FURTHER = ("right_lane", "left_lane", "lane_change", *ROUTE_INDICATORS)
 """Indicators that the paper does not have. ``right_lane`` and ``left_lane`` are 1 if that lane
 exists and is open, and otherwise 0. ``lane_change`` is the lane change in progress: +1 left, -1
-right, 0 none. ``WAY_INDICATORS`` describes the others."""
+right, 0 none. ``ROUTE_INDICATORS`` describes the others."""
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {slot: tuple(name for name in INDICATORS if name.startswith(slot)) for slot in SLOTS}
     | {"ego": INDICATORS[-3:], "lanes": FURTHER[:2], "lane_change": FURTHER[2:3]}
@@ -78,7 +78,7 @@ class GroupObservation:
             *(affordances.right_lane, affordances.left_lane, change.sign if change else 0),
             affordances.lane_end_gap_m / affordances.range_m,
             affordances.mandatory.lanes / max(self._scale.lanes - 1, 1),
-            min(affordances.mandatory.within_m / WAY_M, 1.0),
+            min(affordances.mandatory.within_m / ROUTE_SCALE_M, 1.0),
         )
         scaled = np.append(self._scale(affordances.vector()), np.array(further, np.float32))
         selected: npt.NDArray[np.float32] = scaled[self._places]
