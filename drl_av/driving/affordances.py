@@ -44,16 +44,16 @@ INDICATORS: tuple[str, ...] = (
 For each of the six slots, d_x is the net gap to the neighbour, d_y is its lateral position, and v_x
 and v_y are its velocities, all relative to the ego. ``indicator_meaning`` gives units and signs.
 """
-WAY_INDICATORS = ("lane_end", "way_changes", "way_distance")
+ROUTE_INDICATORS = ("lane_end", "way_changes", "way_distance")
 """Names of the indicators that ``observation.way`` adds (ours).
 
 - lane_end: distance to the end of the ego's lane, divided by ``range_m``; 1 if no end is in range.
 - way_changes: number of lane changes that the ego must make to reach its exit or to leave a lane
   that ends, left positive, divided by the number of lanes minus 1.
-- way_distance: distance within which these lane changes must be complete, divided by ``WAY_M``;
+- way_distance: distance within which these lane changes must be complete, in ``ROUTE_SCALE_M``;
   at most 1, and 1 if no lane change is needed.
 """
-WAY_M = 1000.0
+ROUTE_SCALE_M = 1000.0
 """Distance, metres, at and above which ``way_distance`` is 1 (ours)."""
 _MEANINGS = {
     "d_x": "net gap, bumper to bumper, m",
@@ -73,7 +73,7 @@ def indicator_meaning(name: str) -> str:
 
 def observed_indicators(config: ObservationConfig) -> tuple[str, ...]:
     """Return the names of the indicators in an observation with these settings, in its order."""
-    return INDICATORS + WAY_INDICATORS if config.way else INDICATORS
+    return INDICATORS + ROUTE_INDICATORS if config.way else INDICATORS
 
 
 SIDES = (0, -1, 1)

@@ -120,7 +120,7 @@ def traffic_setups(config: Config, scenario: Scenario, gui: bool) -> list[Traffi
     Raises the errors of ``Simulation``.
     """
     found = []
-    for each in config.of_each_kind:
+    for each in config.per_traffic_preset:
         level_1 = load_level_1(scenario.road) if each.traffic.level_1_share else None
         drivers = TrafficDrivers(each, scenario.road, scenario.vehicle_types, level_1)
         found.append(TrafficSetup(Simulation(scenario, each, gui), drivers))

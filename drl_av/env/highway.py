@@ -88,9 +88,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         if callable(safety_check):
             self.safety_check = safety_check
             self._check_name = getattr(safety_check, "__name__", "custom")
-        else:  # equal for each kind, but each may break an assumption
-            each_kind = config.of_each_kind
-            self.safety_check, *_ = (named_check(each, types, self.road) for each in each_kind)
+        else:  # equal for each, but each may break an assumption
+            presets = config.per_traffic_preset
+            self.safety_check, *_ = (named_check(each, types, self.road) for each in presets)
             self._check_name = config.safety.check
         self._setups = traffic_setups(config, loaded, gui=render_mode == "human")
         self.simulation, self.traffic_drivers = self._setups[0]

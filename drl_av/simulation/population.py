@@ -291,6 +291,8 @@ def draw_driver_models(seed: int, n: int, traffic: TrafficConfig) -> npt.NDArray
     The kinds have a separate random stream, so they do not change the other parameters.
     """
     limits = np.cumsum(traffic.shares)
+    if not limits[-1]:
+        return np.full(n, DriverModel.SUMO, dtype=np.intp)
     draws = generator(seed, Stream.KINDS_OF_DRIVERS).random(n)
     drawn = (np.searchsorted(limits, draws, side="right") + 1) % len(DriverModel)
     drawn[0] = DriverModel.SUMO
