@@ -112,6 +112,12 @@ def test_a_page_is_short(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_no_line_begins_with_the_mark_of_a_number(page: Path) -> None:
+    # Markdown would end the paragraph there
+    assert not re.findall(r"^<!--=.*", page.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
 def test_a_page_of_results_begins_with_its_figure(page: Path) -> None:
     title, *blocks = page.read_text(encoding="utf-8").split("\n\n")
     if page.parent.name == "results" and any(block.startswith("![") for block in blocks):
