@@ -101,6 +101,31 @@ def test_the_argument_for_strict_stands_on_the_safety_page(site: Path) -> None:
         assert sentence in page
 
 
+PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.stem != "log")
+"""The pages that a reader may want to read; the log of trials is none of them."""
+MOST_WORDS = 2_500
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_a_page_is_short(page: Path) -> None:
+    assert len(page.read_text(encoding="utf-8").split()) <= MOST_WORDS
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_no_line_begins_with_the_mark_of_a_number(page: Path) -> None:
+    # Markdown would end the paragraph there
+    assert not re.findall(r"^<!--=.*", page.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_a_page_of_results_begins_with_its_figure(page: Path) -> None:
+    title, *blocks = page.read_text(encoding="utf-8").split("\n\n")
+    if page.parent.name == "results" and any(block.startswith("![") for block in blocks):
+        assert title.startswith("# ")
+        assert blocks[0].startswith("![")
+        assert not blocks[1].startswith(("<!--", "#", "|"))  # then sentences
+
+
 def test_each_choice_answers_a_question() -> None:
     for page in ("docs/choices.md", "docs/choices_learning.md"):
         for section in re.split(r"^## ", read(page), flags=re.MULTILINE)[1:]:
