@@ -207,27 +207,31 @@ def indicators(
     range_m: float,
     values: FloatArray,
     codes: IntArray,
+    viewer: int = EGO,
 ) -> None:
     """Compute the indicators of one scene (Sec. III); ``compute_affordances`` has the rules.
 
     The first six arrays are those of a snapshot, shape (1 + N,), the ego first. The function fills
-    ``values``, shape (29,), and ``codes``, shape (10,), which ``Indicators`` describes.
+    ``values``, shape (29,), and ``codes``, shape (10,), which ``Indicators`` describes. They are
+    those of the ego, or of another vehicle in its place, whose row is ``viewer``.
     """
-    vehicles, lane = len(s_m), lane_of(y_m[EGO], road.lane_width_m)
+    vehicles, lane = len(s_m), lane_of(y_m[viewer], road.lane_width_m)
     own_m = lane * road.lane_width_m
     right_m, left_m = own_m - road.lane_width_m, own_m + road.lane_width_m
     lap_m, half_lap_m = road.lap_m, road.lap_m / 2
-    ego_s_m, ego_length_m, half_lane_m = s_m[EGO], length_m[EGO], road.lane_width_m / 2
+    own_s_m, own_length_m, half_lane_m = s_m[viewer], length_m[viewer], road.lane_width_m / 2
     for slot in range(6):
         values[4 * slot] = np.inf
         codes[slot] = NOBODY
-    for row in range(1, vehicles):
-        ahead_m = (s_m[row] - ego_s_m + half_lap_m) % lap_m - half_lap_m
+    for row in range(vehicles):
+        if row == viewer:
+            continue
+        ahead_m = (s_m[row] - own_s_m + half_lap_m) % lap_m - half_lap_m
         behind = 0
         if ahead_m < 0.0:
             ahead_m, behind = -ahead_m, 1
         gap_m, reach_m = (
-            ahead_m - (length_m[row] + ego_length_m) / 2,
+            ahead_m - (length_m[row] + own_length_m) / 2,
             width_m[row] / 2 + half_lane_m,
         )
         across_m = y_m[row]
@@ -237,53 +241,57 @@ def indicators(
             values[4 * (2 + behind)], codes[2 + behind] = gap_m, row
         if gap_m < values[4 * (4 + behind)] and -reach_m < across_m - left_m < reach_m:
             values[4 * (4 + behind)], codes[4 + behind] = gap_m, row
-    front_m = ego_s_m + ego_length_m / 2
+    front_m = own_s_m + own_length_m / 2
     codes[LANE], codes[CHANGES], values[WITHIN], values[FRONT] = lane, 0, np.inf, front_m
     codes[RIGHT_LANE], codes[LEFT_LANE] = is_open(lane - 1, road), is_open(lane + 1, road)
     if len(road.partial_lanes) > 0:
         for side in (-1, 1):  # the front must not have passed the end of the lane
-            beside = is_beside(lane, lane + side, ego_s_m, road)
+            beside = is_beside(lane, lane + side, own_s_m, road)
             beside = beside and is_beside(lane, lane + side, front_m, road)
             codes[RIGHT_LANE if side < 0 else LEFT_LANE] = beside
         for slot, sign in ((0, 0), (2, -1), (4, 1)):
-            gap_m = lane_end_m(lane + sign, ego_s_m, road) - front_m
+            gap_m = lane_end_m(lane + sign, own_s_m, road) - front_m
             if gap_m < values[4 * slot] and has_lane(codes, sign):
                 values[4 * slot], codes[slot] = gap_m, vehicles
         codes[CHANGES], values[WITHIN] = mandatory_change(lane, front_m, road)
+    values[24], values[25] = speed_m_s[viewer], y_m[viewer]
+    values[26] = lateral_speed_m_s[viewer]
     for slot in range(6):
-        _complete(slot, s_m, y_m, speed_m_s, lateral_speed_m_s, road, range_m, values, codes)
-    values[24], values[25], values[26] = speed_m_s[EGO], y_m[EGO], lateral_speed_m_s[EGO]
+        complete(slot, y_m, speed_m_s, lateral_speed_m_s, road.lane_width_m, range_m, values, codes)
 
 
-@compiled
-def _complete(
+def complete(
     slot: int,
-    s_m: FloatArray,
     y_m: FloatArray,
     speed_m_s: FloatArray,
     lateral_speed_m_s: FloatArray,
-    road: RoadNumbers,
+    lane_width_m: float,
     range_m: float,
     values: FloatArray,
     codes: IntArray,
 ) -> None:
     """Fill in the four indicators of a slot whose gap and row are known."""
     at, row, sign = 4 * slot, codes[slot], SIDES[slot // 2]
-    center_m = (codes[LANE] + sign) * road.lane_width_m
     if values[at] > range_m or row == NOBODY:
         codes[slot] = NOBODY
-        center_m = codes[LANE] * road.lane_width_m + sign * road.lane_width_m
+        center_m = codes[LANE] * lane_width_m + sign * lane_width_m
         values[at] = range_m if has_lane(codes, sign) else 0.0
-        values[at + 1], values[at + 2], values[at + 3] = 0.0, center_m - y_m[EGO], 0.0
+        values[at + 1], values[at + 2], values[at + 3] = 0.0, center_m - values[25], 0.0
         return
     values[at] = values[at] if values[at] > 0.0 else 0.0
-    if row == len(s_m):
-        values[at + 1], values[at + 2] = 0.0 - speed_m_s[EGO], center_m - y_m[EGO]
-        values[at + 3] = 0.0 - lateral_speed_m_s[EGO]
+    if row == len(y_m):  # the end of a lane
+        center_m = (codes[LANE] + sign) * lane_width_m
+        values[at + 1], values[at + 2] = 0.0 - values[24], center_m - values[25]
+        values[at + 3] = 0.0 - values[26]
         return
-    values[at + 1] = speed_m_s[row] - speed_m_s[EGO]
-    values[at + 2] = y_m[row] - y_m[EGO]
-    values[at + 3] = lateral_speed_m_s[row] - lateral_speed_m_s[EGO]
+    values[at + 1] = speed_m_s[row] - values[24]
+    values[at + 2] = y_m[row] - values[25]
+    values[at + 3] = lateral_speed_m_s[row] - values[26]
+
+
+def gap_in(values: FloatArray, codes: IntArray, slot: int) -> float:
+    """Return the gap to the neighbour in a slot, metres; inf if there is none."""
+    return np.inf if codes[slot] == NOBODY else values[4 * slot]
 
 
 def slot_of(sign: int) -> int:
@@ -309,7 +317,7 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     """
     values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
     numbers = road_numbers(road)
-    indicators.fast(*snapshot.arrays, numbers, float(range_m), values, codes)
+    indicators.fast(*snapshot.arrays, numbers, float(range_m), values, codes, EGO)
     return affordances_of(Indicators(values, codes, ground_of(numbers), range_m), road)
 
 
@@ -353,42 +361,3 @@ def _ahead(road: Road, front_m: float) -> tuple[Barrier, ...]:
     """Return the barriers ahead; their ``s_m`` is the distance from the ego's front bumper."""
     gaps = (barrier._replace(s_m=barrier.s_m - front_m) for barrier in road.barriers)
     return tuple(gap for gap in gaps if gap.s_m >= 0.0)
-
-
-class ObservationScale:
-    """Scales the 27 indicators to about [-1, 1] for the input of the network (ours).
-
-    First, half of the top speed is subtracted from the ego's speed, and the middle of the road from
-    the ego's lateral position. Then each indicator is divided by a constant of the config, and
-    clipped to [-bounds, bounds].
-    """
-
-    def __init__(self, config: ObservationConfig, max_speed_m_s: float, road: Road) -> None:
-        vehicle = (
-            config.gap_scale_m,
-            config.speed_scale_m_s,
-            config.lateral_scale_m,
-            config.lateral_speed_scale_m_s,
-        )
-        self.lanes = len(road.open_lanes)
-        """Number of lanes of the road."""
-        middle_m = road.lane_width_m * (self.lanes - 1) / 2
-        half_speed = max_speed_m_s / 2
-        self.offset = np.array([0.0] * 24 + [half_speed, middle_m, 0.0])
-        self.scale = np.array(
-            [*vehicle * 6, half_speed, config.lateral_scale_m, config.lateral_speed_scale_m_s]
-        )
-        widest_m = road.lane_width_m * (self.lanes + 1)
-        limits = (config.range_m, 60.0, widest_m, 4.0)
-        half_road_m = road.lane_width_m * self.lanes / 2
-        ends = np.array([*limits * 6, half_speed, half_road_m, 4.0]) / self.scale
-        self.bounds: npt.NDArray[np.float32] = ends.astype(np.float32)
-        """Largest absolute value of each scaled indicator, shape (27,)."""
-        self._least = -self.bounds
-
-    def __call__(self, vector: FloatArray) -> npt.NDArray[np.float32]:
-        """Scale indicators in SI units, shape (..., 27); return float32 of the same shape."""
-        scaled = ((vector - self.offset) / self.scale).astype(np.float32)
-        # np.minimum uses AVX-512, after which SUMO's next step takes 15 % longer
-        clipped: npt.NDArray[np.float32] = scaled.clip(self._least, self.bounds)
-        return clipped

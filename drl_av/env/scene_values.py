@@ -5,15 +5,8 @@ import numpy.typing as npt
 
 from drl_av.compiled import compiled, numbers
 from drl_av.config import Config
-from drl_av.driving.affordances import (
-    CODES,
-    VALUES,
-    Indicators,
-    IntArray,
-    ObservationScale,
-    ground_of,
-    indicators,
-)
+from drl_av.driving.affordances import CODES, VALUES, Indicators, IntArray, ground_of, indicators
+from drl_av.driving.observation_scale import ObservationScale, scale_into
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.reward import RewardNumbers, Rewards, reward_numbers, reward_terms
 from drl_av.road.road import FloatArray, Road
@@ -98,17 +91,3 @@ def compute_values(
         values, codes, road.lane_width_m, reward, safety
     )
     return terms
-
-
-@compiled
-def scale_into(
-    values: FloatArray,
-    offset: FloatArray,
-    scale: FloatArray,
-    bounds: Observation,
-    observation: Observation,
-) -> None:
-    """Scale the 27 indicators like ``ObservationScale``, into ``observation``, shape (27,)."""
-    for row in range(len(observation)):
-        scaled = np.float32((values[row] - offset[row]) / scale[row])
-        observation[row] = min(max(scaled, -bounds[row]), bounds[row])

@@ -28,9 +28,9 @@ from drl_av.simulation.population import DriverModel, Population
 from drl_av.simulation.sumo import connection, require_display, start
 from drl_av.simulation.vehicle_calls import (
     EgoModel,
+    SpeedRequests,
     StateReader,
     ask_for_lane_changes,
-    ask_for_speeds,
     clear_the_road,
     hand_over,
     is_centered,
@@ -100,6 +100,7 @@ class Simulation:
         self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
         self._states = StateReader(self._sumo, self.scenario)
+        self._requests = SpeedRequests(self._sumo, self._config.simulation.step_length_s)
         self._watch()
         self._read()
         return self._snapshot()
@@ -108,6 +109,7 @@ class Simulation:
         """Prepare to read the vehicles that are on the road now, and to find their collisions."""
         fleet = self.fleet
         self._states.watch(fleet.ids, fleet.length_m)
+        self._requests.watch(fleet.ids)
         sizes_m = fleet.length_m.tolist(), fleet.width_m.tolist()
         self._bodies = VehicleRectangles(fleet.ids, *sizes_m, self.road, self._fastest_aside_m_s)
 
@@ -154,7 +156,7 @@ class Simulation:
                 near = self._bodies.within_reach(s_m, y_m, speed, commands, timing.step_length_s)
             for command in commands:
                 if asks:
-                    ask_for_speeds(vehicle, ids, traffic_commands, self._config)
+                    self._requests(traffic_commands)
                 collision = self._step(command, near)
                 if collision is not None:
                     break
