@@ -65,7 +65,7 @@ def plan_with(scene: Scene, action: Action, ego: EgoNumbers) -> Plan:
     """Return ``plan`` with the settings as numbers."""
     values, codes, ground, _ = scene.indicators
     change, steps = scene.lane_change, np.empty((3, ego.steps_per_decision))
-    heading_rad = 0.0 if change is None else change.heading_rad
+    heading_rad = 0.0 if change is None else float(change.heading_rad)
     now = values, codes, action.number, *scene.lanes, heading_rad
     origin, target, heading_rad = plan_rows.fast(*now, ground[1], ego, steps)
     after = None if origin == target else LaneChange(origin, target, heading_rad)

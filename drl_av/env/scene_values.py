@@ -30,14 +30,11 @@ class SceneValues:
     def __call__(
         self, snapshot: Snapshot, lane_change: LaneChange | None
     ) -> tuple[Scene, Observation, Rewards]:
-        """Return the scene, the scaled 27 indicators, and the reward terms of the scene.
-
-        The arrays of the snapshot must be contiguous, as the simulation makes them.
-        """
+        """Return the scene, the scaled 27 indicators, and the reward terms of the scene."""
         values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
         observation = np.empty(27, np.float32)
         terms = compute_values.fast(
-            *snapshot[2:8],
+            *snapshot.arrays,
             self._numbers,
             self._range_m,
             *self._scale,

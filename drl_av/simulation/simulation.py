@@ -152,8 +152,7 @@ class Simulation:
             asks = traffic_commands or self._config.traffic.keep_stopping_distance
             near: Sequence[int] = range(EGO + 1, len(ids))
             if self._ego_lateral_speed_m_s is not None:
-                s_m, y_m, speed, _ = self._state
-                near = self._bodies.within_reach(s_m, y_m, speed, commands, timing.step_length_s)
+                near = self._bodies.within_reach(self._state, commands, timing.step_length_s)
             for command in commands:
                 if asks:
                     self._requests(traffic_commands)
@@ -194,7 +193,7 @@ class Simulation:
             self._populate(vehicle, first)
         self._watch()
         entered = self._states.state(len(kept))
-        self._state = np.concatenate((self._state[:, kept], entered), axis=1)
+        self._state = np.ascontiguousarray(np.hstack((self._state[:, kept], entered)))
         self._moved = {}
 
     def _put_on_the_road(self, seed: int) -> None:

@@ -62,7 +62,7 @@ class TrafficDrivers:
             if len(rows)
         }
         self._models = driver_models[self._rows]
-        self._desired_m_s = desired_m_s
+        self._desired_m_s = np.ascontiguousarray(desired_m_s, np.float64)
         self._states = np.full(len(driver_models), State.CRUISE, dtype=np.int64)
 
     def __call__(self, snapshot: Snapshot) -> list[TrafficCommand]:
@@ -70,9 +70,10 @@ class TrafficDrivers:
 
         The commands hold until the next decision.
         """
-        rows, arrays = self._rows, snapshot.arrays
+        rows = self._rows
         if not len(rows):
             return []
+        arrays = snapshot.arrays
         acceleration, side = np.empty(len(rows)), np.zeros(len(rows), np.int64)
         of_vehicles = rows, self._models, self._states, self._desired_m_s
         decide.fast(*arrays, self._road, *self._rules, *of_vehicles, acceleration, side)
