@@ -21,6 +21,7 @@ import gymnasium
 from benchmark_drives import drive, mean_vehicles, recorded_actions, recorded_calls, step_bare
 
 from drl_av.config import Config
+from drl_av.config.presets import as_config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import load_learned, rule_driver
@@ -74,10 +75,11 @@ def env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
 
 
 def traffic_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
-    """Return rows of decisions per second in traffic of our own drivers beside traffic of SUMO's."""
+    """Return rows of decisions per second in traffic of our drivers beside traffic of SUMO's."""
     rates = {}
     for name in ("calm", "paper", "hazards"):
-        config = crowded().updated("traffic", kind=name)
+        number = {"vehicles_min": VEHICLES, "vehicles_max": VEHICLES}
+        config = as_config({"traffic": {"kind": name, **number}})
         rates[name], _ = env_and_bare(config, IdmDriver(config.safety), seeds, stack)
     return [Row(f"traffic {name} | calm", rates[name], rates["calm"], 0.8) for name in rates][1:]
 
