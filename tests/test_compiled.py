@@ -1,4 +1,4 @@
-"""Compiled functions: announced once, cached anywhere, compiled again if needed, plain on demand."""
+"""Compiled functions: announced once, cached anywhere, renewed if needed, plain on demand."""
 
 import hashlib
 from contextlib import closing

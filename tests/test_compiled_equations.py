@@ -6,13 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles import affordances, finite_state, paper, plan, reward, strict
+from oracles import affordances, finite_state, paper, plan, reward, rules, strict
 from worlds import seen_from
 
 from drl_av.compiled import compiled, numbers
 from drl_av.config import Config
 from drl_av.drivers.background.finite_state import FiniteStateNumbers
 from drl_av.drivers.background.finite_state import finite_state as decide
+from drl_av.drivers.driver import Driver
+from drl_av.drivers.rule_based import GapMobilDriver, IdmDriver, MobilDriver
 from drl_av.driving import maneuver
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import CODES, VALUES, compute_affordances, indicators
@@ -131,6 +133,18 @@ def test_plan(plant: str) -> None:
         ego, action = replace(config.ego, lateral_plant=plant), ACTIONS[rng.integers(12)]
         found = maneuver.plan(world, action, ego, config.simulation)
         assert repr(found) == repr(plan.plan(world, action, ego, config.simulation))
+
+
+def test_rule_based_drivers() -> None:
+    for world, _, config in scenes(10):
+        settings, nothing = (config.safety, config.ego, config.mobil), np.empty(0, np.float32)
+        pairs: list[tuple[Driver, Driver]] = [
+            (IdmDriver(config.safety), rules.IdmDriver(config.safety)),
+            (MobilDriver(*settings), rules.MobilDriver(*settings)),
+            (GapMobilDriver(*settings, 1.1), rules.GapMobilDriver(*settings, 1.1)),
+        ]
+        for driver, oracle in pairs:
+            assert driver.act(world, nothing) == oracle.act(world, nothing)
 
 
 def test_reward() -> None:
