@@ -86,13 +86,15 @@ class SpeedRequests:
     def __call__(self, traffic_commands: Sequence[TrafficCommand]) -> None:
         """Request the speeds of ``traffic_commands``, and limit those of all other vehicles."""
         ids, n = self._ids, len(self._ids)
-        leaders = [one or NO_LEADER for one in map(self._leader, ids, self._ranges_m)]
+        leaders = map(self._leader, ids, self._ranges_m)
+        names, gaps_m = zip(*(one or NO_LEADER for one in leaders), strict=True)
         speeds = [*map(self._speed, ids)]
-        by_name = dict(zip(ids, speeds, strict=True)) | {"": 0.0}
-        ahead_m_s = [by_name[one] if one in by_name else self._speed(one) for one, _ in leaders]
-        state = packed(
-            (*[gap_m if name else math.inf for name, gap_m in leaders], *ahead_m_s, *speeds), 3
-        )
+        by_name = dict(zip(ids, speeds, strict=True))
+        by_name[NO_LEADER[0]] = math.nan
+        ahead_m_s: list[Any] = [*map(by_name.get, names)]
+        if None in ahead_m_s:  # a vehicle that has left the part of an open road that we watch
+            ahead_m_s = [by_name[one] if one in by_name else self._speed(one) for one in names]
+        state = packed((*gaps_m, *ahead_m_s, *speeds), 3)
         ours = [row for row, _, _ in traffic_commands]
         named = [ids[row] for row in ours]
         wanted_m_s2 = [acceleration_m_s2 for _, acceleration_m_s2, _ in traffic_commands]
@@ -133,8 +135,8 @@ def requested_speeds(
     SUMO keeps control until it brakes normally again.
 
     Args:
-        state: The gap to the vehicle ahead of each vehicle, without SUMO's minimum gap, inf without
-            such a vehicle; its speed; and the speed of the vehicle. The shape is (3, 1 + N).
+        state: The gap to the vehicle ahead of each vehicle, without SUMO's minimum gap; its speed,
+            nan if there is none; and the speed of the vehicle. The shape is (3, 1 + N).
         limits_m_s2: The hardest braking and the largest acceleration, shape (2, 1 + N).
         wishes: The row of each vehicle that a driver of ours drives; the acceleration that it
             wants; the speed that SUMO's models chose in the last step; and the acceleration in this
@@ -143,18 +145,25 @@ def requested_speeds(
         requested_m_s: The result, shape (1 + N,).
     """
     for row in range(len(requested_m_s)):
-        most = stoppable_speed(state[0, row], state[1, row], limits_m_s2[0, row], step_s)
+        most = most_speed(state[:, row], limits_m_s2[0, row], step_s)
         within_reach = most < state[2, row] + limits_m_s2[1, row] * step_s
         requested_m_s[row] = most if within_reach else LEFT_TO_SUMO
     for one in range(wishes.shape[1]):
         row = int(wishes[0, one])
         speed, braking_m_s2 = state[2, row], limits_m_s2[0, row]
-        most = stoppable_speed(state[0, row], state[1, row], braking_m_s2, step_s)
+        most = most_speed(state[:, row], braking_m_s2, step_s)
         brakes = wishes[2, one] < speed - 1e-6 or wishes[3, one] < -braking_m_s2 - 1e-6
         if most >= speed and brakes:
             requested_m_s[row] = LEFT_TO_SUMO
         else:
             requested_m_s[row] = min(most, max(0.0, speed + wishes[1, one] * step_s))
+
+
+def most_speed(state: FloatArray, braking_m_s2: float, step_s: float) -> float:
+    """Return ``stoppable_speed`` of a vehicle, whose column of ``state`` is given; inf if free."""
+    if np.isnan(state[1]):
+        return np.inf
+    return stoppable_speed(state[0], state[1], braking_m_s2, step_s)
 
 
 def stoppable_speed(gap_m: float, ahead_m_s: float, braking_m_s2: float, step_s: float) -> float:
