@@ -190,18 +190,19 @@ def strict_verdicts(
     are those of the road, and ``front_m`` is the position of the ego's front bumper. The function
     fills the fields of ``Verdicts``, ``executed`` and ``rules``.
     """
+    spans_m = lateral_extents(y_m, lateral_speed_m_s, width_m, lane_width_m)
     others = (s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m)
     ground = (circumference_m, lane_width_m, barriers, front_m)
     lane, covered_m = codes[LANE], covered(speed_m_s[EGO], ego)
     back = fallback_lanes(origin, target, lane)
-    may_m = free_distance(others, ground, back, strict, ego)
+    may_m = free_distance(others, spans_m, ground, back, strict, ego)
     for lateral in range(3):
         change = next_change(origin, target, lane, SIGNS[lateral])
         goes, is_back, rule, permitted = lateral, True, 0, 0
         if change[0] != change[1] and change != back:
             is_back = False
             if has_lane(codes, change[1] - lane):
-                permitted = permitted_with(others, ground, change, covered_m, strict, ego)
+                permitted = permitted_with(others, spans_m, ground, change, covered_m, strict, ego)
                 rule = LANE_CHANGE
             else:
                 rule = OFF_ROAD
@@ -238,11 +239,12 @@ def fallback_is_free(
     ego: EgoNumbers,
 ) -> bool:
     """Whether the invariant of ``strict`` holds; the arguments are those of ``strict_verdicts``."""
+    spans_m = lateral_extents(y_m, lateral_speed_m_s, width_m, lane_width_m)
     others = (s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m)
     ground = (circumference_m, lane_width_m, barriers, front_m)
     back = fallback_lanes(origin, target, codes[LANE])
     rolled_m = reach(speed_m_s[EGO], -ego.hard_brake_m_s2, ego, ego)
-    return bool(rolled_m < free_distance(others, ground, back, strict, ego))
+    return bool(rolled_m < free_distance(others, spans_m, ground, back, strict, ego))
 
 
 def place(longitudinal: int) -> int:
@@ -261,6 +263,7 @@ position of the ego's front bumper, in the coordinates of the barriers. All are 
 
 def free_distance(
     others: Vehicles,
+    spans_m: FloatArray,
     ground: Ground,
     change: tuple[int, int],
     strict: StrictNumbers,
@@ -273,8 +276,8 @@ def free_distance(
     ends_m = corridor(others[1][EGO], others[5][EGO], change, ground[1], ego)
     nearest_m = nearest_barrier(ground, ends_m, strict)
     for row in range(1, len(others[0])):
-        if overlaps_laterally(others, row, ends_m, ground[1]):
-            for ahead_m in distances_ahead(others, ground, row):
+        if spans_m[row, 1] > ends_m[0] and spans_m[row, 0] < ends_m[1]:
+            for ahead_m in distances_ahead(others[0], row, ground[0]):
                 gap_m = abs(ahead_m) - (others[4][row] + others[4][EGO]) / 2
                 limit_m = stopping_limit(
                     gap_m, ahead_m >= 0, others[2][row], strict, ego.step_length_s
@@ -285,6 +288,7 @@ def free_distance(
 
 def permitted_with(
     others: Vehicles,
+    spans_m: FloatArray,
     ground: Ground,
     change: tuple[int, int],
     covered_m: FloatArray,
@@ -303,17 +307,19 @@ def permitted_with(
     crosses_s = seconds_to_line(sign * (line_m - ego_y_m) - ego_width_m / 2, width_m, ego)
     nearest_m, permitted = nearest_barrier(ground, ends_m, strict), 15
     for row in range(1, len(others[0])):
-        if not overlaps_laterally(others, row, ends_m, width_m):
+        if not (spans_m[row, 1] > ends_m[0] and spans_m[row, 0] < ends_m[1]):
             continue
         speed, its_width_m = others[2][row], others[5][row]
         held = must_stay_behind(others[1][row], its_width_m, ego_y_m, ego_width_m, width_m)
-        for ahead_m in distances_ahead(others, ground, row):
+        for ahead_m in distances_ahead(others[0], row, ground[0]):
             gap_m, is_ahead = abs(ahead_m) - (others[4][row] + others[4][EGO]) / 2, ahead_m >= 0
             limit_m = stopping_limit(gap_m, is_ahead, speed, strict, ego.step_length_s)
             nearest_m = min(nearest_m, limit_m)
+            if held or (is_ahead and gap_m > 0):
+                continue
             for how in range(4):
                 slowest = how if ego.has_constant_acceleration else HARD_BRAKE
-                if not held and not stays_behind(
+                if permitted & (1 << how) != 0 and not stays_behind(
                     gap_m,
                     is_ahead,
                     speed,
@@ -329,24 +335,27 @@ def permitted_with(
     return permitted
 
 
-def overlaps_laterally(
-    others: Vehicles, row: int, ends_m: tuple[float, float], lane_width_m: float
-) -> bool:
-    """Whether a vehicle's body can overlap the lateral range between two ends, right and left."""
-    right_m, left_m = lateral_extent(others[1][row], others[3][row], others[5][row], lane_width_m)
-    return left_m > ends_m[0] and right_m < ends_m[1]
+def lateral_extents(
+    y_m: FloatArray, lateral_speed_m_s: FloatArray, width_m: FloatArray, lane_width_m: float
+) -> FloatArray:
+    """Return ``lateral_extent`` of each vehicle, shape (1 + N, 2)."""
+    spans_m = np.empty((len(y_m), 2))
+    for row in range(1, len(y_m)):
+        span_m = lateral_extent(y_m[row], lateral_speed_m_s[row], width_m[row], lane_width_m)
+        spans_m[row, 0], spans_m[row, 1] = span_m
+    return spans_m
 
 
-def distances_ahead(others: Vehicles, ground: Ground, row: int) -> tuple[float, float]:
+def distances_ahead(s_m: FloatArray, row: int, circumference_m: float) -> tuple[float, float]:
     """Return the distances along the road from the ego to a vehicle, negative behind, metres.
 
     On a loop each vehicle is both ahead of the ego and behind it. On an open road both distances
     are equal.
     """
-    ahead_m = others[0][row] - others[0][EGO]
-    if ground[0] == 0.0:
+    ahead_m = s_m[row] - s_m[EGO]
+    if circumference_m == 0.0:
         return ahead_m, ahead_m
-    return ahead_m % ground[0], ahead_m % ground[0] - ground[0]
+    return ahead_m % circumference_m, ahead_m % circumference_m - circumference_m
 
 
 def nearest_barrier(ground: Ground, ends_m: tuple[float, float], strict: StrictNumbers) -> float:
