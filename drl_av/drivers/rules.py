@@ -10,7 +10,7 @@ import numpy as np
 from drl_av.compiled import compiled
 from drl_av.config import EgoConfig, MobilConfig, SafetyConfig
 from drl_av.driving.actions import ACCELERATE, LEFT, RIGHT, EgoNumbers, acceleration_of
-from drl_av.driving.affordances import CHANGES, NOBODY, WITHIN, IntArray, has_lane, slot_of
+from drl_av.driving.affordances import ALLOWED, CHANGES, NOBODY, WITHIN, IntArray, has_lane, slot_of
 from drl_av.driving.car_following import MobilNumbers, idm_acceleration, time_gap_acceleration
 from drl_av.road.road import LANE_CHANGE_DUE_M, FloatArray
 from drl_av.safety.paper import SafetyNumbers, gap_condition, safe_number, time_to_collision
@@ -130,7 +130,7 @@ def mobil_gain(
     change, o its follower before it, a' an acceleration after the lane change, a one before it, and
     p the politeness. The gain is -inf if n would brake harder than the safety criterion permits.
     """
-    front, desired = slot_of(sign), max_speed_m_s
+    front, desired = slot_of(sign), min(max_speed_m_s, values[ALLOWED])
     new_follower = behind_ego(values, codes, front + 1, desired, mobil)
     if new_follower < -mobil.safe_braking_m_s2:
         return -np.inf

@@ -7,14 +7,25 @@ import numpy.typing as npt
 
 from drl_av.compiled import compiled
 from drl_av.config import ObservationConfig
-from drl_av.road.road import NO_CHANGE, Barrier, FloatArray, MandatoryChange, Road
+from drl_av.road.road import (
+    LANE_CHANGE_S,
+    NO_CHANGE,
+    Barrier,
+    FloatArray,
+    MandatoryChange,
+    Road,
+    SpeedLimit,
+    allowed_speed,
+)
 from drl_av.road.road_numbers import (
     RoadNumbers,
+    allowed_speed_in,
     is_beside,
     is_open,
     lane_end_m,
     lane_of,
     mandatory_change,
+    may_cross,
     road_numbers,
 )
 from drl_av.road.snapshot import EGO, Snapshot
@@ -31,7 +42,7 @@ INDICATORS: tuple[str, ...] = (
 """Names of the 27 indicators, in the order of ``Affordances.vector()``.
 
 For each of the six slots, d_x is the net gap to the neighbour, d_y is its lateral position, and v_x
-and v_y are its velocities, all relative to the ego. ``indicator_meaning`` gives units and signs.
+and v_y are its velocities, all relative to the ego. Units are SI, left is positive.
 """
 WAY_INDICATORS = ("lane_end", "way_changes", "way_distance")
 """Names of the indicators that ``observation.way`` adds (ours).
@@ -44,20 +55,6 @@ WAY_INDICATORS = ("lane_end", "way_changes", "way_distance")
 """
 WAY_M = 1000.0
 """Distance, metres, at and above which ``way_distance`` is 1 (ours)."""
-_MEANINGS = {
-    "d_x": "net gap, bumper to bumper, m",
-    "v_x": "relative velocity, m/s; negative for a vehicle ahead that comes nearer",
-    "d_y": "relative lateral position, m; left positive",
-    "v_y": "relative lateral velocity, m/s; left positive",
-    "ego_v_x": "speed of the ego, m/s",
-    "ego_d_y": "lateral position of the ego from the centre of the rightmost lane, m",
-    "ego_v_y": "lateral velocity of the ego, m/s; left positive",
-}
-
-
-def indicator_meaning(name: str) -> str:
-    """Return what an indicator means, with its unit."""
-    return _MEANINGS[name if name in _MEANINGS else name[-3:]]
 
 
 def observed_indicators(config: ObservationConfig) -> tuple[str, ...]:
@@ -95,7 +92,8 @@ class Affordances(NamedTuple):
     left_rear: Neighbor | None
     right_lane: bool
     left_lane: bool
-    """Whether the lanes to the right and to the left exist and are open here."""
+    """Whether the lanes to the right and to the left exist, are open here, and may be entered: no
+    forbidden line lies between, neither here nor ahead, until the ego could have crossed it."""
     lane: int
     """Index of the lane that contains the ego's centre; 0 is the rightmost lane."""
     lane_center_m: float
@@ -113,6 +111,14 @@ class Affordances(NamedTuple):
     mandatory: MandatoryChange = NO_CHANGE
     """The lane changes that the ego must make to reach its exit or to leave a lane that ends. Their
     ``within_m`` is measured from the ego's front bumper."""
+    speed_limits: tuple[SpeedLimit, ...] = ()
+    """The speed limits of the ego's lane here and ahead, at their distances from its front bumper.
+    Empty if the road has one limit, which no setting may exceed."""
+
+    @property
+    def allowed_speed_m_s(self) -> float:
+        """The largest speed with which the ego keeps the limits here and ahead; inf without any."""
+        return allowed_speed(self.speed_limits)
 
     def front(self, sign: int) -> Neighbor | None:
         """Return the vehicle ahead in the ego's own (0), left (+1) or right (-1) lane, or None."""
@@ -158,10 +164,14 @@ class Affordances(NamedTuple):
         """Return the indicators as compiled functions take them."""
         rows = [NOBODY if slot is None else slot.vehicle for slot in self[:6]]
         lanes = self.lane, self.right_lane, self.left_lane, self.mandatory.lanes
-        values = np.append(self.vector(), (self.mandatory.within_m, 0.0))
+        further = self.mandatory.within_m, self.allowed_speed_m_s, 0.0
+        values = np.append(self.vector(), further)
         barriers = np.array(self.barriers, dtype=np.float64).reshape(-1, 3)
+        limits = [(self.lane, *limit) for limit in self.speed_limits]
+        numbers = np.array(limits, dtype=np.float64).reshape(-1, 4)
         ground = float(self.circumference_m), float(self.lane_width_m), barriers
-        return Indicators(values, np.array([*rows, *lanes], np.int64), ground, self.range_m)
+        codes = np.array([*rows, *lanes], np.int64)
+        return Indicators(values, codes, ground, self.range_m, numbers)
 
 
 Ground = tuple[float, float, FloatArray]
@@ -173,21 +183,24 @@ class Indicators(NamedTuple):
     """The indicators as the function ``indicators`` writes them, in two arrays."""
 
     values: FloatArray
-    """Shape (29,), float64: the 27 indicators in SI units, in the order of INDICATORS; then
-    ``WITHIN`` and ``FRONT``."""
+    """Shape (30,), float64: the 27 indicators in SI units, in the order of INDICATORS; then
+    ``WITHIN``, ``ALLOWED`` and ``FRONT``."""
     codes: IntArray
     """Shape (10,), int64: the row of the neighbour in each of the six SLOTS, ``NOBODY`` if there is
     none, and N + 1 for the end of a lane; then ``LANE`` to ``CHANGES``."""
     ground: Ground
     range_m: float
     """The largest gap that is observed."""
+    speed_limits: FloatArray
+    """``RoadNumbers.speed_limits``; positions are measured like ``FRONT``."""
 
 
-VALUES, CODES = 29, 10
+VALUES, CODES = 30, 10
 """Sizes of the two arrays that ``indicators`` fills."""
-WITHIN, FRONT = 27, 28
-"""Indices in the values, after the 27 indicators: the distance ``MandatoryChange.within_m``, and
-the position of the ego's front bumper, in the coordinates of the road's barriers."""
+WITHIN, ALLOWED, FRONT = 27, 28, 29
+"""Indices in the values, after the 27 indicators: the distance ``MandatoryChange.within_m``;
+``Affordances.allowed_speed_m_s``; and the position of the ego's front bumper, in the coordinates of
+the road's barriers and speed limits."""
 LANE, RIGHT_LANE, LEFT_LANE, CHANGES = 6, 7, 8, 9
 """Indices in the codes, after the neighbours' rows: the ego's lane, whether there is a lane to the
 right and to the left (1 or 0), and ``MandatoryChange.lanes``."""
@@ -212,7 +225,7 @@ def indicators(
     """Compute the indicators of one scene (Sec. III); ``compute_affordances`` has the rules.
 
     The first six arrays are those of a snapshot, shape (1 + N,), the ego first. The function fills
-    ``values``, shape (29,), and ``codes``, shape (10,), which ``Indicators`` describes. They are
+    ``values``, shape (30,), and ``codes``, shape (10,), which ``Indicators`` describes. They are
     those of the ego, or of another vehicle in its place, whose row is ``viewer``.
     """
     vehicles, lane = len(s_m), lane_of(y_m[viewer], road.lane_width_m)
@@ -254,6 +267,13 @@ def indicators(
             if gap_m < values[4 * slot] and has_lane(codes, sign):
                 values[4 * slot], codes[slot] = gap_m, vehicles
         codes[CHANGES], values[WITHIN] = mandatory_change(lane, front_m, road)
+    values[ALLOWED] = allowed_speed_in(road.speed_limits, lane, front_m, 0.0)
+    if len(road.forbidden_lines) > 0:
+        for side in (-1, 1):
+            share = 1 - side * (y_m[viewer] - own_m) / road.lane_width_m
+            to_m = front_m + speed_m_s[viewer] * share * LANE_CHANGE_S
+            if not may_cross(lane, side, own_s_m, to_m, road):
+                codes[RIGHT_LANE if side < 0 else LEFT_LANE] = 0
     values[24], values[25] = speed_m_s[viewer], y_m[viewer]
     values[26] = lateral_speed_m_s[viewer]
     for slot in range(6):
@@ -318,7 +338,8 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
     numbers = road_numbers(road)
     indicators.fast(*snapshot.arrays, numbers, float(range_m), values, codes, EGO)
-    return affordances_of(Indicators(values, codes, ground_of(numbers), range_m), road)
+    ground, limits = ground_of(numbers), numbers.speed_limits
+    return affordances_of(Indicators(values, codes, ground, range_m, limits), road)
 
 
 def ground_of(road: RoadNumbers) -> Ground:
@@ -328,7 +349,7 @@ def ground_of(road: RoadNumbers) -> Ground:
 
 def affordances_of(indicators: Indicators, road: Road) -> Affordances:
     """Return the indicators by name from the arrays that ``indicators`` has filled."""
-    values, codes, (circumference_m, lane_width_m, _), range_m = indicators
+    values, codes, (circumference_m, lane_width_m, _), range_m, _ = indicators
     number, code = values.tolist(), codes.tolist()
     lane, partial = code[LANE], road.partial_lanes
     own_front, own_rear, right_front, right_rear, left_front, left_rear = (
@@ -354,6 +375,18 @@ def affordances_of(indicators: Indicators, road: Road) -> Affordances:
         circumference_m=circumference_m,
         barriers=_ahead(road, number[FRONT]) if partial else (),
         mandatory=MandatoryChange(code[CHANGES], number[WITHIN]) if partial else NO_CHANGE,
+        speed_limits=_limits_ahead(road, lane, number[FRONT]) if road.speed_limits else (),
+    )
+
+
+def _limits_ahead(road: Road, lane: int, front_m: float) -> tuple[SpeedLimit, ...]:
+    """Return a lane's speed limits here and ahead, at their distances from the ego's front."""
+    if not 0 <= lane < len(road.speed_limits):
+        return ()
+    return tuple(
+        SpeedLimit(begin_m - front_m, end_m - front_m, limit_m_s)
+        for begin_m, end_m, limit_m_s in road.speed_limits[lane]
+        if end_m > front_m
     )
 
 

@@ -43,7 +43,8 @@ class SceneValues:
             codes,
             observation,
         )
-        found = Indicators(values, codes, self._ground, self._range_m)
+        limits = self._numbers.speed_limits
+        found = Indicators(values, codes, self._ground, self._range_m, limits)
         scene = Scene.of(snapshot, found, lane_change, self._road)
         return scene, observation, Rewards(*terms)
 
