@@ -131,7 +131,7 @@ def mobil_gain(
     change, o its follower before it, a' an acceleration after the lane change, a one before it, and
     p the politeness. The gain is -inf if n would brake harder than the safety criterion permits.
     """
-    front, desired = slot_of(sign), max_speed_m_s
+    front, desired = slot_of(sign), min(max_speed_m_s, values[ALLOWED])
     new_follower = behind_ego(values, codes, front + 1, desired, mobil)
     if new_follower < -mobil.safe_braking_m_s2:
         return -np.inf

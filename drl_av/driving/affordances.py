@@ -42,7 +42,7 @@ INDICATORS: tuple[str, ...] = (
 """Names of the 27 indicators, in the order of ``Affordances.vector()``.
 
 For each of the six slots, d_x is the net gap to the neighbour, d_y is its lateral position, and v_x
-and v_y are its velocities, all relative to the ego. ``indicator_meaning`` gives units and signs.
+and v_y are its velocities, all relative to the ego. Units are SI, left is positive.
 """
 ROUTE_INDICATORS = ("lane_end", "way_changes", "way_distance")
 """Names of the indicators that ``observation.way`` adds (ours).
@@ -55,20 +55,6 @@ ROUTE_INDICATORS = ("lane_end", "way_changes", "way_distance")
 """
 ROUTE_SCALE_M = 1000.0
 """Distance, metres, at and above which ``way_distance`` is 1 (ours)."""
-_MEANINGS = {
-    "d_x": "net gap, bumper to bumper, m",
-    "v_x": "relative velocity, m/s; negative for a vehicle ahead that comes nearer",
-    "d_y": "relative lateral position, m; left positive",
-    "v_y": "relative lateral velocity, m/s; left positive",
-    "ego_v_x": "speed of the ego, m/s",
-    "ego_d_y": "lateral position of the ego from the centre of the rightmost lane, m",
-    "ego_v_y": "lateral velocity of the ego, m/s; left positive",
-}
-
-
-def indicator_meaning(name: str) -> str:
-    """Return what an indicator means, with its unit."""
-    return _MEANINGS[name if name in _MEANINGS else name[-3:]]
 
 
 def observed_indicators(config: ObservationConfig) -> tuple[str, ...]:
@@ -178,8 +164,8 @@ class Affordances(NamedTuple):
         """Return the indicators as compiled functions take them."""
         rows = [NOBODY if slot is None else slot.vehicle for slot in self[:6]]
         lanes = self.lane, self.right_lane, self.left_lane, self.mandatory.lanes
-        within = self.mandatory.within_m, 0.0, self.allowed_speed_m_s
-        values = np.append(self.vector(), within)
+        further = self.mandatory.within_m, self.allowed_speed_m_s, 0.0
+        values = np.append(self.vector(), further)
         barriers = np.array(self.barriers, dtype=np.float64).reshape(-1, 3)
         limits = [(self.lane, *limit) for limit in self.speed_limits]
         numbers = np.array(limits, dtype=np.float64).reshape(-1, 4)
@@ -198,7 +184,7 @@ class Indicators(NamedTuple):
 
     values: FloatArray
     """Shape (30,), float64: the 27 indicators in SI units, in the order of INDICATORS; then
-    ``WITHIN``, ``FRONT`` and ``ALLOWED``."""
+    ``WITHIN``, ``ALLOWED`` and ``FRONT``."""
     codes: IntArray
     """Shape (10,), int64: the row of the neighbour in each of the six SLOTS, ``NOBODY`` if there is
     none, and N + 1 for the end of a lane; then ``LANE`` to ``CHANGES``."""
@@ -206,15 +192,15 @@ class Indicators(NamedTuple):
     range_m: float
     """The largest gap that is observed."""
     speed_limits: FloatArray
-    """``RoadNumbers.speed_limits``; positions are measured like that of the ego in ``ground``."""
+    """``RoadNumbers.speed_limits``; positions are measured like ``FRONT``."""
 
 
 VALUES, CODES = 30, 10
 """Sizes of the two arrays that ``indicators`` fills."""
-WITHIN, FRONT, ALLOWED = 27, 28, 29
-"""Indices in the values, after the 27 indicators: the distance ``MandatoryChange.within_m``; the
-position of the ego's front bumper, in the coordinates of the road's barriers and speed limits; and
-``Affordances.allowed_speed_m_s``."""
+WITHIN, ALLOWED, FRONT = 27, 28, 29
+"""Indices in the values, after the 27 indicators: the distance ``MandatoryChange.within_m``;
+``Affordances.allowed_speed_m_s``; and the position of the ego's front bumper, in the coordinates of
+the road's barriers and speed limits."""
 LANE, RIGHT_LANE, LEFT_LANE, CHANGES = 6, 7, 8, 9
 """Indices in the codes, after the neighbours' rows: the ego's lane, whether there is a lane to the
 right and to the left (1 or 0), and ``MandatoryChange.lanes``."""
@@ -281,8 +267,6 @@ def indicators(
             if gap_m < values[4 * slot] and has_lane(codes, sign):
                 values[4 * slot], codes[slot] = gap_m, vehicles
         codes[CHANGES], values[WITHIN] = mandatory_change(lane, front_m, road)
-    values[24], values[25] = speed_m_s[viewer], y_m[viewer]
-    values[26] = lateral_speed_m_s[viewer]
     values[ALLOWED] = allowed_speed_in(road.speed_limits, lane, front_m, 0.0)
     if len(road.forbidden_lines) > 0:
         for side in (-1, 1):
@@ -290,6 +274,8 @@ def indicators(
             to_m = front_m + speed_m_s[viewer] * share * LANE_CHANGE_S
             if not may_cross(lane, side, own_s_m, to_m, road):
                 codes[RIGHT_LANE if side < 0 else LEFT_LANE] = 0
+    values[24], values[25] = speed_m_s[viewer], y_m[viewer]
+    values[26] = lateral_speed_m_s[viewer]
     for slot in range(6):
         complete(slot, y_m, speed_m_s, lateral_speed_m_s, road.lane_width_m, range_m, values, codes)
 

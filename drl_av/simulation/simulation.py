@@ -101,7 +101,6 @@ class Simulation:
         self._steps = 0
         self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
-        self._states = StateReader(self._sumo, self.scenario)
         self._requests = SpeedRequests(self._sumo, self._config.simulation.step_length_s)
         self._watch()
         self._read()

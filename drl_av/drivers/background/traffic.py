@@ -53,8 +53,6 @@ class TrafficDrivers:
         speed. Both have shape (1 + N,), and the ego comes first. ``seed`` is that of the random
         hard braking.
         """
-        if (driver_models == DriverModel.HARD_BRAKING).any():
-            self._hard_braking = HardBraking(seed, len(driver_models), self._config)
         of_each = [np.flatnonzero(driver_models == model) for model in ORDER]
         self._rows, ends = np.concatenate(of_each), np.cumsum([len(rows) for rows in of_each])
         self._part = {
@@ -63,6 +61,8 @@ class TrafficDrivers:
             if len(rows)
         }
         self._models = driver_models[self._rows]
+        if DriverModel.HARD_BRAKING in self._part:
+            self._hard_braking = HardBraking(seed, len(driver_models), self._config)
         self._desired_m_s = np.ascontiguousarray(desired_m_s, np.float64)
         self._states = np.full(len(driver_models), State.CRUISE, dtype=np.int64)
 
