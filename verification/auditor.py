@@ -16,6 +16,8 @@ from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.safety.reachability import STILL_M_S, lanes_under
 from drl_av.safety.stopping import cut_in_gap, stopping_distance
 
+ARRAYS = Snapshot._fields[2:8]
+"""The names of a snapshot's arrays."""
 BoolArray = npt.NDArray[np.bool_]
 TOLERANCE = 1e-6
 BRAKED = "braked too hard"
@@ -50,8 +52,8 @@ def _in_both(*shots: Snapshot) -> list[Snapshot]:
     found = []
     for shot in shots:
         rows = [shot.ids.index(name) for name in common]
-        arrays = (array[rows] for array in shot.arrays)
-        found.append(Snapshot(shot.time_s, tuple(common), *arrays))
+        columns = {name: getattr(shot, name)[rows] for name in ARRAYS}
+        found.append(shot._replace(ids=tuple(common), **columns))
     return found
 
 
