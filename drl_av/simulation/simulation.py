@@ -101,7 +101,6 @@ class Simulation:
         self._steps = 0
         self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
-        self._states = StateReader(self._sumo, self.scenario)
         self._watch()
         self._read()
         return self._snapshot()
@@ -209,6 +208,7 @@ class Simulation:
         self._release = weakref.finalize(self, instance.release)
         self._release.atexit = False
         self._sumo = instance.sumo
+        self._states = StateReader(self._sumo, self.scenario)
         files = (self.scenario.network_file, *self.scenario.additional_files)
         view = self.scenario.view_file if self._gui else None
         timing, limit_m_s = self._config.simulation, self.scenario.description.speed_limit_m_s
