@@ -237,6 +237,14 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
     )
 
 
+def summary_of(name_or_path: str) -> str:
+    """Return what was made of the user's own files in a scenario; "" if there are none.
+
+    Raises ScenarioError as ``find_scenario`` and ``read_description`` do.
+    """
+    return read_description(find_scenario(name_or_path) / folder_files.DESCRIPTION_FILE).summary
+
+
 def find_description(name_or_path: str) -> Path:
     """Return the TOML file that describes a scenario.
 

@@ -12,6 +12,7 @@ import pytest
 from nets import Part, along, chain, converted
 from plain_sumo import run_sumo
 
+from drl_av.cli import main
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.folder import load_scenario, read_description, write_scenario
 from drl_av.scenarios.imported.attributes import REPORTED, TREATMENTS, Found, left_out
@@ -438,3 +439,18 @@ def test_a_long_edge_that_bends_is_divided_like_a_straight_one(tmp_path: Path) -
     assert (2500.0, 100.0) in [point for each in edges for point in each.shape]
     write_scenario(tmp_path / "road", description)
     assert load_scenario(tmp_path / "road").road == description.plan().road
+
+
+def test_the_verbs_say_what_was_made_of_a_route(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    net = chain(tmp_path, Part(3), Part(2), ways=["e0 1 e1 0", "e0 2 e1 1"])
+    words = ["--kind", "imported", "--net", str(net), "--from-edge", "e0", "--to-edge", "e1"]
+    assert main(["scenario", str(tmp_path / "road"), *words]) == 0
+    summary = along(net, 1).summary
+    assert summary in capsys.readouterr().out
+    again = ["evaluate", "--driver", "idm", "--episodes", "1", "--vehicles", "1", "--scenario"]
+    assert main([*again, str(tmp_path / "road")]) == 0
+    assert summary in capsys.readouterr().err
+    assert main([*again, "circular_three_lane"]) == 0
+    assert "The road:" not in capsys.readouterr().err
