@@ -11,8 +11,8 @@ from drl_av.drivers.external import INDICATORS_INPUT, LANE_CHANGE_INPUT
 from drl_av.drivers.learned import Margins
 from drl_av.drivers.network import LEAK, QNetwork
 from drl_av.drivers.onnx_interface import INPUTS, INSIDE, OUTPUTS, Port, metadata
-from drl_av.driving.affordances import ObservationScale
 from drl_av.driving.mirror import MIRROR
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.errors import DrlAvError
 from drl_av.files import write_atomic
 

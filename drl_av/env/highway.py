@@ -14,9 +14,9 @@ from drl_av.config import Config
 from drl_av.config.functions import require_function
 from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS, Action, ego_numbers
-from drl_av.driving.affordances import ObservationScale
 from drl_av.driving.infer_action import infer_action
 from drl_av.driving.maneuver import plan_with
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode_start import (

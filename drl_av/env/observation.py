@@ -18,9 +18,9 @@ from drl_av.driving.affordances import (
     SLOTS,
     WAY_INDICATORS,
     WAY_M,
-    ObservationScale,
 )
 from drl_av.driving.mirror import Mirror, mirror_of
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 

@@ -10,10 +10,10 @@ from drl_av.driving.affordances import (
     VALUES,
     Indicators,
     IntArray,
-    ObservationScale,
     ground_of,
     indicators,
 )
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.reward import RewardNumbers, Rewards, reward_numbers, reward_terms
 from drl_av.road.road import FloatArray, Road

@@ -15,7 +15,7 @@ from drl_av.drivers.driver import Decisions
 from drl_av.drivers.network import Layers, forward
 from drl_av.drivers.policy_file import load_run
 from drl_av.driving.actions import ACTIONS, Longitudinal
-from drl_av.driving.affordances import ObservationScale
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.errors import CheckpointError, DrlAvError
 from drl_av.road.road import FloatArray, Road
 from drl_av.safety.paper import Approach, lane_change_is_safe

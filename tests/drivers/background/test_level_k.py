@@ -12,7 +12,7 @@ from drl_av.drivers.background.surroundings import Surroundings, surroundings
 from drl_av.drivers.network import Layers, QNetwork, forward
 from drl_av.drivers.policy_file import save_policy
 from drl_av.driving.actions import ACTIONS
-from drl_av.driving.affordances import ObservationScale
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.errors import CheckpointError
 from drl_av.road.snapshot import Snapshot
 
