@@ -435,8 +435,13 @@ def inform_follower(
     headway_s, is_ego = worlds.headway_s[w, j], j == 0
     asked = IS_BLOCKING_FOLLOWER | (ASKED_BY_LEFTWARD if side > 0 else ASKED_BY_RIGHTWARD)
     if not blocked & BLOCKED_BY_FOLLOWER:
-        safe = its_follow_speed(worlds, w, j, gap_m + planned * STEP_S, planned)
-        safe = its_follow_speed(worlds, w, j, gap_m + (planned - safe) * STEP_S, planned)
+        fastest = min(its + worlds.acceleration_m_s2[w, j] * STEP_S, worlds.desired_m_s[w, j])
+        safe = its_follow_speed(worlds, w, j, gap_m + (planned - fastest) * STEP_S, planned)
+        if safe < its:
+            later_m = gap_m + (planned - its) * STEP_S
+            safe = its
+            if later_m < secure_gap(its, planned, headway_s, is_ego):
+                safe = its_follow_speed(worlds, w, j, later_m, planned)
         inform(worlds, w, j, safe, asked)
         return
     if planned - its >= HELP_M_S:

@@ -37,10 +37,10 @@ def shadow_lane(aside_m: float, width_m: float, lane: int, loop: Loop) -> int:
 def reach_m(rest_m: float, speed: float, headway_s: float, edge_m: float) -> float:
     """Return how far a driver sees ahead for a lane change; ``rest_m`` is left of its edge."""
     distance_m = max(brake_gap(speed, BRAKING_M_S2, headway_s), 10.0) + MIN_GAP_M
-    seen_m = rest_m
-    if seen_m > distance_m:
+    if rest_m > distance_m:
         return rest_m
-    while seen_m < distance_m:
+    seen_m = rest_m + edge_m
+    while seen_m - edge_m < distance_m:
         seen_m += edge_m
     return seen_m
 

@@ -4,6 +4,16 @@ import math
 
 import numpy as np
 
+from drl_av.twin.active_lanes import (
+    EDGES,
+    HAS_ENTERED,
+    HAS_STAYED,
+    activate,
+    forget_empty,
+    mark_present,
+    put_in_front,
+    strip_of,
+)
 from drl_av.twin.compiled import compiled
 from drl_av.twin.flags import (
     ASKED,
@@ -61,13 +71,38 @@ def sumo_step(worlds: Worlds, loop: Loop, w: int, ego_speed_m_s: float, ego_y_m:
         worlds.next_m_s[w, i] = ego_speed_m_s if i == 0 else next_speed(worlds, loop, w, k)
     move(worlds, loop, w)
     insert_sorted(worlds, w)
-    for k in range(worlds.count[w]):
-        i = worlds.order[w, k]
-        if i == 0:
-            place_ego(worlds, loop, w, ego_y_m)
-        else:
-            change_lane(worlds, loop, w, k)
+    change_lanes(worlds, loop, w, ego_y_m)
     worlds.step[w] += 1
+
+
+@compiled
+def change_lanes(worlds: Worlds, loop: Loop, w: int, ego_y_m: float) -> None:
+    """Let the vehicles change lanes one after the other: edge by edge, on each the foremost first.
+
+    A driver knows the lane changes of those before it.
+    """
+    n, done = worlds.count[w], 0
+    for m in range(worlds.active_count[w]):
+        edge = worlds.active[w, m] // loop.lanes
+        if done & (1 << edge):
+            continue
+        done |= 1 << edge
+        first_m, last_m = edge * loop.edge_m, (edge + 1) * loop.edge_m
+        for k in range(n):
+            i = worlds.order[w, k]
+            if worlds.front_m[w, i] >= last_m:
+                continue
+            if worlds.front_m[w, i] < first_m:
+                break
+            if i == 0:
+                place_ego(worlds, loop, w, ego_y_m)
+            else:
+                change_lane(worlds, loop, w, k)
+    mark_present(worlds, loop, w)
+    for edge in range(EDGES):  # SUMO collects them edge by edge
+        for lane in range(loop.lanes):
+            if worlds.marks[w, edge * loop.lanes + lane]:
+                put_in_front(worlds, loop, w, edge * loop.lanes + lane)
 
 
 @compiled
@@ -159,17 +194,25 @@ def speed_behind(
 @compiled
 def move(worlds: Worlds, loop: Loop, w: int) -> None:
     """Move all vehicles along the road, and forget what was agreed for this step only."""
+    mark_present(worlds, loop, w)
+    forget_empty(worlds, loop, w, HAS_STAYED)
+    for strip in range(EDGES * loop.lanes):
+        worlds.marks[w, strip] = 0
     for i in range(worlds.count[w]):
-        speed = worlds.next_m_s[w, i]
+        speed, strip = worlds.next_m_s[w, i], strip_of(worlds, loop, w, i)
         worlds.acceleration_now_m_s2[w, i] = (speed - worlds.speed_m_s[w, i]) / STEP_S
         worlds.speed_m_s[w, i] = speed
         at_m = worlds.front_m[w, i] + speed * STEP_S
         worlds.front_m[w, i] = at_m if at_m < loop.lap_m else at_m - loop.lap_m
+        now = strip_of(worlds, loop, w, i)
+        worlds.marks[w, now] |= HAS_STAYED if now == strip else HAS_ENTERED
         state = worlds.state[w, i]
         worlds.state[w, i] = state & WANTS if state & (STRATEGIC | COOPERATIVE) else 0
         worlds.advice_m_s[w, i] = math.inf
         worlds.gain_left[w, i] = np.ceil(worlds.gain_left[w, i] * 100000.0) * 0.00001
         worlds.gain_right[w, i] = np.ceil(worlds.gain_right[w, i] * 100000.0) * 0.00001
+    forget_empty(worlds, loop, w, HAS_STAYED)
+    activate(worlds, loop, w)
 
 
 @compiled

@@ -68,6 +68,12 @@ class Worlds(NamedTuple):
     """Speed that lane changes advise for the next step, or inf."""
     order: IntArray
     """The vehicles of each world by front position, the foremost first."""
+    active: IntArray
+    """SUMO's list of the strips of edges that have vehicles, shape (worlds, 4 * lanes)."""
+    active_count: IntArray
+    """Length of that list, shape (worlds,)."""
+    marks: IntArray
+    """Scratch: marks of the strips, shape (worlds, 4 * lanes)."""
     notes: FloatArray
     """Scratch numbers of the lane change being considered, shape (worlds, 16)."""
     near: IntArray
@@ -107,6 +113,9 @@ def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:
     shapes: dict[str, tuple[int, ...]] = {
         "count": (),
         "step": (),
+        "active": (4 * lanes,),
+        "active_count": (),
+        "marks": (4 * lanes,),
         "expected_m_s": (vehicles, lanes),
         "notes": (16,),
         "near": (16,),
