@@ -184,7 +184,7 @@ def weigh_gains(
     end_left = (max(own, own + side) + 1) * lane_m - left
     end_right = min(own, own + side) * lane_m - right
     best, best_right, best_left, move_m = -math.inf, -math.inf, -math.inf, 0.0
-    first, last = (own, own) if side == 0 else (0, loop.lanes - 1)
+    first, last = 0 if side < 0 else own, loop.lanes - 1 if side > 0 else own
     for lane in range(first, last + 1):
         at = lane * lane_m
         its = worlds.expected_m_s[w, i, lane]
@@ -445,6 +445,6 @@ def limit_move(worlds: Worlds, w: int, i: int) -> None:
         full_m = min(notes[w, SAFE_LEFT], max(maneuver_m, move_m))
     else:
         full_m = max(-notes[w, SAFE_RIGHT], min(maneuver_m, move_m))
-    if maneuver_m * move_m > 0:
+    if maneuver_m * move_m > 0 and worlds.commanded_m[w, i] == 0:
         notes[w, MANEUVER] = full_m
     notes[w, MOVE] = max(min(move_m, STRIDE_M), -STRIDE_M)
