@@ -244,10 +244,6 @@ def is_blocking(
     )
     if gap_m >= needed_m:
         return COUNTS
-    if its_right > left:
-        worlds.notes[w, SAFE_LEFT] = min(worlds.notes[w, SAFE_LEFT], its_right - left)
-    elif its_left < right:
-        worlds.notes[w, SAFE_RIGHT] = min(worlds.notes[w, SAFE_RIGHT], right - its_left)
     return flag | COUNTS
 
 
