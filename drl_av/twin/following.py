@@ -85,9 +85,7 @@ def brake_gap(speed: float, braking: float, headway_s: float) -> float:
 
 
 @compiled
-def secure_gap(
-    speed: float, ahead_speed: float, headway_s: float, is_ego: bool
-) -> float:
+def secure_gap(speed: float, ahead_speed: float, headway_s: float, is_ego: bool) -> float:
     """Return the gap that SUMO requires behind a vehicle for a lane change."""
     if is_ego:
         stop_m = brake_gap(speed, BRAKING_M_S2, EGO_HEADWAY_S)

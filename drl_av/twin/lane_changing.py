@@ -6,14 +6,10 @@ move for this step and the lateral distance of the whole maneuver. Directions ar
 left, 0 own lane. ``notes`` keeps the lateral room of the vehicle between the considerations.
 """
 
-import math
-
 from drl_av.twin.compiled import compiled
 from drl_av.twin.flags import (
-    ASKED,
     ASKED_BY_LEFTWARD,
     ASKED_BY_RIGHTWARD,
-    BLOCKED,
     BLOCKED_BY_FOLLOWER,
     BLOCKED_BY_LEADER,
     BLOCKED_BY_LEFT_FOLLOWER,
@@ -22,19 +18,15 @@ from drl_av.twin.flags import (
     BLOCKED_BY_RIGHT_LEADER,
     BLOCKED_LEFT,
     BLOCKED_RIGHT,
-    COOPERATIVE,
     FULL_REASONS,
     IS_BLOCKING_FOLLOWER,
     IS_BLOCKING_LEADER,
-    KEEP_RIGHT,
     LEFT,
     OVERLAPPING,
     REASONS,
     REQUESTED,
     RIGHT,
-    SPEED_GAIN,
     STAY,
-    STRATEGIC,
     SUBLANE,
     URGENT,
     WANTS,
@@ -48,8 +40,25 @@ from drl_av.twin.following import (
     idm_speed,
     secure_gap,
 )
-from drl_av.twin.neighbors import follower, shadow_lane
-from drl_av.twin.worlds import Loop, Worlds
+from drl_av.twin.worlds import (
+    ACCELERATION_M_S2,
+    ADVICE_M_S,
+    ASIDE_M,
+    DESIRED_M_S,
+    HEADWAY_S,
+    IS_FULL,
+    LANE,
+    LENGTH_M,
+    MANEUVER_M,
+    REQUEST_END,
+    REQUEST_LANE,
+    SPEED_M_S,
+    STATE,
+    STEP,
+    WIDTH_M,
+    Loop,
+    World,
+)
 
 STRIDE_M = 0.76 * STEP_S
 """Largest lateral move in a step."""
@@ -84,12 +93,12 @@ def lane_side_distance(width_m: float, aside_m: float, side: int, lane_m: float)
 
 
 @compiled
-def request_of(worlds: Worlds, loop: Loop, w: int, i: int) -> int:
+def request_of(world: World, loop: Loop, i: int) -> int:
     """Return the side of the request that stands: -1, +1, ``HOLD``, or 0 without one."""
-    wanted = worlds.request_lane[w, i]
-    if wanted < 0 or wanted >= loop.lanes or worlds.step[w] > worlds.request_end[w, i]:
+    wanted = world.z[REQUEST_LANE, i]
+    if wanted < 0 or wanted >= loop.lanes or world.near[STEP] > world.z[REQUEST_END, i]:
         return 0
-    lane = worlds.lane[w, i]
+    lane = world.z[LANE, i]
     return HOLD if wanted == lane else (-1 if wanted < lane else 1)
 
 
@@ -134,40 +143,37 @@ def overlaps(right: float, left: float, other_right: float, other_left: float) -
 
 
 @compiled
-def is_related(worlds: Worlds, w: int, j: int) -> bool:
+def is_related(world: World, j: int) -> bool:
     """Return whether car following already regards the vehicle ``j``."""
-    for m in range(max(0, worlds.near[w, RELATED_COUNT])):
-        if worlds.near[w, RELATED + m] == j:
+    for m in range(max(0, world.near[RELATED_COUNT])):
+        if world.near[RELATED + m] == j:
             return True
     return False
 
 
 @compiled
-def relate(
-    worlds: Worlds, loop: Loop, w: int, i: int, lane: int, j: int, gap_m: float
-) -> None:
+def relate(world: World, loop: Loop, i: int, lane: int, j: int, gap_m: float) -> None:
     """Remember the vehicle ``j`` if it is ahead or behind in a lane that the vehicle overlaps."""
-    if j < 0 or gap_m < 0 or is_related(worlds, w, j):
+    if j < 0 or gap_m < 0 or is_related(world, j):
         return
-    width_m = worlds.width_m[w, i] - EPS
-    right = center_m(worlds, loop, w, i) - 0.5 * width_m
+    width_m = world.x[WIDTH_M, i] - EPS
+    right = center_m(world, loop, i) - 0.5 * width_m
     if overlaps(right, right + width_m, lane * loop.lane_m, (lane + 1) * loop.lane_m):
-        count = worlds.near[w, RELATED_COUNT]
-        worlds.near[w, RELATED + count] = j
-        worlds.near[w, RELATED_COUNT] = count + 1
+        count = world.near[RELATED_COUNT]
+        world.near[RELATED + count] = j
+        world.near[RELATED_COUNT] = count + 1
 
 
 @compiled
-def center_m(worlds: Worlds, loop: Loop, w: int, i: int) -> float:
+def center_m(world: World, loop: Loop, i: int) -> float:
     """Return the lateral position of a body's centre from the right border of the road."""
-    return (worlds.lane[w, i] + 0.5) * loop.lane_m + worlds.aside_m[w, i]
+    return (world.z[LANE, i] + 0.5) * loop.lane_m + world.x[ASIDE_M, i]
 
 
 @compiled
 def update_gaps(
-    worlds: Worlds,
+    world: World,
     loop: Loop,
-    w: int,
     i: int,
     lane: int,
     j: int,
@@ -182,33 +188,32 @@ def update_gaps(
 
     ``kept_m`` is the lateral gap to keep. With ``net_m`` only vehicles beside the front half count.
     """
-    if j < 0 or gap_m > 0 or is_related(worlds, w, j):
+    if j < 0 or gap_m > 0 or is_related(world, j):
         return room_right, room_left
     if net_m != 0.0 and not gap_m + MIN_GAP_M < net_m:
         return room_right, room_left
-    center = center_m(worlds, loop, w, i)
+    center = center_m(world, loop, i)
     right, left = lane * loop.lane_m, (lane + 1) * loop.lane_m
-    half_m = (worlds.width_m[w, i] + EPS) * 0.5 + EPS
+    half_m = (world.x[WIDTH_M, i] + EPS) * 0.5 + EPS
     aside = min(abs(right - center), abs(left - center)) - half_m
-    its_m = worlds.maneuver_m[w, j]
+    its_m = world.x[MANEUVER_M, j]
     if right + 0.5 * loop.lane_m < center:
         its_m = max(0.0, its_m)
         room_right = min(room_right, aside - kept_m, max(kept_m, aside - its_m))
         if remembers:
-            worlds.notes[w, LAST_RIGHT] = min(worlds.notes[w, LAST_RIGHT], aside)
+            world.notes[LAST_RIGHT] = min(world.notes[LAST_RIGHT], aside)
     else:
         its_m = -min(0.0, its_m)
         room_left = min(room_left, aside - kept_m, max(kept_m, aside - its_m))
         if remembers:
-            worlds.notes[w, LAST_LEFT] = min(worlds.notes[w, LAST_LEFT], aside)
+            world.notes[LAST_LEFT] = min(world.notes[LAST_LEFT], aside)
     return room_right, room_left
 
 
 @compiled
 def is_blocking(
-    worlds: Worlds,
+    world: World,
     loop: Loop,
-    w: int,
     i: int,
     lane: int,
     j: int,
@@ -221,10 +226,10 @@ def is_blocking(
 
     The result contains ``COUNTS`` if ``j`` matters at all.
     """
-    if j < 0 or is_related(worlds, w, j):
+    if j < 0 or is_related(world, j):
         return 0
-    width_m = worlds.width_m[w, i] + EPS
-    right = center_m(worlds, loop, w, i) - 0.5 * worlds.width_m[w, i]
+    width_m = world.x[WIDTH_M, i] + EPS
+    right = center_m(world, loop, i) - 0.5 * world.x[WIDTH_M, i]
     left = right + width_m
     its_right, its_left = lane * loop.lane_m, (lane + 1) * loop.lane_m
     before = overlaps(right, left, its_right, its_left)
@@ -233,13 +238,13 @@ def is_blocking(
         return 0
     if gap_m < 0:
         return 0 if before and not after else flag | OVERLAPPING | COUNTS
-    if not after and worlds.is_full[w, i]:
+    if not after and world.z[IS_FULL, i]:
         return 0
     behind, ahead = (i, j) if is_ahead else (j, i)
     needed_m = secure_gap(
-        worlds.speed_m_s[w, behind],
-        worlds.speed_m_s[w, ahead],
-        worlds.headway_s[w, behind],
+        world.x[SPEED_M_S, behind],
+        world.x[SPEED_M_S, ahead],
+        world.x[HEADWAY_S, behind],
         behind == 0,
     )
     if gap_m >= needed_m:
@@ -249,55 +254,48 @@ def is_blocking(
 
 @compiled
 def check_blocking(
-    worlds: Worlds,
+    world: World,
     loop: Loop,
-    w: int,
     i: int,
     side: int,
     kept_m: float,
     keeps_gap: bool,
 ) -> int:
     """Return the flags of what blocks the move in ``notes``; shorten the move as far as needed."""
-    notes, near, lane = worlds.notes, worlds.near, worlds.lane[w, i]
-    move_m = max(min(notes[w, MOVE], STRIDE_M), -STRIDE_M)
-    if near[w, RELATED_COUNT] < 0:
-        near[w, RELATED_COUNT] = 0
+    notes, near, lane = world.notes, world.near, world.z[LANE, i]
+    move_m = max(min(notes[MOVE], STRIDE_M), -STRIDE_M)
+    if near[RELATED_COUNT] < 0:
+        near[RELATED_COUNT] = 0
         for d in (0, side):
             other = lane + d
-            relate(worlds, loop, w, i, other, near[w, LEADER + 1 + d], notes[w, LEADER_GAP + 1 + d])
-            relate(
-                worlds, loop, w, i, other, near[w, FOLLOWER + 1 + d], notes[w, FOLLOWER_GAP + 1 + d]
-            )
+            relate(world, loop, i, other, near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d])
+            relate(world, loop, i, other, near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d])
             if side == 0:
                 break
-    right, left = notes[w, SAFE_RIGHT], notes[w, SAFE_LEFT]
+    right, left = notes[SAFE_RIGHT], notes[SAFE_LEFT]
     for d in (0, side):
         other = lane + d
-        j, gap_m = near[w, LEADER + 1 + d], notes[w, LEADER_GAP + 1 + d]
-        right, left = update_gaps(
-            worlds, loop, w, i, other, j, gap_m, right, left, kept_m, False, 0.0
-        )
-        j, gap_m = near[w, FOLLOWER + 1 + d], notes[w, FOLLOWER_GAP + 1 + d]
-        right, left = update_gaps(
-            worlds, loop, w, i, other, j, gap_m, right, left, kept_m, False, 0.0
-        )
+        j, gap_m = near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d]
+        right, left = update_gaps(world, loop, i, other, j, gap_m, right, left, kept_m, False, 0.0)
+        j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d]
+        right, left = update_gaps(world, loop, i, other, j, gap_m, right, left, kept_m, False, 0.0)
         if side == 0:
             break
-    notes[w, SAFE_RIGHT], notes[w, SAFE_LEFT] = right, left
-    near[w, BLOCKERS] = 0
+    notes[SAFE_RIGHT], notes[SAFE_LEFT] = right, left
+    near[BLOCKERS] = 0
     if move_m < 0:
-        notes[w, MOVE] = move_m
+        notes[MOVE] = move_m
         if right <= EPS:
             return BLOCKED_RIGHT | OVERLAPPING
         move_m = max(move_m, -right)
     else:
-        notes[w, MOVE] = move_m
+        notes[MOVE] = move_m
         if left <= EPS:
             return BLOCKED_LEFT | OVERLAPPING
         move_m = min(move_m, left)
-    notes[w, MOVE] = move_m
-    maneuver_m = notes[w, MANEUVER]
-    worlds.is_full[w, i] = maneuver_m == 0 or move_m == maneuver_m
+    notes[MOVE] = move_m
+    maneuver_m = notes[MANEUVER]
+    world.z[IS_FULL, i] = maneuver_m == 0 or move_m == maneuver_m
     blocked, fully, counted = 0, 0, 0
     for d in (0, side):
         leader_flag, follower_flag = BLOCKED_BY_LEADER, BLOCKED_BY_FOLLOWER
@@ -307,61 +305,60 @@ def check_blocking(
             leader_flag, follower_flag = BLOCKED_BY_LEFT_LEADER, BLOCKED_BY_LEFT_FOLLOWER
         bit = 1 if d == 0 else 4
         other = lane + d
-        j, gap_m = near[w, LEADER + 1 + d], notes[w, LEADER_GAP + 1 + d]
-        now = is_blocking(worlds, loop, w, i, other, j, gap_m, move_m, True, leader_flag)
-        later = is_blocking(worlds, loop, w, i, other, j, gap_m, maneuver_m, True, leader_flag)
+        j, gap_m = near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d]
+        now = is_blocking(world, loop, i, other, j, gap_m, move_m, True, leader_flag)
+        later = is_blocking(world, loop, i, other, j, gap_m, maneuver_m, True, leader_flag)
         counted |= bit if (now | later) & COUNTS else 0
         blocked |= now
         fully |= later
-        j, gap_m = near[w, FOLLOWER + 1 + d], notes[w, FOLLOWER_GAP + 1 + d]
-        now = is_blocking(worlds, loop, w, i, other, j, gap_m, move_m, False, follower_flag)
-        later = is_blocking(worlds, loop, w, i, other, j, gap_m, maneuver_m, False, follower_flag)
+        j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d]
+        now = is_blocking(world, loop, i, other, j, gap_m, move_m, False, follower_flag)
+        later = is_blocking(world, loop, i, other, j, gap_m, maneuver_m, False, follower_flag)
         counted |= 2 * bit if (now | later) & COUNTS else 0
         blocked |= now
         fully |= later
         if side == 0:
             break
-    near[w, BLOCKERS] = counted
-    if not blocked & ~COUNTS and not worlds.is_full[w, i] and not keeps_gap:
+    near[BLOCKERS] = counted
+    if not blocked & ~COUNTS and not world.z[IS_FULL, i] and not keeps_gap:
         blocked |= fully
     return blocked & ~COUNTS
 
 
 @compiled
-def inform(worlds: Worlds, w: int, j: int, advice: float, flags: int) -> None:
+def inform(world: World, j: int, advice: float, flags: int) -> None:
     """Tell the vehicle ``j`` that it is in the way; ``advice`` is a speed for it, or negative."""
-    worlds.state[w, j] |= flags
+    world.z[STATE, j] |= flags
     if advice >= 0:
-        advise(worlds, w, j, advice)
+        advise(world, j, advice)
 
 
 @compiled
-def advise(worlds: Worlds, w: int, j: int, advice: float) -> None:
+def advise(world: World, j: int, advice: float) -> None:
     """Advise a vehicle of a speed for the next step; it ignores one that it cannot reach."""
-    speed = worlds.speed_m_s[w, j]
+    speed = world.x[SPEED_M_S, j]
     reached = speed + ((advice - speed) / STEP_S) * STEP_S
-    if max(speed - MOST_BRAKING_M_S, 0.0) <= reached < worlds.advice_m_s[w, j]:
-        worlds.advice_m_s[w, j] = reached
+    if max(speed - MOST_BRAKING_M_S, 0.0) <= reached < world.x[ADVICE_M_S, j]:
+        world.x[ADVICE_M_S, j] = reached
 
 
 @compiled
-def its_follow_speed(worlds: Worlds, w: int, i: int, gap_m: float, ahead_speed: float) -> float:
+def its_follow_speed(world: World, i: int, gap_m: float, ahead_speed: float) -> float:
     """Return the next speed of the vehicle ``i`` behind another one, by its IDM."""
     return follow_speed(
-        worlds.speed_m_s[w, i],
+        world.x[SPEED_M_S, i],
         gap_m,
         ahead_speed,
-        worlds.desired_m_s[w, i],
-        worlds.headway_s[w, i],
-        worlds.acceleration_m_s2[w, i],
+        world.x[DESIRED_M_S, i],
+        world.x[HEADWAY_S, i],
+        world.x[ACCELERATION_M_S2, i],
     )
 
 
 @compiled
 def inform_leader(
-    worlds: Worlds,
+    world: World,
     loop: Loop,
-    w: int,
     i: int,
     side: int,
     blocked: int,
@@ -370,54 +367,53 @@ def inform_leader(
     seconds: float,
 ) -> float:
     """Ask the vehicle ahead in the target lane for room; return the own planned speed."""
-    speed, its = worlds.speed_m_s[w, i], worlds.speed_m_s[w, j]
-    planned = min(speed, stop_speed(worlds, w, i), worlds.advice_m_s[w, i])
+    speed, its = world.x[SPEED_M_S, i], world.x[SPEED_M_S, j]
+    planned = min(speed, stop_speed(world, i), world.x[ADVICE_M_S, i])
     asked = ASKED_BY_LEFTWARD if side > 0 else ASKED_BY_RIGHTWARD
     if blocked & BLOCKED_BY_LEADER:
         faster = planned - its
-        length_m = worlds.length_m[w, i]
-        past_m = gap_m + worlds.length_m[w, j] + MIN_GAP_M + length_m
-        past_m += secure_gap(its, speed, worlds.headway_s[w, j], j == 0)
+        length_m = world.x[LENGTH_M, i]
+        past_m = gap_m + world.x[LENGTH_M, j] + MIN_GAP_M + length_m
+        past_m += secure_gap(its, speed, world.x[HEADWAY_S, j], j == 0)
         stays = side > 0 and speed >= CONGESTED_M_S and not loop.overtake_right
         if faster < EPS or stays or faster * seconds < past_m:
-            inform(worlds, w, j, -1.0, asked | IS_BLOCKING_LEADER)
-            target = its_follow_speed(worlds, w, i, gap_m, its)
+            inform(world, j, -1.0, asked | IS_BLOCKING_LEADER)
+            target = its_follow_speed(world, i, gap_m, its)
             if target >= speed:
-                advise(worlds, w, i, target)
+                advise(world, i, target)
                 return planned
             slower = max(FALL_BEHIND_M_S, (speed - target) / seconds)
             slower = min(MOST_BRAKING_M_S / STEP_S, slower) * STEP_S
             target = min(planned, max(0.0, speed - slower))
-            advise(worlds, w, i, target)
+            advise(world, i, target)
             return target
-        inform(worlds, w, j, its, asked | IS_BLOCKING_LEADER)
+        inform(world, j, its, asked | IS_BLOCKING_LEADER)
         return -1.0
     later = its - HELP_M_S
     closer_m = (speed - later) * STEP_S
-    target = its_follow_speed(worlds, w, i, gap_m - closer_m, later)
-    advise(worlds, w, i, target)
+    target = its_follow_speed(world, i, gap_m - closer_m, later)
+    advise(world, i, target)
     return min(target, planned)
 
 
 @compiled
-def stop_speed(worlds: Worlds, w: int, i: int) -> float:
+def stop_speed(world: World, i: int) -> float:
     """Return IDM's next speed if the vehicle stopped at the end of the road that SUMO regards."""
     return idm_speed(
-        worlds.speed_m_s[w, i],
-        worlds.notes[w, LEFT_SPACE],
+        world.x[SPEED_M_S, i],
+        world.notes[LEFT_SPACE],
         0.0,
-        worlds.desired_m_s[w, i],
-        worlds.headway_s[w, i],
-        worlds.acceleration_m_s2[w, i],
+        world.x[DESIRED_M_S, i],
+        world.x[HEADWAY_S, i],
+        world.x[ACCELERATION_M_S2, i],
         0.0,
     )
 
 
 @compiled
 def inform_follower(
-    worlds: Worlds,
+    world: World,
     loop: Loop,
-    w: int,
     i: int,
     side: int,
     blocked: int,
@@ -427,23 +423,23 @@ def inform_follower(
     planned: float,
 ) -> None:
     """Ask the vehicle behind in the target lane for room, or let it pass."""
-    speed, its = worlds.speed_m_s[w, i], worlds.speed_m_s[w, j]
-    headway_s, is_ego = worlds.headway_s[w, j], j == 0
+    speed, its = world.x[SPEED_M_S, i], world.x[SPEED_M_S, j]
+    headway_s, is_ego = world.x[HEADWAY_S, j], j == 0
     asked = IS_BLOCKING_FOLLOWER | (ASKED_BY_LEFTWARD if side > 0 else ASKED_BY_RIGHTWARD)
     if not blocked & BLOCKED_BY_FOLLOWER:
-        fastest = min(its + worlds.acceleration_m_s2[w, j] * STEP_S, worlds.desired_m_s[w, j])
-        safe = its_follow_speed(worlds, w, j, gap_m + (planned - fastest) * STEP_S, planned)
+        fastest = min(its + world.x[ACCELERATION_M_S2, j] * STEP_S, world.x[DESIRED_M_S, j])
+        safe = its_follow_speed(world, j, gap_m + (planned - fastest) * STEP_S, planned)
         if safe < its:
             later_m = gap_m + (planned - its) * STEP_S
             safe = its
             if later_m < secure_gap(its, planned, headway_s, is_ego):
-                safe = its_follow_speed(worlds, w, j, later_m, planned)
-        inform(worlds, w, j, safe, asked)
+                safe = its_follow_speed(world, j, later_m, planned)
+        inform(world, j, safe, asked)
         return
     if planned - its >= HELP_M_S:
         needed_m = secure_gap(its, planned, headway_s, is_ego)
         if (needed_m - gap_m) / seconds < planned - its:
-            inform(worlds, w, j, planned - HELP_M_S, asked)
+            inform(world, j, planned - HELP_M_S, asked)
             return
     braking = MOST_BRAKING_M_S / STEP_S
     slowed, slowed_1s = max(0.0, its - MOST_BRAKING_M_S), max(0.0, its - braking)
@@ -451,22 +447,22 @@ def inform_follower(
     later_m = gap_m + faster
     needed_m = secure_gap(slowed_1s, planned, headway_s, is_ego)
     if later_m > 0 and later_m >= needed_m:
-        safe = max(slowed, its_follow_speed(worlds, w, j, gap_m + planned * STEP_S, planned))
+        safe = max(slowed, its_follow_speed(world, j, gap_m + planned * STEP_S, planned))
         room_m = gap_m + (planned - safe) * STEP_S
-        safe = max(slowed, its_follow_speed(worlds, w, j, room_m, planned))
-        inform(worlds, w, j, safe, asked)
+        safe = max(slowed, its_follow_speed(world, j, room_m, planned))
+        inform(world, j, safe, asked)
     elif faster > 0 and faster * seconds > needed_m - later_m + 0.1:
-        inform(worlds, w, j, slowed, asked)
+        inform(world, j, slowed, asked)
     elif side < 0 and not loop.overtake_right and its >= CONGESTED_M_S:
-        inform(worlds, w, j, max(slowed, HELP_M_S), asked)
+        inform(world, j, max(slowed, HELP_M_S), asked)
     else:
         helped = max(its, speed + HELP_M_S)
         if its > speed:  # also to the left: the way ahead is longer than a ramp
             helped = max(slowed, speed + HELP_M_S)
             if (its - speed) / braking < seconds:
-                inform(worlds, w, j, helped, asked)
+                inform(world, j, helped, asked)
                 return
-        inform(worlds, w, j, helped, asked)
-        past_m = gap_m + worlds.length_m[w, i] + MIN_GAP_M + worlds.length_m[w, j]
-        past_m += secure_gap(planned, helped, worlds.headway_s[w, i], False)
-        advise(worlds, w, i, max(helped - past_m / seconds, speed - MOST_BRAKING_M_S))
+        inform(world, j, helped, asked)
+        past_m = gap_m + world.x[LENGTH_M, i] + MIN_GAP_M + world.x[LENGTH_M, j]
+        past_m += secure_gap(planned, helped, world.x[HEADWAY_S, i], False)
+        advise(world, i, max(helped - past_m / seconds, speed - MOST_BRAKING_M_S))

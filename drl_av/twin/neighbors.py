@@ -4,24 +4,33 @@ import math
 
 from drl_av.twin.compiled import compiled
 from drl_av.twin.following import BRAKING_M_S2, MIN_GAP_M, brake_gap, secure_gap
-from drl_av.twin.worlds import Loop, Worlds
+from drl_av.twin.worlds import (
+    COUNT,
+    FRONT_M,
+    HEADWAY_S,
+    LENGTH_M,
+    MASK,
+    ORDER,
+    SPEED_M_S,
+    Loop,
+    World,
+)
 
 SEEN_BEHIND_M = 200.0
 """Distance in which SUMO looks for followers: stopping from the speed limit of 40 m/s."""
 
 
 @compiled
-def insert_sorted(worlds: Worlds, w: int) -> None:
+def insert_sorted(world: World) -> None:
     """Sort the vehicles of a world by front position, the foremost first."""
-    order, front = worlds.order, worlds.front_m
-    for k in range(1, worlds.count[w]):
-        i = order[w, k]
-        at_m = front[w, i]
+    for k in range(1, world.near[COUNT]):
+        i = world.z[ORDER, k]
+        at_m = world.x[FRONT_M, i]
         m = k - 1
-        while m >= 0 and front[w, order[w, m]] < at_m:
-            order[w, m + 1] = order[w, m]
+        while m >= 0 and world.x[FRONT_M, world.z[ORDER, m]] < at_m:
+            world.z[ORDER, m + 1] = world.z[ORDER, m]
             m -= 1
-        order[w, m + 1] = i
+        world.z[ORDER, m + 1] = i
 
 
 @compiled
@@ -46,13 +55,13 @@ def reach_m(rest_m: float, speed: float, headway_s: float, edge_m: float) -> flo
 
 
 @compiled
-def follower(worlds: Worlds, loop: Loop, w: int, k: int, lane: int) -> tuple[int, float]:
+def follower(world: World, loop: Loop, k: int, lane: int) -> tuple[int, float]:
     """Return the critical vehicle behind the ``k``-th one in ``lane`` and its net gap, or -1."""
-    n, order, front = worlds.count[w], worlds.order, worlds.front_m
-    i = order[w, k]
-    at_m, speed = front[w, i], worlds.speed_m_s[w, i]
+    n = world.near[COUNT]
+    i = world.z[ORDER, k]
+    at_m, speed = world.x[FRONT_M, i], world.x[SPEED_M_S, i]
     pos_m = at_m - math.floor(at_m / loop.edge_m) * loop.edge_m
-    length_m = worlds.length_m[w, i]
+    length_m = world.x[LENGTH_M, i]
     back_m = pos_m - length_m
     found, found_gap_m, found_missing_m = -1, math.inf, -math.inf
     edge, done_edge, wrapped_m = 0, -1, 0.0
@@ -61,10 +70,10 @@ def follower(worlds: Worlds, loop: Loop, w: int, k: int, lane: int) -> tuple[int
         m += 1
         if m == n:
             m, wrapped_m = 0, loop.lap_m
-        j = order[w, m]
-        if worlds.lane[w, j] != lane and worlds.shadow[w, j] != lane:
+        j = world.z[ORDER, m]
+        if not world.z[MASK, j] & (1 << lane):
             continue
-        behind_m = at_m - front[w, j] + wrapped_m
+        behind_m = at_m - world.x[FRONT_M, j] + wrapped_m
         edge = 0 if behind_m <= pos_m else 1 + int((behind_m - pos_m) // loop.edge_m)
         if edge > 0:
             if found >= 0 and done_edge <= 0:
@@ -75,15 +84,17 @@ def follower(worlds: Worlds, loop: Loop, w: int, k: int, lane: int) -> tuple[int
                 break
         done_edge = edge
         gap_m = behind_m - length_m - MIN_GAP_M
-        needed_m = secure_gap(worlds.speed_m_s[w, j], speed, worlds.headway_s[w, j], j == 0)
+        needed_m = secure_gap(world.x[SPEED_M_S, j], speed, world.x[HEADWAY_S, j], j == 0)
         missing_m = needed_m - gap_m
         is_worse = (
             missing_m > found_missing_m
             or (missing_m > 0 and gap_m < found_gap_m)
             or (gap_m < 0 and found_gap_m > 0)
         )
-        if is_worse and not (gap_m > 0 and found_gap_m < 0) and not (
-            found_missing_m > 0 and found_gap_m < gap_m
+        if (
+            is_worse
+            and not (gap_m > 0 and found_gap_m < 0)
+            and not (found_missing_m > 0 and found_gap_m < gap_m)
         ):
             found, found_gap_m, found_missing_m = j, gap_m, missing_m
     return found, found_gap_m

@@ -1,4 +1,10 @@
-"""The state of many worlds as arrays: one row a world, one column a vehicle, column 0 the ego."""
+"""The state of many worlds as arrays; column 0 of the vehicles is the ego.
+
+A world has two tables with one column a vehicle: ``x`` holds real numbers, ``z`` whole numbers. A
+row is one quantity of all vehicles, named by the constants below, in SI units. The columns beyond
+the world's ``COUNT`` are unused. Everything that SUMO's models remember between two steps is in
+these arrays, so a copy of them continues like the original.
+"""
 
 from typing import NamedTuple
 
@@ -8,78 +14,95 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-NONE = -1
+(
+    FRONT_M,
+    SPEED_M_S,
+    ACCELERATION_NOW_M_S2,
+    ASIDE_M,
+    LATERAL_SPEED_M_S,
+    LENGTH_M,
+    WIDTH_M,
+    DESIRED_M_S,
+    HEADWAY_S,
+    ACCELERATION_M_S2,
+    THRESHOLD_LEFT,
+    THRESHOLD_RIGHT,
+    WANTED_SPEED_M_S,
+    MANEUVER_M,
+    COMMANDED_M,
+    GAIN_LEFT,
+    GAIN_RIGHT,
+    ADVICE_M_S,
+    NEXT_M_S,
+    EXPECTED_M_S,
+) = range(20)
+"""The rows of ``x``.
+
+``FRONT_M`` is the position of the front bumper in [0, lap), ``ASIDE_M`` the offset of the body's
+centre from the centre of its lane, left positive. ``ACCELERATION_NOW_M_S2`` is the change of the
+speed in the last step divided by its length. SUMO's parameters of a driver are ``DESIRED_M_S``,
+``HEADWAY_S``, ``ACCELERATION_M_S2``, and the speed gains from which it changes to the left and to
+the right. ``WANTED_SPEED_M_S`` bounds the next speed by a command (inf without one),
+``ADVICE_M_S`` by the lane changes around (inf without one). ``MANEUVER_M`` is the lateral distance
+left of the lane change in progress, ``COMMANDED_M`` the same of one that was requested.
+``GAIN_LEFT`` and ``GAIN_RIGHT`` are SL2015's memory of faster lanes, and the rows from
+``EXPECTED_M_S`` on, one a lane, the speeds that it expects there. ``NEXT_M_S`` is scratch.
+"""
+
+(
+    LANE,
+    SHADOW,
+    RESERVED,
+    ON_REQUEST_ONLY,
+    REQUEST_LANE,
+    REQUEST_END,
+    STATE,
+    PREVIOUS_STATE,
+    IS_FULL,
+    ORDER,
+    MASK,
+    TRACKED,
+) = range(12)
+"""The rows of ``z``.
+
+``SHADOW`` is the second lane that a body overlaps, ``RESERVED`` the lane that it is about to enter,
+in which others make room for it; each is -1 if there is none. ``ON_REQUEST_ONLY`` is 1 if SUMO
+changes the vehicle's lane on request only. A request for ``REQUEST_LANE`` (-1: none) stands until
+step ``REQUEST_END``. ``STATE`` and ``PREVIOUS_STATE`` are SL2015's, of ``flags``; ``IS_FULL`` is 1
+if its last move could be made at once. ``ORDER`` lists the vehicles, the foremost first. ``MASK``
+has a bit for each lane that the body overlaps. ``TRACKED`` is the last step at which the expected
+speeds were brought up to date: only then, and not while they cannot matter, are they.
+"""
+
+COUNT, STEP, ACTIVE_COUNT = 16, 17, 18
+"""Entries of ``near``: the vehicles of the world, the ego included; its SUMO steps since the start;
+the length of SUMO's list of the strips with vehicles (``active_lanes``)."""
+ACTIVE = 20
+"""First entry of ``near`` with that list; ``MARKS``: the first with a mark of each strip."""
+MOST_STRIPS = 40
+MARKS = ACTIVE + MOST_STRIPS
+
+
+class World(NamedTuple):
+    """One world: views of the arrays of ``Worlds``."""
+
+    x: FloatArray
+    """Real numbers, shape (rows, vehicles)."""
+    z: IntArray
+    """Whole numbers, shape (rows, vehicles)."""
+    notes: FloatArray
+    """Scratch numbers of the vehicle that considers a lane change, shape (16,)."""
+    near: IntArray
+    """The vehicles around that vehicle, and counts of the world, shape (100,)."""
 
 
 class Worlds(NamedTuple):
-    """Worlds on one loop; arrays have shape (worlds, vehicles) if nothing else is said.
+    """Many worlds on one road; the first axis of each array is the world."""
 
-    A world has ``count`` vehicles, the ego included; the columns beyond are unused. Positions are
-    those of the front bumper; ``aside_m`` is the offset of a body's centre from the centre of its
-    lane, left positive. Everything that SUMO's models remember between two steps is here, so a
-    copy of the arrays continues like the original.
-    """
-
-    count: IntArray
-    """Vehicles of each world, shape (worlds,)."""
-    step: IntArray
-    """SUMO steps since the start, shape (worlds,)."""
-    front_m: FloatArray
-    speed_m_s: FloatArray
-    acceleration_now_m_s2: FloatArray
-    """Change of the speed in the last step, divided by its length."""
-    lane: IntArray
-    aside_m: FloatArray
-    lateral_speed_m_s: FloatArray
-    shadow: IntArray
-    """The second lane that the body overlaps, or -1."""
-    reserved: IntArray
-    """The lane that the vehicle is about to enter, in which others make room for it, or -1."""
-    length_m: FloatArray
-    width_m: FloatArray
-    desired_m_s: FloatArray
-    headway_s: FloatArray
-    acceleration_m_s2: FloatArray
-    threshold_left: FloatArray
-    """Speed gain from which SL2015 changes to the left."""
-    threshold_right: FloatArray
-    on_request_only: IntArray
-    """1 if SUMO changes the vehicle's lane on request only, else 0."""
-    request_lane: IntArray
-    """Lane of the request that stands, or -1."""
-    request_end: IntArray
-    """The last step at which the request stands."""
-    wanted_speed_m_s: FloatArray
-    """Upper bound of the next speed by a command, or inf."""
-    state: IntArray
-    """SL2015's own state, flags of ``lane_changing``."""
-    previous_state: IntArray
-    maneuver_m: FloatArray
-    """Lateral distance left of the lane change in progress."""
-    commanded_m: FloatArray
-    """Lateral distance left of a requested lane change that has begun, 0 if none."""
-    is_full: IntArray
-    """1 if SL2015 could make the whole lateral move in one step."""
-    gain_left: FloatArray
-    gain_right: FloatArray
-    expected_m_s: FloatArray
-    """Expected speeds in the lanes, shape (worlds, vehicles, lanes)."""
-    advice_m_s: FloatArray
-    """Speed that lane changes advise for the next step, or inf."""
-    order: IntArray
-    """The vehicles of each world by front position, the foremost first."""
-    active: IntArray
-    """SUMO's list of the strips of edges that have vehicles, shape (worlds, 4 * lanes)."""
-    active_count: IntArray
-    """Length of that list, shape (worlds,)."""
-    marks: IntArray
-    """Scratch: marks of the strips, shape (worlds, 4 * lanes)."""
+    x: FloatArray
+    z: IntArray
     notes: FloatArray
-    """Scratch numbers of the lane change being considered, shape (worlds, 16)."""
     near: IntArray
-    """Scratch indices of vehicles, shape (worlds, 16)."""
-    next_m_s: FloatArray
-    """Scratch: the speeds after the step."""
 
 
 class Loop(NamedTuple):
@@ -103,25 +126,9 @@ class Loop(NamedTuple):
 
 def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:
     """Return the arrays of ``worlds`` worlds for up to ``vehicles`` vehicles, the ego included."""
-
-    def floats(*more: int) -> FloatArray:
-        return np.zeros((worlds, *more))
-
-    def ints(*more: int) -> IntArray:
-        return np.zeros((worlds, *more), dtype=np.int64)
-
-    shapes: dict[str, tuple[int, ...]] = {
-        "count": (),
-        "step": (),
-        "active": (4 * lanes,),
-        "active_count": (),
-        "marks": (4 * lanes,),
-        "expected_m_s": (vehicles, lanes),
-        "notes": (16,),
-        "near": (16,),
-    }
-    arrays = {
-        name: (ints if kind is IntArray else floats)(*shapes.get(name, (vehicles,)))
-        for name, kind in Worlds.__annotations__.items()
-    }
-    return Worlds(**arrays)
+    return Worlds(
+        x=np.zeros((worlds, EXPECTED_M_S + lanes, vehicles)),
+        z=np.zeros((worlds, TRACKED + 1, vehicles), dtype=np.int64),
+        notes=np.zeros((worlds, 16)),
+        near=np.zeros((worlds, MARKS + MOST_STRIPS), dtype=np.int64),
+    )
