@@ -1,7 +1,7 @@
 """The errors that the package raises; each message is one sentence: what, where, what to do."""
 
 
-def counted(number: int, noun: str) -> str:
+def pluralize(number: int, noun: str) -> str:
     """Return a number with its noun, which gets an "s" unless the number is 1."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 

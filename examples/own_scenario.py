@@ -9,7 +9,7 @@ from pathlib import Path
 import gymnasium
 
 import drl_av  # registers the environment
-from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
+from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
 
 MAINTAIN = 0
 

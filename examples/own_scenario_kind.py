@@ -13,11 +13,11 @@ import drl_av  # registers the environments
 from drl_av.config import Config
 from drl_av.config.schema import setting
 from drl_av.drivers.registry import rule_driver
-from drl_av.traffic.kind import Edge, OpenPlan, OpenStart
-from drl_av.traffic.kinds import KINDS
-from drl_av.traffic.open_road import BEYOND_M, OpenDescription, open_kind
-from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
-from drl_av.traffic.scenario import write_scenario
+from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
+from drl_av.scenarios.folder import write_scenario
+from drl_av.scenarios.layout import Edge, OpenPlan, OpenStart
+from drl_av.scenarios.open_road import BEYOND_M, OpenDescription, open_road_type
+from drl_av.scenarios.road_types import ROAD_TYPES
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class LaneDropDescription(OpenDescription):
         )
 
 
-KINDS["lane_drop"] = open_kind("a highway whose right lane ends", LaneDropDescription)
+ROAD_TYPES["lane_drop"] = open_road_type("a highway whose right lane ends", LaneDropDescription)
 
 
 def main() -> None:

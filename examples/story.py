@@ -10,7 +10,7 @@ import gymnasium
 
 import drl_av
 from drl_av.driving.actions import ACTIONS
-from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
+from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
 
 STORY = ScenarioDescription(
     circumference_m=1000.0,

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from drl_av.traffic.imported import ImportedDescription
-from drl_av.traffic.network import program
+from drl_av.scenarios.imported.description import ImportedDescription
+from drl_av.scenarios.netconvert import program
 
-A10 = Path(__file__).parent / "traffic" / "a10.net.xml"
+A10 = Path(__file__).parent / "scenarios" / "a10.net.xml"
 """A motorway from OpenStreetMap; its origin and licence are in a10.md beside it."""
 EAST = ("264306385", "264308376")
 WEST = ("290296351", "264308373")

@@ -5,7 +5,7 @@ import subprocess
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from drl_av.traffic.network import program
+from drl_av.scenarios.netconvert import program
 
 
 def run_sumo(*words: object) -> None:

@@ -22,11 +22,11 @@ from drl_av.config import from_toml, load_config
 from drl_av.drivers.policy_file import load
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, ScenarioError, SimulationError
-from drl_av.learning.assembly import make_training
+from drl_av.learning.builder import build_training
 from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
-from drl_av.traffic import description_file
-from drl_av.traffic.scenario import find_scenario, load_scenario
+from drl_av.scenarios import description_file
+from drl_av.scenarios.folder import find_scenario, load_scenario
 from verification.fuzz_driving import positions
 
 TINY = (
@@ -114,7 +114,7 @@ def runs(env: HighwayEnv, tmp_path_factory: pytest.TempPathFactory) -> list[Path
     folders = []
     for seed in (1, 2):
         env.config = SMALL.updated("learning", seed=seed)
-        run, training = Run(tmp_path_factory.mktemp("runs") / "run"), make_training(env)
+        run, training = Run(tmp_path_factory.mktemp("runs") / "run"), build_training(env)
         run.create(training)
         run.append(run.episodes_file, training.run_episode())
         run.save(training)
@@ -156,7 +156,7 @@ def test_a_checkpoint_with_one_impossible_number_is_refused(
         tensors[name][place] = value
         save(run.checkpoint_file, tensors, numbers)
         with pytest.raises(CheckpointError, match=message) as error:
-            run.restore(make_training(env))
+            run.restore(build_training(env))
         sentence(error.value)
 
 
@@ -182,7 +182,7 @@ def test_a_table_that_is_not_the_checkpoint_s_is_refused_and_stays_as_it_is(
         save(run.checkpoint_file, tensors, numbers)
         run.episodes_file.write_bytes(held)
         with pytest.raises(CheckpointError, match="does not hold the rows") as error:
-            run.restore(make_training(env))
+            run.restore(build_training(env))
         sentence(error.value)
         assert run.episodes_file.read_bytes() == held
 
@@ -196,7 +196,7 @@ def test_a_checkpoint_truncates_no_file_but_the_run_s_own(
         tensors, numbers = load(run.checkpoint_file)
         numbers["sizes"]["../diary.txt"] = 0
         save(run.checkpoint_file, tensors, numbers)
-        run.restore(make_training(env))
+        run.restore(build_training(env))
     assert victim.read_text() == "dear diary"
 
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
-from drl_av.traffic.scenario import write_scenario
-from drl_av.traffic.straight import StraightDescription
+from drl_av.scenarios.folder import write_scenario
+from drl_av.scenarios.highways import StraightDescription
 
 TOOLS = Path(__file__).parents[1] / "tools"
 
@@ -21,7 +21,7 @@ def test_the_long_road_has_500_vehicles_by_its_flow(monkeypatch, tmp_path):
     write_scenario(tmp_path / "long", rows.long_road())
     config = rows.crowded(rows.ON_STRAIGHT).updated("simulation", scenario=str(tmp_path / "long"))
     with closing(HighwayEnv(config=config)) as env:
-        assert env.simulation.fleet.usual == rows.ON_STRAIGHT == 500
+        assert env.simulation.fleet.default_vehicle_count == rows.ON_STRAIGHT == 500
     assert "straight" in importlib.import_module("benchmark").ROWS
 
 

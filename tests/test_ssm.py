@@ -22,18 +22,18 @@ from typing import NamedTuple
 
 import pytest
 
-import drl_av.traffic.connection
+import drl_av.simulation.sumo
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
+from drl_av.drivers.rule_based import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.evaluation.surrogates import required_deceleration
+from drl_av.road.snapshot import EGO
 from drl_av.safety.paper import closing_speed, time_to_collision
-from drl_av.traffic.connection import start_arguments
-from drl_av.traffic.scenario import ScenarioDescription, write_scenario
-from drl_av.traffic.snapshot import EGO
+from drl_av.scenarios.folder import ScenarioDescription, write_scenario
+from drl_av.simulation.sumo import start_arguments
 
 CONFIG = Config().updated("simulation", decisions_per_episode=60)
 FOLLOWING = "2"
@@ -118,7 +118,7 @@ def with_device(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     options |= {"trajectories": "true", "range": "250", "extratime": "0", "file": str(file)}
     own = [word for name, value in options.items() for word in (f"--device.ssm.{name}", value)]
     monkeypatch.setattr(
-        drl_av.traffic.connection,
+        drl_av.simulation.sumo,
         "start_arguments",
         lambda *arguments: [*start_arguments(*arguments), *own, "--precision", "9"],
     )

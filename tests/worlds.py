@@ -16,8 +16,8 @@ from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.maneuver import Plan, plan
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
+from drl_av.road.snapshot import Snapshot
 
 LENGTH_M, WIDTH_M, LANE_M = 5.0, 1.8, 3.8
 RIGHT, CENTER, LEFT = 0.0, 3.8, 7.6

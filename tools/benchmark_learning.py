@@ -14,7 +14,7 @@ from benchmark_rows import VEHICLES, Row, crowded, exploring
 from drl_av.config import Config
 from drl_av.drivers.network import QNetwork
 from drl_av.env.highway import HighwayEnv, Observation
-from drl_av.learning.assembly import make_buffer, make_training
+from drl_av.learning.builder import build_training, make_buffer
 from drl_av.learning.learner import Learner
 
 STEPS = 500
@@ -100,7 +100,7 @@ def train_row(
 ) -> Row:
     """Return a row of our training beside stable-baselines3's, on the same few traffic seeds."""
     ours, theirs = (stack.enter_context(closing(Rounds(config, seeds))) for _ in range(2))
-    training, rival = make_training(ours), stable_baselines3(theirs)
+    training, rival = build_training(ours), stable_baselines3(theirs)
 
     def train() -> float:
         begun = time.perf_counter()

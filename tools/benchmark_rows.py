@@ -24,11 +24,11 @@ from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import load_learned, rule_driver
-from drl_av.drivers.rules import IdmDriver
+from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
-from drl_av.traffic.kinds import KINDS
-from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
-from drl_av.traffic.straight import StraightDescription
+from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
+from drl_av.scenarios.highways import StraightDescription
+from drl_av.scenarios.road_types import ROAD_TYPES
 
 VEHICLES = 30
 ON_STRAIGHT = 500
@@ -216,9 +216,9 @@ def roads_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
         return env, recorded_actions(env, rule_driver("gap-mobil", config), seeds)
 
     for kind in ("straight", "merge", "exit", "ramp_to_ramp"):
-        write_scenario(home / kind, KINDS[kind].description())
+        write_scenario(home / kind, ROAD_TYPES[kind].description())
         with closing(HighwayEnv(home / kind)) as env:
-            usual = env.simulation.fleet.usual
+            usual = env.simulation.fleet.default_vehicle_count
         assert usual is not None
         open_road = recorded(home / kind, usual)
         number = round(mean_vehicles(*open_road))

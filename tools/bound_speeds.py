@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drl_av.config import SINGLE_KINDS, Config
+from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.experiments.experiment import ResultsFolder
 from drl_av.experiments.opponents import (
@@ -44,7 +44,7 @@ def main() -> None:
     names = [*map(str, VEHICLES), f"{pooled[0]} to {pooled[-1]}"]
     print("most to gain over the best opponent, m/s, by number of vehicles")
     print(f"{'traffic':<14}" + "".join(f"{name:>14}" for name in names))
-    for kind in SINGLE_KINDS:
+    for kind in SINGLE_PRESETS:
         own = [row for row in rows if row["traffic"] == kind]
         with closing(HighwayEnv(config=Config().with_traffic(kind))) as env:
             gains = [most_to_gain(env, own, numbers) for numbers in (*columns, pooled)]

@@ -21,7 +21,7 @@ from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS, SLOTS, indicator_meaning
 from drl_av.env.observation import GROUPS
 from drl_av.experiments.markdown import markdown_table
-from drl_av.traffic.kinds import KINDS
+from drl_av.scenarios.road_types import ROAD_TYPES
 
 LONGITUDINAL = ("maintain", "accelerate", "brake", "hard brake")
 LATERAL = ("keep the lane", "change to the right", "change to the left")
@@ -79,7 +79,9 @@ def exported() -> str:
 
 def kinds() -> str:
     """Return the Markdown table of the kinds of scenarios, one row for each."""
-    return table(["kind", "road"], [[f"`{name}`", kind.meaning] for name, kind in KINDS.items()])
+    return table(
+        ["kind", "road"], [[f"`{name}`", kind.meaning] for name, kind in ROAD_TYPES.items()]
+    )
 
 
 def groups() -> str:

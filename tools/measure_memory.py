@@ -14,9 +14,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
 
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.env.highway import HighwayEnv
-from drl_av.errors import counted
+from drl_av.errors import pluralize
 from drl_av.experiments.provenance import made_by
 
 SEEDS = 3_000
@@ -71,8 +71,8 @@ def main() -> int:
                 print(f"{done:>7} resets {held[done] / 2**20:8.1f} MiB", flush=True)
     growth = held[total] / held[options.warm_up] - 1
     print(
-        f"growth over {counted(options.resets, 'reset')} of "
-        f"{counted(options.environments, 'environment')}: {growth:+.2%}"
+        f"growth over {pluralize(options.resets, 'reset')} of "
+        f"{pluralize(options.environments, 'environment')}: {growth:+.2%}"
     )
     print(made_by(time.monotonic() - begun_s))
     return int(growth >= MOST_GROWTH)

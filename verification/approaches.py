@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.config import Config
+from drl_av.road.snapshot import CollisionKind
 from drl_av.safety.check import permit_all
-from drl_av.traffic.snapshot import CollisionKind
 from verification.batch_check import one_by_one
 from verification.falsify import show
 from verification.families import placed

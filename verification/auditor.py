@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
+from drl_av.road.road import ARRIVED_M, FloatArray, Road
+from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.safety.reachability import STILL_M_S, lanes_under
 from drl_av.safety.stopping import cut_in_gap, stopping_distance
-from drl_av.traffic.road import ARRIVED_M, FloatArray, Road
-from drl_av.traffic.snapshot import EGO, Snapshot
 
 BoolArray = npt.NDArray[np.bool_]
 TOLERANCE = 1e-6

@@ -16,16 +16,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from itertools import product
 
-from drl_av.cli.arguments import whole
-from drl_av.config import TRAFFIC_KINDS, Config
+from drl_av.cli.arguments import int_at_least
+from drl_av.config import TRAFFIC_PRESETS, Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import driver_names, driving_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError
-from drl_av.traffic.collisions import bodies, motions
-from drl_av.traffic.population import EGO_ID, Kind
-from drl_av.traffic.road import CENTERED_M
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import CENTERED_M
+from drl_av.road.snapshot import EGO_ID, Snapshot
+from drl_av.road.sweep import displacements, rectangles_of
+from drl_av.simulation.population import DriverModel
 from verification.program import Program, run_program
 from verification.traffic_tally import TrafficTally
 
@@ -64,8 +64,8 @@ class SweptTally(TrafficTally):
         """Add the collisions and overlaps of one SUMO step; ``shot`` is the snapshot after it."""
         super().after_step(shot)
         before = self._before or self._env.scene.snapshot
-        moves = motions(before, shot, self._env.road)
-        found = set(bodies(shot, self._env.road).collisions(moves)) - self._pairs
+        moves = displacements(before, shot, self._env.road)
+        found = set(rectangles_of(shot, self._env.road).collisions(moves)) - self._pairs
         for pair in sorted(found):
             if EGO_ID not in pair:
                 met = f"{self._episode}, {shot.time_s:g} s, {pair[0]} and {pair[1]}"
@@ -77,7 +77,10 @@ class SweptTally(TrafficTally):
         """Return the kind of an overlap: the two drivers, and if both are centred in a lane."""
         rows, road = [shot.ids.index(name) for name in pair], self._env.road
         drivers = " and ".join(
-            sorted(Kind(self._env.simulation.fleet.kinds[row]).name.lower() for row in rows)
+            sorted(
+                DriverModel(self._env.simulation.fleet.driver_models[row]).name.lower()
+                for row in rows
+            )
         )
         off_m = [abs(y_m - road.center_m(road.lane_of(y_m))) for y_m in shot.y_m[rows]]
         return f"{drivers}, {'between lanes' if max(off_m) > CENTERED_M else 'in one lane'}"
@@ -110,13 +113,13 @@ def with_mix(mix: str) -> Config:
     Raises:
         ConfigError: ``mix`` is neither, or the shares are above 1 in total.
     """
-    if mix in TRAFFIC_KINDS:
+    if mix in TRAFFIC_PRESETS:
         return Config().with_traffic(mix)
     try:
         finite_state, level_0, level_1 = map(float, mix.split(","))
     except ValueError:
         raise ConfigError(
-            f"The mix is {mix!r}, but must be one of {', '.join(TRAFFIC_KINDS)}, or three shares "
+            f"The mix is {mix!r}, but must be one of {', '.join(TRAFFIC_PRESETS)}, or three shares "
             "as in 0.2,0.4,0.4: finite-state, level 0 and level 1."
         ) from None
     return Config().updated(
@@ -133,13 +136,13 @@ def main() -> None:
     parser.number("--episodes", 500, "for each mix and driver")
     parser.add_argument(
         "--vehicles",
-        type=whole(1),
+        type=int_at_least(1),
         nargs="+",
         default=range(1, 31),
         metavar="N",
         help="beside the ego, in turn (default: 1 to 30)",
     )
-    kinds = ", ".join(TRAFFIC_KINDS)
+    kinds = ", ".join(TRAFFIC_PRESETS)
     parser.add_argument(
         "--mix", nargs="+", default=MIXES, metavar="MIX", help=f"shares FSM,L0,L1, or: {kinds}"
     )

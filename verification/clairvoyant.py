@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.cli.arguments import whole
+from drl_av.cli.arguments import int_at_least
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
@@ -35,8 +35,8 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.evaluation.paired import Speed, paired
 from drl_av.evaluation.processes import workers
+from drl_av.road.snapshot import EGO
 from drl_av.safety import CHECKS
-from drl_av.traffic.snapshot import EGO
 from verification.program import Program, run_program
 
 HORIZON = 20
@@ -218,7 +218,7 @@ def main() -> int:
     parser.add_argument(
         "--vehicles",
         nargs="+",
-        type=whole(1),
+        type=int_at_least(1),
         default=[10, 15, 20, 25],
         metavar="N",
         help="numbers of vehicles around the ego (default: 10 15 20 25)",

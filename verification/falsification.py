@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.config import Config
+from drl_av.road.road import FloatArray
 from drl_av.safety.reachability import STILL_M_S
-from drl_av.traffic.road import FloatArray
 from verification.families import PLACED, Family
 from verification.kinematic_simulator import (
     BatchCheck,

@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from drl_av.cli.arguments import whole
+from drl_av.cli.arguments import int_at_least
 from drl_av.config import Config
 from drl_av.errors import ScenarioError
+from drl_av.road.snapshot import Collision
 from drl_av.safety import CHECKS, named_check
-from drl_av.traffic.snapshot import Collision
 from verification.batch_check import BatchStrict, one_by_one
 from verification.falsification import Tally, genes, orders, play, scripted
 from verification.falsification import search as learn
@@ -157,7 +157,7 @@ def main() -> int:
     parser.add_argument("--check", default="paper", choices=CHECKS, help="default: paper")
     parser.add_argument("--family", nargs="+", choices=ENVELOPE | SEARCHED, help="default: all")
     parser.add_argument(
-        "--scenes", type=whole(1), help="for each family (default: 1000; strict: 100000)"
+        "--scenes", type=int_at_least(1), help="for each family (default: 1000; strict: 100000)"
     )
     parser.number("--seed", 0, low=0)
     parser.add_argument(

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.config import Config
+from drl_av.road.road import FloatArray, Road
 from drl_av.safety.stopping import reach, stopping_distance
-from drl_av.traffic.road import FloatArray, Road
 from verification.kinematic_simulator import LENGTH_M, NONE, ROAD, BoolArray, IntArray, World
 
 PLACED = 6

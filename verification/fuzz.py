@@ -24,13 +24,13 @@ from drl_av.experiments.figures import EPISODE_COLUMNS
 from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.store import MadeWith, ResultStore
 from drl_av.files import read_table
-from drl_av.traffic.imported import ImportedDescription
-from drl_av.traffic.scenario import (
+from drl_av.scenarios.folder import (
     find_scenario,
     load_scenario,
     read_description,
     shipped_scenarios,
 )
+from drl_av.scenarios.imported.description import ImportedDescription
 from verification.fuzz_driving import (
     Attempt,
     apart,

@@ -19,13 +19,13 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, DrlAvError
-from drl_av.traffic.connection import connection
-from drl_av.traffic.description import BOUNDS, PlacedVehicle
-from drl_av.traffic.kinds import KINDS
-from drl_av.traffic.own_types import CAR_FOLLOWING_MODELS, OwnVehicleType
-from drl_av.traffic.road import Road
-from drl_av.traffic.scenario import find_scenario, shipped_scenarios, write_scenario
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import Road
+from drl_av.road.snapshot import Snapshot
+from drl_av.scenarios.custom_types import CAR_FOLLOWING_MODELS, CustomVehicleType
+from drl_av.scenarios.folder import find_scenario, shipped_scenarios, write_scenario
+from drl_av.scenarios.road_description import BOUNDS, PlacedVehicle
+from drl_av.scenarios.road_types import ROAD_TYPES
+from drl_av.simulation.sumo import connection
 
 Attempt = Callable[[random.Random, Path], None]
 DECISIONS = 4
@@ -72,8 +72,8 @@ def description(rng: random.Random) -> Any:
 
     Some descriptions place their vehicles exactly; others define their own vehicle types.
     """
-    name = rng.choice(list(KINDS))
-    kind = KINDS[name].description
+    name = rng.choice(list(ROAD_TYPES))
+    kind = ROAD_TYPES[name].description
     items = [item for item in fields(kind) if item.metadata.get("low") is not None]
     given: dict[str, Any] = route() if name == "imported" else {}
     given |= {item.name: value(item, rng) for item in rng.sample(items, rng.randint(0, 4))}
@@ -82,7 +82,7 @@ def description(rng: random.Random) -> Any:
         given["vehicles"] = tuple(_placed(name, rng) for name in names)
     elif rng.random() < 0.4 and any(item.name == "vehicle_types" for item in fields(kind)):
         given["vehicle_types"] = tuple(
-            OwnVehicleType(
+            CustomVehicleType(
                 f"own{number}",
                 rng.choice([0.0, 0.3, 0.5, 1.0]),
                 rng.choice([1.0, 5.0, 18.0, 25.0]),

@@ -19,10 +19,10 @@ import numpy as np
 from drl_av.cli import main
 from drl_av.drivers.policy_file import load
 from drl_av.env.highway import HighwayEnv
-from drl_av.learning.assembly import make_training
+from drl_av.learning.builder import build_training
 from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
-from drl_av.traffic.scenario import find_scenario
+from drl_av.scenarios.folder import find_scenario
 
 TINY = """
 [simulation]
@@ -96,7 +96,7 @@ def checkpoint(rng: random.Random, folder: Path) -> None:
     rows = run.episodes_file.read_bytes()
     try:
         with closing(HighwayEnv(config=run.read_config())) as env:
-            run.restore(make_training(env))
+            run.restore(build_training(env))
     finally:
         assert run.episodes_file.read_bytes() == rows
     assert not is_false, f"it takes a false {name}"

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.traffic.ego_model import take_control
-from drl_av.traffic.scenario import (
+from drl_av.road.snapshot import Collision, CollisionKind, Command
+from drl_av.scenarios.folder import (
     PlacedVehicle,
     ScenarioDescription,
     load_scenario,
     write_scenario,
 )
-from drl_av.traffic.simulation import Simulation
-from drl_av.traffic.snapshot import Collision, CollisionKind, Command
-from drl_av.traffic.straight import StraightDescription
+from drl_av.scenarios.highways import StraightDescription
+from drl_av.simulation.simulation import Simulation
+from drl_av.simulation.vehicle_calls import take_control
 from verification.kinematic_simulator import LENGTH_M, WIDTH_M, BatchCheck, Mover, Orders, World
 from verification.open_families import EXIT, MERGE
 

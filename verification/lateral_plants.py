@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from drl_av.config import EgoConfig
 from drl_av.driving.steering import Pose, settled, steer
-from drl_av.traffic.road import FloatArray
+from drl_av.road.road import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
 

@@ -15,8 +15,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from drl_av.config import TRAFFIC_KINDS, Config, load_config
-from drl_av.drivers.rules import RandomDriver
+from drl_av.config import TRAFFIC_PRESETS, Config, load_config
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import Action
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv, Observation
@@ -27,7 +27,7 @@ from drl_av.experiments.provenance import provenance, read_sidecar, write_sideca
 from drl_av.experiments.store import settings_mismatch, stored_config
 from drl_av.files import append_rows, read_table
 from drl_av.safety import CHECKS
-from drl_av.traffic.population import Kind
+from drl_av.simulation.population import DriverModel
 from verification.auditor import BETWEEN, BRAKES, LEAVES, SOONER, THROUGH, Auditor, Breach
 from verification.program import Program, run_program
 
@@ -108,7 +108,7 @@ class Watched:
 
     def _worded(self, breach: Breach) -> str:
         fleet = self.env.simulation.fleet
-        driver = Kind(fleet.kinds[fleet.ids.index(breach.vehicle)]).name.lower()
+        driver = DriverModel(fleet.driver_models[fleet.ids.index(breach.vehicle)]).name.lower()
         facts = breach.bound, driver, breach.vehicle, f"{breach.time_s:g}", breach.circumstance
         return "|".join(facts)
 
@@ -129,7 +129,7 @@ def main() -> int:
     parser.number("--first", 0, "number of the first episode", low=0)
     parser.add_argument("--check", default="strict", choices=CHECKS, help="default: strict")
     parser.add_argument(
-        "--traffic", choices=TRAFFIC_KINDS, help="kind of traffic (default: five mixes)"
+        "--traffic", choices=TRAFFIC_PRESETS, help="kind of traffic (default: five mixes)"
     )
     parser.add_argument("--config", help="a TOML file of settings")
     parser.add_argument(

@@ -14,7 +14,7 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.driving.car_following import Idm
-from drl_av.traffic.road import FloatArray
+from drl_av.road.road import FloatArray
 from verification.families import needed_gap, placed
 from verification.kinematic_simulator import (
     LENGTH_M,

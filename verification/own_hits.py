@@ -18,7 +18,7 @@ exit status is 1 if it does.
 
 import numpy as np
 
-from drl_av.traffic.road import FloatArray
+from drl_av.road.road import FloatArray
 from verification.crash_rate import Rate, add_careless, exact_share
 from verification.crash_tests import CHECKS, SECONDS, Outcome, run, settings
 from verification.kinematic_simulator import ROAD, BoolArray, World

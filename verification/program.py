@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from drl_av.cli.arguments import whole
+from drl_av.cli.arguments import int_at_least
 from drl_av.cli.status import exit_status
 from drl_av.experiments.provenance import made_by
 
@@ -21,7 +21,7 @@ class Program(argparse.ArgumentParser):
     def number(self, name: str, default: int, meaning: str = "", low: int = 1) -> None:
         """Add an option for a whole number, at least ``low``; its help shows ``meaning``."""
         text = f"{meaning} (default: {default})" if meaning else f"default: {default}"
-        self.add_argument(name, type=whole(low), default=default, metavar="N", help=text)
+        self.add_argument(name, type=int_at_least(low), default=default, metavar="N", help=text)
 
     def some(self, name: str, choices: Iterable[str]) -> None:
         """Add an option that takes one or more of the ``choices``; its default is all of them."""

@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean
 
-from drl_av.cli.arguments import whole
+from drl_av.cli.arguments import int_at_least
 from drl_av.config import Config, MobilConfig
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, default_config, find_drivers, make_drivers
@@ -37,12 +37,12 @@ from drl_av.driving.scene import Scene
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.env.way import COMPLETE, EXIT_MISSED
+from drl_av.env.route_outcome import COMPLETE, EXIT_MISSED
 from drl_av.experiments.markdown import markdown_table
+from drl_av.road.snapshot import Snapshot
 from drl_av.safety import CHECKS
-from drl_av.traffic.kinds import KINDS
-from drl_av.traffic.scenario import write_scenario
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.scenarios.folder import write_scenario
+from drl_av.scenarios.road_types import ROAD_TYPES
 from verification.program import Program, run_program
 
 SEEDS = 760_000
@@ -97,7 +97,7 @@ def drive(env: HighwayEnv, driver: Driver, seed: int, vehicles: int | None = Non
     trip, made, changed = Trip(), 0, -math.inf
     road, passed = env.road, 0
     ramp_m = road.partial_lanes[-1].joined_to_m
-    usual = env.simulation.fleet.usual if vehicles is None else vehicles
+    usual = env.simulation.fleet.default_vehicle_count if vehicles is None else vehicles
     for decision in rollout(env, driver, seed, usual):
         made += 1
         before, after = decision.scene, decision.next_scene
@@ -237,7 +237,7 @@ def main() -> int:
     parser.add_argument(
         "--flow",
         nargs="+",
-        type=whole(0),
+        type=int_at_least(0),
         default=FLOWS,
         metavar="VEHICLES_PER_H",
         help="inflow of each lane of the highway (default: 0 500 1000 1500 2000)",
@@ -251,7 +251,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as home:
         for kind, flow in ((kind, flow) for kind in options.kind for flow in options.flow):
             folder = Path(home, f"{kind}_{flow:g}")
-            write_scenario(folder, KINDS[kind].description(flow_per_h=flow))
+            write_scenario(folder, ROAD_TYPES[kind].description(flow_per_h=flow))
             for spec in specs:
                 config = driven_with(spec, folder, options.safety_check)
                 [driver] = make_drivers([spec], config).values()

@@ -1,15 +1,15 @@
 """Computes the smallest separation from the ego on straight paths, for many scenes.
 
-The method differs from that of ``traffic/collisions.py``, so a test can compare the two.
+The method differs from that of ``road/sweep.py``, so a test can compare the two.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from drl_av.traffic.collisions import first_contact
-from drl_av.traffic.road import Barrier, FloatArray, Road
-from drl_av.traffic.snapshot import Collision
+from drl_av.road.road import Barrier, FloatArray, Road
+from drl_av.road.snapshot import Collision
+from drl_av.road.sweep import first_contact
 
 Places = tuple[FloatArray, FloatArray]
 """The pair (x, y): the centres along and across the road, m. The last axis is the vehicle, the ego

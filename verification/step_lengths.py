@@ -13,7 +13,7 @@ from pathlib import Path
 from time import perf_counter as now
 
 from drl_av.config import Config
-from drl_av.drivers.rules import IdmDriver
+from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.experiments.provenance import provenance, write_sidecar

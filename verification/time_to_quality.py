@@ -33,10 +33,10 @@ from drl_av.config.presets import preset
 from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import learned_driver
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.errors import counted
+from drl_av.errors import pluralize
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.experiments.experiment import ResultsFolder
@@ -67,12 +67,12 @@ Drivers = list[tuple[float, Driver]]
 
 def fast(seed: int) -> Drivers:
     """Train with the preset ``fast``; return the drivers of its checkpoints."""
-    from drl_av.learning.assembly import make_training
+    from drl_av.learning.builder import build_training
 
     drivers: Drivers = []
     config = preset("fast").updated("learning", seed=seed)
     with closing(HighwayEnv(config=config)) as env:
-        training = make_training(env)
+        training = build_training(env)
         begun_s = time.process_time()
         for _ in range(CHECKPOINTS):
             for _ in range(EPISODES):
@@ -186,7 +186,7 @@ def section(results: ResultsFolder) -> str:
         cells = [f"{mean} ± {half:.{digits}f}" if half < math.inf else mean for mean, half in shown]
         ends.append([f"final {label}", *cells])
     spent = [spread([float(own[-1]["cpu_s"]) for own in each]) for each in runs.values()]
-    names = [f"`{agent}`, {counted(len(each), 'training')}" for agent, each in runs.items()]
+    names = [f"`{agent}`, {pluralize(len(each), 'training')}" for agent, each in runs.items()]
     return markdown_table(["", *names], [*lines, ["the whole training", *spent], *ends])
 
 

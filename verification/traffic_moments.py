@@ -14,15 +14,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.cli.arguments import whole
-from drl_av.config import SINGLE_KINDS, Config
+from drl_av.cli.arguments import int_at_least
+from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.drivers.background.level_k import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
-from drl_av.traffic.ego_model import EgoModel
-from drl_av.traffic.road import FloatArray, Road
-from drl_av.traffic.scenario import find_scenario, load_scenario
-from drl_av.traffic.simulation import Simulation
-from drl_av.traffic.snapshot import EGO, Command, Snapshot
+from drl_av.road.road import FloatArray, Road
+from drl_av.road.snapshot import EGO, Command, Snapshot
+from drl_av.scenarios.folder import find_scenario, load_scenario
+from drl_av.simulation.simulation import Simulation
+from drl_av.simulation.vehicle_calls import EgoModel
 from verification.program import Program, run_program
 
 SEEDS = 840_000
@@ -122,7 +122,9 @@ def drive(config: Config, seed: int, vehicles: int) -> list[Snapshot]:
     with closing(Simulation(scenario, config)) as simulation:
         shot = simulation.reset(seed, vehicles)
         simulation.hand_over(EgoModel(overtake_right=config.traffic.overtake_right))
-        drivers.start(simulation.fleet.kinds, simulation.fleet.population.desired_speed_m_s, seed)
+        drivers.start(
+            simulation.fleet.driver_models, simulation.fleet.population.desired_speed_m_s, seed
+        )
         for decision in range(config.simulation.decisions_per_episode):
             commands = [IGNORED] * config.simulation.steps_per_decision
             shot, _ = simulation.advance(commands, drivers(shot))
@@ -157,8 +159,10 @@ def main() -> None:
     """Drive each kind of traffic and print the table."""
     parser = Program(__doc__)
     parser.number("--episodes", 60, "for each kind of traffic")
-    parser.add_argument("--vehicles", type=whole(2), nargs="+", default=VEHICLES, metavar="N")
-    parser.some("--traffic", SINGLE_KINDS)
+    parser.add_argument(
+        "--vehicles", type=int_at_least(2), nargs="+", default=VEHICLES, metavar="N"
+    )
+    parser.some("--traffic", SINGLE_PRESETS)
     options = parser.parse_args()
     found = {
         kind: moments(Config().with_traffic(kind), options.episodes, options.vehicles)

@@ -5,8 +5,7 @@ import numpy as np
 from drl_av.drivers.driver import Driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.traffic.population import EGO_ID
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.snapshot import EGO_ID, Snapshot
 from verification.traffic_moments import lanes
 
 

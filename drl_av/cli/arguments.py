@@ -14,7 +14,7 @@ def rate(text: str) -> float:
 rate.__name__ = "number"
 
 
-def whole(low: int) -> Callable[[str], int]:
+def int_at_least(low: int) -> Callable[[str], int]:
     def parse(text: str) -> int:
         number = int(text)
         if number < low:

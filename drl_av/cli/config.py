@@ -3,7 +3,7 @@
 import argparse
 
 from drl_av.cli.settings import config_files
-from drl_av.config import laid_over
+from drl_av.config import with_files
 from drl_av.config.presets import PRESETS, preset
 from drl_av.config.reference import SECTIONS, annotated_toml
 
@@ -24,6 +24,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def config(options: argparse.Namespace) -> int:
     """Print the settings as TOML with comments; return the exit status 0."""
-    settings = laid_over(preset(options.preset), options.config)
+    settings = with_files(preset(options.preset), options.config)
     print(annotated_toml(settings, options.section), end="")
     return 0

@@ -18,7 +18,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from drl_av.errors import counted
+from drl_av.errors import pluralize
 
 if TYPE_CHECKING:
     from drl_av.experiments.options import Progress as Reached
@@ -97,7 +97,7 @@ def evaluation_line(row: "EvaluationRow") -> str:
     """Return one line of text about an evaluation during training."""
     return (
         f"episode {row.episode}: greedy reward {row.mean_reward:.3f}, "
-        f"{row.mean_speed_m_s:.2f} m/s, {counted(row.ego_hits, 'collision')} by the ego, "
+        f"{row.mean_speed_m_s:.2f} m/s, {pluralize(row.ego_hits, 'collision')} by the ego, "
         f"{row.safety_triggers:.1f} triggers an episode"
     )
 

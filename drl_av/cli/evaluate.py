@@ -10,17 +10,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drl_av.cli.arguments import whole
-from drl_av.cli.settings import driver_words, driving, overridden
+from drl_av.cli.arguments import int_at_least
+from drl_av.cli.settings import add_env_options, driver_words, with_command_line
 from drl_av.cli.status import INTERRUPTED
 from drl_av.config import Config
 from drl_av.drivers.registry import baselines, default_config, find_drivers
-from drl_av.errors import ConfigError, counted
-from drl_av.evaluation import DENSITIES, RULE
+from drl_av.errors import ConfigError, pluralize
+from drl_av.evaluation import DENSITIES, PASS_CRITERION
 
 if TYPE_CHECKING:
     from drl_av.env.metrics import EpisodeResult
-    from drl_av.evaluation.paired import Paired
+    from drl_av.evaluation.paired import PairedGain
 
 SAVE_EVERY_S = 5.0
 """Time between two writes of the table.
@@ -31,7 +31,7 @@ If SUMO aborts the process, the rows after the last write are lost.
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av evaluate`` to its parser."""
-    parser.epilog = RULE
+    parser.epilog = PASS_CRITERION
     parser.add_argument(
         "runs",
         nargs="*",
@@ -49,22 +49,28 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--vehicles",
         nargs="+",
-        type=whole(0),
+        type=int_at_least(0),
         metavar="N",
         help=f"numbers of vehicles around the ego (default: {' '.join(map(str, DENSITIES))}; "
         "the scenario's number on an open road, or where it places the vehicles)",
     )
     parser.add_argument(
-        "--episodes", type=whole(1), default=50, metavar="N", help="episodes per number of vehicles"
+        "--episodes",
+        type=int_at_least(1),
+        default=50,
+        metavar="N",
+        help="episodes per number of vehicles",
     )
     parser.add_argument(
         "--seed",
-        type=whole(0),
+        type=int_at_least(0),
         default=0,
         metavar="S",
         help="traffic seed of the first episode, below 1000000",
     )
-    parser.add_argument("--jobs", type=whole(1), default=1, metavar="N", help="number of processes")
+    parser.add_argument(
+        "--jobs", type=int_at_least(1), default=1, metavar="N", help="number of processes"
+    )
     parser.add_argument(
         "--out",
         type=Path,
@@ -82,7 +88,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="end with status 1 if a driver fails beside the rule-based ones; see below",
     )
     parser.add_argument("--json", type=Path, metavar="FILE.json", help="write the summary")
-    driving(parser, "the first RUN's")
+    add_env_options(parser, "the first RUN's")
 
 
 def evaluate(options: argparse.Namespace) -> int:
@@ -110,7 +116,7 @@ def evaluate(options: argparse.Namespace) -> int:
     specs = find_drivers(words or ["pretrained"])
     if options.require_pass:
         _require_rivals([spec.name for spec in specs])
-    config = overridden(default_config(specs), options)
+    config = with_command_line(default_config(specs), options)
     seeds = range(options.seed, options.seed + options.episodes)
     metrics = CriticalityMetrics if options.criticality else EpisodeMetrics
     evaluation = Evaluation(config, specs, tuple(options.vehicles or ()), seeds, metrics)
@@ -123,13 +129,13 @@ def evaluate(options: argparse.Namespace) -> int:
         ):
             for row in found:
                 rows.append(row)
-                bar.advance(f"{row.driver}, {counted(row.vehicles, 'vehicle')}", row.decisions)
+                bar.advance(f"{row.driver}, {pluralize(row.vehicles, 'vehicle')}", row.decisions)
                 if kept and time.monotonic() - saved_s > SAVE_EVERY_S:
                     _write_rows(kept, rows)
                     saved_s = time.monotonic()
     except KeyboardInterrupt:
         status = INTERRUPTED
-        print(f"drl-av: interrupted after {counted(len(rows), 'episode')}.", file=sys.stderr)
+        print(f"drl-av: interrupted after {pluralize(len(rows), 'episode')}.", file=sys.stderr)
     finally:
         if rows and kept:
             _write_rows(kept, rows)
@@ -189,11 +195,11 @@ def _write_rows(table: Path, rows: Sequence["EpisodeResult"]) -> None:
 def _write_provenance(options: argparse.Namespace, config: Config) -> None:
     """Write ``NAME.provenance.json`` beside the table: command, versions, machine and settings."""
     from drl_av.experiments.provenance import provenance
-    from drl_av.files import write_whole
+    from drl_av.files import write_atomic
 
     seeds = f"{options.seed} to {options.seed + options.episodes - 1}"
     facts = provenance(config, seeds=seeds, settings=asdict(config))
-    write_whole(provenance_file(options.out), json.dumps(facts, indent=2).encode() + b"\n")
+    write_atomic(provenance_file(options.out), json.dumps(facts, indent=2).encode() + b"\n")
 
 
 def provenance_file(table: Path) -> Path:
@@ -201,7 +207,7 @@ def provenance_file(table: Path) -> Path:
     return table.with_suffix(".provenance.json")
 
 
-def gains(rows: Sequence["EpisodeResult"], rules: Sequence[str]) -> list["Paired"]:
+def gains(rows: Sequence["EpisodeResult"], rules: Sequence[str]) -> list["PairedGain"]:
     """Compute each other driver's gain over the fastest rule-based driver, at each density.
 
     Only the rule-based drivers that miss their exit or fail to merge least often count.

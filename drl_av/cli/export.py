@@ -27,7 +27,7 @@ def export(options: argparse.Namespace) -> int:
     from drl_av.driving.affordances import ObservationScale
     from drl_av.errors import ConfigError
     from drl_av.files import require_suffix, require_writable
-    from drl_av.traffic.scenario import find_scenario, load_scenario
+    from drl_av.scenarios.folder import find_scenario, load_scenario
 
     require_suffix(options.out, ".onnx")
     require_writable(options.out, inputs=[options.run])

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from drl_av.config import Config
-from drl_av.errors import ConfigError, counted
+from drl_av.errors import ConfigError, pluralize
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -82,6 +82,6 @@ def _require_distinct(tables: Iterable[Path]) -> None:
         if times > 1:
             raise ConfigError(
                 f"There are {times} rows of {driver} with seed {seed:g} among "
-                f"{counted(int(vehicles), 'vehicle')}, for example under several checks, and a "
+                f"{pluralize(int(vehicles), 'vehicle')}, for example under several checks, and a "
                 "curve would mix them: draw the rows of one evaluation at a time."
             )

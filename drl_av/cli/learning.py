@@ -7,12 +7,12 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drl_av.cli.arguments import whole
-from drl_av.cli.settings import driving, overridden
+from drl_av.cli.arguments import int_at_least
+from drl_av.cli.settings import add_env_options, with_command_line
 from drl_av.cli.status import INTERRUPTED
 from drl_av.config import REPLAYS, Config
 from drl_av.config.presets import PRESETS, adaptation, preset
-from drl_av.errors import ConfigError, RunError, SimulationError, counted
+from drl_av.errors import ConfigError, RunError, SimulationError, pluralize
 
 if TYPE_CHECKING:
     from drl_av.drivers.registry import DriverSpec
@@ -31,17 +31,17 @@ def add_train_options(parser: argparse.ArgumentParser) -> None:
     numbers = ", ".join(f"{name} {found.learning.episodes}" for name, found in PRESETS.items())
     parser.add_argument(
         "--episodes",
-        type=whole(1),
+        type=int_at_least(1),
         metavar="N",
         help=f"episodes of at most 200 s (default: the preset's, {numbers})",
     )
     parser.add_argument(
-        "--seed", type=whole(0), metavar="S", help="random seed (default: the preset's)"
+        "--seed", type=int_at_least(0), metavar="S", help="random seed (default: the preset's)"
     )
     parser.add_argument(
         "--replay", metavar="KIND", help=f"one of: {', '.join(REPLAYS)} (default: the preset's)"
     )
-    driving(parser, "the preset's")
+    add_env_options(parser, "the preset's")
     parser.add_argument("--resume", action="store_true", help="continue a run that was stopped")
     parser.add_argument(
         "--tensorboard", action="store_true", help="also write TensorBoard events into the folder"
@@ -60,7 +60,10 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, required=True, metavar="RUN2", help="the new run's folder; must be new"
     )
     parser.add_argument(
-        "--episodes", type=whole(1), metavar="N", help="episodes of at most 200 s (default: 30000)"
+        "--episodes",
+        type=int_at_least(1),
+        metavar="N",
+        help="episodes of at most 200 s (default: 30000)",
     )
     parser.add_argument(
         "--learning-rate",
@@ -69,9 +72,9 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
         help="step size of Adam; 0 drives the same traffic without learning (default: 1e-05)",
     )
     parser.add_argument(
-        "--seed", type=whole(0), metavar="S", help="random seed (default: the RUN's)"
+        "--seed", type=int_at_least(0), metavar="S", help="random seed (default: the RUN's)"
     )
-    driving(parser, "the RUN's")
+    add_env_options(parser, "the RUN's")
     parser.add_argument(
         "--resume", action="store_true", help="continue RUN2 where it was stopped, without RUN"
     )
@@ -83,7 +86,7 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
 def train(options: argparse.Namespace) -> int:
     """Train a driver by Algorithm 1 in the run folder ``--out``; return the exit status."""
     from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.assembly import make_training
+    from drl_av.learning.builder import build_training
     from drl_av.learning.run import Run
     from drl_av.learning.tensorboard import require_tensorboard
 
@@ -92,10 +95,10 @@ def train(options: argparse.Namespace) -> int:
     run = Run(options.out)
     config = _training_config(options, run)
     with closing(HighwayEnv(config=config)) as env:
-        training = make_training(env)
+        training = build_training(env)
         if not options.resume:
             run.create(training)
-        return _carry_on("train", run, training, options.tensorboard, "idm")
+        return _run("train", run, training, options.tensorboard, "idm")
 
 
 def adapt(options: argparse.Namespace) -> int:
@@ -106,7 +109,7 @@ def adapt(options: argparse.Namespace) -> int:
     from drl_av.drivers.policy_file import find_policy
     from drl_av.drivers.registry import find_drivers
     from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.assembly import make_training, warm_start
+    from drl_av.learning.builder import build_training, warm_start
     from drl_av.learning.run import Run
     from drl_av.learning.tensorboard import require_tensorboard
 
@@ -126,7 +129,7 @@ def adapt(options: argparse.Namespace) -> int:
         )
     config = _adaptation_config(options, run, spec)
     with closing(HighwayEnv(config=config)) as env:
-        training = make_training(env)
+        training = build_training(env)
         if not options.resume:
             experienced = warm_start(training, find_policy(spec.run))
             run.create(training)
@@ -138,7 +141,7 @@ def adapt(options: argparse.Namespace) -> int:
                     file=sys.stderr,
                 )
         rival = "idm" if options.resume else word
-        return _carry_on("adapt", run, training, options.tensorboard, rival)
+        return _run("adapt", run, training, options.tensorboard, rival)
 
 
 def _training_config(options: argparse.Namespace, run: "Run") -> Config:
@@ -147,8 +150,10 @@ def _training_config(options: argparse.Namespace, run: "Run") -> Config:
     if options.resume:
         stored = run.read_config()
         base = stored if options.preset is None else base
-        return _unchanged(run, stored, overridden(base, options).updated("learning", **given))
-    return overridden(base, options).updated("learning", **given)
+        return _unchanged(
+            run, stored, with_command_line(base, options).updated("learning", **given)
+        )
+    return with_command_line(base, options).updated("learning", **given)
 
 
 def _adaptation_config(options: argparse.Namespace, run: "Run", spec: "DriverSpec") -> Config:
@@ -157,9 +162,11 @@ def _adaptation_config(options: argparse.Namespace, run: "Run", spec: "DriverSpe
     given = _given(options, "episodes", "seed", "learning_rate")
     if options.resume:
         stored = run.read_config()
-        return _unchanged(run, stored, overridden(stored, options).updated("learning", **given))
+        return _unchanged(
+            run, stored, with_command_line(stored, options).updated("learning", **given)
+        )
     base = adaptation(default_config([spec._replace(check=None)]))  # that of its training
-    config = overridden(base, options).updated("learning", **given)
+    config = with_command_line(base, options).updated("learning", **given)
     make_drivers([spec], config)
     return config
 
@@ -178,10 +185,10 @@ def _unchanged(run: "Run", stored: Config, asked: Config) -> Config:
     return stored
 
 
-def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: str) -> int:
+def _run(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: str) -> int:
     """Train to the end or a stop, and print what to do next; return the exit status."""
     again = shlex.join(["drl-av", verb, "--out", str(run.folder), "--resume"])
-    with run.alone():
+    with run.locked():
         run.restore(training)
         try:
             finished = _watch(verb, run, training, tensorboard)
@@ -198,7 +205,7 @@ def _carry_on(verb: str, run: "Run", training: "Training", tensorboard: bool, ri
     if not run.policy_file.exists():
         run.save(training)
     episodes = training.config.learning.episodes
-    print(f"{run.folder}: {counted(episodes, 'episode')}; compare it with the driver {rival}:")
+    print(f"{run.folder}: {pluralize(episodes, 'episode')}; compare it with the driver {rival}:")
     print(shlex.join(["drl-av", "evaluate", str(run.folder), rival]))
     return 0
 

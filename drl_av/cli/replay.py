@@ -3,15 +3,15 @@
 import argparse
 from pathlib import Path
 
-from drl_av.cli.arguments import rate, whole
-from drl_av.cli.settings import driver_words, driving, overridden
+from drl_av.cli.arguments import int_at_least, rate
+from drl_av.cli.settings import add_env_options, driver_words, with_command_line
 from drl_av.drivers.registry import (
     DRIVER_FILES,
     default_config,
     find_drivers,
     make_drivers,
 )
-from drl_av.errors import ConfigError, RecordingError, counted
+from drl_av.errors import ConfigError, RecordingError, pluralize
 
 USUAL_RATE = 2.0
 
@@ -27,16 +27,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "(default: the shipped driver, under strict)",
     )
     which.add_argument("--driver", metavar="NAME", help=driver_words())
-    parser.add_argument("--seed", type=whole(0), metavar="S", help="traffic seed (default: 0)")
+    parser.add_argument(
+        "--seed", type=int_at_least(0), metavar="S", help="traffic seed (default: 0)"
+    )
     parser.add_argument(
         "--vehicles",
-        type=whole(0),
+        type=int_at_least(0),
         metavar="N",
         help="vehicles around the ego (default: the scenario's number, or 15)",
     )
     parser.add_argument(
         "--decisions",
-        type=whole(1),
+        type=int_at_least(1),
         metavar="N",
         help="largest number of decisions, one per second (default: the RUN's, 200)",
     )
@@ -52,7 +54,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--rate", type=rate, metavar="X", help=f"multiple of real time (default: {USUAL_RATE:g})"
     )
     parser.add_argument("--record", type=Path, metavar="FILE.npz", help="save the episode")
-    driving(parser, "the RUN's")
+    add_env_options(parser, "the RUN's")
 
 
 def replay(options: argparse.Namespace) -> int:
@@ -81,7 +83,7 @@ def replay(options: argparse.Namespace) -> int:
         session = replay_session(recording)
     else:
         specs = find_drivers([source])
-        config = overridden(default_config(specs), options)
+        config = with_command_line(default_config(specs), options)
         if options.decisions:
             config = config.updated("simulation", decisions_per_episode=options.decisions)
         [(name, driver)] = make_drivers(specs, config).items()
@@ -89,7 +91,7 @@ def replay(options: argparse.Namespace) -> int:
     if options.video:
         film = Film(session.name, session.road)
         recording, result = session.drive(None, watcher_of(film))
-        print(f"{options.video}: {counted(film.write(options.video, rate=pace), 'frame')}")
+        print(f"{options.video}: {pluralize(film.write(options.video, rate=pace), 'frame')}")
     elif options.html:
         page = Page(f"{session.name}, seed {session.seed}", session.road, session.driver)
         recording, result = session.drive(None, page)
@@ -101,11 +103,12 @@ def replay(options: argparse.Namespace) -> int:
         recording.save(options.record)
         print(f"{options.record}: recorded")
     print(
-        f"{session.name}, {counted(result.vehicles, 'vehicle')}, seed {result.seed}: "
+        f"{session.name}, {pluralize(result.vehicles, 'vehicle')}, seed {result.seed}: "
         f"{'exactly as recorded, ' if session.recording else ''}"
-        f"{counted(result.decisions, 'decision')}, {result.mean_speed_m_s:.2f} m/s, "
+        f"{pluralize(result.decisions, 'decision')}, {result.mean_speed_m_s:.2f} m/s, "
         f"reward {result.mean_reward:.3f}, "
-        f"{counted(result.safety_triggers, 'safety trigger')}, {result.collision or 'no collision'}"
+        f"{pluralize(result.safety_triggers, 'safety trigger')}, "
+        f"{result.collision or 'no collision'}"
         f"{', ' * bool(result.way)}{result.way}"
     )
     return 0

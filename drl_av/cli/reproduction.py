@@ -5,7 +5,7 @@ import sys
 from contextlib import closing
 from pathlib import Path
 
-from drl_av.cli.arguments import whole
+from drl_av.cli.arguments import int_at_least
 from drl_av.cli.settings import config_files
 from drl_av.config.schema import did_you_mean
 from drl_av.experiments.options import ENGINES, VARIANTS, ReproduceOptions
@@ -36,7 +36,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     }
     for option, (default, meaning) in numbers.items():
         low = 0 if option == "--full-seeds" else 1
-        parser.add_argument(option, type=whole(low), default=default, metavar="N", help=meaning)
+        parser.add_argument(
+            option, type=int_at_least(low), default=default, metavar="N", help=meaning
+        )
     parser.add_argument(
         "--variants",
         nargs="+",

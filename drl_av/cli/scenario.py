@@ -8,9 +8,9 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from drl_av.cli.arguments import whole
+from drl_av.cli.arguments import int_at_least
 from drl_av.errors import ScenarioError
-from drl_av.traffic.kinds import KINDS, kind_name
+from drl_av.scenarios.road_types import ROAD_TYPES, road_type_name
 
 FLAGS = {"barricaded_lanes": "--barricade"}
 """Maps a setting to its option, if the option does not have the name of the setting."""
@@ -34,14 +34,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "name of a scenario that ships with drl-av; given several times, it puts the vehicles of "
         "these stories on one road",
     )
-    meanings = "; ".join(f"{name}: {kind.meaning}" for name, kind in KINDS.items())
+    meanings = "; ".join(f"{name}: {kind.meaning}" for name, kind in ROAD_TYPES.items())
     parser.add_argument("--kind", metavar="KIND", help=f"default: loop; {meanings}")
     for name, users in _users().items():
         item = next(iter(users.values()))
         help_text = item.metadata["meaning"]
         if isinstance(item.default, int | float):
             help_text = f"{help_text} (default: {item.default:g})"
-        if len(users) < len(KINDS):
+        if len(users) < len(ROAD_TYPES):
             help_text = f"{help_text}; kind {', '.join(users)}"
         parser.add_argument(_flag(name), dest=name, help=help_text, **_parsing(item))
 
@@ -49,7 +49,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def _users() -> dict[str, dict[str, Field[Any]]]:
     """Return, for each setting, the scenario kinds that have it, each with its dataclass field."""
     users: dict[str, dict[str, Field[Any]]] = {}
-    for kind, entry in KINDS.items():
+    for kind, entry in ROAD_TYPES.items():
         for item in fields(entry.description):
             if "meaning" in item.metadata:
                 users.setdefault(item.name, {})[kind] = item
@@ -65,21 +65,21 @@ def _parsing(item: Field[Any]) -> dict[str, Any]:
     if item.type is float:
         return {"type": float, "metavar": "X", "default": argparse.SUPPRESS}
     if item.type is int:
-        return {"type": whole(1), "metavar": "N", "default": argparse.SUPPRESS}
+        return {"type": int_at_least(1), "metavar": "N", "default": argparse.SUPPRESS}
     if item.type is str:
         return {"metavar": "TEXT", "default": argparse.SUPPRESS}
-    return {"type": whole(0), "nargs": "+", "metavar": "LANE", "default": argparse.SUPPRESS}
+    return {"type": int_at_least(0), "nargs": "+", "metavar": "LANE", "default": argparse.SUPPRESS}
 
 
 def scenario(options: argparse.Namespace) -> int:
     """Write the folder, and print the command that opens it; return the exit status 0."""
-    from drl_av.traffic.composed import composed
-    from drl_av.traffic.scenario import write_scenario
+    from drl_av.scenarios.composed import composed
+    from drl_av.scenarios.folder import write_scenario
 
     users = _users()
     given = {name: value for name, value in vars(options).items() if name in users}
     stories = _stories(options.sources, options.kind)
-    kinds = [kind_name(story) for story in stories.values()] or [options.kind or "loop"]
+    kinds = [road_type_name(story) for story in stories.values()] or [options.kind or "loop"]
     for name, kind in product(given, kinds):
         if kind not in users[name]:
             raise ScenarioError(
@@ -89,7 +89,7 @@ def scenario(options: argparse.Namespace) -> int:
     lists = {name: tuple(value) for name, value in given.items() if isinstance(value, list)}
     given |= lists
     changed = {name: replace(story, **given) for name, story in stories.items()}
-    described = composed(changed) if changed else KINDS[kinds[0]].description(**given)
+    described = composed(changed) if changed else ROAD_TYPES[kinds[0]].description(**given)
     write_scenario(options.folder, described)
     command = shlex.join(["sumo-gui", "-c", str(options.folder / "highway.sumocfg")])
     print(f"{options.folder}: open it with {command}")
@@ -98,19 +98,19 @@ def scenario(options: argparse.Namespace) -> int:
 
 def _stories(sources: Sequence[str], kind: str | None) -> dict[str, Any]:
     """Return the descriptions of ``sources``; raise ScenarioError if one has another kind."""
-    from drl_av.traffic.description_file import unknown_kind
-    from drl_av.traffic.scenario import find_description, read_description
+    from drl_av.scenarios.description_file import unknown_road_type
+    from drl_av.scenarios.folder import find_description, read_description
 
-    if kind is not None and kind not in KINDS:
-        raise unknown_kind(kind, KINDS)
+    if kind is not None and kind not in ROAD_TYPES:
+        raise unknown_road_type(kind, ROAD_TYPES)
     stories = {
         source: read_description(find_description(source), "correct the path or the file")
         for source in sources
     }
     for source, described in stories.items():
-        if kind not in (None, kind_name(described)):
+        if kind not in (None, road_type_name(described)):
             raise ScenarioError(
-                f"{source} describes a scenario of the kind {kind_name(described)}, and --kind is "
-                f"{kind}: leave one of the two out."
+                f"{source} describes a scenario of the kind {road_type_name(described)}, and "
+                f"--kind is {kind}: leave one of the two out."
             )
     return stories

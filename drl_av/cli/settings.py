@@ -2,10 +2,10 @@
 
 import argparse
 
-from drl_av.config import TRAFFIC_KINDS, Config, laid_over
+from drl_av.config import TRAFFIC_PRESETS, Config, with_files
 from drl_av.drivers.registry import driver_names
 from drl_av.safety import CHECKS
-from drl_av.traffic.scenario import with_scenario
+from drl_av.scenarios.folder import with_scenario
 
 
 def driver_words() -> str:
@@ -17,7 +17,7 @@ def driver_words() -> str:
     )
 
 
-def driving(parser: argparse.ArgumentParser, whose: str) -> None:
+def add_env_options(parser: argparse.ArgumentParser, whose: str) -> None:
     """Add --scenario, --safety-check, --traffic and --config to a parser.
 
     ``whose`` names the source of the defaults in the help, for example "the RUN's".
@@ -35,7 +35,7 @@ def driving(parser: argparse.ArgumentParser, whose: str) -> None:
     parser.add_argument(
         "--traffic",
         metavar="KIND",
-        help=f"one of: {', '.join(TRAFFIC_KINDS)} (default: {whose} [traffic])",
+        help=f"one of: {', '.join(TRAFFIC_PRESETS)} (default: {whose} [traffic])",
     )
     config_files(parser, whose)
 
@@ -51,14 +51,14 @@ def config_files(parser: argparse.ArgumentParser, whose: str) -> None:
     )
 
 
-def overridden(config: Config, options: argparse.Namespace) -> Config:
+def with_command_line(config: Config, options: argparse.Namespace) -> Config:
     """Return ``config``, changed by --traffic, --config, --scenario and --safety-check in turn.
 
     Raises ConfigError if the TOML file or a setting is wrong.
     """
     if options.traffic is not None:
         config = config.with_traffic(options.traffic)
-    config = laid_over(config, options.config)
+    config = with_files(config, options.config)
     if options.safety_check is not None:
         config = config.updated("safety", check=options.safety_check)
     return with_scenario(config, options.scenario)

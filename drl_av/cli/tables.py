@@ -12,7 +12,7 @@ from drl_av.cli.console import make_console
 
 if TYPE_CHECKING:
     from drl_av.evaluation.criticality import Style
-    from drl_av.evaluation.paired import Paired
+    from drl_av.evaluation.paired import PairedGain
     from drl_av.evaluation.statistics import Mean, Overall, Summary
 
 
@@ -70,7 +70,7 @@ def _caption(summaries: Sequence["Summary"], several_checks: bool) -> str:
     return f"{number} {noun} each, ± half of the 95 % interval{check}"
 
 
-def print_gains(gains: Sequence["Paired"]) -> None:
+def print_gains(gains: Sequence["PairedGain"]) -> None:
     """Print each driver's gain in mean speed, m/s, over the fastest rule-based driver.
 
     The table has one row for each driver and number of vehicles.

@@ -22,15 +22,15 @@ from drl_av.config.road import SimulationConfig
 from drl_av.config.safety import SafetyConfig, StrictConfig
 from drl_av.config.schema import did_you_mean
 from drl_av.config.traffic import TrafficConfig
-from drl_av.config.traffic_kinds import SINGLE_KINDS, TRAFFIC_KINDS, traffic_of_kind
+from drl_av.config.traffic_presets import SINGLE_PRESETS, TRAFFIC_PRESETS, traffic_preset
 from drl_av.errors import ConfigError
 
 __all__ = [
     "DESIRED_VALUES",
     "OLD_DEFAULTS",
     "REPLAYS",
-    "SINGLE_KINDS",
-    "TRAFFIC_KINDS",
+    "SINGLE_PRESETS",
+    "TRAFFIC_PRESETS",
     "Config",
     "EgoConfig",
     "FiniteStateConfig",
@@ -45,8 +45,8 @@ __all__ = [
     "TrafficConfig",
     "from_sections",
     "from_toml",
-    "laid_over",
     "load_config",
+    "with_files",
 ]
 
 
@@ -75,19 +75,19 @@ class Config:
         return replace(self, **{section: replace(getattr(self, section), **settings)})
 
     def with_traffic(self, kind: object) -> "Config":
-        """Return a copy with the traffic settings of ``kind``, a key of ``TRAFFIC_KINDS``.
+        """Return a copy with the traffic settings of ``kind``, a key of ``TRAFFIC_PRESETS``.
 
         ``vehicles_min`` and ``vehicles_max`` keep their values.
 
         Raises:
             ConfigError: there is no such kind.
         """
-        return replace(self, traffic=traffic_of_kind(kind, self.traffic))
+        return replace(self, traffic=traffic_preset(kind, self.traffic))
 
     @property
     def of_each_kind(self) -> "list[Config]":
         """One config per kind of traffic if ``traffic.all_kinds`` is true, else only this one."""
-        return [*map(self.with_traffic, SINGLE_KINDS)] if self.traffic.all_kinds else [self]
+        return [*map(self.with_traffic, SINGLE_PRESETS)] if self.traffic.all_kinds else [self]
 
     def to_toml(self) -> str:
         """Return all settings as TOML text; ``from_toml`` converts it back to an equal config."""
@@ -156,7 +156,7 @@ def from_sections(
     return config
 
 
-def laid_over(config: Config, paths: Iterable[str | Path]) -> Config:
+def with_files(config: Config, paths: Iterable[str | Path]) -> Config:
     """Return the config with the settings of TOML files, each laid over those before it.
 
     Raises ConfigError as ``load_config`` does.

@@ -16,8 +16,8 @@ from drl_av.drawing.picture import Picture, draw
 from drl_av.drawing.renderer import next_caption
 from drl_av.errors import RecordingError
 from drl_av.files import replacing
-from drl_av.traffic.road import FloatArray, Road
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import FloatArray, Road
+from drl_av.road.snapshot import Snapshot
 
 
 def interpolated(a: Snapshot, b: Snapshot, fraction: float, road: Road) -> Snapshot:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drl_av.drawing.sheet import EGO_COLOR, FAST_M_S, SLOW_M_S, SPEED_COLORS
+from drl_av.drawing.canvas import EGO_COLOR, FAST_M_S, SLOW_M_S, SPEED_COLORS
 from drl_av.driving.actions import ACTIONS
-from drl_av.files import write_whole
-from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.files import write_atomic
+from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
+from drl_av.road.snapshot import Snapshot
 
 TEMPLATE = Path(__file__).with_name("page.html")
 PLACEHOLDER = "EPISODE"
@@ -75,7 +75,7 @@ def write_page(
     }
     data = json.dumps(episode, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     template = TEMPLATE.read_text(encoding="utf-8")
-    write_whole(path, template.replace(PLACEHOLDER, data, 1).encode())
+    write_atomic(path, template.replace(PLACEHOLDER, data, 1).encode())
 
 
 def _part(part: PartialLane, road: Road) -> dict[str, float]:

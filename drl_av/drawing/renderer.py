@@ -6,12 +6,12 @@ from typing import Any
 
 import gymnasium
 
+from drl_av.drawing.canvas import EGO_COLOR, Color, speed_color
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import Picture, draw
-from drl_av.drawing.sheet import EGO_COLOR, Color, speed_color
 from drl_av.driving.actions import ACTIONS
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import EGO, Snapshot
+from drl_av.road.road import Road
+from drl_av.road.snapshot import EGO, Snapshot
 
 
 def next_caption(caption: Caption, reward: float, info: dict[str, Any]) -> Caption:

@@ -8,11 +8,11 @@ import numpy.typing as npt
 
 from drl_av.config.functions import require_function
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.sumo import SumoDriver
+from drl_av.drivers.rule_based import SumoDriver
 from drl_av.driving.actions import Action, action_of
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
-from drl_av.safety.check import Rule, SafetyCheck, Verdict, judged
+from drl_av.safety.check import Rule, SafetyCheck, Verdict, apply_check
 
 
 class CheckedDriver:
@@ -44,7 +44,7 @@ class CheckedDriver:
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the inner driver's proposal, or the action by which the check replaces it."""
-        self.verdict = judged(self._check, scene, self._driver.act(scene, observation))
+        self.verdict = apply_check(self._check, scene, self._driver.act(scene, observation))
         self.triggers += self.verdict.rule is not Rule.NONE
         return self.verdict.action
 

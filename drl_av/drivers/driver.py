@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from drl_av.driving.actions import Action
 from drl_av.driving.scene import Scene
-from drl_av.traffic.road import FloatArray
+from drl_av.road.road import FloatArray
 
 
 class Driver(Protocol):

@@ -14,7 +14,7 @@ from drl_av.drivers.onnx_interface import INPUTS, INSIDE, OUTPUTS, Port, metadat
 from drl_av.driving.affordances import ObservationScale
 from drl_av.driving.mirror import MIRROR
 from drl_av.errors import DrlAvError
-from drl_av.files import write_whole
+from drl_av.files import write_atomic
 
 OPSET = 17
 
@@ -87,7 +87,7 @@ def export(
     for key, value in metadata(config).items():
         model.metadata_props.add(key=key, value=value)
     onnx.checker.check_model(model, full_check=True)
-    write_whole(path, model.SerializeToString())
+    write_atomic(path, model.SerializeToString())
 
 
 def _described(ports: Sequence[Port]) -> list[Any]:

@@ -12,7 +12,7 @@ from drl_av.driving.actions import Action
 from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import Scene
-from drl_av.traffic.road import Road
+from drl_av.road.road import Road
 
 
 class Motion(NamedTuple):

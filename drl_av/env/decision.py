@@ -6,8 +6,8 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.maneuver import aborts
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import Observation
+from drl_av.road.snapshot import Collision, CollisionKind
 from drl_av.safety.check import Rule
-from drl_av.traffic.snapshot import Collision, CollisionKind
 
 NO_RULE = str(Rule.NONE)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from drl_av.config import TrafficConfig
 from drl_av.errors import ConfigError
-from drl_av.traffic.streams import Stream, generator
+from drl_av.random_streams import Stream, generator
 
 TRAINING_SEED_RANGE = (1_000_000, 2**31)
 """Range [low, high) of the traffic seeds that a reset draws; evaluations use smaller seeds."""
@@ -50,18 +50,18 @@ def number_of_vehicles(
     seed: int,
     traffic: TrafficConfig,
     placed: int | None,
-    usual: int | None = None,
+    default: int | None = None,
 ) -> int:
     """Return the number of vehicles besides the ego.
 
-    It is ``placed``, or else that of ``options``, or else ``usual``, or else drawn with ``seed``.
+    It is ``placed``, or else that of ``options``, or else ``default``, or else drawn with ``seed``.
 
     Args:
         options: The options of the reset.
         seed: The seed of the traffic.
         traffic: The settings with the range from which the number is drawn.
         placed: The number of vehicles whose positions the scenario fixes; None if it fixes none.
-        usual: The number of vehicles that the inflow of an open road sustains; None on a loop.
+        default: The number of vehicles that the inflow of an open road sustains; None on a loop.
 
     Raises:
         ConfigError: the number of vehicles is not allowed.
@@ -73,8 +73,8 @@ def number_of_vehicles(
                 f"vehicle{'s' * (placed != 1)}: leave the option out."
             )
         return placed
-    if "vehicles" not in options and usual is not None:
-        return usual
+    if "vehicles" not in options and default is not None:
+        return default
     if "vehicles" not in options:
         draw_number = generator(seed, Stream.NUMBER_OF_VEHICLES)
         return int(draw_number.integers(traffic.vehicles_min, traffic.vehicles_max + 1))

@@ -14,23 +14,24 @@ from drl_av.config import Config
 from drl_av.config.functions import require_function
 from drl_av.config.presets import as_config
 from drl_av.drawing.renderer import renderer_of
-from drl_av.driving.actions import ACTIONS, Action
-from drl_av.driving.affordances import ObservationScale, compute_affordances
-from drl_av.driving.maneuver import plan
-from drl_av.driving.observed import observed
+from drl_av.driving.actions import ACTIONS, Action, ego_numbers
+from drl_av.driving.affordances import ObservationScale
+from drl_av.driving.infer_action import infer_action
+from drl_av.driving.maneuver import plan_with
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode import number_of_vehicles, reset_options, traffic_seed
-from drl_av.env.kinds import drawn_traffic, traffic_of_each_kind
+from drl_av.env.kinds import drawn_traffic, traffic_setups
 from drl_av.env.observation import ObservationFunction, default_groups, observation_function
-from drl_av.env.reward import RewardFunction, Rewards, Transition, desired, own_reward, rewards
-from drl_av.env.way import Way
-from drl_av.errors import ConfigError, counted
-from drl_av.safety import ActionMask, action_mask, named_check, starts_unsafe
-from drl_av.safety.check import Rule, SafetyCheck, Verdict, judged
-from drl_av.traffic.ego_model import EgoModel
-from drl_av.traffic.scenario import find_scenario, load_scenario, with_scenario
-from drl_av.traffic.snapshot import EGO, Collision, Snapshot
+from drl_av.env.reward import RewardFunction, Rewards, Transition, custom_reward
+from drl_av.env.route_outcome import RouteOutcome
+from drl_av.env.scene_values import SceneValues
+from drl_av.errors import ConfigError, pluralize
+from drl_av.road.snapshot import EGO, Collision, Snapshot
+from drl_av.safety import ActionMask, action_mask, mask_of, named_check, starts_unsafe
+from drl_av.safety.check import Rule, SafetyCheck, Verdict, Verdicts, WholeCheck, apply_check
+from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
+from drl_av.simulation.vehicle_calls import EgoModel
 
 Observation = npt.NDArray[np.float32]
 
@@ -84,7 +85,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             each_kind = config.of_each_kind
             self.safety_check, *_ = (named_check(each, types, self.road) for each in each_kind)
             self._check_name = config.safety.check
-        self._kinds = traffic_of_each_kind(config, loaded, gui=render_mode == "human")
+        self._kinds = traffic_setups(config, loaded, gui=render_mode == "human")
         self.simulation, self.traffic_drivers = self._kinds[0]
         if reward is not None:
             require_function(reward, "reward", "transition")
@@ -92,6 +93,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
         groups = default_groups(config.observation) if observation is None else observation
         self.observe = observation_function(groups, self.scale)
+        self._values_of = SceneValues(config, self.road, self.scale)
+        self._ego = ego_numbers(config.ego, config.simulation)
+        self._verdicts: Verdicts | None = None
         self.observation_space = self.observe.space
         self._scaled_only = observation is None and not config.observation.way
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
@@ -120,10 +124,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
     def require_room(self) -> None:
         """Raise ConfigError if ``traffic.vehicles_max`` vehicles do not fit on the road."""
         most = min(simulation.fleet.capacity for simulation, _ in self._kinds)
-        if self.config.traffic.vehicles_max > most and self.simulation.fleet.usual is None:
+        if (
+            self.config.traffic.vehicles_max > most
+            and self.simulation.fleet.default_vehicle_count is None
+        ):
             raise ConfigError(
                 f"traffic.vehicles_max is {self.config.traffic.vehicles_max}, but this road takes "
-                f"{counted(most, 'vehicle')} besides the ego: ask for fewer or make the loop "
+                f"{pluralize(most, 'vehicle')} besides the ego: ask for fewer or make the loop "
                 "longer."
             )
 
@@ -154,13 +161,17 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         fleet, traffic = self.simulation.fleet, self.config.traffic
         if "vehicles" not in given:
             self.require_room()
-        vehicles = number_of_vehicles(given, self.seed, traffic, fleet.placed, fleet.usual)
+        vehicles = number_of_vehicles(
+            given, self.seed, traffic, fleet.placed, fleet.default_vehicle_count
+        )
         self.decisions = 0
         self.ego_model = None
         snapshot = self.simulation.reset(self.seed, vehicles)
-        self.traffic_drivers.start(fleet.kinds, fleet.population.desired_speed_m_s, self.seed)
+        self.traffic_drivers.start(
+            fleet.driver_models, fleet.population.desired_speed_m_s, self.seed
+        )
         observation = self._observe(snapshot, None)
-        self._way = Way(self.road, self.scene)
+        self._way = RouteOutcome(self.road, self.scene)
         info = self._info(over=False)
         info["unsafe_start"] = starts_unsafe(self.safety_check, self.scene)
         self._renderer.reset(snapshot, info)
@@ -198,13 +209,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         scene, config = self.scene, self.config
         verdict = Verdict(proposed, Rule.NONE)
         if self.ego_model is None:
-            verdict = judged(self.safety_check, scene, proposed)
-        commands, lane_change = plan(scene, verdict.action, config.ego, config.simulation)
+            verdict = self._verdict_on(proposed)
+        commands, lane_change = plan_with(scene, verdict.action, self._ego)
         traffic_commands = self.traffic_drivers(scene.snapshot)
         self._over = True  # remains so if SUMO ends during the decision
         snapshot, collision = self.simulation.advance(commands, traffic_commands)
         if self.ego_model is not None:
-            proposed, lane_change = observed(scene, snapshot, self.road, config)
+            proposed, lane_change = infer_action(scene, snapshot, self.road, config)
             verdict = Verdict(proposed, Rule.NONE)
         self.decisions += 1
         observation = self._observe(snapshot, lane_change)
@@ -239,7 +250,21 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         """
         if "scene" not in vars(self):
             raise gymnasium.error.ResetNeeded("There is no scene yet: call reset.")
+        if isinstance(self.safety_check, WholeCheck):
+            return mask_of(self._all_verdicts(self.safety_check))
         return action_mask(self.safety_check, self.scene)
+
+    def _verdict_on(self, proposed: Action) -> Verdict:
+        """Return the verdict of the safety check on an action in the present scene."""
+        if isinstance(self.safety_check, WholeCheck):
+            return self._all_verdicts(self.safety_check).of(proposed)
+        return apply_check(self.safety_check, self.scene, proposed)
+
+    def _all_verdicts(self, check: WholeCheck) -> Verdicts:
+        """Return the verdicts on all actions in the present scene, which are computed once."""
+        if self._verdicts is None:
+            self._verdicts = check.verdicts(self.scene)
+        return self._verdicts
 
     def close(self) -> None:
         """End the episode, and close SUMO."""
@@ -264,23 +289,21 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     def _observe(self, snapshot: Snapshot, lane_change: LaneChange | None) -> Observation:
         """Store the scene and the indicators after a decision, and return the observation."""
-        affordances = compute_affordances(snapshot, self.road, self.config.observation.range_m)
-        self.scene = Scene(snapshot, affordances, lane_change)
-        self.indicators = affordances.vector()
-        return self.scale(self.indicators) if self._scaled_only else self.observe(self.scene)
+        self.scene, scaled, self._terms = self._values_of(snapshot, lane_change)
+        self.indicators = self.scene.indicators.values[:27]
+        self._verdicts = None
+        return scaled if self._scaled_only else self.observe(self.scene)
 
     def _reward(
         self, scene: Scene, proposed: Action, verdict: Verdict, collision: Collision | None
     ) -> tuple[float, Rewards]:
         """Return the reward for the decision from ``scene`` to the present one, and its terms."""
-        config, affordances = self.config, self.scene.affordances
-        target = desired(affordances, config.reward, config.safety)
-        terms = rewards(affordances, target, config.reward, config.safety.minimum_gap_m)
-        reward = terms.total if collision is None else config.reward.collision_reward
+        terms = self._terms
+        reward = terms.total if collision is None else self.config.reward.collision_reward
         if self._own_reward is not None:
             decided = scene, proposed, verdict.action, verdict.rule
             outcome = Transition(*decided, self.scene, collision, terms, reward)
-            reward = own_reward(self._own_reward, outcome)
+            reward = custom_reward(self._own_reward, outcome)
         return reward, terms
 
     def _info(self, over: bool) -> dict[str, Any]:
@@ -291,7 +314,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         info = {
             "seed": self.seed,
             "vehicles": len(self.scene.snapshot.ids) - 1,
-            "speed_m_s": self.scene.affordances.ego_speed_m_s,
+            "speed_m_s": float(self.indicators[24]),
             "indicators": self.indicators.copy(),
             "way": self._way.outcome(self.scene, over),
         }

@@ -7,10 +7,10 @@ from typing import Any
 
 from drl_av.driving.actions import Longitudinal
 from drl_av.env.decision import Decision
-from drl_av.env.way import COMPLETE
+from drl_av.env.route_outcome import COMPLETE
 from drl_av.files import PossiblyInfinite
+from drl_av.road.snapshot import Collision
 from drl_av.safety.paper import closing_speed, time_to_collision
-from drl_av.traffic.snapshot import Collision
 
 
 @dataclass(frozen=True)

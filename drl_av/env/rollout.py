@@ -3,12 +3,12 @@
 from collections.abc import Callable, Iterator
 
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.sumo import SumoDriver
+from drl_av.drivers.rule_based import SumoDriver
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
-from drl_av.env.way import front_m
+from drl_av.env.route_outcome import front_m
 from drl_av.errors import ConfigError
 
 

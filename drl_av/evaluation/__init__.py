@@ -3,7 +3,7 @@
 DENSITIES = (1, 5, 10, 15, 20, 25, 30)
 """The numbers of vehicles around the ego in the published tables (docs/results)."""
 
-RULE = (
+PASS_CRITERION = (
     "A driver passes if, over all episodes, it is faster than the fastest rule-based driver beside "
     "it (the 95 percent interval of the gain, paired by traffic, lies above 0), if its ego hits "
     "something in no more episodes than with any rule-based driver, and if it brakes hard no more "

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.errors import DrlAvError
-from drl_av.traffic.road import FloatArray
+from drl_av.road.road import FloatArray
 
 Strata = Sequence[FloatArray]
 RESAMPLES = 2000

@@ -12,7 +12,7 @@ from drl_av.env.episode import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import drive
-from drl_av.errors import ConfigError, SimulationError, counted
+from drl_av.errors import ConfigError, SimulationError, pluralize
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.processes import BrokenProcessPool, workers
 
@@ -65,7 +65,7 @@ class Evaluation:
             )
         make_drivers(specs, config)
         with closing(HighwayEnv(config=config)) as env:
-            implied = env.simulation.fleet.usual
+            implied = env.simulation.fleet.default_vehicle_count
             default = DENSITIES if implied is None else (implied,)
             self._vehicles = tuple(dict.fromkeys(vehicles)) or default
             for number in {min(self._vehicles), max(self._vehicles)}:
@@ -106,7 +106,7 @@ class Evaluation:
                 raise SimulationError(
                     "A process of the evaluation ended on its own, as it does when SUMO aborts: "
                     f"try again with --jobs 1; the first row missing is that of {name}, "
-                    f"{counted(number, 'vehicle')}, seed {seed}."
+                    f"{pluralize(number, 'vehicle')}, seed {seed}."
                 ) from error
 
 

@@ -21,8 +21,8 @@ from drl_av.evaluation.surrogates import (
     required_deceleration,
 )
 from drl_av.files import PossiblyInfinite
+from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.safety.paper import closing_speed, time_to_collision
-from drl_av.traffic.snapshot import EGO, Snapshot
 
 CRITICAL_TTC_S = 3.0
 """A time to collision of at most this adds to TET and TIT (default of SUMO's SSM device)."""

@@ -15,8 +15,8 @@ from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.errors import ConfigError
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.criticality import CriticalityMetrics
-from drl_av.evaluation.judgement import Judgement, judge
-from drl_av.traffic.scenario import with_scenario
+from drl_av.evaluation.judgement import CriterionResult, judge
+from drl_av.scenarios.folder import with_scenario
 
 Word = str | Path
 """A driver as the user names it on the command line, for example ``"idm"`` or a run's folder."""
@@ -26,7 +26,7 @@ class Results(list[EpisodeResult]):
     """The results of an evaluation: a list of episodes."""
 
     @property
-    def judgements(self) -> list[Judgement]:
+    def judgements(self) -> list[CriterionResult]:
         """The judgements of the drivers that are not rule-based; empty without a rule-based one."""
         return judge(self)
 

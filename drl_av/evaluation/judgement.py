@@ -11,7 +11,7 @@ from drl_av.evaluation.paired import require_distinct
 from drl_av.evaluation.statistics import Mean, fastest, grouped, mean_difference
 
 
-class Judgement(NamedTuple):
+class CriterionResult(NamedTuple):
     """Whether a driver passes the comparison with the rule-based drivers, with its numbers."""
 
     driver: str
@@ -76,8 +76,8 @@ class _Fewest(NamedTuple):
     missed: int
 
 
-def judge(rows: Iterable[EpisodeResult]) -> list[Judgement]:
-    """Judge each driver that is not rule-based by the criterion ``drl_av.evaluation.RULE``.
+def judge(rows: Iterable[EpisodeResult]) -> list[CriterionResult]:
+    """Judge each driver that is not rule-based by ``drl_av.evaluation.PASS_CRITERION``.
 
     The list is empty without a rule-based driver.
 
@@ -106,7 +106,7 @@ def _judgement(
     best: str,
     theirs: Sequence[EpisodeResult],
     fewest: _Fewest,
-) -> Judgement:
+) -> CriterionResult:
     gain = _gain(name, ours, best, theirs)
     brakes, their_brakes = _hard_brakes_per_km(ours), _hard_brakes_per_km(theirs)
     comfort, their_comfort = _comfortable_percent(ours), _comfortable_percent(theirs)
@@ -118,7 +118,7 @@ def _judgement(
         "comfort": brakes <= their_brakes and (comfort or 0.0) >= (their_comfort or 0.0),
     }
     failures = tuple(condition for condition, holds in conditions.items() if not holds)
-    return Judgement(
+    return CriterionResult(
         driver=name,
         over=best,
         gain_m_s=gain,

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from drl_av.env.metrics import EpisodeResult
-from drl_av.errors import DrlAvError, counted
+from drl_av.errors import DrlAvError, pluralize
 from drl_av.evaluation.statistics import Mean, mean_difference
 from drl_av.files import Row
 
@@ -19,7 +19,7 @@ class Speed(NamedTuple):
     mean_speed_m_s: float
 
 
-class Paired(NamedTuple):
+class PairedGain(NamedTuple):
     """The gain in mean speed of a driver over a baseline at one number of vehicles."""
 
     vehicles: int
@@ -58,14 +58,14 @@ def require_distinct(rows: Iterable[Speed | EpisodeResult]) -> None:
     for (driver, seed, vehicles), times in driven.items():
         if times > 1:
             raise DrlAvError(
-                f"{driver} drove seed {seed} among {counted(vehicles, 'vehicle')} twice: remove "
+                f"{driver} drove seed {seed} among {pluralize(vehicles, 'vehicle')} twice: remove "
                 "one of the rows."
             )
 
 
 def paired(
     episodes: Iterable[Speed | EpisodeResult], driver: str, baselines: Sequence[str]
-) -> list[Paired]:
+) -> list[PairedGain]:
     """Compute the driver's gain in mean speed over each baseline at each number of vehicles.
 
     The confidence intervals are Student's t intervals (95 %) of the differences by seed.
@@ -93,12 +93,12 @@ def _gain(
     driver: str,
     baseline: str,
     baselines: Sequence[str],
-) -> Paired:
+) -> PairedGain:
     ours, theirs = found.get(driver, {}), found.get(baseline, {})
-    names, among = f"{driver} and {baseline}", f" among {counted(vehicles, 'vehicle')}"
+    names, among = f"{driver} and {baseline}", f" among {pluralize(vehicles, 'vehicle')}"
     difference = mean_difference(ours, theirs, names, among)
     means = {name: sum(found[name].values()) / len(found[name]) for name in baselines}
-    return Paired(
+    return PairedGain(
         vehicles,
         driver,
         baseline,

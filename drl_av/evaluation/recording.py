@@ -16,10 +16,10 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.env.decision import Decision
 from drl_av.errors import RecordingError
-from drl_av.files import write_whole
-from drl_av.traffic.ego_model import EgoModel
-from drl_av.traffic.road import FloatArray
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.files import write_atomic
+from drl_av.road.road import FloatArray
+from drl_av.road.snapshot import Snapshot
+from drl_av.simulation.vehicle_calls import EgoModel
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Recording:
             parts["ego_model"] = np.array(self.ego_model, dtype=np.float64)
         data = io.BytesIO()
         np.savez_compressed(data, **parts, sha256=np.array(_checksum(parts)))
-        write_whole(path, data.getvalue())
+        write_atomic(path, data.getvalue())
 
 
 def _checksum(parts: Mapping[str, npt.NDArray[Any]]) -> str:

@@ -11,15 +11,15 @@ from drl_av.drawing.film import Film
 from drl_av.drawing.page import PageDecision, write_page
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import LearnedDriver
-from drl_av.drivers.sumo import SumoDriver
+from drl_av.drivers.rule_based import SumoDriver
 from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import rollout
 from drl_av.evaluation.recording import Follower, RecordedDriver, Recorder, Recording
-from drl_av.traffic.road import Road
-from drl_av.traffic.scenario import find_scenario, load_scenario
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import Road
+from drl_av.road.snapshot import Snapshot
+from drl_av.scenarios.folder import find_scenario, load_scenario
 
 USUAL_VEHICLES = 15
 Watcher = Callable[[Decision], None]
@@ -113,7 +113,7 @@ class ReplaySession:
         follower = None if self.recording is None else Follower(self.recording)
         following = [] if follower is None else [follower.add]
         with closing(HighwayEnv(config=self.config, render_mode=render_mode)) as env:
-            implied = env.simulation.fleet.usual
+            implied = env.simulation.fleet.default_vehicle_count
             usual = USUAL_VEHICLES if implied is None else implied
             vehicles = usual if self.vehicles is None else self.vehicles
             for decision in rollout(env, self.driver, self.seed, vehicles):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from drl_av.env.metrics import EpisodeResult
-from drl_av.env.way import EXIT_MISSED, EXIT_TAKEN, MERGED, NOT_MERGED
+from drl_av.env.route_outcome import EXIT_MISSED, EXIT_TAKEN, MERGED, NOT_MERGED
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.aggregates import (
     Estimate,
@@ -17,8 +17,8 @@ from drl_av.evaluation.aggregates import (
     performance_profile,
     probability_of_improvement,
 )
-from drl_av.files import write_whole
-from drl_av.traffic.road import FloatArray
+from drl_av.files import write_atomic
+from drl_av.road.road import FloatArray
 
 OF_A_WAY = ("exits_taken", "merged", "missed", "fewest_missed")
 """Fields that are None on a road on which the ego neither has an exit nor starts in a lane that
@@ -225,7 +225,7 @@ def write_summaries(path: Path, parts: Mapping[str, Iterable[Any]]) -> None:
         ]
         for part, found in parts.items()
     }
-    write_whole(path, json.dumps(objects, indent=2).encode() + b"\n")
+    write_atomic(path, json.dumps(objects, indent=2).encode() + b"\n")
 
 
 def _plain(value: object) -> object:

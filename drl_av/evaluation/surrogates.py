@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.traffic.road import FloatArray
+from drl_av.road.road import FloatArray
 
 LONGITUDINAL_M_S2 = (-4.05, 2.40)
 LATERAL_M_S2 = 4.89

@@ -46,9 +46,9 @@ def adaptation_plan(options: ReproduceOptions) -> Plan:
     training contains the folders of the others.
     """
     shipped = default_config(find_drivers(["pretrained"])).updated("safety", check="paper")
-    origin = _job("pretrained", options.laid_over(shipped), options.runs)
+    origin = _job("pretrained", options.with_files(shipped), options.runs)
     configs = {
-        variant: options.laid_over(adapted(shipped)).updated("learning", seed=0, **settings)
+        variant: options.with_files(adapted(shipped)).updated("learning", seed=0, **settings)
         for variant, settings in CHANGES.items()
     }
     jobs = [

@@ -29,8 +29,8 @@ from drl_av.experiments.plan import Cell, Plan
 from drl_av.experiments.store import MadeWith
 from drl_av.experiments.values import require_numbers
 from drl_av.files import Row
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import CollisionKind
+from drl_av.road.road import Road
+from drl_av.road.snapshot import CollisionKind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -121,10 +121,10 @@ class BarricadeTraining(Cell):
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
         """Train a driver, then evaluate it; yield a row for each episode of both parts."""
-        from drl_av.learning.assembly import make_training
+        from drl_av.learning.builder import build_training
 
         with closing(HighwayEnv(config=self.config)) as env:
-            training = make_training(env)
+            training = build_training(env)
             for episode in range(1, self.config.learning.episodes + 1):
                 metrics = BarricadeMetrics(env.road)
                 training.run_episode(metrics)
@@ -144,7 +144,7 @@ class BarricadeTraining(Cell):
 def barricade_plan(options: ReproduceOptions) -> Plan:
     """Return a plan with one training of ``EPISODES`` episodes for each check and seed."""
     configs = [
-        options.laid_over(barricade_config(check, seed, EPISODES))
+        options.with_files(barricade_config(check, seed, EPISODES))
         .updated("simulation", scenario=SCENARIO)
         .updated("safety", check=check)
         .updated("learning", seed=seed)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drl_av.files import make_folder, write_whole
+from drl_av.files import make_folder, write_atomic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,4 +56,4 @@ def save_figure(figure: "Figure", path: Path) -> None:
     make_folder(path.parent, "--out")
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=150, metadata={"Software": None})
-    write_whole(path, data.getvalue())
+    write_atomic(path, data.getvalue())

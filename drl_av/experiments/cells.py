@@ -9,7 +9,7 @@ from drl_av.config import Config
 from drl_av.drivers.policy_file import find_policy
 from drl_av.drivers.registry import find_drivers
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
-from drl_av.errors import DrlAvError, counted
+from drl_av.errors import DrlAvError, pluralize
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.experiments.options import ReproduceOptions
@@ -144,7 +144,7 @@ class TrainingRows(Cell):
         """
         if self.training.last_row < 1:
             raise DrlAvError(
-                f"A training of {counted(self.training.stop, 'episode')} makes no row of the "
+                f"A training of {pluralize(self.training.stop, 'episode')} makes no row of the "
                 f"table, which sums up {self.training.every}: ask for as many at the least."
             )
         self.training.require_same_settings()

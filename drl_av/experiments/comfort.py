@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from drl_av.config import SINGLE_KINDS
+from drl_av.config import SINGLE_PRESETS
 from drl_av.evaluation.criticality import CriticalityMetrics
 from drl_av.evaluation.statistics import grouped
 from drl_av.experiments.cells import Drives, policies_of
@@ -39,7 +39,7 @@ COLUMNS = (
 def comfort_plan(options: ReproduceOptions) -> Plan:
     """Return a plan to evaluate every driver under ``strict`` in each kind, on the same seeds."""
     shipped = options.settings_of(LEARNED[:1]).updated("safety", check="strict")
-    configs = {kind: shipped.with_traffic(kind) for kind in SINGLE_KINDS}
+    configs = {kind: shipped.with_traffic(kind) for kind in SINGLE_PRESETS}
     seeds = min(options.drives, DRIVES)
     cells = [
         Drives(
@@ -55,7 +55,7 @@ def comfort_plan(options: ReproduceOptions) -> Plan:
         for kind, config in configs.items()
         for vehicles in DENSITIES
     ]
-    order = by(traffic=SINGLE_KINDS, vehicles=DENSITIES, seed=int, driver=DRIVERS)
+    order = by(traffic=SINGLE_PRESETS, vehicles=DENSITIES, seed=int, driver=DRIVERS)
     return Plan(MadeWith(configs, policies_of(LEARNED)), [cells], order, named="traffic")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.files import Row
-from drl_av.traffic.road import FloatArray
+from drl_av.road.road import FloatArray
 
 SMOOTHED_OVER = 5
 """Number of evaluations in the moving mean with which convergence is determined."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from functools import partial
 
-from drl_av.config import SINGLE_KINDS
+from drl_av.config import SINGLE_PRESETS
 from drl_av.config.presets import preset
 from drl_av.evaluation.statistics import Mean, mean_difference
 from drl_av.experiments.cells import Drives, TableDriver, made_with
@@ -26,7 +26,7 @@ UNTRAINED = (REFERENCE, "gap-mobil-1.3", "sumo-tuned")
 """The strongest rule-based driver, and two others (see the experiment ``opponents``)."""
 NAME = "cross_table-"
 """Beginning of the names of the trained drivers; the kind of traffic of the training follows."""
-TRAINED_IN = (*SINGLE_KINDS, "all")
+TRAINED_IN = (*SINGLE_PRESETS, "all")
 """The kinds of traffic in which drivers are trained."""
 ORDER = (*UNTRAINED, DRIVER, *(NAME + kind for kind in TRAINED_IN))
 DENSITIES = (10, 15, 20, 25)
@@ -38,7 +38,7 @@ COLUMNS = ("seed", "mean_speed_m_s", "mean_reward", "collided", "ego_hit", "safe
 
 def trainings(options: ReproduceOptions) -> list[TrainingJob]:
     """Return a training with the preset ``fast`` in each kind of ``TRAINED_IN``."""
-    config = options.laid_over(preset("fast").updated("learning", evaluate_every=100))
+    config = options.with_files(preset("fast").updated("learning", evaluate_every=100))
     return [
         TrainingJob.whole(kind, config.with_traffic(kind), options.runs / (NAME + kind))
         for kind in TRAINED_IN
@@ -55,7 +55,7 @@ def cross_table_plan(options: ReproduceOptions) -> Plan:
     drivers = [TableDriver(name, name, config) for name in (*UNTRAINED, DRIVER)]
     drivers += [TableDriver(job.name, str(job.folder), job.config, job) for job in jobs]
     cells = in_each_kind(drivers, DENSITIES, FIRST_SEED, min(options.drives, DRIVES), COLUMNS)
-    order = by(driver=ORDER, traffic=SINGLE_KINDS, vehicles=DENSITIES, seed=int)
+    order = by(driver=ORDER, traffic=SINGLE_PRESETS, vehicles=DENSITIES, seed=int)
     return Plan(made_with(drivers), [cells], order, named="driver")
 
 
@@ -75,7 +75,7 @@ def in_each_kind(
             config=each.config.with_traffic(kind), named=(("driver", each.name), ("traffic", kind))
         )
         for each in drivers
-        for kind in SINGLE_KINDS
+        for kind in SINGLE_PRESETS
     ]
     return [
         each.drives(vehicles, seeds, columns, first_seed)
@@ -91,7 +91,7 @@ def gains(rows: Sequence[Row], driver: str) -> dict[str, Mean]:
     if the two did not drive the same traffic.
     """
     found = {}
-    for kind in SINGLE_KINDS:
+    for kind in SINGLE_PRESETS:
         ours, theirs = (values_by_traffic(_cell(rows, name, kind)) for name in (driver, REFERENCE))
         found[kind] = mean_difference(ours, theirs, f"{driver} and {REFERENCE}")
     return found
@@ -104,23 +104,23 @@ def gain_over_reference_table(results: ResultsFolder, table: str) -> str:
     last column names the kind of traffic with the smallest gain.
     """
     rows = results.rows(table)
-    speeds = (mean_speed(_cell(rows, REFERENCE, kind)) for kind in SINGLE_KINDS)
+    speeds = (mean_speed(_cell(rows, REFERENCE, kind)) for kind in SINGLE_PRESETS)
     lines = [[f"speed of `{REFERENCE}`", *speeds, ""]]
     for driver in _drivers(rows)[1:]:
         found = gains(rows, driver)
         worst = min(found, key=lambda kind: found[kind].value)
         lines.append([_label(driver), *map(str, found.values()), f"{worst}: {found[worst]}"])
-    return markdown_table(["driver", *SINGLE_KINDS, "worst"], lines)
+    return markdown_table(["driver", *SINGLE_PRESETS, "worst"], lines)
 
 
 def hits_table(results: ResultsFolder, table: str) -> str:
     """Return the Markdown table of each driver's collisions in each kind of traffic."""
     rows = results.rows(table)
     lines = [
-        [_label(name), *(collisions_cell(_cell(rows, name, kind)) for kind in SINGLE_KINDS)]
+        [_label(name), *(collisions_cell(_cell(rows, name, kind)) for kind in SINGLE_PRESETS)]
         for name in _drivers(rows)
     ]
-    return markdown_table(["driver", *SINGLE_KINDS], lines)
+    return markdown_table(["driver", *SINGLE_PRESETS], lines)
 
 
 def _drivers(rows: Sequence[Row]) -> list[str]:

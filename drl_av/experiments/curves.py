@@ -54,7 +54,7 @@ def curve_plan(options: ReproduceOptions) -> Plan:
 
     The first ``options.full_seeds`` seeds then continue to the end of the schedule.
     """
-    config = options.laid_over(Config())
+    config = options.with_files(Config())
     configs = {variant: variant_config(config, variant) for variant in VARIANTS}
     goals = curve_jobs(options, config)
     short = [job.until(min(job.stop, options.episodes)) for job in goals]

@@ -11,9 +11,9 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from drl_av.config import Config
-from drl_av.errors import counted
+from drl_av.errors import pluralize
 from drl_av.evaluation import DENSITIES
-from drl_av.evaluation.paired import Paired, Speed, paired
+from drl_av.evaluation.paired import PairedGain, Speed, paired
 from drl_av.evaluation.statistics import Mean, grouped, mean_difference
 from drl_av.experiments.canvas import one_panel
 from drl_av.experiments.cells import Drives, driven_with
@@ -95,7 +95,7 @@ def _density(vehicles: str) -> int:
     return number
 
 
-def gains_of(rows: Iterable[Row], cell: Cell, opponents: Sequence[str]) -> list[Paired]:
+def gains_of(rows: Iterable[Row], cell: Cell, opponents: Sequence[str]) -> list[PairedGain]:
     """Compute the learned driver's gain over each opponent at the cell's number of vehicles."""
     own = [row for row in rows if row["vehicles"] == cell.key["vehicles"]]
     return paired(map(speed_of, own), DRIVER, opponents)
@@ -106,7 +106,7 @@ def _line(rows: list[Row], cell: Cell) -> str:
         return ""
     gains = gains_of(rows, cell, OPPONENTS)
     cells = [f"{g.difference_m_s} over {g.baseline}{' (best)' if g.best else ''}" for g in gains]
-    return f"{counted(gains[0].vehicles, 'vehicle')}: {DRIVER} gains {', '.join(cells)}, m/s"
+    return f"{pluralize(gains[0].vehicles, 'vehicle')}: {DRIVER} gains {', '.join(cells)}, m/s"
 
 
 def paired_rows(rows: Iterable[Row]) -> list[Row]:
@@ -117,7 +117,7 @@ def paired_rows(rows: Iterable[Row]) -> list[Row]:
 
     Raises ValueError or LookupError if a row is damaged.
     """
-    gains: list[Paired] = []
+    gains: list[PairedGain] = []
     for episodes in grouped(map(speed_of, rows), lambda episode: episode.vehicles).values():
         driven = Counter(episode.driver for episode in episodes)
         complete = [name for name in OPPONENTS if driven[name] == driven[DRIVER]]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from drl_av.config import Config
 from drl_av.config.presets import preset
-from drl_av.errors import counted
+from drl_av.errors import pluralize
 from drl_av.evaluation.statistics import Mean, grouped, mean_difference, mean_with_interval
 from drl_av.experiments import density_sweep
 from drl_av.experiments.canvas import one_panel
@@ -45,8 +45,8 @@ def fast_plan(options: ReproduceOptions) -> Plan:
     The schedule has ``options.full_seeds`` trainings, at least one, and ``fast`` has
     ``options.seeds``. The drivers of all trainings are evaluated.
     """
-    whole = options.laid_over(Config())
-    short = options.laid_over(preset("fast").updated("learning", evaluate_every=100))
+    whole = options.with_files(Config())
+    short = options.with_files(preset("fast").updated("learning", evaluate_every=100))
     configs = {
         f"paper-{seed}": variant_config(whole, "paper", seed)
         for seed in range(max(1, options.full_seeds))
@@ -91,7 +91,7 @@ def driven_by(rows: Iterable[Row]) -> dict[str, list[list[Row]]]:
         line = name.rpartition("-")[0] if "training" in row else name
         driven.setdefault(line, {}).setdefault(name, []).append(row)
     trained = [line for line in TRAINED if line in driven]
-    found = {f"{line}, {counted(len(driven[line]), 'seed')}": driven[line] for line in trained}
+    found = {f"{line}, {pluralize(len(driven[line]), 'seed')}": driven[line] for line in trained}
     baselines = (*density_sweep.DRIVERS, "gap-mobil")
     found |= {name: driven[name] for name in baselines if name in driven}
     return {line: [*drivers.values()] for line, drivers in found.items()}

@@ -22,7 +22,7 @@ def final_plan(options: ReproduceOptions) -> Plan:
 
     Each driver is evaluated with the settings of its training, including the safety check.
     """
-    jobs = curve_jobs(options, options.laid_over(Config()))
+    jobs = curve_jobs(options, options.with_files(Config()))
     final = [job for job in jobs if job.stop <= options.episodes]
     empty = f"No training stops at episode {options.episodes}: final_policies needs more --seeds."
     return replace(trained_drives(final, options, COLUMNS), empty=empty)

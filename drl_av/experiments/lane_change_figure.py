@@ -14,9 +14,9 @@ from drl_av.driving.maneuver import next_lane_change, plan
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.driving.steering import ROAD_CURVATURE_PER_M, curvature_command
 from drl_av.experiments.canvas import label_axes, panels
-from drl_av.traffic.road import FloatArray, Road
-from drl_av.traffic.scenario import ScenarioDescription
-from drl_av.traffic.snapshot import Command, Snapshot
+from drl_av.road.road import FloatArray, Road
+from drl_av.road.snapshot import Command, Snapshot
+from drl_av.scenarios.folder import ScenarioDescription
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

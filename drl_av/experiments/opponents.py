@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from drl_av.config import SINGLE_KINDS, Config
+from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.evaluation.aggregates import interquartile_mean, probability_of_improvement
 from drl_av.evaluation.statistics import Mean, grouped, mean_difference
 from drl_av.experiments.canvas import label_axes, legend_of_names, panels
@@ -96,7 +96,7 @@ def opponents_plan(options: ReproduceOptions) -> Plan:
     }
     configs = {
         (kind, name): variant.config(bases[name], kind)
-        for kind in SINGLE_KINDS
+        for kind in SINGLE_PRESETS
         for name, variant in VARIANTS.items()
     }
     cells = [
@@ -120,7 +120,7 @@ def opponents_plan(options: ReproduceOptions) -> Plan:
 def _place(row: Row) -> tuple[int, int, int, int]:
     driver = PLACES.index((row["variant"], row["driver"]))
     vehicles = VEHICLES.index(int(row["vehicles"]))
-    return SINGLE_KINDS.index(row["traffic"]), vehicles, int(row["seed"]), driver
+    return SINGLE_PRESETS.index(row["traffic"]), vehicles, int(row["seed"]), driver
 
 
 def label(row: Row) -> str:

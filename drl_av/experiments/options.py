@@ -4,9 +4,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import Config, laid_over
+from drl_av.config import Config, with_files
 from drl_av.drivers.registry import default_config, find_drivers
-from drl_av.traffic.scenario import with_scenario
+from drl_av.scenarios.folder import with_scenario
 
 ENGINES = ("loky", "ray")
 """The libraries that can distribute the trainings over processes."""
@@ -36,12 +36,12 @@ class ReproduceOptions(NamedTuple):
     config: tuple[str, ...] = ()
     """TOML files with settings that replace those of each experiment, in this order."""
 
-    def laid_over(self, config: Config) -> Config:
+    def with_files(self, config: Config) -> Config:
         """Return the settings of an experiment, changed by the user's TOML files.
 
         Raises ConfigError if a file or a setting in it is wrong.
         """
-        return with_scenario(laid_over(config, self.config))
+        return with_scenario(with_files(config, self.config))
 
     def settings_of(self, drivers: Iterable[str]) -> Config:
         """Return the settings with which ``drivers`` drive in an experiment.
@@ -52,7 +52,7 @@ class ReproduceOptions(NamedTuple):
         Raises ConfigError if a file or a setting in it is wrong.
         """
         config = default_config(find_drivers(drivers))
-        return self.laid_over(config.updated("safety", check="paper"))
+        return self.with_files(config.updated("safety", check="paper"))
 
 
 class Progress(NamedTuple):

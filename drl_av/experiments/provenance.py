@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_info
 from drl_av.config import Config
 from drl_av.drivers import policy_file
 from drl_av.errors import DrlAvError
-from drl_av.files import write_whole
+from drl_av.files import write_atomic
 
 MAX_BYTES = 64_000_000
 """Largest size of a provenance file that is read."""
@@ -119,7 +119,7 @@ def sidecar(table: Path) -> Path:
 
 def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
     """Write the provenance of a table atomically; raises DrlAvError if the write fails."""
-    write_whole(sidecar(table), json.dumps(facts, indent=2).encode() + b"\n")
+    write_atomic(sidecar(table), json.dumps(facts, indent=2).encode() + b"\n")
 
 
 def read_sidecar(table: Path) -> dict[str, Any]:

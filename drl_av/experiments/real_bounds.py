@@ -45,7 +45,7 @@ LABELS = {
 
 def trainings(options: ReproduceOptions) -> list[TrainingJob]:
     """Return the trainings under the real bounds with the preset ``fast``, one for each seed."""
-    config = under(options.laid_over(preset("fast")), "real").updated(
+    config = under(options.with_files(preset("fast")), "real").updated(
         "learning", evaluate_every=100
     )
     return [

@@ -16,8 +16,8 @@ from drl_av.experiments.options import ReproduceOptions
 from drl_av.experiments.plan import Plan, by
 from drl_av.experiments.store import MadeWith
 from drl_av.files import Row
-from drl_av.traffic.inflow import vehicles_of_flow
-from drl_av.traffic.straight import StraightDescription
+from drl_av.scenarios.highways import StraightDescription
+from drl_av.simulation.inflow import vehicles_of_flow
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

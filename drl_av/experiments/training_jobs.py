@@ -113,19 +113,19 @@ def train_job(job: TrainingJob) -> None:
     """
     job.require_same_settings()
     from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.assembly import make_training, warm_start
+    from drl_av.learning.builder import build_training, warm_start
     from drl_av.learning.run import Run, train
 
     run = Run(job.folder)
     with closing(HighwayEnv(config=job.config)) as env, ExitStack() as stack:
-        training = make_training(env)
+        training = build_training(env)
         if not job.begun:
             if job.origin:
                 warm_start(training, job.origin.policy)
             run.create(training)
             if job.origin:
                 run.save(training)
-        stack.enter_context(run.alone())
+        stack.enter_context(run.locked())
         run.restore(training)
         if training.episodes_done >= job.stop:
             return

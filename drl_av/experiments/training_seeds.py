@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from drl_av.config import SINGLE_KINDS
+from drl_av.config import SINGLE_PRESETS
 from drl_av.experiments.cells import TableDriver, made_with
 from drl_av.experiments.cross_table import (
     REFERENCE,
@@ -44,7 +44,7 @@ def training_seeds_plan(options: ReproduceOptions) -> Plan:
         TableDriver(f"{NAME}{seed}", str(job.folder), strict, job) for seed, job in enumerate(jobs)
     ]
     cells = in_each_kind(drivers, DENSITIES, FIRST_SEED, min(options.drives, DRIVES), COLUMNS)
-    order = by(driver=_place, traffic=SINGLE_KINDS, vehicles=DENSITIES, seed=int)
+    order = by(driver=_place, traffic=SINGLE_PRESETS, vehicles=DENSITIES, seed=int)
     return Plan(made_with(drivers), [cells], order, named="driver")
 
 

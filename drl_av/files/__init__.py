@@ -1,5 +1,13 @@
 """Functions that write files atomically, and that read and write CSV tables."""
 
+from drl_av.files.atomic import (
+    append,
+    make_folder,
+    replacing,
+    require_suffix,
+    require_writable,
+    write_atomic,
+)
 from drl_av.files.table import (
     LARGEST,
     SHOWN,
@@ -12,14 +20,6 @@ from drl_av.files.table import (
     read_table,
     table_bytes,
     write_table,
-)
-from drl_av.files.whole import (
-    append,
-    make_folder,
-    replacing,
-    require_suffix,
-    require_writable,
-    write_whole,
 )
 
 __all__ = [
@@ -38,6 +38,6 @@ __all__ = [
     "require_suffix",
     "require_writable",
     "table_bytes",
+    "write_atomic",
     "write_table",
-    "write_whole",
 ]

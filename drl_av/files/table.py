@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 from drl_av.errors import DrlAvError
-from drl_av.files.whole import append, remove_cut_line, write_whole
+from drl_av.files.atomic import append, remove_cut_line, write_atomic
 
 Row = dict[str, str]
 """A row of a CSV file; each value is text, the key is its column."""
@@ -77,7 +77,7 @@ def write_table(
     Raises:
         error: the disk is full, or the folder is missing or not writable; ``error`` is its class.
     """
-    write_whole(path, table_bytes(columns, rows), error)
+    write_atomic(path, table_bytes(columns, rows), error)
 
 
 def append_rows(

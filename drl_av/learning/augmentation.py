@@ -13,9 +13,9 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.reward import desired, rewards, speed_bonus
 from drl_av.errors import ConfigError
 from drl_av.learning.buffers import Batch, Buffer
-from drl_av.learning.experience import Store
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import EGO
+from drl_av.learning.experience import TransitionWriter
+from drl_av.road.road import Road
+from drl_av.road.snapshot import EGO
 
 
 def require_symmetry(config: Config, road: Road) -> None:
@@ -59,7 +59,7 @@ class StoreCounterfactuals:
     """
 
     def __init__(
-        self, store: Store, buffer: Buffer, env: HighwayEnv, rng: np.random.Generator
+        self, store: TransitionWriter, buffer: Buffer, env: HighwayEnv, rng: np.random.Generator
     ) -> None:
         self._store, self._buffer, self._env, self._rng = store, buffer, env, rng
 

@@ -12,7 +12,7 @@ from drl_av.config import Config
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.policy_file import FORMAT, State, checksum
 from drl_av.errors import CheckpointError
-from drl_av.files import write_whole
+from drl_av.files import write_atomic
 
 
 def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
@@ -26,7 +26,7 @@ def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
     tensors = {name: np.asarray(tensor, order="C") for name, tensor in tensors.items()}
     text = json.dumps(metadata, sort_keys=True)
     header = json.dumps({"metadata": text, "sha256": checksum(tensors, text)}, sort_keys=True)
-    write_whole(path, safetensors.numpy.save(tensors, {FORMAT: header}), CheckpointError)
+    write_atomic(path, safetensors.numpy.save(tensors, {FORMAT: header}), CheckpointError)
 
 
 def save_policy(path: Path, networks: Sequence[QNetwork], config: Config) -> None:

@@ -7,7 +7,7 @@ from drl_av.env.decision import Decision
 from drl_av.env.reward import speed_bonus
 from drl_av.learning.buffers import Buffer
 
-Store = Callable[[Decision], None]
+TransitionWriter = Callable[[Decision], None]
 """A function that stores a decision in the buffers."""
 
 
@@ -45,7 +45,7 @@ class StoreDecision:
         self._buffer.add_collision(decision.observation, decision.proposed.number, self._r_col)
 
 
-class StoreWithPenalty(StoreDecision):
+class TransitionWriterWithPenalty(StoreDecision):
     """Stores unsafe proposals with a penalty, instead of as terminal transitions (ours).
 
     An unsafe proposal is one that the check replaced. It is stored with the next state of the

@@ -73,7 +73,7 @@ class Run:
         return load_stored(self.config_file)
 
     @contextmanager
-    def alone(self) -> Iterator[None]:
+    def locked(self) -> Iterator[None]:
         """Lock the folder against other trainings; raises RunError if another one has locked it."""
         if os.name != "posix":
             yield

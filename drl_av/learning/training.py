@@ -17,7 +17,7 @@ from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import drive, rollout
 from drl_av.learning.buffers import Batch, Buffer, part_of
 from drl_av.learning.checkpoint import restore_rng, rng_to_json
-from drl_av.learning.experience import Store
+from drl_av.learning.experience import TransitionWriter
 from drl_av.learning.exploration import ExploringDriver, linear_epsilon
 from drl_av.learning.learner import Learner
 
@@ -68,7 +68,7 @@ class EvaluationRow:
 class Variant(NamedTuple):
     """The parts of Algorithm 1 of the paper that a setting may replace."""
 
-    store: Store
+    store: TransitionWriter
     """Stores a decision in the buffers: lines 6 and 8 to 12."""
     augment: Callable[[Batch], Batch]
     """Changes a minibatch before the gradient step."""
@@ -198,9 +198,9 @@ class Training:
         learns in every density (ours).
         """
         fleet = self._env.simulation.fleet
-        if fleet.usual is None or fleet.placed is not None:
+        if fleet.default_vehicle_count is None or fleet.placed is not None:
             return None
-        return min(2 * fleet.usual, fleet.capacity)
+        return min(2 * fleet.default_vehicle_count, fleet.capacity)
 
     @property
     def _gradient_steps(self) -> int:

@@ -11,10 +11,10 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.errors import ConfigError
+from drl_av.road.road import ARRIVED_M, Road
+from drl_av.road.vehicle_types import AS_WRITTEN, VehicleType, VehicleTypes
 from drl_av.safety.reachability import LINE_M, ON_LINE_M
 from drl_av.safety.stopping import cut_in_gap
-from drl_av.traffic.road import ARRIVED_M, Road
-from drl_av.traffic.vehicle_types import AS_WRITTEN, VehicleType, VehicleTypes
 
 ROAD_AS_WRITTEN = Road(500.0, 3.8, (True, True, True))
 """The road of a new scenario with the default sizes."""
@@ -32,7 +32,7 @@ AT_MOST = (
     ("the decel of the vehicle type ego", "ego.hard_brake_m_s2", "bound 3"),
 )
 """(a, b, reason): a must be at most b; ``reason`` names what fails in the proof otherwise."""
-WAY_OUT = "the check paper (--safety-check paper)"
+FALLBACK_CHECK = "the check paper (--safety-check paper)"
 """The check that needs no assumptions, as the error messages recommend it."""
 ROUNDING_M = 1e-6
 """Largest rounding error of a lateral position or of a width, metres."""
@@ -75,7 +75,7 @@ def _refusal(name: str, bound: str, reason: str) -> ConfigError:
     """Return the error that ``name`` breaks the bound ``bound``, with the reason for the bound."""
     return ConfigError(
         f"Under the check strict {name} must be {bound}, because {reason}: change it, or take "
-        f"{WAY_OUT}."
+        f"{FALLBACK_CHECK}."
     )
 
 
@@ -100,7 +100,7 @@ def _require_bounds(config: Config, vehicle_types: VehicleTypes, label: str) -> 
             raise ConfigError(
                 f"Under the check strict {shown} must be at most {bound}, {facts[limit]:g}, and "
                 f"not {facts[name]:g}, because {reason} fails otherwise: change one of them, or "
-                f"take {WAY_OUT}."
+                f"take {FALLBACK_CHECK}."
             )
 
 
@@ -112,7 +112,7 @@ def _require_model(name: str, found: VehicleType, written: VehicleType) -> None:
         values = [dict(kind.model).get(key, "the default of SUMO") for kind in (written, found)]
         raise ConfigError(
             f"Under the check strict the {key} of the vehicle type {name} must be {values[0]}, "
-            f"and not {values[1]}: undo the change, or take {WAY_OUT}."
+            f"and not {values[1]}: undo the change, or take {FALLBACK_CHECK}."
         )
 
 

@@ -5,6 +5,9 @@ from enum import Flag, auto
 from functools import cache
 from typing import NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
@@ -37,11 +40,43 @@ class Verdict(NamedTuple):
     rule: Rule
 
 
+RULES = tuple(map(Rule, range(8)))
+"""Each combination of rules, by its number."""
+IN_LANE, OFF_ROAD, LANE_CHANGE = (rule.value for rule in Rule)
+"""The numbers of the three rules, for compiled functions."""
+
+
+class Verdicts(NamedTuple):
+    """The verdicts on all 12 actions in a scene, by the number of the proposed action."""
+
+    executed: npt.NDArray[np.int64]
+    """Shape (12,): the number of the action that the ego executes."""
+    rules: npt.NDArray[np.int64]
+    """Shape (12,): the rules that replaced the proposed action, an index of ``RULES``."""
+
+    def of(self, proposed: Action) -> Verdict:
+        """Return the verdict on one action."""
+        number = proposed.number
+        return Verdict(ACTIONS[self.executed[number]], RULES[self.rules[number]])
+
+
+class WholeCheck:
+    """A check that judges all 12 actions of a scene at once."""
+
+    def verdicts(self, scene: Scene) -> Verdicts:
+        """Return the verdicts on all actions."""
+        raise NotImplementedError
+
+    def __call__(self, scene: Scene, proposed: Action) -> Verdict:
+        """Return the verdict on one action."""
+        return self.verdicts(scene).of(proposed)
+
+
 SafetyCheck = Callable[[Scene, Action], Verdict]
 """A function that returns the verdict on a proposed action in a scene."""
 
 
-def judged(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
+def apply_check(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
     """Call a check, which the user may have written, and return its verdict.
 
     Raises:
@@ -71,7 +106,7 @@ def judged(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
 
 def permits(check: SafetyCheck, scene: Scene, proposed: Action) -> bool:
     """Return whether the ego would execute the proposed action unchanged under the check."""
-    return judged(check, scene, proposed).action == proposed
+    return apply_check(check, scene, proposed).action == proposed
 
 
 def permit_all(scene: Scene, proposed: Action) -> Verdict:

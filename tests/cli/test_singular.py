@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drl_av.cli import main
-from drl_av.drawing.sheet import Sheet
+from drl_av.drawing.canvas import Canvas
 
 WRONG = re.compile(r"(?<![\d.,])1 (?!(?:is|was|has)\b)[a-z]+ ?[a-z]*s\b")
 """A 1 before one or two words that end in an s; also "1 open lanes"."""
@@ -15,13 +15,13 @@ WRONG = re.compile(r"(?<![\d.,])1 (?!(?:is|was|has)\b)[a-z]+ ?[a-z]*s\b")
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """All texts of the pictures of a film."""
-    texts, draw = [], Sheet.text
+    texts, draw = [], Canvas.text
 
     def text(sheet, at, words, *rest, **named):
         texts.append(words)
         draw(sheet, at, words, *rest, **named)
 
-    monkeypatch.setattr(Sheet, "text", text)
+    monkeypatch.setattr(Canvas, "text", text)
     return texts
 
 

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 
 from drl_av import cli
-from drl_av.config import TRAFFIC_KINDS, Config, TrafficConfig, from_toml, load_config
+from drl_av.config import TRAFFIC_PRESETS, Config, TrafficConfig, from_toml, load_config
 from drl_av.config.presets import as_config
-from drl_av.config.traffic_kinds import traffic_of_kind
+from drl_av.config.traffic_presets import traffic_preset
 from drl_av.errors import ConfigError
 
-KINDS = tuple(TRAFFIC_KINDS)
+KINDS = tuple(TRAFFIC_PRESETS)
 
 
 def test_calm_is_the_default() -> None:
@@ -21,10 +21,10 @@ def test_calm_is_the_default() -> None:
 @pytest.mark.parametrize("name", KINDS)
 def test_a_kind_names_settings_that_are_there_and_says_where_they_come_from(name: str) -> None:
     known = {item.name for item in fields(TrafficConfig)} - {"vehicles_min", "vehicles_max"}
-    kind = TRAFFIC_KINDS[name]
+    kind = TRAFFIC_PRESETS[name]
     assert set(kind.settings) <= known
     assert kind.meaning
-    found = traffic_of_kind(name, TrafficConfig())
+    found = traffic_preset(name, TrafficConfig())
     for key, (value, source) in kind.settings.items():
         assert source
         assert getattr(found, key) == value
@@ -32,7 +32,7 @@ def test_a_kind_names_settings_that_are_there_and_says_where_they_come_from(name
 
 def test_a_kind_keeps_the_number_of_vehicles_and_nothing_else() -> None:
     before = TrafficConfig(vehicles_min=3, vehicles_max=7, random_lane_changes_per_s=0.5)
-    found = traffic_of_kind("overtaking", before)
+    found = traffic_preset("overtaking", before)
     assert (found.vehicles_min, found.vehicles_max) == (3, 7)
     assert found.random_lane_changes_per_s == 0.002
 

@@ -9,14 +9,14 @@ import pytest
 from PIL import Image
 from programs import python
 
+from drl_av.drawing.canvas import ALARM, AMBER, ASPHALT, EGO_COLOR, GROUND, speed_color
 from drl_av.drawing.film import Film, interpolated, write_video
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import Picture, draw
-from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, Band
-from drl_av.drawing.sheet import ALARM, AMBER, ASPHALT, EGO_COLOR, GROUND, speed_color
+from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, RoadStrip
 from drl_av.errors import RecordingError
-from drl_av.traffic.road import OPEN_LAP_M, PartialLane, Road
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
+from drl_av.road.snapshot import Snapshot
 
 ROAD = Road(500.0, 3.8, (True, True, True))
 BARRICADED = Road(500.0, 3.8, (False, True, True))
@@ -39,7 +39,9 @@ def scene(*places: tuple[float, float], speed_m_s: float = 20.0, time_s: float =
     )
 
 
-def places_of(picture: Picture, color: tuple[int, int, int], band: Band) -> tuple[float, float]:
+def places_of(
+    picture: Picture, color: tuple[int, int, int], band: RoadStrip
+) -> tuple[float, float]:
     """Mean (column, row) of the pixels of a colour inside a band."""
     stretch = picture[band.top - 10 : band.top + 3 * band.lane_px + 10]
     rows, columns = np.nonzero((stretch == color).all(axis=2))
@@ -49,7 +51,9 @@ def places_of(picture: Picture, color: tuple[int, int, int], band: Band) -> tupl
 
 @BANDS
 @pytest.mark.parametrize("y_m", [0.0, 3.8, 7.6])
-def test_ego_is_in_its_own_colour_on_the_centre_row_of_its_lane(band: Band, y_m: float) -> None:
+def test_ego_is_in_its_own_colour_on_the_centre_row_of_its_lane(
+    band: RoadStrip, y_m: float
+) -> None:
     picture = draw(scene((100.0, y_m)), ROAD, Caption())
     _, row = places_of(picture, EGO_COLOR, band)
     lane_from_left = 2 - round(y_m / 3.8)
@@ -57,7 +61,7 @@ def test_ego_is_in_its_own_colour_on_the_centre_row_of_its_lane(band: Band, y_m:
 
 
 @BANDS
-def test_vehicle_50_m_ahead_in_the_left_lane_is_right_of_and_above_the_ego(band: Band) -> None:
+def test_vehicle_50_m_ahead_in_the_left_lane_is_right_of_and_above_the_ego(band: RoadStrip) -> None:
     picture = draw(scene((480.0, 3.8), (30.0, 7.6)), ROAD, Caption())
     ego_column, ego_row = places_of(picture, EGO_COLOR, band)
     column, row = places_of(picture, speed_color(20.0), band)

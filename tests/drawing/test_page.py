@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 from worlds import LEFT, ROAD, Car, ahead, snapshot
 
+from drl_av.drawing.canvas import EGO_COLOR
 from drl_av.drawing.page import PageDecision, write_page
-from drl_av.drawing.sheet import EGO_COLOR
 
 KEEP = PageDecision(0, 0, "none", -0.1, -0.2, -0.1, 0.0, [float(n) for n in range(12)], None)
 BRAKE = PageDecision(1, 3, "in_lane", -3.0, -0.5, 0.0, -1.0, None, "ego hit the vehicle </script>")

@@ -10,14 +10,14 @@ from worlds import BARRICADED_ROAD, SLOW_LEADER, ahead, behind, scene, scenes
 
 from drl_av.config import SafetyConfig
 from drl_av.drivers.checked import CheckedDriver, PolicyDriver
-from drl_av.drivers.sumo import SumoDriver
+from drl_av.drivers.rule_based import SumoDriver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 from drl_av.safety import action_mask
-from drl_av.safety.check import Rule, Verdict, judged
+from drl_av.safety.check import Rule, Verdict, apply_check
 from drl_av.safety.paper import paper
-from drl_av.traffic.ego_model import EgoModel
+from drl_av.simulation.vehicle_calls import EgoModel
 
 PAPER = partial(paper, config=SafetyConfig())
 NOTHING = np.zeros(27, np.float32)
@@ -63,13 +63,13 @@ def test_a_check_that_couples_both_axes_is_masked_action_by_action() -> None:
 )
 def test_a_verdict_that_contradicts_itself_is_refused(verdict: Verdict, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        judged(lambda scene, proposed: verdict, worlds.ALONE, ACTIONS[0])
+        apply_check(lambda scene, proposed: verdict, worlds.ALONE, ACTIONS[0])
 
 
 @pytest.mark.parametrize("kind", [int, float])
 def test_an_action_of_plain_numbers_is_one_of_the_12(kind: type) -> None:
     plain = Verdict(Action(kind(2), kind(3)), Rule.IN_LANE)
-    executed = judged(lambda scene, proposed: plain, worlds.ALONE, ACTIONS[0]).action
+    executed = apply_check(lambda scene, proposed: plain, worlds.ALONE, ACTIONS[0]).action
     assert executed.lateral.sign == 1
     assert executed.number == 11
 

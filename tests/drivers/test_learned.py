@@ -38,8 +38,8 @@ from drl_av.driving.actions import ACTIONS, Action, Lateral
 from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
+from drl_av.road.road import Road
 from drl_av.safety.check import Rule, Verdict, permit_all
-from drl_av.traffic.road import Road
 
 MAINTAIN, ACCELERATE, BRAKE = 0, 1, 2
 MAINTAIN_RIGHT, ACCELERATE_LEFT = 4, 9

@@ -8,14 +8,13 @@ from worlds import LEFT, RIGHT, Car, ahead, scene
 
 from drl_av.config import Config
 from drl_av.drivers.checked import PolicyDriver
-from drl_av.drivers.passing import NoPassingOnTheRight
 from drl_av.drivers.registry import RULE_DRIVERS, rule_driver
-from drl_av.drivers.sumo import TUNED, SumoDriver
+from drl_av.drivers.rule_based import TUNED, NoPassingOnTheRight, SumoDriver
 from drl_av.driving.actions import Lateral, Longitudinal
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
+from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
 
 FREE = Config()
 BANNED = FREE.updated("ego", overtake_right=False)

@@ -11,15 +11,15 @@ import pytest
 
 from drl_av.config import Config
 from drl_av.drivers.registry import rule_driver
-from drl_av.drivers.sumo import TUNED, SumoDriver
+from drl_av.drivers.rule_based import TUNED, SumoDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive, rollout
 from drl_av.evaluation.comparison import drive_all
 from drl_av.evaluation.recording import load_recording, states_of
 from drl_av.evaluation.replay import ReplaySession, replay_session
 from drl_av.safety.check import Verdict
-from drl_av.traffic.ego_model import EgoModel
-from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
+from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
+from drl_av.simulation.vehicle_calls import EgoModel
 
 CONFIG = Config()
 SEED, VEHICLES = 860_001, 15

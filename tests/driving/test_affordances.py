@@ -22,7 +22,7 @@ from worlds import (
 from drl_av.config import ObservationConfig
 from drl_av.driving.affordances import INDICATORS, Affordances, ObservationScale
 from drl_av.driving.scene import Scene
-from drl_av.traffic.road import Road
+from drl_av.road.road import Road
 
 PAPER_ORDER = [
     f"{slot}_{state}"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from worlds import CENTER, EXIT, LANE_M, MERGE, RIGHT, Car, scene
 
-from drl_av.traffic.road import Barrier
+from drl_av.road.road import Barrier
 
 
 def test_ego_on_the_ramp_sees_the_end_of_its_lane_as_a_standing_vehicle() -> None:

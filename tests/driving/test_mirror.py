@@ -12,9 +12,9 @@ from drl_av.driving.affordances import INDICATORS, ObservationScale, compute_aff
 from drl_av.driving.maneuver import plan
 from drl_av.driving.mirror import MIRROR
 from drl_av.driving.scene import LaneChange, Scene
+from drl_av.road.road import Road
+from drl_av.road.snapshot import Snapshot
 from drl_av.safety.paper import paper
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import Snapshot
 
 WIDTH_M = 7.6
 """From the centre of the rightmost lane to that of the leftmost."""

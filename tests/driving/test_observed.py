@@ -5,7 +5,7 @@ from worlds import CENTER, LEFT, ROAD, changing, scene, snapshot
 
 from drl_av.config import Config
 from drl_av.driving.actions import Action, Lateral, Longitudinal, nearest_action
-from drl_av.driving.observed import observed
+from drl_av.driving.infer_action import infer_action
 from drl_av.driving.scene import LaneChange, Scene
 
 CONFIG = Config()
@@ -13,7 +13,7 @@ MAINTAIN = Longitudinal.MAINTAIN
 
 
 def seen(before: Scene, y_m: float, speed_m_s: float = 20.0) -> tuple[Action, LaneChange | None]:
-    return observed(before, snapshot(y_m=y_m, speed_m_s=speed_m_s), ROAD, CONFIG)
+    return infer_action(before, snapshot(y_m=y_m, speed_m_s=speed_m_s), ROAD, CONFIG)
 
 
 @pytest.mark.parametrize(

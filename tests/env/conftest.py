@@ -9,7 +9,7 @@ import pytest
 from drives import Place
 
 from drl_av.env.highway import HighwayEnv
-from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
+from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
 
 
 @pytest.fixture(scope="module")

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from drl_av.config import SINGLE_KINDS, Config, TrafficConfig
+from drl_av.config import SINGLE_PRESETS, Config, TrafficConfig
 from drl_av.env.highway import HighwayEnv, Observation
 from drl_av.errors import ConfigError
+from drl_av.road.snapshot import Snapshot
 from drl_av.safety import assumptions
-from drl_av.traffic.snapshot import Snapshot
 
 ALL = Config().with_traffic("all")
 SEEDS = range(800_000, 800_020)
@@ -15,7 +15,7 @@ SEEDS = range(800_000, 800_020)
 
 def kind_of(env: HighwayEnv) -> str:
     simulations = [simulation for simulation, _ in env._kinds]
-    return SINGLE_KINDS[simulations.index(env.simulation)]
+    return SINGLE_PRESETS[simulations.index(env.simulation)]
 
 
 def driven(env: HighwayEnv, seed: int) -> list[Observation]:
@@ -28,7 +28,7 @@ def test_an_episode_is_one_of_the_kind_that_its_seed_draws() -> None:
     for seed in SEEDS:
         episode = driven(env, seed)
         found.setdefault(kind_of(env), (seed, episode))
-    assert set(found) == set(SINGLE_KINDS)
+    assert set(found) == set(SINGLE_PRESETS)
     for kind, (seed, episode) in found.items():
         alone = HighwayEnv(config=Config().with_traffic(kind))
         assert np.array_equal(driven(alone, seed), episode)

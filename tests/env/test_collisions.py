@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from drl_av.config import Config
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import Action, Lateral
 from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
+from drl_av.road.road import FloatArray
+from drl_av.road.snapshot import Collision, CollisionKind, Snapshot
 from drl_av.safety.check import Rule, Verdict
-from drl_av.traffic.road import FloatArray
-from drl_av.traffic.scenario import PlacedVehicle
-from drl_av.traffic.snapshot import Collision, CollisionKind, Snapshot
+from drl_av.scenarios.folder import PlacedVehicle
 
 LOOKS = np.linspace(0.0, 1.0, 401)[:, None]
 """At 40 m/s and steps of 1 s a look every 10 cm."""

@@ -7,8 +7,8 @@ from drives import KEEP, LEFT, RIGHT, Place, start, until_over
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
-from drl_av.traffic.scenario import PlacedVehicle
-from drl_av.traffic.snapshot import CollisionKind
+from drl_av.road.snapshot import CollisionKind
+from drl_av.scenarios.folder import PlacedVehicle
 
 
 def test_the_number_of_decisions_starts_at_0_in_each_episode() -> None:

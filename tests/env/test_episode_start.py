@@ -14,7 +14,7 @@ from drl_av.env.episode import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError
-from drl_av.traffic.scenario import PlacedVehicle
+from drl_av.scenarios.folder import PlacedVehicle
 
 
 @pytest.mark.parametrize("vehicles", [1, 30])

@@ -10,10 +10,9 @@ from drl_av.config import Config
 from drl_av.drivers.registry import rule_driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.traffic.description import PlacedVehicle
-from drl_av.traffic.exit import ExitDescription, OffRamp
-from drl_av.traffic.ramp_to_ramp import RampToRampDescription
-from drl_av.traffic.snapshot import CollisionKind
+from drl_av.road.snapshot import CollisionKind
+from drl_av.scenarios.highways import ExitDescription, OffRamp, RampToRampDescription
+from drl_av.scenarios.road_description import PlacedVehicle
 
 GORES_M = {ExitDescription: 1300.0, RampToRampDescription: 1750.0}
 """Position at which the off-ramp parts from the highway, by the description of the road."""

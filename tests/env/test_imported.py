@@ -18,9 +18,9 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError
 from drl_av.evaluation.replay import ReplaySession
-from drl_av.traffic.description import PlacedVehicle
-from drl_av.traffic.scenario import write_scenario
-from drl_av.traffic.snapshot import CollisionKind
+from drl_av.road.snapshot import CollisionKind
+from drl_av.scenarios.folder import write_scenario
+from drl_av.scenarios.road_description import PlacedVehicle
 
 STRICT = Config().updated("safety", check="strict")
 NARROW = (Part(5), Part(3), Part(4))

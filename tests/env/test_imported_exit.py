@@ -12,12 +12,12 @@ from drl_av.config import Config
 from drl_av.drivers.registry import load_driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.traffic.description import PlacedVehicle
-from drl_av.traffic.scenario import write_scenario
-from drl_av.traffic.snapshot import CollisionKind
+from drl_av.road.snapshot import CollisionKind
+from drl_av.scenarios.folder import write_scenario
+from drl_av.scenarios.road_description import PlacedVehicle
 
 BEGINS_M, EXIT_M = 1004.0, 1280.65
-"""Where the exit's lane begins and where it parts (``tests/traffic/test_imported_exit.py``)."""
+"""Where the exit's lane begins and where it parts (``tests/scenarios/test_imported_exit.py``)."""
 LINE_M = 3.5 / 2
 """The left border of the exit's lane."""
 Made = Callable[..., HighwayEnv]

@@ -9,7 +9,7 @@ from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
-from drl_av.traffic.scenario import PlacedVehicle
+from drl_av.scenarios.folder import PlacedVehicle
 
 
 @pytest.mark.parametrize("step_length_s", [0.5, 0.2])

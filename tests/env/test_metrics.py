@@ -13,7 +13,7 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.decision import Decision
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
-from drl_av.traffic.snapshot import Collision, CollisionKind
+from drl_av.road.snapshot import Collision, CollisionKind
 
 KEEP, BRAKE, HARD_BRAKE, TO_RIGHT, TO_RIGHT_HARD, TO_LEFT, TO_LEFT_HARD = 0, 2, 3, 4, 7, 8, 11
 """Numbers of actions; right and left at an unchanged speed, or braking hard."""

@@ -13,12 +13,12 @@ import pytest
 import drl_av
 from drl_av.config import Config
 from drl_av.drivers.registry import find_drivers
-from drl_av.drivers.rules import IdmDriver
+from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.errors import ConfigError, DrlAvError, ScenarioError, SimulationError
 from drl_av.safety.check import permit_all
-from drl_av.traffic.scenario import (
+from drl_av.scenarios.folder import (
     ScenarioDescription,
     find_scenario,
     with_scenario,

@@ -22,12 +22,11 @@ from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError, RecordingError, ScenarioError
 from drl_av.evaluation.recording import load_recording
 from drl_av.evaluation.replay import Page, ReplaySession, replay_session, watcher_of
-from drl_av.traffic.description import PlacedVehicle
-from drl_av.traffic.kinds import KINDS
-from drl_av.traffic.merge import MergeDescription
-from drl_av.traffic.scenario import write_scenario
-from drl_av.traffic.snapshot import CollisionKind
-from drl_av.traffic.straight import StraightDescription
+from drl_av.road.snapshot import CollisionKind
+from drl_av.scenarios.folder import write_scenario
+from drl_av.scenarios.highways import MergeDescription, StraightDescription
+from drl_av.scenarios.road_description import PlacedVehicle
+from drl_av.scenarios.road_types import ROAD_TYPES
 
 EGO = PlacedVehicle("ego", 0, 639.0, 20.0, 30.0)
 STRICT = Config().updated("safety", check="strict")
@@ -140,7 +139,7 @@ def test_an_episode_is_recorded_filmed_and_repeated_exactly(
     driver: str, kind: str, decisions: int, tmp_path: Path
 ) -> None:
     near = {"approach_m": 500.0} if kind == "exit" else {}  # so that the ego passes the gore
-    write_scenario(tmp_path / "road", KINDS[kind].description(**near))
+    write_scenario(tmp_path / "road", ROAD_TYPES[kind].description(**near))
     short = config(str(tmp_path / "road")).updated("simulation", decisions_per_episode=decisions)
     session = ReplaySession(short, rule_driver(driver, short), driver, 9, 50)
     page = Page("a ramp", session.road, session.driver)

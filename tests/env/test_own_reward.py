@@ -13,7 +13,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.reward import Transition
 from drl_av.errors import ConfigError
 from drl_av.safety.check import Rule
-from drl_av.traffic.scenario import PlacedVehicle
+from drl_av.scenarios.folder import PlacedVehicle
 
 
 def test_a_reward_function_is_given_the_decision_and_its_outcome() -> None:

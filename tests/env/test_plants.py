@@ -5,13 +5,13 @@ from drives import Place
 from worlds import CENTER, LANE_M
 
 from drl_av.config import Config
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.traffic.scenario import PlacedVehicle
+from drl_av.scenarios.folder import PlacedVehicle
 
 KEEP, ACCELERATE, RIGHT, LEFT = 0, 1, 4, 8
 STEERED = Config().updated("ego", lateral_plant="steering")

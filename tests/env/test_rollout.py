@@ -11,14 +11,13 @@ import pytest
 from worlds import ROAD, scene
 
 from drl_av.config import Config
-from drl_av.drivers.rules import RandomDriver
-from drl_av.drivers.sumo import SumoDriver
+from drl_av.drivers.rule_based import RandomDriver, SumoDriver
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive, rollout
 from drl_av.errors import ConfigError
-from drl_av.traffic.ego_model import EgoModel
+from drl_av.simulation.vehicle_calls import EgoModel
 
 
 class ScriptedEnv:

@@ -10,8 +10,8 @@ from runs import refused_scenario
 
 from drl_av.cli import main
 from drl_av.env.highway import HighwayEnv
-from drl_av.traffic.scenario import find_scenario, read_description
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.snapshot import Snapshot
+from drl_av.scenarios.folder import find_scenario, read_description
 
 ACCELERATE = 1
 STORIES = (

@@ -11,10 +11,8 @@ from drl_av.drivers.registry import rule_driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import rollout
-from drl_av.traffic.description import PlacedVehicle
-from drl_av.traffic.exit import ExitDescription
-from drl_av.traffic.merge import MergeDescription
-from drl_av.traffic.straight import StraightDescription
+from drl_av.scenarios.highways import ExitDescription, MergeDescription, StraightDescription
+from drl_av.scenarios.road_description import PlacedVehicle
 
 EXIT_M, LANE_END_M = 1300.0, 750.0
 """Where the off-ramp parts from the highway, and where the acceleration lane ends."""

@@ -11,7 +11,7 @@ from drl_av.evaluation.aggregates import (
     performance_profile,
     probability_of_improvement,
 )
-from drl_av.traffic.road import FloatArray
+from drl_av.road.road import FloatArray
 
 TASKS = [np.array([1.0, 9.0, 5.0, 100.0]), np.array([4.0, 3.0, -50.0, 7.0])]
 """Four episodes among each of two numbers of vehicles."""

@@ -19,7 +19,7 @@ from runs import SHORT, run_folder
 
 from drl_av import cli
 from drl_av.drivers.registry import find_drivers
-from drl_av.drivers.rules import IdmDriver, IdmSumoDriver
+from drl_av.drivers.rule_based import IdmDriver, IdmSumoDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import ConfigError, RunError

@@ -41,7 +41,7 @@ def test_two_evaluations_of_one_driver_are_not_judged_as_one() -> None:
         judge([*mine, *mine[:1], *RULES])
 
 
-def judged(rows: list[EpisodeResult]) -> dict[str, module.Judgement]:
+def judged(rows: list[EpisodeResult]) -> dict[str, module.CriterionResult]:
     return {each.driver: each for each in judge([*rows, *RULES])}
 
 

@@ -12,7 +12,7 @@ from PIL import Image
 
 from drl_av.cli import main
 from drl_av.config import Config
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.errors import RecordingError
 from drl_av.evaluation.recording import Recording, load_recording
 from drl_av.evaluation.replay import Pacer, ReplaySession, replay_session
@@ -118,7 +118,7 @@ def test_video_is_made_of_a_recording_without_a_screen(
 
 
 def test_number_of_vehicles_is_the_scenarios_where_it_places_them(tmp_path: Path) -> None:
-    from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
+    from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
 
     placed = (PlacedVehicle("ego", 1, 0.0, 20.0, 30.0), PlacedVehicle("slow", 1, 60.0, 20.0, 20.0))
     write_scenario(tmp_path / "two", ScenarioDescription(vehicles=placed))

@@ -58,7 +58,7 @@ def test_shares_are_of_all_decisions_kilometres_and_lane_changes_of_a_driver(
 def test_all_drive_the_same_traffic_under_strict_each_with_its_own_margins(
     tmp_path: Path, short: ReproduceOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(comfort, "SINGLE_KINDS", ("calm", "hazards"))
+    monkeypatch.setattr(comfort, "SINGLE_PRESETS", ("calm", "hazards"))
     monkeypatch.setattr(comfort, "DENSITIES", (5,))
     monkeypatch.setattr(comfort, "DRIVES", 1)
     list(reproduce(COMFORT, short))

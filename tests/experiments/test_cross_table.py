@@ -15,7 +15,7 @@ from drl_av.files import write_table
 def test_gains_are_paired_by_seed_in_each_kind_and_the_smallest_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cross_table, "SINGLE_KINDS", ("calm", "hazards"))
+    monkeypatch.setattr(cross_table, "SINGLE_PRESETS", ("calm", "hazards"))
     speeds = {
         ("gap-mobil", "calm"): (20.0, 22.0, 24.0),
         ("gap-mobil", "hazards"): (10.0, 10.0, 10.0),

@@ -9,7 +9,7 @@ import pytest
 
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.comparison import Evaluation
-from drl_av.evaluation.paired import Paired
+from drl_av.evaluation.paired import PairedGain
 from drl_av.experiments import cells, density_sweep
 from drl_av.experiments.density_sweep import DENSITY_SWEEP, STRONGER, paired_rows, sweep_plan
 from drl_av.experiments.experiment import ResultsFolder, reproduce
@@ -43,7 +43,7 @@ def densities(options: ReproduceOptions, table: str = "density_sweep.csv") -> li
 
 def drivers_gain(monkeypatch: pytest.MonkeyPatch, lower_m_s: float) -> None:
     """Lower end of the interval of every gain."""
-    monkeypatch.setattr(Paired, "lower_m_s", property(lambda gain: lower_m_s))
+    monkeypatch.setattr(PairedGain, "lower_m_s", property(lambda gain: lower_m_s))
 
 
 def test_continues_to_a_full_road_while_the_gain_is_significant(

@@ -96,7 +96,7 @@ def test_every_driver_drives_the_same_seeds_in_its_own_settings(
     monkeypatch.setattr(opponents, "VEHICLES", (5,))
     few = {name: each._replace(episodes=1) for name, each in VARIANTS.items() if name == "search"}
     monkeypatch.setattr(opponents, "VARIANTS", VARIANTS | few)
-    monkeypatch.setattr(opponents, "SINGLE_KINDS", ("calm", "naturalistic"))
+    monkeypatch.setattr(opponents, "SINGLE_PRESETS", ("calm", "naturalistic"))
     list(reproduce(OPPONENTS_SWEEP, short))
     results = ResultsFolder(tmp_path)
     rows, made = results.rows("opponents.csv"), results.made_by("opponents.csv")["settings"]

@@ -23,7 +23,7 @@ DRIVERS = ("idm", "random")
 
 
 def plan(options: ReproduceOptions) -> Plan:
-    config = options.laid_over(Config())
+    config = options.with_files(Config())
     cells = [Drives(config, DRIVERS, vehicles, options.drives) for vehicles in (1, 3)]
     return Plan(driven_with(config, DRIVERS), [cells], by(vehicles=int, seed=int, driver=DRIVERS))
 
@@ -114,7 +114,7 @@ def test_an_interrupted_one_continues_after_its_last_whole_cell(
 
 def test_cells_of_several_configs_continue_too(options: ReproduceOptions) -> None:
     def two_checks(options: ReproduceOptions) -> Plan:
-        short = options.laid_over(Config())
+        short = options.with_files(Config())
         configs = {check: short.updated("safety", check=check) for check in ("paper", "strict")}
         cells = [
             Drives(config, ("idm",), 2, options.drives, named=(("check", check),))

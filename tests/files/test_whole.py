@@ -11,14 +11,14 @@ from runs import disk_tape
 
 from drl_av.errors import DrlAvError, RecordingError
 from drl_av.experiments.canvas import one_panel, save_figure
-from drl_av.files import append, replacing, require_suffix, require_writable, write_whole
+from drl_av.files import append, replacing, require_suffix, require_writable, write_atomic
 
 
 def test_a_link_is_written_through_and_stays_a_link(tmp_path: Path) -> None:
     real, link = tmp_path / "real.csv", tmp_path / "link.csv"
     real.write_text("old")
     link.symlink_to(real)
-    write_whole(link, b"new")
+    write_atomic(link, b"new")
     assert link.is_symlink()
     assert real.read_text() == "new"
 
@@ -35,7 +35,7 @@ def test_a_link_to_itself_is_written_over(tmp_path: Path) -> None:
     link = tmp_path / "link.csv"
     link.symlink_to(link)
     require_writable(link)
-    write_whole(link, b"new")
+    write_atomic(link, b"new")
     assert link.read_text() == "new"
 
 
@@ -77,7 +77,7 @@ def test_the_file_is_on_the_disk_before_it_has_its_name_and_its_name_afterwards(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tape = disk_tape(monkeypatch)
-    write_whole(tmp_path / "rows.csv", b"x")
+    write_atomic(tmp_path / "rows.csv", b"x")
     unfinished = f".rows.{os.getpid()}.unfinished.csv"
     assert tape == [
         f"fsync {unfinished}",
@@ -128,7 +128,7 @@ def test_a_block_that_raises_leaves_what_was_there_before(tmp_path: Path, folder
 
 def test_a_refusal_is_the_error_that_was_asked_for_in_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"gone/x cannot be written \(No such file") as message:
-        write_whole(tmp_path / "gone" / "x", b"", RecordingError)
+        write_atomic(tmp_path / "gone" / "x", b"", RecordingError)
     assert str(message.value).endswith("what was there before is unchanged.")
     with pytest.raises(RecordingError, match="gone/x cannot be written"):
         append(tmp_path / "gone" / "x", b"", RecordingError)
@@ -152,7 +152,7 @@ def test_what_a_dead_process_left_is_removed_and_what_a_living_one_writes_stays(
     ]
     for path in kept:
         path.write_text("not yours")
-    write_whole(tmp_path / "rows.csv", b"x")
+    write_atomic(tmp_path / "rows.csv", b"x")
     assert set(tmp_path.iterdir()) == {tmp_path / "rows.csv", folder, *kept}
     with replacing(tmp_path / "run") as unfinished:
         unfinished.mkdir()
@@ -175,7 +175,7 @@ def test_the_next_writer_clears_up_after_one_that_was_killed(tmp_path: Path) -> 
     python("-c", KILLED, path)
     assert path.read_text() == "before"
     assert len(list(tmp_path.iterdir())) == 2
-    write_whole(path, b"new")
+    write_atomic(path, b"new")
     assert list(tmp_path.iterdir()) == [path]
     assert path.read_text() == "new"
 

@@ -275,11 +275,11 @@ def test_experience_of_another_replay_is_not_dropped_in_silence(
 
 
 def test_a_checkpoint_that_is_none_is_refused(trained: Path, tmp_path: Path) -> None:
-    from drl_av.learning.assembly import make_training, warm_start
+    from drl_av.learning.builder import build_training, warm_start
 
     folder = Path(shutil.copytree(trained, tmp_path / "copy"))
     shutil.copy(folder / "policy.safetensors", folder / "checkpoint.safetensors")
     env = HighwayEnv(config=load_config(folder / "config.toml"))
     with pytest.raises(CheckpointError, match="is not a training's"):
-        warm_start(make_training(env), folder / "policy.safetensors")
+        warm_start(build_training(env), folder / "policy.safetensors")
     env.close()

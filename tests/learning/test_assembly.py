@@ -18,7 +18,7 @@ from drl_av.env.episode import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import CheckpointError
-from drl_av.learning.assembly import make_training, warm_start
+from drl_av.learning.builder import build_training, warm_start
 from drl_av.learning.checkpoint import save_policy
 from drl_av.learning.run import Run
 from drl_av.learning.training import Training, draw_seed, seed_of_episode
@@ -50,7 +50,7 @@ def steps(training: Training) -> list[int]:
 
 
 def test_each_learns_at_every_decision_from_a_batch_of_its_own(env: HighwayEnv) -> None:
-    training = make_training(env)
+    training = build_training(env)
     first, *others = training.networks
     tensors, numbers = training.state()
     for name in ("learner1", "learner2"):  # alike at first: only the batches tell them apart
@@ -66,7 +66,7 @@ def test_each_learns_at_every_decision_from_a_batch_of_its_own(env: HighwayEnv) 
 def test_in_round_robin_three_networks_make_one_gradient_step_a_decision(env: HighwayEnv) -> None:
     # the first learns at decisions 1, 4, ..., 19, and in the next episode from its first one on
     env.config = TOGETHER.updated("learning", round_robin=True)
-    training, found = make_training(env), []
+    training, found = build_training(env), []
     for _ in range(2):
         assert training.run_episode().decisions == 20
         found.append(steps(training))
@@ -84,7 +84,7 @@ def test_traffic_by_episode_depends_on_the_seed_and_the_episode_alone(env: Highw
     for learning_rate in (1e-4, 0.0):
         own = {"traffic_by_episode": True, "learning_rate": learning_rate}
         env.config = TOGETHER.updated("learning", **own)
-        training = make_training(env)
+        training = build_training(env)
         seeds.append([training.run_episode().seed for _ in range(2)])
     assert seeds == [given[:2]] * 2
 
@@ -94,7 +94,7 @@ def test_a_training_on_mirrored_scenes_decides_alike_on_both_sides_then_and_ever
     mirrored: bool, env: HighwayEnv, tmp_path: Path
 ) -> None:
     env.config = Config().updated("learning", mirrored=mirrored, batch_size=8)
-    training = make_training(env)
+    training = build_training(env)
     save_policy(tmp_path / "policy.safetensors", training.networks, env.config)
     driver, _ = load_learned(tmp_path / "policy.safetensors")
     states = np.random.default_rng(1).standard_normal((50, 27)).astype(np.float32)
@@ -111,7 +111,7 @@ def test_mirroring_reflects_every_second_row_that_is_learned_from(env: HighwayEn
     weights = []
     for mirrored in (False, True):
         env.config = TOGETHER.updated("learning", mirrored=mirrored, epsilon_end=1.0)
-        training = make_training(env)
+        training = build_training(env)
         training.run_episode()
         weights.append(training.networks[0].flat)
     assert not np.array_equal(*weights)
@@ -122,7 +122,7 @@ def test_the_settings_say_what_is_stored_of_each_decision(env: HighwayEnv) -> No
         """Rows of both buffers after one episode, and the discounts in Buf_C."""
         env.config = TOGETHER.updated("learning", networks=1, batch_size=8, **learning)
         env.config = env.config.updated("traffic", vehicles_min=30, vehicles_max=30)
-        training = make_training(env)
+        training = build_training(env)
         assert training.run_episode().decisions == 20
         tensors, _ = training.state()
         safe, collision = (tensors[f"buffer.{name}.rows"] for name in ("safe", "collision"))
@@ -138,7 +138,7 @@ def test_the_settings_say_what_is_stored_of_each_decision(env: HighwayEnv) -> No
 def test_what_is_saved_drives_as_the_training_did_and_continues_as_it_was(
     env: HighwayEnv, tmp_path: Path
 ) -> None:
-    training, run = make_training(env), Run(tmp_path / "run")
+    training, run = build_training(env), Run(tmp_path / "run")
     training.run_episode()
     run.create(training)
     run.save(training)
@@ -154,7 +154,7 @@ def test_what_is_saved_drives_as_the_training_did_and_continues_as_it_was(
     bare = tmp_path / "driver.safetensors"
     bare.write_bytes(run.policy_file.read_bytes())
     for file, experienced in ((run.policy_file, True), (bare, False)):
-        adapted = make_training(env)
+        adapted = build_training(env)
         assert warm_start(adapted, file) is experienced
         for mine, its in zip(adapted.networks, training.networks, strict=True):
             assert np.array_equal(mine.flat, its.flat)
@@ -172,14 +172,14 @@ def test_what_is_saved_drives_as_the_training_did_and_continues_as_it_was(
 @pytest.mark.parametrize("name", ["policy.safetensors", "driver.safetensors"])
 def test_it_continues_with_as_many_as_it_has(name: str, env: HighwayEnv, tmp_path: Path) -> None:
     run = Run(tmp_path / "run")
-    training = make_training(env)
+    training = build_training(env)
     run.create(training)
     run.save(training)
     (run.folder / "driver.safetensors").write_bytes(run.policy_file.read_bytes())
     env.config = TOGETHER.updated("learning", networks=1)
     message = "was trained with learning.networks = 3: continue with as many, not 1"
     with pytest.raises(CheckpointError, match=message):
-        warm_start(make_training(env), run.folder / name)
+        warm_start(build_training(env), run.folder / name)
 
 
 @pytest.mark.parametrize("permitted_only", [False, True])
@@ -188,7 +188,7 @@ def test_an_untrained_driver_that_asks_the_check_triggers_no_rule(
 ) -> None:
     config = TOGETHER.updated("learning", permitted_only=permitted_only, seed=3)
     env.config = config
-    training = make_training(env)
+    training = build_training(env)
     file = tmp_path / "policy.safetensors"
     save_policy(file, training.networks, config)
     read = make_drivers(find_drivers([str(file)]), config)

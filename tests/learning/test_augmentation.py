@@ -8,7 +8,7 @@ import pytest
 from worlds import LEAVE, LEFT, RIGHT, ROAD, ahead, scene
 
 from drl_av.config import Config
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS, ObservationScale
 from drl_av.driving.mirror import Mirror
@@ -25,8 +25,8 @@ from drl_av.learning.augmentation import (
     store_counterfactuals,
 )
 from drl_av.learning.buffers import TwoBuffers
+from drl_av.road.road import Road
 from drl_av.safety import named_check
-from drl_av.traffic.road import Road
 
 # Three indicators: gap right, gap left, own y from the middle of the road; two actions swap.
 TINY = Mirror(

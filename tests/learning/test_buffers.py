@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from drl_av.config import LearningConfig
 from drl_av.errors import CheckpointError, ConfigError
-from drl_av.learning.assembly import make_buffer
 from drl_av.learning.buffers import TwoBuffers, UniformBuffer, batch_of
+from drl_av.learning.builder import make_buffer
 from drl_av.learning.ring import Ring
 
 

@@ -11,7 +11,7 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
 from drl_av.env.decision import Decision
 from drl_av.learning.buffers import Buffer, TwoBuffers, UniformBuffer
-from drl_av.learning.experience import StoreDecision, StoreWithPenalty
+from drl_av.learning.experience import StoreDecision, TransitionWriterWithPenalty
 from drl_av.learning.prioritized import PrioritizedBuffer
 
 HARD_BRAKE, LEFT = 3, 8
@@ -43,7 +43,9 @@ def two_buffers() -> TwoBuffers:
 def stored(*decisions: Decision, **learning: float) -> tuple[np.ndarray, np.ndarray]:
     """The rows of Buf_S and of Buf_C."""
     buffer, config = two_buffers(), Config().updated("learning", **learning)
-    store = (StoreWithPenalty if learning.get("unsafe_penalty") else StoreDecision)(buffer, config)
+    store = (TransitionWriterWithPenalty if learning.get("unsafe_penalty") else StoreDecision)(
+        buffer, config
+    )
     for each in decisions:
         store(each)
     return (
@@ -113,7 +115,7 @@ def test_speed_is_weighed_in_where_the_reward_is_kept_and_not_in_r_col() -> None
 def test_in_a_single_buffer_an_unsafe_proposal_under_a_penalty_is_no_collision(
     buffer: Buffer,
 ) -> None:
-    StoreWithPenalty(buffer, Config().updated("learning", unsafe_penalty=1.5))(UNSAFE)
+    TransitionWriterWithPenalty(buffer, Config().updated("learning", unsafe_penalty=1.5))(UNSAFE)
     ring: Any = buffer
     rows = ring.ring.rows[:2, -3:]
     assert rows.tolist() == [[LEFT, -1.75, GAMMA], [HARD_BRAKE, -0.25, GAMMA]]

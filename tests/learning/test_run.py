@@ -17,10 +17,10 @@ from drl_av.drivers.policy_file import load, load_policy
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import RunError
 from drl_av.learning import run as module
-from drl_av.learning.assembly import make_training
+from drl_av.learning.builder import build_training
 from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
-from drl_av.traffic.scenario import write_scenario
+from drl_av.scenarios.folder import write_scenario
 
 EPISODES = 9
 SETTINGS = f"""
@@ -258,7 +258,7 @@ def test_a_new_run_is_on_the_disk_before_it_has_its_name(
     settings: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with closing(HighwayEnv(config=load_config(settings))) as env:
-        training = make_training(env)
+        training = build_training(env)
         tape = disk_tape(monkeypatch)
         Run(tmp_path / "run").create(training)
     *contents, folder, name, home = tape

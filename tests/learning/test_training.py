@@ -21,14 +21,14 @@ from drl_av.env.episode import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.learning import training as module
-from drl_av.learning.assembly import make_buffer, make_training
 from drl_av.learning.augmentation import mirror_half, unchanged
 from drl_av.learning.buffers import Batch, Buffer
+from drl_av.learning.builder import build_training, make_buffer
 from drl_av.learning.experience import StoreDecision
 from drl_av.learning.learner import Learner, Update
 from drl_av.learning.run import Run, train
 from drl_av.learning.training import EVALUATION_SEEDS, Training, Variant, draw_seed
-from drl_av.traffic.snapshot import Collision, CollisionKind
+from drl_av.road.snapshot import Collision, CollisionKind
 
 KEEP, HARD_BRAKE, LEFT = 0, 3, 8
 HIT = Collision(CollisionKind.HIT_AHEAD, "vehicle1")
@@ -46,7 +46,7 @@ class ScriptedEnv:
 
     road = ROAD
     scene = ALONE
-    simulation = SimpleNamespace(fleet=SimpleNamespace(usual=None, placed=None))
+    simulation = SimpleNamespace(fleet=SimpleNamespace(default_vehicle_count=None, placed=None))
 
     def __init__(self, script: list[Step], config: Config, tape: list[str]) -> None:
         self.script, self.config, self.tape = script, config, tape
@@ -152,7 +152,7 @@ def made(script: list[Step], **learning: Any) -> tuple[Training, ScriptedEnv]:
     """A training as the settings have it."""
     config = Config().updated("learning", **{"episodes": 10, "batch_size": 8} | learning)
     env: Any = ScriptedEnv(script, config, [])
-    return make_training(env), env
+    return build_training(env), env
 
 
 def test_episode_resets_then_acts_stores_and_learns_at_each_decision() -> None:
@@ -361,7 +361,7 @@ def test_on_an_open_road_episodes_begin_with_none_to_twice_as_many_vehicles_as_t
     capacity: int, most: int
 ) -> None:
     training, env, *_ = story([QUIET], episodes=200)
-    fleet = SimpleNamespace(usual=5, placed=None, capacity=capacity)
+    fleet = SimpleNamespace(default_vehicle_count=5, placed=None, capacity=capacity)
     env.simulation = SimpleNamespace(fleet=fleet)
     for _ in range(200):
         training.run_episode()
@@ -370,7 +370,9 @@ def test_on_an_open_road_episodes_begin_with_none_to_twice_as_many_vehicles_as_t
 
 def test_where_the_scenario_places_the_vehicles_each_episode_has_these(driven: Driven) -> None:
     training, env, *_ = story([QUIET], episodes=3)
-    env.simulation = SimpleNamespace(fleet=SimpleNamespace(usual=4, placed=4, capacity=30))
+    env.simulation = SimpleNamespace(
+        fleet=SimpleNamespace(default_vehicle_count=4, placed=4, capacity=30)
+    )
     training.run_episode()
     training.evaluate()
     assert env.options == [None]
@@ -393,7 +395,7 @@ def small(seed: int) -> Config:
 def trained(folder: Path, env: HighwayEnv, seed: int) -> dict[str, bytes]:
     env.config = small(seed)
     run = Run(folder)
-    training = make_training(env)
+    training = build_training(env)
     run.create(training)
     list(train(run, training))
     return files_of(folder)

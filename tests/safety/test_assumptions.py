@@ -16,11 +16,11 @@ from drl_av.config import Config
 from drl_av.driving.actions import Longitudinal
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError
+from drl_av.road.road import Road
+from drl_av.road.vehicle_types import AS_WRITTEN
 from drl_av.safety import named_check
 from drl_av.safety.assumptions import ROAD_AS_WRITTEN
-from drl_av.traffic.road import Road
-from drl_av.traffic.scenario import PlacedVehicle, ScenarioDescription, write_scenario
-from drl_av.traffic.vehicle_types import AS_WRITTEN
+from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
 from verification.batch_check import BatchStrict
 from verification.falsification import genes, orders, play
 from verification.families import FAMILIES, PLACED

@@ -13,11 +13,11 @@ from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import LaneChange, Scene
+from drl_av.road.road import Road
 from drl_av.safety import named_check
 from drl_av.safety.check import Rule
 from drl_av.safety.strict import Strict
-from drl_av.traffic.ramp_to_ramp import RampToRampDescription
-from drl_av.traffic.road import Road
+from drl_av.scenarios.highways import RampToRampDescription
 
 CONFIG = Config()
 STRICT = Strict(CONFIG.strict, CONFIG.ego, CONFIG.simulation)

@@ -10,11 +10,11 @@ import pytest
 from worlds import CENTER, LEFT, ROAD, Car, ahead, behind, snapshot
 
 from drl_av.config import Config
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import Road
+from drl_av.road.snapshot import Snapshot
 from verification.auditor import (
     ACCELERATED,
     BEHIND,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drl_av.config import Config
-from drl_av.traffic.snapshot import Collision, CollisionKind
+from drl_av.road.snapshot import Collision, CollisionKind
 from verification.batch_check import BatchStrict
 from verification.families import placed
 from verification.kinematic_simulator import Mover, Orders, World

@@ -9,11 +9,11 @@ import pytest
 
 from drl_av.config import Config
 from drl_av.driving.actions import Action, Lateral, Longitudinal
+from drl_av.road.road import Road
+from drl_av.road.snapshot import Collision, CollisionKind
 from drl_av.safety import named_check
 from drl_av.safety import strict as check_of_strict
 from drl_av.safety.strict import Strict
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import Collision, CollisionKind
 from verification.batch_check import one_by_one
 from verification.falsification import genes, orders, play
 from verification.falsify import in_sumo

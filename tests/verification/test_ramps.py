@@ -10,10 +10,10 @@ from drl_av.config import Config
 from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.registry import rule_driver
 from drl_av.env.highway import HighwayEnv
-from drl_av.traffic.description import PlacedVehicle
-from drl_av.traffic.exit import ExitDescription
-from drl_av.traffic.kinds import KINDS
-from drl_av.traffic.scenario import write_scenario
+from drl_av.scenarios.folder import write_scenario
+from drl_av.scenarios.highways import ExitDescription
+from drl_av.scenarios.road_description import PlacedVehicle
+from drl_av.scenarios.road_types import ROAD_TYPES
 from verification.ramps import Trip, drive, interval, line, table, time_lost
 
 
@@ -60,7 +60,7 @@ def empty(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], 
 
     def make(kind: str) -> HighwayEnv:
         folder = Path(home, f"{kind}{len(made)}")
-        write_scenario(folder, KINDS[kind].description(flow_per_h=0.0))
+        write_scenario(folder, ROAD_TYPES[kind].description(flow_per_h=0.0))
         config = Config().updated("safety", check="strict")
         config = config.updated("simulation", scenario=str(folder), decisions_per_episode=60)
         made.append(HighwayEnv(config=config))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drl_av.traffic.snapshot import Collision, CollisionKind
+from drl_av.road.snapshot import Collision, CollisionKind
 from verification.separation import first_collision, swept_separation
 
 SIZES_M = (5.0, 1.8)

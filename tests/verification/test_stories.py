@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drl_av.experiments.experiment import ResultsFolder
-from drl_av.traffic.scenario import shipped_scenarios
+from drl_av.scenarios.folder import shipped_scenarios
 from verification import stories
 
 RESULT = Path(__file__).parents[2] / "docs" / "results" / "stories.csv"

@@ -7,7 +7,7 @@ from math import floor
 from drl_av.config import Config
 from drl_av.driving.actions import Longitudinal
 from drl_av.errors import ConfigError
-from drl_av.traffic.scenario import find_scenario, load_scenario
+from drl_av.scenarios.folder import find_scenario, load_scenario
 
 
 @dataclass(frozen=True)

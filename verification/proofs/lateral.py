@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import z3
 
+from drl_av.road.road import ARRIVED_M
 from drl_av.safety.reachability import LINE_M, ON_LINE_M
-from drl_av.traffic.road import ARRIVED_M
 from verification.proofs.argument import Argument, exact
 from verification.proofs.lemma import Problem, Term
 

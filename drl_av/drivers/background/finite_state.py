@@ -12,8 +12,8 @@ import numpy.typing as npt
 from drl_av.config import Config, FiniteStateConfig
 from drl_av.drivers.background.surroundings import FRONT, LEFT, OWN, RIGHT, Surroundings
 from drl_av.drivers.driver import Decisions
-from drl_av.traffic.road import FloatArray
-from drl_av.traffic.streams import Stream, generator
+from drl_av.random_streams import Stream, generator
+from drl_av.road.road import FloatArray
 
 IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]

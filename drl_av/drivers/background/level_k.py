@@ -17,8 +17,8 @@ from drl_av.drivers.policy_file import load_run
 from drl_av.driving.actions import ACTIONS, Longitudinal
 from drl_av.driving.affordances import ObservationScale
 from drl_av.errors import CheckpointError, DrlAvError
+from drl_av.road.road import FloatArray, Road
 from drl_av.safety.paper import Approach, lane_change_is_safe
-from drl_av.traffic.road import FloatArray, Road
 
 LEVEL_1 = Path(__file__).parents[2] / "pretrained" / "level_1"
 """Folder of the shipped level-1 policy, in the layout of a run's folder."""

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from drl_av.config import SimulationConfig
 from drl_av.config.traffic import STANDSTILL_GAP_M
+from drl_av.road.road import Road
+from drl_av.road.snapshot import Snapshot, TrafficCommand
 from drl_av.safety.stopping import stopping_distance
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import Snapshot, TrafficCommand
 
 
 class Entry(NamedTuple):

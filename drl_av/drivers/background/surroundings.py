@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.driving.affordances import SIDES
-from drl_av.traffic.road import CENTERED_M, FloatArray, Road
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import CENTERED_M, FloatArray, Road
+from drl_av.road.snapshot import Snapshot
 
 OWN, RIGHT, LEFT = range(3)
 """Indices of the lane axis: a vehicle's own lane, the lane to its right, the lane to its left."""

@@ -11,10 +11,10 @@ from drl_av.drivers.background.level_k import Level1, level_0
 from drl_av.drivers.background.right_of_way import give_way
 from drl_av.drivers.background.surroundings import Surroundings, surroundings
 from drl_av.drivers.driver import Decisions
-from drl_av.traffic.population import Kind
-from drl_av.traffic.road import FloatArray, Road
-from drl_av.traffic.snapshot import Snapshot, TrafficCommand
-from drl_av.traffic.vehicle_types import VehicleTypes
+from drl_av.road.road import FloatArray, Road
+from drl_av.road.snapshot import Snapshot, TrafficCommand
+from drl_av.road.vehicle_types import VehicleTypes
+from drl_av.simulation.population import DriverModel
 
 IntArray = npt.NDArray[np.intp]
 
@@ -30,24 +30,25 @@ class TrafficDrivers:
     ) -> None:
         self._config, self._road, self._level_1 = config, road, level_1
         self._braking_m_s2 = vehicle_types.traffic.braking_m_s2
-        self._drivers: dict[Kind, Callable[[Snapshot, IntArray], Decisions]] = {
-            Kind.FINITE_STATE: self._by_finite_state,
-            Kind.LEVEL_0: self._by_level_0,
-            Kind.LEVEL_1: self._by_level_1,
-            Kind.HARD_BRAKING: self._by_hard_braking,
+        self._drivers: dict[DriverModel, Callable[[Snapshot, IntArray], Decisions]] = {
+            DriverModel.FINITE_STATE: self._by_finite_state,
+            DriverModel.LEVEL_0: self._by_level_0,
+            DriverModel.LEVEL_1: self._by_level_1,
+            DriverModel.HARD_BRAKING: self._by_hard_braking,
         }
 
-    def start(self, kinds: IntArray, desired_m_s: FloatArray, seed: int) -> None:
+    def start(self, driver_models: IntArray, desired_m_s: FloatArray, seed: int) -> None:
         """Prepare for an episode.
 
-        ``kinds`` holds the ``Kind`` of each vehicle, ``desired_m_s`` its desired speed. Both have
-        shape (1 + N,), and the ego comes first. ``seed`` is the seed of the random hard braking.
+        ``driver_models`` holds the ``DriverModel`` of each vehicle, ``desired_m_s`` its desired
+        speed. Both have shape (1 + N,), and the ego comes first. ``seed`` is that of the random
+        hard braking.
         """
-        self._hard_braking = HardBraking(seed, len(kinds), self._config)
-        rows = {kind: np.flatnonzero(kinds == kind) for kind in self._drivers}
+        self._hard_braking = HardBraking(seed, len(driver_models), self._config)
+        rows = {kind: np.flatnonzero(driver_models == kind) for kind in self._drivers}
         self._rows = {kind: found for kind, found in rows.items() if len(found)}
         self._desired_m_s = desired_m_s
-        self._states = np.full(len(kinds), State.CRUISE, dtype=np.intp)
+        self._states = np.full(len(driver_models), State.CRUISE, dtype=np.intp)
 
     def __call__(self, snapshot: Snapshot) -> list[TrafficCommand]:
         """Return one command for each vehicle that SUMO does not drive.

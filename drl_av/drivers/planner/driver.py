@@ -4,16 +4,16 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
-from drl_av.drivers.planner.choice import Choice, Chooser, Ego
-from drl_av.drivers.planner.forecast import Forecaster, Prices
+from drl_av.drivers.planner.forecast import Forecaster, PlanCosts
 from drl_av.drivers.planner.limits import limits_of
+from drl_av.drivers.planner.low_level_controller import Control, Ego, LowLevelController
 from drl_av.drivers.planner.others import FAR_M, BoolArray, IntArray, Others, others_of
+from drl_av.drivers.planner.parameter_estimator import Ahead, ParameterEstimator
 from drl_av.drivers.planner.plans import PLANS, Intent, next_second, usable_plans
-from drl_av.drivers.planner.watcher import Ahead, Watcher
 from drl_av.driving.actions import Action, Longitudinal, nearest_action, toward
 from drl_av.driving.affordances import Affordances
 from drl_av.driving.scene import Scene
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.snapshot import Snapshot
 
 DECISIONS_PER_PLAN = 2
 HURRIED_M = 150.0
@@ -28,13 +28,13 @@ class PlannerDriver:
     lanes, and estimates the other drivers' parameters from their motion. It is deterministic.
     """
 
-    def __init__(self, config: Config, prices: Prices | None = None) -> None:
-        self._ego, self._limits, self._prices = config.ego, limits_of(config), prices or Prices()
+    def __init__(self, config: Config, prices: PlanCosts | None = None) -> None:
+        self._ego, self._limits, self._prices = config.ego, limits_of(config), prices or PlanCosts()
         self.start(0)
 
     def start(self, seed: int) -> None:
         """Prepare for an episode: forget the previous episode; ``seed`` is not used."""
-        self._watcher: Watcher | None = None
+        self._watcher: ParameterEstimator | None = None
         self._last: Snapshot | None = None
         self._decisions, self._sign = 0, 0
         self._plan: IntArray = np.full(PLANS.shape[1], Intent.KEEP)
@@ -51,7 +51,7 @@ class PlannerDriver:
         watcher = self._watch(scene, others)
         lap_m = scene.affordances.circumference_m or FAR_M
         mandatory = scene.affordances.mandatory
-        chooser = Chooser(lanes, self._ego, self._limits, mandatory.side)
+        chooser = LowLevelController(lanes, self._ego, self._limits, mandatory.side)
         forecaster = Forecaster(others, watcher, lap_m, chooser, self._ego, mandatory)
         if is_new:
             self._next_plan(forecaster, scene)
@@ -77,11 +77,11 @@ class PlannerDriver:
             [self._open.get(lane, bool((used == lane).any())) for lane in range(last + 1)]
         )
 
-    def _watch(self, scene: Scene, others: Others) -> Watcher:
+    def _watch(self, scene: Scene, others: Others) -> ParameterEstimator:
         """Update the estimates with this scene, and return them."""
         shot = scene.snapshot
         if self._watcher is None or self._last is None:
-            self._watcher = Watcher(others)
+            self._watcher = ParameterEstimator(others)
         elif shot.time_s > self._last.time_s:
             ahead = _ahead(others, scene.affordances)
             self._watcher.observe(others, ahead, shot.time_s - self._last.time_s)
@@ -112,7 +112,7 @@ class PlannerDriver:
         lanes = (np.full(n, number) for number in (origin, target, seconds))
         return Ego(np.zeros(n), np.full(n, seen.ego_speed_m_s), *lanes)
 
-    def _action(self, scene: Scene, choice: Choice) -> Action:
+    def _action(self, scene: Scene, choice: Control) -> Action:
         rate, change = float(choice.acceleration_m_s2[0]), scene.lane_change
         side = int(choice.begins[0])
         side *= scene.affordances.has_lane(side)

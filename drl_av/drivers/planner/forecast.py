@@ -10,10 +10,16 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.config import EgoConfig
-from drl_av.drivers.planner.choice import LONG_HEADWAY_S, Choice, Chooser, Ego, OthersAround
+from drl_av.drivers.planner.low_level_controller import (
+    LONG_HEADWAY_S,
+    Control,
+    Ego,
+    LowLevelController,
+    OthersAround,
+)
 from drl_av.drivers.planner.others import FAR_M, BoolArray, IntArray, Lanes, Others, idm
-from drl_av.drivers.planner.watcher import Watcher
-from drl_av.traffic.road import UNHURRIED_M, FloatArray, MandatoryChange
+from drl_av.drivers.planner.parameter_estimator import ParameterEstimator
+from drl_av.road.road import LANE_CHANGE_DUE_M, FloatArray, MandatoryChange
 
 SETTLED_S = 2
 """Seconds after which a vehicle that is changing lanes now has left its old lane."""
@@ -26,7 +32,7 @@ HARDEST_M_S2 = 4.0
 """Largest deceleration of the other vehicles."""
 
 
-class Prices(NamedTuple):
+class PlanCosts(NamedTuple):
     """The parameters of a plan's score: the distance that the ego drives, minus a price per event.
 
     A price is in metres: an event of price 4 is as bad as driving 4 m less.
@@ -52,7 +58,7 @@ class Prices(NamedTuple):
     ``LONG_HEADWAY_S``."""
     late_change: float = 15.0
     """Price per second of each mandatory lane change that is still due when no distance is left.
-    With more distance left the price is lower; it is 0 with ``UNHURRIED_M`` left for each."""
+    With more distance left the price is lower; it is 0 with ``LANE_CHANGE_DUE_M`` left for each."""
     missed_change: float = 400.0
     """As ``late_change``, but charged once, at the end of the forecast."""
 
@@ -67,9 +73,9 @@ class Forecaster:
     def __init__(
         self,
         others: Others,
-        watcher: Watcher,
+        watcher: ParameterEstimator,
         lap_m: float,
-        chooser: Chooser,
+        chooser: LowLevelController,
         ego: EgoConfig,
         mandatory: MandatoryChange,
     ) -> None:
@@ -86,12 +92,12 @@ class Forecaster:
         ahead_m -= self._lap_m * np.round(ahead_m / self._lap_m)
         return OthersAround(ahead_m, speed, self._others.half_m)
 
-    def choice(self, ego: Ego, intent: IntArray) -> Choice:
+    def choice(self, ego: Ego, intent: IntArray) -> Control:
         """Choose the ego's action in the first scene for an intent."""
         around = self.around(ego, self._others.x_m[None], self._others.speed_m_s[None])
         return self._chooser(ego, intent, around, self._others.now.member)
 
-    def scores(self, ego: Ego, sign: int, plans: IntArray, prices: Prices) -> FloatArray:
+    def scores(self, ego: Ego, sign: int, plans: IntArray, prices: PlanCosts) -> FloatArray:
         """Return the score of each plan, shape (P,): the ego's distance minus the prices, m.
 
         The forecast advances ``ego`` in place. ``sign`` is +1 if the ego's last change of speed was
@@ -124,15 +130,15 @@ class Forecaster:
     def _missing_changes(self, ego: Ego, goal: IntArray) -> FloatArray:
         """Return how many mandatory lane changes are urgent, shape (P,).
 
-        The number is a fraction: the lane changes that are left, minus one for each ``UNHURRIED_M``
-        of the distance that is left for them.
+        The number is a fraction: the lane changes that are left, minus one for each
+        ``LANE_CHANGE_DUE_M`` of the distance that is left for them.
         """
         changes = np.maximum(self._mandatory.side * (goal - self._chooser.lane(ego)), 0)
         left_m = np.maximum(self._mandatory.within_m - ego.x_m, 0.0)
-        missing: FloatArray = np.maximum(changes - left_m / UNHURRIED_M, 0.0)
+        missing: FloatArray = np.maximum(changes - left_m / LANE_CHANGE_DUE_M, 0.0)
         return missing
 
-    def _change_lanes(self, ego: Ego, choice: Choice) -> None:
+    def _change_lanes(self, ego: Ego, choice: Control) -> None:
         """Advance the egos' lane changes by a second, in place."""
         aborts, begins = choice.aborts, choice.begins
         seconds = round(self._ego.lane_change_duration_s)
@@ -154,7 +160,7 @@ class Forecaster:
         return moved_m
 
     def _follow(
-        self, ego: Ego, around: OthersAround, x_m: FloatArray, lanes: Lanes, prices: Prices
+        self, ego: Ego, around: OthersAround, x_m: FloatArray, lanes: Lanes, prices: PlanCosts
     ) -> tuple[FloatArray, FloatArray]:
         """Return the other vehicles' speeds a second later, (P, N), and a price, shape (P,).
 
@@ -183,7 +189,7 @@ class Forecaster:
         )
         return result
 
-    def _tail(self, ego: Ego, around: OthersAround, prices: Prices) -> FloatArray:
+    def _tail(self, ego: Ego, around: OthersAround, prices: PlanCosts) -> FloatArray:
         """Return the value of the scene at the end of a forecast, m, shape (P,).
 
         It is the distance that the ego can drive behind the vehicle ahead in ``prices.tail_s``.
@@ -195,7 +201,7 @@ class Forecaster:
         return np.where(front.gap_m < FAR_M / 2, np.minimum(worth_m, most_m), most_m)
 
 
-def _price_of_choice(ego: Ego, choice: Choice, prices: Prices) -> FloatArray:
+def _price_of_choice(ego: Ego, choice: Control, prices: PlanCosts) -> FloatArray:
     missing_s = np.maximum(1.0 - choice.front.gap_m / np.maximum(ego.speed_m_s, 1.0), 0.0)
     price: FloatArray = prices.short_headway * missing_s
     price = price + prices.lane_change * (choice.begins != 0)

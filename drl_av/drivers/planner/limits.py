@@ -15,20 +15,20 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.drivers.planner.others import BoolArray
+from drl_av.road.road import FloatArray
 from drl_av.safety.paper import gap_condition
 from drl_av.safety.stopping import reach, stopping_distance
-from drl_av.traffic.road import FloatArray
 
 
-class Near(NamedTuple):
+class NextVehicle(NamedTuple):
     """The next vehicle ahead or behind in a lane, in each forecast; arrays of shape (P,)."""
 
     gap_m: FloatArray
     speed_m_s: FloatArray
 
-    def where(self, condition: BoolArray, other: "Near") -> "Near":
+    def where(self, condition: BoolArray, other: "NextVehicle") -> "NextVehicle":
         """Return this vehicle where ``condition`` holds, and the vehicle ``other`` elsewhere."""
-        return Near(
+        return NextVehicle(
             *(np.where(condition, mine, its) for mine, its in zip(self, other, strict=True))
         )
 
@@ -42,7 +42,7 @@ class PaperLimits:
     def __init__(self, config: Config) -> None:
         self._safety, self._ego = config.safety, config.ego
 
-    def fastest(self, speed: FloatArray, front: Near) -> FloatArray:
+    def fastest(self, speed: FloatArray, front: NextVehicle) -> FloatArray:
         """Return the permitted acceleration, m/s^2.
 
         It is the largest one if eq. 2 of the paper holds, and otherwise that of eq. 3.
@@ -55,7 +55,7 @@ class PaperLimits:
         return np.where(free, ego.accelerate_m_s2, safe)
 
     def clear_ahead(
-        self, speed: FloatArray, front: Near, margin_m: Any = 0.0, rate: float = 0.0
+        self, speed: FloatArray, front: NextVehicle, margin_m: Any = 0.0, rate: float = 0.0
     ) -> BoolArray:
         """Return whether eq. 2 of the paper holds for the vehicle ahead (rule 3)."""
         closing = speed - front.speed_m_s
@@ -63,7 +63,7 @@ class PaperLimits:
         return permitted
 
     def clear_behind(
-        self, speed: FloatArray, rear: Near, margin_m: Any = 0.0, rate: float = 0.0
+        self, speed: FloatArray, rear: NextVehicle, margin_m: Any = 0.0, rate: float = 0.0
     ) -> BoolArray:
         """Return whether eq. 2 of the paper holds for the vehicle behind (rule 3)."""
         closing = rear.speed_m_s - speed
@@ -83,7 +83,7 @@ class StrictLimits:
         by_number = ego.longitudinal_reference == "acceleration"
         self._slowest = 0.0 if by_number else -ego.hard_brake_m_s2
 
-    def fastest(self, speed: FloatArray, front: Near) -> FloatArray:
+    def fastest(self, speed: FloatArray, front: NextVehicle) -> FloatArray:
         """Return the largest acceleration, m/s^2, after which the ego can stop behind ``front``."""
         reaches = reach(speed, self._rates[:, None], self._ego, self._simulation)
         permitted = reaches < self._most_m(front)
@@ -92,7 +92,7 @@ class StrictLimits:
         return fastest
 
     def clear_ahead(
-        self, speed: FloatArray, front: Near, margin_m: Any = 0.0, rate: float = 0.0
+        self, speed: FloatArray, front: NextVehicle, margin_m: Any = 0.0, rate: float = 0.0
     ) -> BoolArray:
         """Return whether the ego can stop behind ``front`` after a second with ``rate``."""
         reached_m = reach(speed, rate, self._ego, self._simulation)
@@ -100,7 +100,7 @@ class StrictLimits:
         return permitted
 
     def clear_behind(
-        self, speed: FloatArray, rear: Near, margin_m: Any = 0.0, rate: float = 0.0
+        self, speed: FloatArray, rear: NextVehicle, margin_m: Any = 0.0, rate: float = 0.0
     ) -> BoolArray:
         """Return whether the vehicle behind can stop behind the ego.
 
@@ -115,7 +115,7 @@ class StrictLimits:
         permitted: BoolArray = least_m > rolled_m - rear.gap_m + strict.clearance_m + margin_m
         return permitted
 
-    def _most_m(self, front: Near) -> FloatArray:
+    def _most_m(self, front: NextVehicle) -> FloatArray:
         strict, step_s = self._strict, self._simulation.step_length_s
         stop_m = stopping_distance(front.speed_m_s, strict.braking_m_s2, step_s)
         most_m: FloatArray = front.gap_m + stop_m - strict.clearance_m

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.driving.affordances import Affordances
-from drl_av.traffic.road import FloatArray
-from drl_av.traffic.snapshot import EGO, Snapshot
+from drl_av.road.road import FloatArray
+from drl_av.road.snapshot import EGO, Snapshot
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.intp]

@@ -9,7 +9,7 @@ from drl_av.config import FiniteStateConfig
 from drl_av.drivers.background.finite_state import State, finite_state
 from drl_av.drivers.background.surroundings import surroundings
 from drl_av.driving.scene import Scene
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.snapshot import Snapshot
 
 CONFIG = FiniteStateConfig()
 CRUISE, FOLLOW, CHANGE = State.CRUISE, State.FOLLOW, State.LANE_CHANGE

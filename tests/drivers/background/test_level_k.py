@@ -14,7 +14,7 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import ObservationScale
 from drl_av.errors import CheckpointError
 from drl_av.learning.checkpoint import save_policy
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.snapshot import Snapshot
 
 CONFIG = Config()
 ACCELERATE, MAINTAIN, BRAKE, HARD_BRAKE = 2.0, 0.0, -2.0, -4.0

@@ -7,8 +7,8 @@ from worlds import BARRICADED_ROAD, LEFT, RIGHT, ROAD, Car, ahead, behind, scene
 from drl_av.drivers.background.surroundings import Surroundings, surroundings
 from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.scene import Scene
-from drl_av.traffic.road import Road
-from drl_av.traffic.snapshot import Snapshot
+from drl_av.road.road import Road
+from drl_av.road.snapshot import Snapshot
 
 
 def seen_from(shot: Snapshot, row: int) -> Snapshot:

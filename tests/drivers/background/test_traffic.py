@@ -13,18 +13,18 @@ from worlds import CENTER, LEFT, RIGHT
 from drl_av.config import Config
 from drl_av.drivers.background.level_k import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.evaluation.replay import ReplaySession
-from drl_av.traffic.population import Kind
-from drl_av.traffic.scenario import (
+from drl_av.road.snapshot import Command, Snapshot, TrafficCommand
+from drl_av.scenarios.folder import (
     PlacedVehicle,
     ScenarioDescription,
     load_scenario,
     write_scenario,
 )
-from drl_av.traffic.simulation import Simulation
-from drl_av.traffic.snapshot import Command, Snapshot, TrafficCommand
+from drl_av.simulation.population import DriverModel
+from drl_av.simulation.simulation import Simulation
 
 TESTS = Path(__file__).parents[2]
 OTHER = 1
@@ -225,8 +225,8 @@ def test_a_mix_is_one_of_all_kinds_and_decides_on_the_snapshot_that_the_ego_sees
 ) -> None:
     env = HighwayEnv(config=MIX)
     env.reset(seed=3, options={"vehicles": 30})
-    assert set(env.simulation.fleet.kinds.tolist()) == set(Kind)
-    ours = np.flatnonzero(env.simulation.fleet.kinds != Kind.SUMO).tolist()
+    assert set(env.simulation.fleet.driver_models.tolist()) == set(DriverModel)
+    ours = np.flatnonzero(env.simulation.fleet.driver_models != DriverModel.SUMO).tolist()
     given, affordances = [], []
     drivers, advance = env.traffic_drivers, env.simulation.advance
     monkeypatch.setattr(env, "traffic_drivers", lambda s: (affordances.append(s), drivers(s))[1])

@@ -5,14 +5,14 @@ import pytest
 from worlds import LEFT, RIGHT, Car, ahead, behind, scene
 
 from drl_av.config import Config
-from drl_av.drivers.planner.choice import Chooser, Ego
-from drl_av.drivers.planner.forecast import Forecaster, Prices
+from drl_av.drivers.planner.forecast import Forecaster, PlanCosts
 from drl_av.drivers.planner.limits import limits_of
+from drl_av.drivers.planner.low_level_controller import Ego, LowLevelController
 from drl_av.drivers.planner.others import IntArray, others_of
+from drl_av.drivers.planner.parameter_estimator import ParameterEstimator
 from drl_av.drivers.planner.plans import PLANS, Intent, usable_plans
-from drl_av.drivers.planner.watcher import Watcher
 from drl_av.driving.scene import Scene
-from drl_av.traffic.road import FloatArray, MandatoryChange
+from drl_av.road.road import FloatArray, MandatoryChange
 
 CONFIG = Config()
 KEEP, LEFTWARD = np.full((1, 20), Intent.KEEP), np.full((1, 20), Intent.LEFT)
@@ -20,8 +20,8 @@ KEEP, LEFTWARD = np.full((1, 20), Intent.KEEP), np.full((1, 20), Intent.LEFT)
 
 def forecaster(world: Scene) -> Forecaster:
     others = others_of(world.snapshot, world.affordances, 3)
-    chooser = Chooser(np.array([True] * 3), CONFIG.ego, limits_of(CONFIG))
-    watcher = Watcher(others)
+    chooser = LowLevelController(np.array([True] * 3), CONFIG.ego, limits_of(CONFIG))
+    watcher = ParameterEstimator(others)
     watcher.desired_m_s = others.speed_m_s  # no vehicle wants to be faster than it is
     return Forecaster(others, watcher, 500.0, chooser, CONFIG.ego, world.affordances.mandatory)
 
@@ -32,11 +32,11 @@ def ego(n: int, speed: float, lane_number: int) -> Ego:
 
 
 def scores(
-    world: Scene, plans: IntArray, sign: int = 0, prices: Prices | None = None
+    world: Scene, plans: IntArray, sign: int = 0, prices: PlanCosts | None = None
 ) -> FloatArray:
     seen = world.affordances
     egos = ego(len(plans), seen.ego_speed_m_s, seen.lane)
-    return forecaster(world).scores(egos, sign, plans, prices or Prices())
+    return forecaster(world).scores(egos, sign, plans, prices or PlanCosts())
 
 
 def test_alone_it_drives_577_5_m_in_20_s_and_300_m_after_them() -> None:
@@ -55,7 +55,7 @@ def price_of_way(lanes: int, within_m: float, plans: IntArray, **prices: float) 
     world = scene()
     way = MandatoryChange(lanes, within_m)
     demanded = world._replace(affordances=world.affordances._replace(mandatory=way))
-    found = scores(world, plans) - scores(demanded, plans, prices=Prices(**prices))
+    found = scores(world, plans) - scores(demanded, plans, prices=PlanCosts(**prices))
     return float(found[0])
 
 
@@ -84,10 +84,10 @@ def test_each_second_before_an_urgent_lane_change_has_a_price() -> None:
 
 def test_a_vehicle_that_the_ego_cuts_off_is_forecast_to_brake_for_it() -> None:
     world = scene(ahead(60.0, speed_m_s=10.0), behind(25.0, LEFT, 22.0))
-    dear, free = (scores(world, LEFTWARD, prices=Prices(forced_braking=f)) for f in (100.0, 0.0))
+    dear, free = (scores(world, LEFTWARD, prices=PlanCosts(forced_braking=f)) for f in (100.0, 0.0))
     assert dear[0] < free[0] - 10.0
     far = scene(ahead(60.0, speed_m_s=10.0), behind(90.0, LEFT, 22.0))
-    dear, free = (scores(far, LEFTWARD, prices=Prices(forced_braking=f)) for f in (100.0, 0.0))
+    dear, free = (scores(far, LEFTWARD, prices=PlanCosts(forced_braking=f)) for f in (100.0, 0.0))
     assert dear == pytest.approx(free)
 
 
@@ -98,7 +98,7 @@ def best(world: Scene) -> list[int]:
 
 def test_it_keeps_its_lane_behind_a_vehicle_as_fast_as_all_others() -> None:
     world = scene(ahead(30.0), ahead(30.0, LEFT), ahead(30.0, RIGHT))
-    assert scores(world, PLANS).max() < scores(world, KEEP)[0] + Prices().change_of_plan
+    assert scores(world, PLANS).max() < scores(world, KEEP)[0] + PlanCosts().change_of_plan
 
 
 def test_boxed_in_it_brakes_changes_behind_its_neighbour_and_goes_round() -> None:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from worlds import LEFT, ahead, behind, scene
 
 from drl_av.config import Config
-from drl_av.drivers.planner.limits import Near, limits_of
+from drl_av.drivers.planner.limits import NextVehicle, limits_of
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
 from drl_av.safety import named_check
@@ -16,8 +16,8 @@ SPEEDS = st.floats(0, 30)
 CONFIGS = [Config().updated("safety", check=check) for check in ("paper", "strict")]
 
 
-def near(gap_m: float, speed: float) -> Near:
-    return Near(np.array([gap_m]), np.array([speed]))
+def near(gap_m: float, speed: float) -> NextVehicle:
+    return NextVehicle(np.array([gap_m]), np.array([speed]))
 
 
 @given(st.sampled_from(CONFIGS), SPEEDS, GAPS, SPEEDS)

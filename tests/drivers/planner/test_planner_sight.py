@@ -5,8 +5,8 @@ import pytest
 from worlds import LEFT, RIGHT, Car, ahead, behind, scene
 
 from drl_av.drivers.planner.others import Others, idm, others_of
-from drl_av.drivers.planner.watcher import Ahead, Watcher
-from drl_av.traffic.road import FloatArray
+from drl_av.drivers.planner.parameter_estimator import Ahead, ParameterEstimator
+from drl_av.road.road import FloatArray
 
 
 def seen(*cars: Car) -> Others:
@@ -44,7 +44,7 @@ def test_a_vehicle_that_changes_lanes_is_in_both_and_later_in_its_target_lane() 
 
 def test_a_vehicle_on_a_free_road_shows_its_desired_speed() -> None:
     others = seen(ahead(100.0, speed_m_s=22.0))
-    watcher = Watcher(others)
+    watcher = ParameterEstimator(others)
     assert watcher.desired_m_s == pytest.approx(26.0)  # nothing is known of it
     for _ in range(8):
         watcher.observe(others, Ahead(np.array([1e6]), np.array([0.0])), 1.0)
@@ -52,7 +52,7 @@ def test_a_vehicle_on_a_free_road_shows_its_desired_speed() -> None:
 
 
 def test_a_vehicle_that_accelerates_on_a_free_road_wants_to_be_faster() -> None:
-    watcher = Watcher(seen(ahead(100.0, speed_m_s=19.0)))
+    watcher = ParameterEstimator(seen(ahead(100.0, speed_m_s=19.0)))
     # 0.5 m/s in a second of 1.5 m/s^2: 20 / (1 - 1 / 3) ** 0.25, about 22.1; its mean with nothing
     others = seen(ahead(100.0, speed_m_s=19.5))
     watcher.observe(others, Ahead(np.array([1e6]), np.array([0.0])), 1.0)
@@ -61,7 +61,7 @@ def test_a_vehicle_that_accelerates_on_a_free_road_wants_to_be_faster() -> None:
 
 def test_a_vehicle_in_a_queue_shows_the_headway_with_which_idm_keeps_its_gap() -> None:
     others = seen(ahead(100.0))
-    watcher, queue = Watcher(others), Ahead(np.array([18.0]), np.array([0.0]))
+    watcher, queue = ParameterEstimator(others), Ahead(np.array([18.0]), np.array([0.0]))
     for _ in range(30):
         watcher.observe(others, queue, 1.0)
     speed = others.speed_m_s
@@ -73,7 +73,7 @@ def test_a_vehicle_in_a_queue_shows_the_headway_with_which_idm_keeps_its_gap() -
 def test_estimates_belong_to_vehicles_that_enter_and_leave_the_road() -> None:
     others = seen(ahead(100.0, speed_m_s=22.0), ahead(100.0, LEFT, 24.0))
     free = Ahead(np.full(2, 1e6), np.zeros(2))
-    watcher = Watcher(others._replace(ids=("a", "b")))
+    watcher = ParameterEstimator(others._replace(ids=("a", "b")))
     for _ in range(8):
         watcher.observe(others._replace(ids=("a", "b")), free, 1.0)
     later = seen(ahead(100.0, LEFT, 25.0), ahead(50.0, RIGHT, 30.0))

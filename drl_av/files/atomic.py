@@ -1,0 +1,231 @@
+"""Atomic writing: a file or folder is replaced completely, or it stays unchanged."""
+
+import contextlib
+import glob
+import os
+import re
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from drl_av.errors import DrlAvError
+
+OF_A_RUN = {
+    *("config.toml", "checkpoint.safetensors", "policy.safetensors"),
+    *("episodes.csv", "evaluations.csv"),
+}
+"""Files of a training's run folder, which no other command may overwrite."""
+LEAST_BYTES = 4096
+"""The least free disk space, bytes, that ``require_writable`` demands for a file."""
+
+
+@contextmanager
+def replacing(path: Path, error: type[DrlAvError] = DrlAvError) -> Iterator[Path]:
+    """Replace a file or folder atomically: the ``with`` block writes to the temporary path it gets.
+
+    The temporary path is beside ``path`` and has the same suffix. If the block succeeds, the
+    written data is synced to the disk and then replaces ``path``. A new folder can replace only an
+    empty folder. If the block raises, the data is removed. If ``path`` is a link, its target is
+    replaced. Temporary files of processes that have died are removed first.
+
+    Raises:
+        error: the disk is full, or the folder is missing or not writable; ``error`` is its class.
+    """
+    path = _target(path)
+    temporary = _unfinished(path)
+    _remove_abandoned(path)
+    try:
+        try:
+            yield temporary
+            _sync(temporary)
+            if temporary.is_dir() and path.is_dir():
+                path.rmdir()
+            os.replace(temporary, path)
+            _sync_folder(path.parent)
+        finally:
+            _remove(temporary)
+    except OSError as refusal:
+        raise _refused(path, refusal, error) from refusal
+
+
+def write_atomic(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> None:
+    """Write ``data`` to a file atomically: the file has the new contents, or stays unchanged.
+
+    Raises:
+        error: the disk is full, or the folder is missing or not writable; ``error`` is its class.
+    """
+    with replacing(path, error) as temporary:
+        temporary.write_bytes(data)
+
+
+def append(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> None:
+    """Append ``data`` to a file; create the file if it is missing.
+
+    If the process is killed during the call, the file may contain only the first part of ``data``.
+
+    Raises:
+        error: the disk is full, or the file or its folder is not writable; ``error`` is its class.
+    """
+    try:
+        with path.open("ab") as file:
+            file.write(data)
+    except OSError as refusal:
+        raise _refused(path, refusal, error) from refusal
+
+
+def remove_cut_line(path: Path, error: type[DrlAvError] = DrlAvError) -> None:
+    """Remove the last line of a file if it does not end with a line feed.
+
+    If the file is missing, nothing happens.
+
+    Raises:
+        error: the file is not writable; ``error`` is its class.
+    """
+    try:
+        with path.open("rb+") as file:
+            if not file.seek(0, os.SEEK_END):
+                return
+            file.seek(-1, os.SEEK_END)
+            if file.read() != b"\n":
+                file.seek(0)
+                file.truncate(file.read().rfind(b"\n") + 1)
+    except FileNotFoundError:
+        return
+    except OSError as refusal:
+        raise _refused(path, refusal, error) from refusal
+
+
+def make_folder(folder: Path, option: str) -> None:
+    """Make a folder and its parents if they do not exist.
+
+    The error message advises the user to choose another folder with ``option``, such as "--out".
+
+    Raises:
+        DrlAvError: the folder cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DrlAvError(
+            f"The folder {folder} cannot be made ({error.strerror}): choose another one with "
+            f"{option}."
+        ) from error
+
+
+def require_writable(*paths: Path | None, inputs: Iterable[str | Path | None] = ()) -> None:
+    """Check before a long computation that ``write_atomic`` can write to the given paths.
+
+    A path that is None is ignored. ``inputs`` are the files that the same command reads.
+
+    Raises:
+        DrlAvError: a path is not writable, is a folder, belongs to a run (``OF_A_RUN``), occurs
+            twice, or is one of ``inputs``.
+    """
+    asked = [path for path in paths if path is not None]
+    read = {_target(Path(name)) for name in inputs if name is not None}
+    for path in asked:
+        if _target(path) in read:
+            raise DrlAvError(f"{path} is an input of this command: name another file to write.")
+        _try(path)
+        if [_target(other) for other in asked].count(_target(path)) > 1:
+            raise DrlAvError(f"{path} cannot hold two files at once: name another for one of them.")
+
+
+def _try(path: Path) -> None:
+    """Raise DrlAvError unless ``write_atomic`` can write as much to ``path`` as it holds now."""
+    if path.is_dir():
+        raise DrlAvError(f"{path} is a folder: name a file in it.")
+    if path.exists() and not path.is_file():
+        raise DrlAvError(f"{path} exists and is no regular file: name a file.")
+    target = _target(path)
+    if target.name in OF_A_RUN and target.exists() and target.with_name("config.toml").exists():
+        raise DrlAvError(f"{path} belongs to the run in that folder: name another file.")
+    probe = _unfinished(target)
+    try:
+        try:
+            held = target.stat().st_size if target.exists() else 0
+            probe.write_bytes(bytes(max(held, LEAST_BYTES)))
+        finally:
+            probe.unlink(missing_ok=True)
+    except OSError as error:
+        raise _refused(path, error, DrlAvError) from error
+
+
+def require_suffix(path: Path | None, suffix: str) -> None:
+    """Raise DrlAvError unless the file name ends with ``suffix``; None is accepted.
+
+    A file of another kind, such as a source file of the user, is thus not overwritten by mistake.
+    """
+    if path is not None and path.suffix.lower() != suffix:
+        raise DrlAvError(f"{path} must end with {suffix}: choose another name.")
+
+
+def _target(path: Path) -> Path:
+    """Return the path that ``path`` links to, or ``path`` itself (absolute) if it is no link."""
+    return Path(os.path.realpath(path))
+
+
+def _unfinished(path: Path) -> Path:
+    """Return the temporary path beside ``path``, which contains the id of this process."""
+    return path.with_name(f".{path.stem}.{os.getpid()}.unfinished{path.suffix}")
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Remove temporary files beside ``path`` that belong to processes that no longer run."""
+    if os.name != "posix":
+        return
+    stem, suffix = re.escape(path.stem), re.escape(path.suffix)
+    for other in path.parent.glob(f".{glob.escape(path.stem)}.*"):
+        match = re.fullmatch(rf"\.{stem}\.(\d+)\.unfinished{suffix}", other.name)
+        if match and not _runs(int(match[1])):
+            with contextlib.suppress(OSError):
+                _remove(other)
+
+
+def _runs(process: int) -> bool:
+    """Return whether a process with this id may be running."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
+
+
+def _remove(path: Path) -> None:
+    """Remove a file, or a folder with its contents."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file, or a folder with all its contents, is on the disk."""
+    if path.is_dir():
+        for part in path.iterdir():
+            _sync(part)
+        _sync_folder(path)
+        return
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+def _sync_folder(folder: Path) -> None:
+    """Wait until the names of the files in a folder are on the disk, if the system supports it."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _refused(path: Path, refusal: OSError, error: type[DrlAvError]) -> DrlAvError:
+    """Return an error that says why ``path`` cannot be written, and what the user can do."""
+    return error(
+        f"{path} cannot be written ({refusal.strerror or refusal}): free some space, or choose a "
+        "folder that exists and may be written to; what was there before is unchanged."
+    )

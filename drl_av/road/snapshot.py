@@ -1,0 +1,88 @@
+"""The state of all vehicles at one moment, the ego's collisions, and commands to the simulation."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from drl_av.road.road import FloatArray
+
+EGO = 0
+"""Index of the ego in every array of a snapshot."""
+EGO_ID = "ego"
+"""Id of the ego in SUMO."""
+
+
+class CollisionKind(Enum):
+    """The kinds of the ego's collisions: the other object, and which of the two hit the other."""
+
+    HIT_AHEAD = "ego hit the vehicle ahead"
+    HIT_BESIDE = "ego moved into a vehicle beside it"
+    HIT_EDGE = "ego left the open lanes"
+    HIT_FROM_BEHIND = "ego was hit from behind"
+    HIT_FROM_BESIDE = "a vehicle beside moved into the ego"
+
+    @property
+    def ego_hit(self) -> bool:
+        """True if the ego hit something, False if another vehicle hit the ego."""
+        return self in (
+            CollisionKind.HIT_AHEAD,
+            CollisionKind.HIT_BESIDE,
+            CollisionKind.HIT_EDGE,
+        )
+
+
+@dataclass(frozen=True)
+class Collision:
+    """A collision of the ego; ``other`` is the other vehicle's id, or None for the road's edge."""
+
+    kind: CollisionKind
+    other: str | None
+
+
+class Snapshot(NamedTuple):
+    """All vehicles at one moment; each array has shape (1 + N,), with the ego at index 0."""
+
+    time_s: float
+    """Time since the reset."""
+    ids: tuple[str, ...]
+    s_m: FloatArray
+    """Position of the body's centre along the road, in [0, ``Road.lap_m``)."""
+    y_m: FloatArray
+    """Lateral position of the body's centre, left positive; 0 is the rightmost lane's centre."""
+    speed_m_s: FloatArray
+    lateral_speed_m_s: FloatArray
+    """Lateral velocity, left positive."""
+    length_m: FloatArray
+    width_m: FloatArray
+    sumo_lane_change: int = 0
+    """The lane change that SUMO's model would make with the ego: +1 left, -1 right, 0 none."""
+
+    @property
+    def arrays(self) -> tuple[FloatArray, ...]:
+        """The six arrays, from ``s_m`` to ``width_m``, as the compiled functions take them."""
+        arrays = self[2:8]
+        for array in arrays:
+            if array.dtype != np.float64 or not array.flags.c_contiguous:
+                return tuple(np.ascontiguousarray(each, np.float64) for each in arrays)
+        return arrays
+
+
+class TrafficCommand(NamedTuple):
+    """The decision of our background driver for one vehicle, valid until the next decision."""
+
+    row: int
+    """Index of the vehicle in the snapshot."""
+    acceleration_m_s2: float
+    side: int
+    """A lane change to the left (+1) or right (-1), or none (0)."""
+
+
+class Command(NamedTuple):
+    """The ego's state at the end of one SUMO step, which the simulation must produce."""
+
+    speed_m_s: float
+    y_m: float
+    lateral_speed_m_s: float
+    """The ego's lateral velocity after that step; 0 if a lane change has just ended."""

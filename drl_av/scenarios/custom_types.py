@@ -1,0 +1,102 @@
+"""The user's own vehicle types, each for a share of the traffic (ours)."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drl_av.config.schema import did_you_mean
+from drl_av.errors import ScenarioError
+from drl_av.random_streams import Stream, generator
+from drl_av.road.bounds import LENGTHS_M, WIDTHS_M, check_numbers
+
+CAR_FOLLOWING_MODELS: dict[str, dict[str, str]] = {"IDM": {}, "Krauss": {"sigma": "0"}, "ACC": {}}
+"""The allowed models of SUMO, with the attributes that make each of them deterministic."""
+BOUNDS = {"share": (0.0, 1.0), "length_m": LENGTHS_M, "width_m": WIDTHS_M}
+COLOR = "150,170,200"
+
+
+@dataclass(frozen=True)
+class CustomVehicleType:
+    """A vehicle type of the traffic, written under ``[[vehicle_types]]`` in ``scenario.toml``.
+
+    Raises:
+        ScenarioError: a value has a wrong type or is out of bounds.
+    """
+
+    id: str
+    share: float
+    """Probability that a vehicle of the traffic has this type."""
+    length_m: float
+    width_m: float
+    car_following_model: str = "IDM"
+    """One of ``CAR_FOLLOWING_MODELS``."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.id, str) or not self.id.isidentifier():
+            raise ScenarioError(
+                f"A vehicle type's id is {self.id!r}, but must be made of letters, digits and _."
+            )
+        if self.id in ("traffic", "ego"):
+            raise ScenarioError(
+                f"A vehicle type's id is {self.id!r}, which is the type of other vehicles: "
+                "rename it."
+            )
+        check_numbers(self, f"Vehicle type {self.id!r}: ", BOUNDS)
+        model = self.car_following_model
+        if model not in CAR_FOLLOWING_MODELS:
+            raise ScenarioError(
+                f"Vehicle type {self.id!r}: car_following_model is {model!r}"
+                f"{did_you_mean(model, CAR_FOLLOWING_MODELS)}, but must be one of: "
+                f"{', '.join(CAR_FOLLOWING_MODELS)}."
+            )
+
+    def attributes(self, traffic: dict[str, str]) -> dict[str, str]:
+        """Return the SUMO attributes of this type; ``traffic`` holds those that it does not set."""
+        return traffic | {
+            "id": self.id,
+            "color": COLOR,
+            "length": repr(self.length_m),
+            "width": repr(self.width_m),
+            "carFollowModel": self.car_following_model,
+            **CAR_FOLLOWING_MODELS[self.car_following_model],
+        }
+
+
+def check_custom_types(description: Any) -> None:
+    """Raise ScenarioError if the user's vehicle types do not fit each other or the scenario."""
+    own = description.vehicle_types
+    names = [each.id for each in own]
+    for each in own:
+        if names.count(each.id) > 1:
+            raise ScenarioError(f"Two vehicle types are called {each.id!r}: rename one.")
+        if each.width_m > description.lane_width_m:
+            raise ScenarioError(
+                f"Vehicle type {each.id!r}: width_m is {each.width_m:g}, but must be at most "
+                f"lane_width_m, {description.lane_width_m:g}."
+            )
+    if sum(each.share for each in own) > 1 + 1e-9:
+        raise ScenarioError(
+            f"The shares of the vehicle types {', '.join(names)} add up to "
+            f"{sum(each.share for each in own):g}, but must be at most 1."
+        )
+    if own and description.vehicles:
+        raise ScenarioError(
+            "The scenario has vehicle_types and places its vehicles exactly: leave one of the two "
+            "out."
+        )
+
+
+def draw_types(seed: int, own: Sequence[CustomVehicleType]) -> Iterator[str]:
+    """Yield the type id of each vehicle of an episode, drawn by the shares; the ego is the first.
+
+    The vehicles of the start come first, then those that enter an open road later. The types have a
+    random stream of their own, so the shares do not change other parameters.
+    """
+    limits = np.cumsum([each.share for each in own])
+    names = [*(each.id for each in own), "traffic"]
+    rng = generator(seed, Stream.OWN_VEHICLE_TYPES)
+    yield "ego"
+    while True:
+        yield names[np.searchsorted(limits, rng.random(), side="right")] if own else "traffic"

@@ -1,0 +1,97 @@
+"""Reads the description of a scenario from TOML text."""
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, fields
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+from drl_av.config.schema import did_you_mean
+from drl_av.errors import ScenarioError
+from drl_av.scenarios.custom_types import CustomVehicleType
+from drl_av.scenarios.road_description import TYPES, PlacedVehicle, ScenarioDescription
+
+
+def from_toml(
+    text: str,
+    name: str = "scenario.toml",
+    kinds: Mapping[str, type[Any]] = MappingProxyType({"loop": ScenarioDescription}),
+) -> Any:
+    """Return the description of a scenario, read from TOML text; missing keys have their defaults.
+
+    Args:
+        text: The TOML text; its key ``kind`` selects the class of the description.
+        name: The name of the file, with which each error message begins. The key ``net``, a path,
+            is relative to the folder of this file.
+        kinds: The class of the description for each kind of scenario.
+
+    Raises:
+        ScenarioError: the text is not valid TOML, the kind or a key is unknown, a key of a placed
+            vehicle is missing, or a value has a wrong type or is out of bounds.
+    """
+    try:
+        values = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError(f"{name} is not valid TOML: {error}.") from error
+    try:
+        kind = values.pop("kind", "loop")
+        if kind not in kinds:
+            raise unknown_road_type(kind, kinds)
+        if isinstance(values.get("barricaded_lanes"), list):
+            values["barricaded_lanes"] = tuple(values["barricaded_lanes"])
+        if isinstance(values.get(NET), str) and values[NET]:
+            values[NET] = str(Path(name).parent / values[NET])
+        for key, (made, what) in TABLES.items():
+            if key in values:
+                values[key] = _from_tables(values[key], key, made, what)
+        return _build(kinds[kind], values, "a scenario")
+    except ScenarioError as error:
+        raise ScenarioError(f"{name}: {error}") from error
+
+
+TABLES: dict[str, tuple[type[Any], str]] = {
+    "vehicles": (PlacedVehicle, "a placed vehicle"),
+    TYPES: (CustomVehicleType, "a vehicle type"),
+}
+"""For each key that holds tables: the class of a table, and its name in error messages."""
+NET = "net"
+"""The key of the path of a network file."""
+
+
+def unknown_road_type(kind: object, kinds: Iterable[str]) -> ScenarioError:
+    """Return the error for a kind of scenario that does not exist."""
+    names = list(kinds)
+    return ScenarioError(
+        f"There is no kind of scenario {kind!r}{did_you_mean(kind, names)}; the kinds are: "
+        f"{', '.join(names)}."
+    )
+
+
+Described = TypeVar("Described")
+
+
+def _from_tables(tables: Any, key: str, made: type[Described], what: str) -> tuple[Described, ...]:
+    """Convert the tables ``[[key]]`` to objects of the class ``made``."""
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise ScenarioError(f"The {key} must be tables, each written under [[{key}]].")
+    return tuple(_build(made, table, what) for table in tables)
+
+
+def _build(kind: type[Described], values: Mapping[str, Any], what: str) -> Described:
+    """Create an object of the class ``kind`` from TOML values; ``what`` names it in errors."""
+    known = [field.name for field in fields(kind) if field.init]  # type: ignore[arg-type]
+    for key in values:
+        if key not in known:
+            hint = did_you_mean(key, known)
+            raise ScenarioError(
+                f"There is no key {key!r}{hint} in {what}; its keys are: {', '.join(known)}."
+            )
+    missing = [
+        item.name
+        for item in fields(kind)  # type: ignore[arg-type]
+        if item.init and item.default is MISSING and item.name not in values
+    ]
+    if missing:
+        raise ScenarioError(f"The key {missing[0]!r} is missing in {what}: add it.")
+    return kind(**values)

@@ -1,0 +1,247 @@
+"""Functions that write, read and verify scenario folders, and that find the shipped ones."""
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from drl_av.config import Config
+from drl_av.config.schema import did_you_mean
+from drl_av.errors import ScenarioError
+from drl_av.files import replacing
+from drl_av.road.road import Road
+from drl_av.road.vehicle_types import VehicleTypes, read_types
+from drl_av.scenarios import folder_files
+from drl_av.scenarios.description_file import from_toml
+from drl_av.scenarios.layout import Layout
+from drl_av.scenarios.netconvert import NETWORK_FILE
+from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription, require_ego
+from drl_av.scenarios.road_types import ROAD_TYPES, road_type_of
+from drl_av.scenarios.safe_xml import (
+    ADDITIONAL,
+    NETWORK,
+    VIEW,
+    read_regular_file,
+    read_xml,
+)
+
+__all__ = [
+    "PlacedVehicle",
+    "Scenario",
+    "ScenarioDescription",
+    "find_scenario",
+    "load_scenario",
+    "shipped_scenarios",
+    "with_scenario",
+    "write_scenario",
+]
+
+DEFAULT_SCENARIO = "circular_three_lane"
+WRITE_AGAIN = "write the scenario again with: drl-av scenario DIR"
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A scenario folder that has been read and verified."""
+
+    folder: Path
+    description: Any
+    """The settings of the scenario; their class is the ``description`` of its ``ScenarioKind``."""
+    layout: Layout
+    additional_files: tuple[Path, ...]
+    """The files that SUMO loads before any vehicle: vehicle types, and barricades if any."""
+    vehicle_types: VehicleTypes
+    """The types in the scenario's file; ``description`` has their largest length and width."""
+    as_written: bool
+    """Whether the folder has checksums, which match; False if it has no checksums."""
+
+    @property
+    def road(self) -> Road:
+        """The road, with its lanes."""
+        return self.layout.road
+
+    @property
+    def network_file(self) -> Path:
+        """Path of SUMO's network file."""
+        return self.folder / NETWORK_FILE
+
+    @property
+    def view_file(self) -> Path:
+        """Path of the file with the view settings of sumo-gui."""
+        return self.folder / folder_files.VIEW_FILE
+
+
+def write_scenario(folder: str | Path, description: Any) -> None:
+    """Write a scenario folder atomically; equal descriptions give equal bytes.
+
+    Raises:
+        ScenarioError: the folder exists and is not empty, it cannot be written, SUMO cannot read
+            its name, the description places vehicles without the ego, or netconvert refuses it.
+        SimulationError: netconvert cannot be run.
+    """
+    folder = Path(folder).absolute()
+    _require_readable(folder)
+    _require_free(folder)
+    require_ego(description.vehicles)
+    texts = folder_files.scenario_texts(description)
+    with replacing(folder, ScenarioError) as unfinished:
+        unfinished.mkdir(parents=True)
+        for name, text in texts.items():
+            (unfinished / name).write_text(text, encoding="utf-8", newline="\n")
+
+
+def _require_readable(folder: Path) -> None:
+    """Raise ScenarioError if the path contains a comma, which SUMO cannot read."""
+    if "," in str(folder):
+        raise ScenarioError(f"SUMO cannot read {folder}, which has a comma in it: rename it.")
+
+
+def _require_free(folder: Path) -> None:
+    """Raise ScenarioError if the folder exists and is not empty."""
+    if folder.exists() and not folder.is_dir():
+        raise ScenarioError(f"{folder} is a file: name a folder that does not exist yet.")
+    if folder.exists() and any(folder.iterdir()):
+        raise ScenarioError(f"{folder} exists and is not empty: remove it, or name another folder.")
+
+
+def load_scenario(folder: str | Path) -> Scenario:
+    """Read a scenario folder, and verify that its files agree with each other.
+
+    Raises:
+        ScenarioError: the folder does not exist, SUMO cannot read its name, a file is missing,
+            damaged or changed, or the road is not that of the description.
+    """
+    folder = Path(folder).absolute()
+    if not folder.is_dir():
+        raise ScenarioError(f"There is no scenario folder {folder}: {WRITE_AGAIN}.")
+    _require_readable(folder)
+    name = folder_files.DESCRIPTION_FILE
+    description = read_description(folder / name)
+    additional = [folder / name for name in folder_files.additional_files(description)]
+    types_file, *others = additional
+    types = read_xml(types_file, ADDITIONAL, WRITE_AGAIN).iter("vType")
+    own = [each.id for each in description.vehicle_types]
+    vehicle_types = read_types([element.attrib for element in types], str(types_file), own)
+    description = _with_sizes(description, vehicle_types, str(types_file))
+    for path in others:
+        read_xml(path, ADDITIONAL, WRITE_AGAIN)
+    read_xml(folder / folder_files.VIEW_FILE, VIEW, WRITE_AGAIN)
+    network_file = folder / NETWORK_FILE
+    network = read_xml(network_file, NETWORK, WRITE_AGAIN)
+    layout = road_type_of(description).read(network, description, str(network_file))
+    as_written = _require_unchanged(folder)
+    return Scenario(
+        folder=folder,
+        description=description,
+        layout=layout,
+        additional_files=tuple(additional),
+        vehicle_types=vehicle_types,
+        as_written=as_written,
+    )
+
+
+def read_description(path: Path, remedy: str = WRITE_AGAIN) -> Any:
+    """Return the description of a scenario in a TOML file.
+
+    Raises:
+        ScenarioError: the file cannot be read, or its contents are wrong. If it cannot be read, the
+            message ends with ``remedy``, which says what the user can do.
+    """
+    described = {name: kind.description for name, kind in ROAD_TYPES.items()}
+    return from_toml(_text(path, remedy), str(path), described)
+
+
+def _with_sizes(description: Any, types: VehicleTypes, name: str) -> Any:
+    """Return the description with the vehicle types' sizes, which the user may have changed."""
+    try:
+        return replace(
+            description, vehicle_length_m=types.longest_m, vehicle_width_m=types.widest_m
+        )
+    except ScenarioError as error:
+        raise ScenarioError(f"{name}: {error}") from error
+
+
+def _require_unchanged(folder: Path) -> bool:
+    """Return whether there are checksums; raise ScenarioError if a file does not match them."""
+    record = folder / folder_files.CHECKSUMS_FILE
+    if not record.exists():
+        return False
+    names = {path.name for path in folder.iterdir()} & set(folder_files.ALL_FILES)
+    contents = {name: read_regular_file(folder / name, WRITE_AGAIN) for name in names}
+    found = folder_files.checksums(contents).splitlines()
+    changed = set(found) ^ set(_text(record).splitlines())
+    if changed:
+        name = min(line.split("  ")[-1] for line in changed)
+        raise ScenarioError(
+            f"{folder} was changed after it was written, the first difference is in {name!r}: "
+            f"{WRITE_AGAIN}, or remove {record.name} if the change is intended."
+        )
+    return True
+
+
+def shipped_scenarios() -> dict[str, Path]:
+    """Return the folders of the scenarios that the package contains, by name."""
+    package = Path(__file__).parents[1]
+    for home in (package / "sumo_scenarios", package.parent / "sumo_scenarios"):
+        found = home.glob(f"*/{folder_files.DESCRIPTION_FILE}")
+        if shipped := {path.parent.name: path.parent for path in sorted(found)}:
+            return shipped
+    return {}
+
+
+def with_scenario(config: Config, name_or_path: str | Path | None = None) -> Config:
+    """Return the config with a scenario that is the same in every working directory.
+
+    Without ``name_or_path`` it is the config's own. A folder is named by its absolute path. A
+    shipped scenario takes precedence over a folder of its name, which a Path or ``./name`` stands
+    for. Any other text stays as it is.
+    """
+    if name_or_path is None:
+        name_or_path = config.simulation.scenario
+    is_name = isinstance(name_or_path, str) and name_or_path in shipped_scenarios()
+    is_folder = not is_name and os.path.isdir(name_or_path)  # False for a name that is too long
+    scenario = str(Path(name_or_path).absolute() if is_folder else name_or_path)
+    return config.updated("simulation", scenario=scenario)
+
+
+def find_scenario(name_or_path: str | Path | None = None) -> Path:
+    """Return the folder of a scenario, from its path or from the name of a shipped scenario.
+
+    A text that names a shipped scenario does not mean a folder of that name; ``./name`` does. None
+    returns the folder of the default scenario.
+
+    Raises:
+        ScenarioError: ``name_or_path`` is neither a folder nor a shipped scenario.
+    """
+    name = DEFAULT_SCENARIO if name_or_path is None else str(name_or_path)
+    shipped = shipped_scenarios()
+    if name in shipped and not isinstance(name_or_path, Path):
+        return shipped[name]
+    if os.path.isdir(name):
+        return Path(name)
+    hint = did_you_mean(name, shipped)
+    raise ScenarioError(
+        f"There is no scenario {name!r}{hint}: name a folder, or one of: {', '.join(shipped)}."
+    )
+
+
+def find_description(name_or_path: str) -> Path:
+    """Return the TOML file that describes a scenario.
+
+    ``name_or_path`` is the path of this file or of its folder, or the name of a shipped scenario.
+
+    Raises:
+        ScenarioError: ``name_or_path`` is none of these.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".toml" or (path.exists() and not path.is_dir()):
+        return path
+    return find_scenario(name_or_path) / folder_files.DESCRIPTION_FILE
+
+
+def _text(path: Path, remedy: str = WRITE_AGAIN) -> str:
+    """Return the text of a UTF-8 file; a ScenarioError ends with the advice ``remedy``."""
+    try:
+        return read_regular_file(path, remedy).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{path} cannot be read ({error}): {remedy}.") from error

@@ -1,0 +1,165 @@
+"""The files of a scenario folder: network, vehicle types, demo traffic, view, checksums."""
+
+import hashlib
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from drl_av.config import TrafficConfig
+from drl_av.road.vehicle_types import VEHICLE, type_attributes
+from drl_av.scenarios.custom_types import CustomVehicleType
+from drl_av.scenarios.loop import BARRICADES_FILE
+from drl_av.scenarios.netconvert import DEMO_END_S, NETWORK_FILE, xml_text
+from drl_av.scenarios.road_types import road_type_of, stated_road_type
+
+DESCRIPTION_FILE = "scenario.toml"
+VEHICLE_TYPES_FILE = "vehicle_types.add.xml"
+TRAFFIC_FILE = "traffic.rou.xml"
+CONFIG_FILE = "highway.sumocfg"
+VIEW_FILE = "view.xml"
+CHECKSUMS_FILE = "SHA256SUMS"
+TOP_SPEED_M_S = float(VEHICLE["maxSpeed"])
+_SUMO_ALONE = "for SUMO alone (sumo-gui -c highway.sumocfg); drl-av does not read this file."
+COMMENTS = {
+    NETWORK_FILE: "The road, for drl-av and for SUMO alone.",
+    VEHICLE_TYPES_FILE: "The vehicle types, for drl-av and for SUMO alone.",
+    BARRICADES_FILE: "A drawing of the closed lanes, which the network closes, for sumo-gui.",
+    TRAFFIC_FILE: "Demo traffic " + _SUMO_ALONE,
+    CONFIG_FILE: "The simulation " + _SUMO_ALONE,
+    VIEW_FILE: "The appearance in sumo-gui, for drl-av and for SUMO alone.",
+}
+"""The comment at the beginning of each XML file: what it holds, and which program reads it."""
+ALL_FILES = (DESCRIPTION_FILE, *COMMENTS)
+"""The files that have checksums; other files in the folder belong to the user."""
+
+
+def scenario_texts(description: Any) -> dict[str, str]:
+    """Return the text of each file of a scenario folder, by file name.
+
+    Raises:
+        ScenarioError: netconvert refuses the description.
+        SimulationError: netconvert cannot be run.
+    """
+    kind = road_type_of(description)
+    texts = {
+        DESCRIPTION_FILE: stated_road_type(description) + description.to_toml(),
+        NETWORK_FILE: kind.network_text(description),
+        VEHICLE_TYPES_FILE: xml_text(_vehicle_types(description)),
+        TRAFFIC_FILE: xml_text(_demo(kind.traffic(description), description)),
+        CONFIG_FILE: xml_text(_configuration(description)),
+        VIEW_FILE: xml_text(_view()),
+    }
+    texts |= {name: xml_text(root) for name, root in kind.additional(description).items()}
+    texts = {name: _commented(text, COMMENTS.get(name, "")) for name, text in texts.items()}
+    return texts | {CHECKSUMS_FILE: checksums({n: t.encode() for n, t in texts.items()})}
+
+
+def _commented(text: str, comment: str) -> str:
+    """Return an XML document with a comment after its first line."""
+    declaration, _, rest = text.partition("\n")
+    return f"{declaration}\n<!-- {comment} -->\n{rest}" if comment else text
+
+
+def _demo(root: ET.Element, description: Any) -> ET.Element:
+    """Return the demo traffic with the mean parameters of the environment's default traffic."""
+    size = description.vehicle_length_m, description.vehicle_width_m
+    traffic = TrafficConfig()
+    fast = {"maxSpeed": repr(max(TOP_SPEED_M_S, description.speed_limit_m_s))}
+    demo = fast | {
+        "id": "demo",
+        "tau": _mean(traffic.headway_min_s, traffic.headway_max_s),
+        "accel": _mean(traffic.acceleration_min_m_s2, traffic.acceleration_max_m_s2),
+        "lcSpeedGain": _mean(traffic.speed_gain_min, traffic.speed_gain_max),
+    }
+    others, ego = type_attributes(*size)
+    types = [_demo_types(others | demo, description.vehicle_types)]
+    names = {"traffic": types[0].attrib["id"]}
+    if description.speed_limit_m_s > TOP_SPEED_M_S:
+        names["ego"] = "demo.ego"
+        types.append(ET.Element("vType", ego | fast | {"id": names["ego"]}))
+    for element in root:
+        if "type" in element.attrib:
+            element.set("type", names.get(element.attrib["type"], element.attrib["type"]))
+    for place, element in enumerate(types):
+        root.insert(place, element)
+    return root
+
+
+def _demo_types(demo: dict[str, str], own: Sequence[CustomVehicleType]) -> ET.Element:
+    """Return the type "demo" with these attributes, or a distribution of types by their shares."""
+    if not own:
+        return ET.Element("vType", demo)
+    mix = ET.Element("vTypeDistribution", id="demo.mix")
+    shares = {each.id: each.share for each in own}
+    shares = {"traffic": max(1 - sum(shares.values()), 0.0)} | shares
+    for attributes in (demo | {"id": "traffic"}, *(each.attributes(demo) for each in own)):
+        name = attributes["id"]
+        given = {"id": f"demo.{name}", "probability": f"{shares[name]:.6g}"}
+        ET.SubElement(mix, "vType", attributes | given)
+    return mix
+
+
+def _mean(low: float, high: float) -> str:
+    return f"{(low + high) / 2:g}"
+
+
+def checksums(files: Mapping[str, bytes]) -> str:
+    """Return the checksums of files in the format of ``sha256sum``, one line for each file."""
+    return "".join(
+        f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in sorted(files.items())
+    )
+
+
+def additional_files(description: Any) -> tuple[str, ...]:
+    """Return the names of the files that SUMO loads before its vehicles, vehicle types first."""
+    return (VEHICLE_TYPES_FILE, *road_type_of(description).additional(description))
+
+
+def _vehicle_types(description: Any) -> ET.Element:
+    """Return SUMO's additional file with the vehicle types."""
+    root = ET.Element("additional")
+    types = type_attributes(description.vehicle_length_m, description.vehicle_width_m)
+    for attributes in (*types, *(own.attributes(types[0]) for own in description.vehicle_types)):
+        ET.SubElement(root, "vType", attributes)
+    return root
+
+
+def _configuration(description: Any) -> ET.Element:
+    """Return the SUMO configuration that opens the scenario with its demo traffic."""
+    sections = {
+        "input": {
+            "net-file": NETWORK_FILE,
+            "route-files": TRAFFIC_FILE,
+            "additional-files": ",".join(additional_files(description)),
+        },
+        "time": {"begin": "0", "end": str(DEMO_END_S), "step-length": "0.5"},
+        "processing": {
+            "lateral-resolution": repr(description.lane_width_m),
+            "time-to-teleport": "-1",
+            "collision.action": "warn",
+            "collision.mingap-factor": "0",
+        },
+        "report": {"xml-validation": "never"},
+        "gui_only": {"gui-settings-file": VIEW_FILE, "delay": "100"},
+    }
+    root = ET.Element("configuration")
+    for section, options in sections.items():
+        parent = ET.SubElement(root, section)
+        for option, value in options.items():
+            ET.SubElement(parent, option, value=value)
+    return root
+
+
+def _view() -> ET.Element:
+    """Return view settings of sumo-gui: real-world colours, and captions of points of interest.
+
+    A caption is the parameter ``caption`` of its point. The view sets no viewport, which would undo
+    the zoom of the simulation, and no delay, with which libsumo's close never returns.
+    """
+    root = ET.Element("viewsettings")
+    scheme = ET.SubElement(root, "scheme", name="real world")
+    ET.SubElement(scheme, "edges", showLinkRules="0")
+    text = {"show": "1", "size": "60", "color": "white", "bgColor": "40,40,40", "constantSize": "1"}
+    caption = {f"poiText_{name}": value for name, value in text.items()}
+    ET.SubElement(scheme, "pois", {"poiTextParam": "caption"} | caption)
+    return root

@@ -1,0 +1,209 @@
+"""The interface of a road type: the plan of a road, its edges in SUMO, and their shapes."""
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import chain, pairwise
+from typing import Any, NamedTuple
+
+from drl_av.road.road import Road
+
+Point = tuple[float, float]
+"""The coordinates x and y of a place in sumo-gui, metres."""
+
+
+class OpenStart(NamedTuple):
+    """The positions at which vehicles start on an open road and enter it."""
+
+    lanes: tuple[int, ...]
+    """Indices of the lanes of the other vehicles; these lanes extend along the whole road."""
+    span_m: float
+    """The other vehicles start between 0 and this position, and leave the road beyond it."""
+    flow_per_h: float
+    """Inflow of each lane in ``lanes``, vehicles per hour."""
+    ego_lane: int | None
+    """Index of the lane in which the ego starts; None chooses one of ``lanes`` at random."""
+    ego_front_m: float
+    """Position of the ego's front bumper at the start."""
+    ego_speed_m_s: float | None = None
+    """Speed of the ego at the start; None is a safe speed behind the vehicle ahead."""
+    speed_limits: tuple[tuple[float, float], ...] = ()
+    """One pair for each part of the road, in driving order: the position of its end, metres, and
+    its speed limit, m/s. Empty if the road has one limit, which no setting may exceed."""
+
+
+class Edge(NamedTuple):
+    """A part of an open road that has the same lanes from its beginning to its end."""
+
+    id: str
+    begin_m: float
+    end_m: float
+    lanes: range
+    """Indices of its lanes on the road, rightmost first."""
+    drawn_aside_m: tuple[float, float] = (0.0, 0.0)
+    """Shift to the right of its beginning and of its end in the picture of sumo-gui, metres."""
+    speed_limit_m_s: float | None = None
+    """None is the speed limit of the description."""
+    shape: tuple[Point, ...] = ()
+    """Points of the line along which sumo-gui draws the edge; empty for a straight edge."""
+    spread: str = "right"
+    """SUMO's spreadType: how its lanes lie about ``shape``."""
+
+
+class OpenPlan(NamedTuple):
+    """An open road: its edges and routes in SUMO, and the same road as the simulation needs it.
+
+    An edge leads to each edge whose ``begin_m`` equals its ``end_m``. There each lane continues in
+    the lane with the same index, unless ``road`` says that the lane ends. The first route is that
+    of the traffic, and of an ego that has missed its exit. The last route is that of the ego. SUMO
+    needs a road beyond ``road.end_m``: if no edge begins there, ``split_long_edges`` extends the
+    edges that end there.
+    """
+
+    edges: tuple[Edge, ...]
+    routes: dict[str, tuple[str, ...]]
+    road: Road
+    start: OpenStart
+
+
+LOOP_ROUTE_M = 100_000.0
+"""Smallest length of a route on a loop."""
+
+
+class Layout(NamedTuple):
+    """The road of a scenario, as the simulation needs it and as SUMO describes it."""
+
+    road: Road
+    routes: dict[str, tuple[str, ...]]
+    """The SUMO edge ids of each route, in driving order; the key is the name of the route. The
+    route of a loop is one lap."""
+    lane_positions: dict[str, tuple[int, float]]
+    """By SUMO lane id: the index of the lane on the road, and the position of its start, metres."""
+    start: OpenStart | None = None
+    """None on a loop, on which the vehicles may start at any position."""
+
+    def route(self, name: str, distance_m: float) -> list[str]:
+        """Return the edge ids of a route, on a loop with the laps for at least ``distance_m``.
+
+        SUMO removes a vehicle at the end of its route.
+        """
+        laps = 1
+        if self.road.is_loop:
+            laps = 2 + round(max(distance_m, LOOP_ROUTE_M) / self.road.lap_m)
+        return list(self.routes[name]) * laps
+
+
+def route_on(routes: Mapping[str, tuple[str, ...]], edge: str, is_way: bool) -> str:
+    """Return the name of the route for a vehicle that starts on ``edge``.
+
+    Of the routes that contain ``edge`` it is the first one, or the last one if ``is_way`` is true.
+    ``is_way`` is true for the ego, and for each vehicle that starts in a partial lane, because the
+    other routes may not lead through such a lane.
+
+    Raises:
+        IndexError: no route contains ``edge``.
+    """
+    names = [name for name, edges in routes.items() if edge in edges]
+    return names[-1 if is_way else 0]
+
+
+class RoadType(NamedTuple):
+    """A kind of scenario: its description, and the functions that write and read its files.
+
+    Each function takes a description, but ``read`` takes (root element of the network file,
+    description, name of the file). It raises ScenarioError if the network differs from the
+    description.
+    """
+
+    meaning: str
+    description: type[Any]
+    """A frozen dataclass; the command line shows the metadata of its fields as help."""
+    network_text: Callable[[Any], str]
+    """Returns the text of the network file."""
+    read: Callable[[ET.Element, Any, str], Layout]
+    traffic: Callable[[Any], ET.Element]
+    """Returns the demo traffic, which is used when SUMO alone opens the scenario."""
+    additional: Callable[[Any], dict[str, ET.Element]] = lambda description: {}
+    """Returns more files that SUMO loads before its vehicles, by file name."""
+
+
+RUN_OUT_M = 500.0
+"""Length of SUMO's road beyond the end of the ego's way; vehicles are removed before its end."""
+LONGEST_M = 2000.0
+"""Length of the longest edge that is not divided (ours)."""
+PIECE_M = 400.0
+"""Length of the longest piece of a divided edge (ours), with which SUMO is the fastest."""
+
+
+def split_long_edges(plan: OpenPlan) -> OpenPlan:
+    """Return a plan with the edges and routes that its road has in SUMO.
+
+    The last edges extend beyond the end of the ego's way. A straight edge longer than ``LONGEST_M``
+    is divided: for each vehicle SUMO looks at all vehicles in the same lane of the edge, so the
+    time of a step would grow with the square of their number.
+    """
+    end_m = plan.road.end_m
+    run_out_m = 0.0 if any(edge.begin_m == end_m for edge in plan.edges) else RUN_OUT_M
+    pieces = {
+        edge.id: _pieces(edge._replace(end_m=end_m + run_out_m) if edge.end_m == end_m else edge)
+        for edge in plan.edges
+    }
+    routes = {
+        name: tuple(piece.id for edge in edges for piece in pieces[edge])
+        for name, edges in plan.routes.items()
+    }
+    return plan._replace(edges=tuple(chain(*pieces.values())), routes=routes)
+
+
+def _pieces(edge: Edge) -> list[Edge]:
+    """Return the pieces of an edge, of equal length up to a metre; the first one keeps its id."""
+    length_m = edge.end_m - edge.begin_m
+    if length_m <= LONGEST_M or edge.shape:
+        return [edge]
+    count = math.ceil(length_m / PIECE_M)
+    cuts_m = [edge.begin_m + round(length_m * cut / count) for cut in range(count)] + [edge.end_m]
+    first_m, last_m = edge.drawn_aside_m
+    slope = (last_m - first_m) / length_m
+    return [
+        edge._replace(
+            id=f"{edge.id}.{number}" if number else edge.id,
+            begin_m=begin_m,
+            end_m=end_m,
+            drawn_aside_m=(
+                first_m + slope * (begin_m - edge.begin_m),
+                first_m + slope * (end_m - edge.begin_m),
+            ),
+        )
+        for number, (begin_m, end_m) in enumerate(pairwise(cuts_m))
+    ]
+
+
+ROUNDING_M = 0.001
+"""Difference of lengths that is ignored, so that a line of the wanted length is left as it is."""
+
+
+def straight_on(shape: Sequence[Point], length_m: float) -> tuple[Point, Point]:
+    """Return begin and end of a straight line of ``length_m`` metres that continues a shape."""
+    last = shape[-1]
+    before = next((point for point in reversed(shape) if point != last), (last[0] - 1.0, last[1]))
+    scale = length_m / math.dist(before, last)
+    further = tuple(end + scale * (end - begin) for begin, end in zip(before, last, strict=True))
+    return last, (further[0], further[1])
+
+
+def along(points: Iterable[Point], length_m: float) -> tuple[Point, ...]:
+    """Return a line of ``length_m`` metres along the points; it goes straight on after the last."""
+    first, *others = points
+    line, left_m = [first], length_m
+    for point in others:
+        piece_m = math.dist(line[-1], point)
+        if abs(piece_m - left_m) < ROUNDING_M:
+            return (*line, point)
+        if piece_m > left_m:
+            share = left_m / piece_m
+            x_m, y_m = (a + share * (b - a) for a, b in zip(line[-1], point, strict=True))
+            return (*line, (x_m, y_m))
+        if piece_m > 0.0:
+            line.append(point)
+            left_m -= piece_m
+    return (*line, straight_on(line, left_m)[1])

@@ -1,0 +1,238 @@
+"""The kind of scenario ``loop``: a closed circular highway instead of an infinite straight one."""
+
+import math
+import xml.etree.ElementTree as ET
+from collections import defaultdict
+
+from drl_av.errors import ScenarioError, pluralize
+from drl_av.road.road import Road
+from drl_av.scenarios.layout import Layout, RoadType
+from drl_av.scenarios.netconvert import (
+    DEMO_END_S,
+    EDGES,
+    edge_lengths_m,
+    network_text,
+    point,
+    vehicle_element,
+)
+from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription, longest_m
+
+BARRICADES_FILE = "barricades.add.xml"
+TOLERANCE = 1e-6
+SUMO_LANE_WIDTH_M = "3.2"
+"""The width that SUMO gives a lane without a width attribute."""
+DEMO_VEHICLES = 16
+DEMO_PITCH_M = 30.0
+"""Smallest distance between two demo vehicles in a lane."""
+DEMO_SPEEDS_M_S = (30.0, 22.0, 26.0, 20.0, 32.0, 24.0, 28.0)
+DEMO_START_SPEED_M_S = 15.0
+BLOCK_M, BLOCK_PITCH_M, BLOCK_WIDTH_M = 3.0, 6.0, 0.8
+PAVEMENT_COLOR = "70,70,70"
+BLOCK_COLORS = ("190,190,190", "220,90,30")
+
+
+def additional(description: ScenarioDescription) -> dict[str, ET.Element]:
+    """Return {file name: root element} of the file that draws barricaded lanes, {} without any."""
+    return {BARRICADES_FILE: _barricades(description)} if description.barricaded_lanes else {}
+
+
+def _barricades(description: ScenarioDescription) -> ET.Element:
+    """Return polygons of pavement and blocks, because SUMO draws no pavement on closed lanes."""
+    root = ET.Element("additional")
+    circumference_m, width_m = description.circumference_m, description.lane_width_m
+    blocks = math.floor(circumference_m / BLOCK_PITCH_M)
+    block_turn = BLOCK_M / circumference_m
+    for lane in description.barricaded_lanes:
+        left_of_middle_m = (lane - (description.lanes - 1) / 2) * width_m
+        radius_m = circumference_m / (2 * math.pi) - left_of_middle_m
+        for k in range(blocks):
+            start, name = k / blocks, f"{lane}_{k}"
+            paved = _patch(radius_m, width_m, start, (k + 1) / blocks)
+            block = _patch(radius_m, BLOCK_WIDTH_M, start, start + block_turn)
+            _polygon(root, f"pavement_{name}", PAVEMENT_COLOR, "-1", paved)
+            _polygon(root, f"barricade_{name}", BLOCK_COLORS[k % 2], "5", block)
+    return root
+
+
+def _patch(radius_m: float, width_m: float, start_turn: float, end_turn: float) -> str:
+    """Return the corners of a piece of a lane; the turns are angles as fractions of a full turn."""
+    inner_m, outer_m = radius_m - width_m / 2, radius_m + width_m / 2
+    corners = ((inner_m, start_turn), (inner_m, end_turn), (outer_m, end_turn))
+    return " ".join(point(*corner) for corner in (*corners, (outer_m, start_turn), corners[0]))
+
+
+def _polygon(root: ET.Element, name: str, color: str, layer: str, shape: str) -> None:
+    """Add a polygon to a SUMO additional file; the part of ``name`` before "_" is its type."""
+    kind = name.split("_")[0]
+    attributes = {"id": name, "type": kind, "color": color, "fill": "1", "layer": layer}
+    ET.SubElement(root, "poly", attributes, shape=shape)
+
+
+def demo_vehicles(description: ScenarioDescription) -> tuple[PlacedVehicle, ...]:
+    """Return the vehicles that the scenario places, or else evenly spaced demo vehicles."""
+    if description.vehicles:
+        return description.vehicles
+    lanes = [lane for lane, is_open in enumerate(description.open_lanes) if is_open]
+    rows = min(
+        math.ceil(DEMO_VEHICLES / len(lanes)),
+        max(
+            1,
+            math.floor(description.circumference_m / max(DEMO_PITCH_M, 6 * longest_m(description))),
+        ),
+    )
+    pitch_m = description.circumference_m / rows
+    return tuple(
+        PlacedVehicle(
+            id=f"vehicle{i}" if i else "ego",
+            lane=lanes[i % len(lanes)],
+            position_m=round((i // len(lanes) + (i % len(lanes) + 0.5) / len(lanes)) * pitch_m, 2),
+            speed_m_s=min(DEMO_START_SPEED_M_S, description.speed_limit_m_s),
+            desired_speed_m_s=DEMO_SPEEDS_M_S[i % len(DEMO_SPEEDS_M_S)],
+        )
+        for i in range(min(DEMO_VEHICLES, rows * len(lanes)))
+    )
+
+
+def _traffic(description: ScenarioDescription) -> ET.Element:
+    """Return SUMO's route file with the demo vehicles, which drive around the loop."""
+    root = ET.Element("routes")
+    laps = math.ceil(DEMO_END_S * description.speed_limit_m_s / description.circumference_m) + 1
+    edges = " ".join(f"e{i}" for i in range(EDGES))
+    ET.SubElement(root, "route", id="loop", edges=edges, repeat=str(laps))
+    for vehicle in demo_vehicles(description):
+        edge, position_m = _edge_and_position(description, vehicle.position_m)
+        vehicle_element(
+            root,
+            vehicle,
+            description.speed_limit_m_s,
+            route="loop",
+            departEdge=str(edge),
+            departLane=str(vehicle.lane),
+            departPos=f"{position_m:.2f}",
+        )
+    return root
+
+
+def _edge_and_position(description: ScenarioDescription, position_m: float) -> tuple[int, float]:
+    """Return the number of the edge, and the position on it, metres, of a position on the loop."""
+    lengths_m = edge_lengths_m(description.circumference_m)
+    edge = min(int(position_m // lengths_m[0]), EDGES - 1)
+    return edge, position_m - edge * lengths_m[0]
+
+
+def read_layout(network: ET.Element, description: ScenarioDescription, name: str) -> Layout:
+    """Return the layout of the loop in a network; check that it agrees with the description.
+
+    ``network`` is the root element of SUMO's network file, ``name`` the file's name.
+
+    Raises:
+        ScenarioError: the road is not a closed loop, or differs from the description; the message
+            contains ``name``.
+    """
+    try:
+        lanes = {edge.attrib["id"]: edge.findall("lane") for edge in network.iter("edge")}
+        edges, pieces = _follow(network, description)
+        positions: dict[str, tuple[int, float]] = {}
+        s_m = 0.0
+        for piece in pieces:
+            for lane in lanes[piece]:
+                positions[lane.attrib["id"]] = (int(lane.attrib["index"]), s_m)
+            s_m += _length_m(lanes[piece], piece)
+        for edge in edges:
+            _compare(lanes[edge], edge, description)
+        if abs(s_m - description.circumference_m) > TOLERANCE:
+            raise _LoopMismatch(f"is {s_m:.6f} m long, not {description.circumference_m:.6f} m")
+    except (_LoopMismatch, KeyError, ValueError) as error:
+        reason = str(error) if isinstance(error, _LoopMismatch) else f"lacks or misstates {error}"
+        raise ScenarioError(
+            f"The road in {name} {reason}: write the scenario again with: drl-av scenario DIR."
+        ) from error
+    road = Road(s_m, description.lane_width_m, description.open_lanes)
+    return Layout(road, {"loop": edges}, positions)
+
+
+class _LoopMismatch(Exception):
+    """The road is not the described loop; the message completes a sentence "The road ..."."""
+
+
+def _follow(
+    network: ET.Element, description: ScenarioDescription
+) -> tuple[tuple[str, ...], list[str]]:
+    """Return the edges in driving order, and the same with the junction edges between them."""
+    normal = [e.attrib["id"] for e in network.iter("edge") if e.get("function") is None]
+    if not normal:
+        raise _LoopMismatch("has no edges")
+    ways: dict[str, list[ET.Element]] = defaultdict(list)
+    for connection in network.iter("connection"):
+        ways[connection.attrib["from"]].append(connection)
+    edges: list[str] = []
+    pieces: list[str] = []
+    edge = normal[0]
+    while edge not in edges:
+        edges.append(edge)
+        following, via = _step(ways[edge], edge, description)
+        pieces += [edge, via] if via else [edge]
+        edge = following
+    if edge != edges[0] or len(edges) != len(normal):
+        raise _LoopMismatch("is not one closed loop through all its edges")
+    return tuple(edges), pieces
+
+
+def _step(
+    ways: list[ET.Element], edge: str, description: ScenarioDescription
+) -> tuple[str, str | None]:
+    """Return the id of the edge after ``edge``, and of the junction edge between them or None."""
+    following = {way.attrib["to"] for way in ways}
+    if len(following) != 1:
+        raise _LoopMismatch(f"leads from edge {edge!r} to {len(following)} edges instead of one")
+    onward = {(int(way.attrib["fromLane"]), int(way.attrib["toLane"])) for way in ways}
+    needed = {(lane, lane) for lane, is_open in enumerate(description.open_lanes) if is_open}
+    if onward != needed:
+        raise _LoopMismatch(
+            f"does not lead each open lane of edge {edge!r}, and no other, straight on"
+        )
+    via = ways[0].get("via")
+    return following.pop(), via.rsplit("_", 1)[0] if via else None
+
+
+def _length_m(lanes: list[ET.Element], edge: str) -> float:
+    """Return the common length of an edge's lanes, metres; raise _LoopMismatch if they differ."""
+    lengths = {float(lane.attrib["length"]) for lane in lanes}
+    if len(lengths) != 1:
+        raise _LoopMismatch(f"has no lanes of one length on edge {edge!r}")
+    return lengths.pop()
+
+
+def _compare(lanes: list[ET.Element], edge: str, description: ScenarioDescription) -> None:
+    """Raise _LoopMismatch unless the lanes of an edge are as the description says."""
+    if len(lanes) != description.lanes:
+        raise _LoopMismatch(
+            f"has {pluralize(len(lanes), 'lane')} on edge {edge!r}, not {description.lanes}"
+        )
+    for index, (lane, is_open) in enumerate(zip(lanes, description.open_lanes, strict=True)):
+        if lane.attrib["index"] != str(index) or lane.attrib["id"] != f"{edge}_{index}":
+            raise _LoopMismatch(f"has no lane {index} in its place on edge {edge!r}")
+        if lane.get("allow") is not None or lane.get("disallow") not in (None, "all"):
+            raise _LoopMismatch(f"has lane {lane.attrib['id']!r} for some kinds of vehicles only")
+        if (lane.get("disallow") is None) != is_open:
+            state = "barricaded" if is_open else "open"
+            raise _LoopMismatch(f"has lane {lane.attrib['id']!r} {state}, unlike its description")
+        for attribute, default, wanted in (
+            ("width", SUMO_LANE_WIDTH_M, description.lane_width_m),
+            ("speed", "nan", description.speed_limit_m_s),
+        ):
+            value = float(lane.get(attribute, default))
+            if not abs(value - wanted) <= TOLERANCE:
+                raise _LoopMismatch(
+                    f"has {attribute} {value:g} on lane {lane.attrib['id']!r}, not {wanted:g}"
+                )
+
+
+LOOP = RoadType(
+    "a closed circular highway",
+    ScenarioDescription,
+    network_text,
+    read_layout,
+    _traffic,
+    additional,
+)

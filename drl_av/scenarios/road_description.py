@@ -1,0 +1,292 @@
+"""The description of a scenario: the road, its lanes, and the vehicles that it places exactly."""
+
+import math
+import re
+from collections.abc import Collection
+from dataclasses import asdict, dataclass, field, fields
+from functools import partial
+from typing import Any, ClassVar
+
+import tomli_w
+
+from drl_av.config.schema import setting
+from drl_av.errors import ScenarioError, pluralize
+from drl_av.road.bounds import LENGTHS_M, WIDTHS_M, Bounds, check_numbers
+from drl_av.scenarios.custom_types import CustomVehicleType, check_custom_types
+
+BOUNDS: dict[str, Bounds] = {
+    "lane": (0, 9),
+    "position_m": (0, 50_000),
+    "speed_m_s": (0, 100),
+    "desired_speed_m_s": (0.1, 100),
+}
+"""Bounds of the numeric fields of a placed vehicle."""
+LANES = partial(setting, 3, "ours", "number of lanes", low=1, high=10)
+LANE_WIDTH_M = partial(setting, 3.8, "Table I", "width of a lane, metres", low=2, high=10)
+SPEED_LIMIT_M_S = partial(setting, 40.0, "ours", "speed limit, m/s", low=1, high=100)
+VEHICLE_LENGTH_M = partial(
+    setting, 5.0, "ours", "length of a vehicle, metres", low=LENGTHS_M[0], high=LENGTHS_M[1]
+)
+VEHICLE_WIDTH_M = partial(
+    setting, 1.8, "ours", "width of a vehicle, metres", low=WIDTHS_M[0], high=WIDTHS_M[1]
+)
+"""Fields that the descriptions of all kinds of roads have."""
+INNER_RADIUS_M = 5.0
+"""Smallest radius of the inner edge of the innermost lane."""
+MOST_VEHICLES = 3000
+"""Largest number of vehicles, with the ego, that start on an open road or that a scenario places.
+The time of a SUMO step grows with the square of the number of vehicles in a lane, because the
+sublane model looks for followers among all of them."""
+TYPES = "vehicle_types"
+VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]+")
+TimedChange = tuple[float, int]
+"""The time since the start of the episode, seconds, and the lane to which the vehicle changes."""
+LATEST_S = 86_400.0
+
+
+@dataclass(frozen=True)
+class PlacedVehicle:
+    """A vehicle that starts at an exact position; the vehicle with the id "ego" is the ego.
+
+    Raises:
+        ScenarioError: a value has a wrong type or is out of bounds.
+    """
+
+    id: str
+    lane: int
+    """Index of the lane; 0 is the rightmost."""
+    position_m: float
+    """Position of the front bumper along the road, metres."""
+    speed_m_s: float
+    """Speed at the start, at most the scenario's speed limit, and for the ego also at most
+    ``ego.max_speed_m_s``. In SUMO without drl-av it is also at most the desired speed."""
+    desired_speed_m_s: float
+    """Speed on a free road, from 0.1 to 100 m/s. For the ego it has no effect in drl-av."""
+    lane_changes: tuple[TimedChange, ...] = ()
+    """Pairs (time in seconds since the start, index of an adjacent lane); none for the ego. At this
+    time the vehicle requests the lane change. SUMO executes it as soon as it considers it safe, and
+    drops the request after 5 s. SUMO without drl-av ignores the pairs."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.id, str) or not VEHICLE_NAME.fullmatch(self.id):
+            raise ScenarioError(
+                f"A vehicle's id is {self.id!r}, but must be made of letters, digits, - and _."
+            )
+        check_numbers(self, f"Vehicle {self.id!r}: ", BOUNDS)
+        changes = read_changes(self.lane_changes, self.id, self.lane)
+        object.__setattr__(self, "lane_changes", changes)
+
+
+@dataclass(frozen=True)
+class ScenarioDescription:
+    """A closed loop, driven counter-clockwise on the right, so that lane 0 is the outermost lane.
+
+    Raises:
+        ScenarioError: a value has a wrong type or is out of bounds, the loop is too short for its
+            lanes, no lane is open, or a placed vehicle is off the road, too fast or overlaps
+            another one.
+    """
+
+    circumference_m: float = setting(
+        500.0, "ours", "length of every lane of the loop, metres", low=100, high=50_000
+    )
+    lanes: int = LANES()
+    lane_width_m: float = LANE_WIDTH_M()
+    speed_limit_m_s: float = SPEED_LIMIT_M_S()
+    vehicle_length_m: float = VEHICLE_LENGTH_M()
+    vehicle_width_m: float = VEHICLE_WIDTH_M()
+    barricaded_lanes: tuple[int, ...] = field(
+        default=(), metadata={"meaning": "lanes to close along the loop; 0 is the rightmost"}
+    )
+    vehicles: tuple[PlacedVehicle, ...] = ()
+    vehicle_types: tuple[CustomVehicleType, ...] = ()
+    """The user's own vehicle types and their shares; all other vehicles have the size above."""
+    limits_vary: ClassVar[bool] = False
+    """Whether the speed limit may be higher on parts of the road than ``speed_limit_m_s``."""
+
+    def __post_init__(self) -> None:
+        check_sizes(self)
+        self._check_radius()
+        self._check_barricades()
+        self._check_vehicles()
+
+    @property
+    def open_lanes(self) -> tuple[bool, ...]:
+        """One flag for each lane, rightmost first; False if it is barricaded."""
+        return tuple(lane not in self.barricaded_lanes for lane in range(self.lanes))
+
+    def to_toml(self) -> str:
+        """Return the description as TOML text; ``from_toml`` reads an equal description from it."""
+        return toml_text(self)
+
+    def _check_radius(self) -> None:
+        """Raise ScenarioError if the loop is too short for its lanes."""
+        least_m = 2 * math.pi * (INNER_RADIUS_M + self.lanes * self.lane_width_m / 2)
+        if self.circumference_m < least_m:
+            raise ScenarioError(
+                f"The scenario's circumference_m is {self.circumference_m:g}, but must be at least "
+                f"{math.ceil(least_m)} for {pluralize(self.lanes, 'lane')} of "
+                f"{self.lane_width_m:g} m."
+            )
+
+    def _check_barricades(self) -> None:
+        """Raise ScenarioError unless the barricaded lanes exist and at least one lane is open."""
+        if not isinstance(self.barricaded_lanes, list | tuple) or not all(
+            type(lane) is int and 0 <= lane < self.lanes for lane in self.barricaded_lanes
+        ):
+            raise ScenarioError(
+                f"The scenario's barricaded_lanes are {self.barricaded_lanes!r}, but must be "
+                f"whole numbers from 0, the rightmost lane, to {self.lanes - 1}."
+            )
+        object.__setattr__(self, "barricaded_lanes", tuple(sorted(set(self.barricaded_lanes))))
+        if not any(self.open_lanes):
+            raise ScenarioError(
+                "The scenario's barricaded_lanes are all its lanes, but one must stay open."
+            )
+
+    def _check_vehicles(self) -> None:
+        """Raise ScenarioError if a placed vehicle is off the road or too fast, or two overlap."""
+        lanes = [lane for lane, is_open in enumerate(self.open_lanes) if is_open]
+        for number, vehicle in enumerate(self.vehicles):
+            if vehicle.lane >= self.lanes or not self.open_lanes[vehicle.lane]:
+                raise ScenarioError(
+                    f"Vehicle {vehicle.id!r} is placed on lane {vehicle.lane}, but must be "
+                    "on a lane that exists and is not barricaded."
+                )
+            if vehicle.position_m >= self.circumference_m:
+                raise ScenarioError(
+                    f"Vehicle {vehicle.id!r} is placed at {vehicle.position_m:g} m, but must be "
+                    f"on the loop of {self.circumference_m:g} m."
+                )
+            check_placed(self, number, lanes, self.circumference_m)
+
+
+def toml_text(description: Any, **changed: str) -> str:
+    """Return a description as TOML text, without its kind.
+
+    The keys of the user's own vehicle types and of a vehicle's lane changes are left out if there
+    are none. ``changed`` replaces the values of some keys.
+    """
+    given = [item.name for item in fields(description) if item.init]
+    values = {key: value for key, value in asdict(description).items() if key in given} | changed
+    for vehicle in values["vehicles"]:
+        if not vehicle["lane_changes"]:
+            del vehicle["lane_changes"]
+    return tomli_w.dumps({key: values[key] for key in values if key != TYPES or values[key]})
+
+
+def longest_m(description: Any) -> float:
+    """Return the length of the longest vehicle of a description, metres."""
+    types: tuple[CustomVehicleType, ...] = description.vehicle_types
+    return float(max([description.vehicle_length_m, *(each.length_m for each in types)]))
+
+
+def check_sizes(description: Any) -> None:
+    """Check a description's numbers and vehicle types; convert whole numbers in float fields.
+
+    Raises:
+        ScenarioError: a number has a wrong type or is out of bounds, a vehicle is wider than a
+            lane, too many vehicles are placed, or the user's vehicle types have equal ids, shares
+            above 1 in total, or are combined with placed vehicles.
+    """
+    check_numbers(description, "The scenario's ")
+    if description.vehicle_width_m > description.lane_width_m:
+        raise ScenarioError(
+            f"The scenario's vehicle_width_m is {description.vehicle_width_m:g}, but must be at "
+            f"most lane_width_m, {description.lane_width_m:g}."
+        )
+    for name, kind in (("vehicles", PlacedVehicle), ("vehicle_types", CustomVehicleType)):
+        given = getattr(description, name)
+        if not isinstance(given, list | tuple) or not all(isinstance(one, kind) for one in given):
+            raise ScenarioError(
+                f"The scenario's {name} are {given!r}, but must be a list of {kind.__name__}."
+            )
+        object.__setattr__(description, name, tuple(given))
+    if (placed := len(description.vehicles)) > MOST_VEHICLES:
+        raise ScenarioError(
+            f"The scenario places {placed} vehicles, but must place at most {MOST_VEHICLES}."
+        )
+    check_custom_types(description)
+
+
+def require_ego(placed: Collection[PlacedVehicle]) -> None:
+    """Raise ScenarioError if a scenario places vehicles, and the ego is not among them."""
+    if placed and "ego" not in (vehicle.id for vehicle in placed):
+        raise ScenarioError(
+            f"The scenario places {pluralize(len(placed), 'vehicle')} but not the ego: "
+            'place one with the id "ego" too.'
+        )
+
+
+def check_placed(
+    description: Any, number: int, lanes: Collection[int], lap_m: float = math.inf
+) -> None:
+    """Check the placed vehicle with the index ``number`` in ``description.vehicles``.
+
+    ``lanes`` are the lanes to which it may change, ``lap_m`` is the circumference of a loop.
+
+    Raises:
+        ScenarioError: the vehicle starts faster than the speed limit, changes to a lane that is not
+            in ``lanes``, or overlaps or has the same id as a vehicle with a smaller index.
+    """
+    vehicle, long_m = description.vehicles[number], description.vehicle_length_m
+    if vehicle.speed_m_s > description.speed_limit_m_s:
+        raise ScenarioError(
+            f"Vehicle {vehicle.id!r} starts at {vehicle.speed_m_s:g} m/s, but must not be "
+            f"faster than the scenario's speed_limit_m_s, {description.speed_limit_m_s:g}."
+        )
+    for time_s, to in vehicle.lane_changes:
+        if to not in lanes:
+            raise ScenarioError(
+                f"Vehicle {vehicle.id!r} changes to lane {to} at {time_s:g} s, but must change to "
+                f"one of the lanes along the whole road: {', '.join(map(str, lanes))}."
+            )
+    for other in description.vehicles[:number]:
+        if vehicle.id == other.id:
+            raise ScenarioError(f"Two vehicles are called {vehicle.id!r}: rename one.")
+        ahead_m = abs(vehicle.position_m - other.position_m)
+        if vehicle.lane == other.lane and min(ahead_m, lap_m - ahead_m) < long_m:
+            raise ScenarioError(
+                f"Vehicles {other.id!r} and {vehicle.id!r} overlap on lane {vehicle.lane}: place "
+                f"them at least {long_m:g} m apart, front bumper to front bumper."
+            )
+
+
+def read_changes(changes: Any, vehicle: str, lane: int) -> tuple[TimedChange, ...]:
+    """Return the lane changes of a placed vehicle as a tuple of (time, lane).
+
+    ``vehicle`` is its id, ``lane`` the lane in which it starts.
+
+    Raises:
+        ScenarioError: ``changes`` are not pairs of a time and a lane, the ego has lane changes, the
+            times do not increase, or a change does not lead to an adjacent lane.
+    """
+    if not isinstance(changes, list | tuple) or not all(map(_is_change, changes)):
+        raise ScenarioError(
+            f"Vehicle {vehicle!r}: lane_changes is {changes!r}, but must be pairs [time, lane] of "
+            f"a number of seconds from 0 to {LATEST_S:g} and a whole number."
+        )
+    if changes and vehicle == "ego":
+        raise ScenarioError(
+            "The ego has lane_changes, but its driver decides its lanes: leave them out."
+        )
+    found = tuple((float(time_s), int(to)) for time_s, to in changes)
+    before_s, beside = -1.0, lane
+    for time_s, to in found:
+        if time_s <= before_s or abs(to - beside) != 1:
+            raise ScenarioError(
+                f"Vehicle {vehicle!r}: lane_changes has {time_s:g} s to lane {to}, but each change "
+                f"must come after the one before and lead to a lane beside it, here {beside}."
+            )
+        before_s, beside = time_s, to
+    return found
+
+
+def _is_change(change: Any) -> bool:
+    return (
+        isinstance(change, list | tuple)
+        and len(change) == 2
+        and type(change[0]) in (int, float)
+        and 0 <= change[0] <= LATEST_S
+        and type(change[1]) is int
+    )

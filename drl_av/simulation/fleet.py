@@ -1,0 +1,255 @@
+"""The vehicles of an episode: those at the start, and those that enter and leave an open road."""
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from itertools import islice
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import Config
+from drl_av.errors import ConfigError, ScenarioError
+from drl_av.road.road import FloatArray
+from drl_av.road.snapshot import EGO
+from drl_av.scenarios.custom_types import draw_types
+from drl_av.scenarios.folder import Scenario
+from drl_av.scenarios.highways import require_reachable
+from drl_av.scenarios.layout import OpenStart
+from drl_av.simulation.inflow import (
+    Inflow,
+    Last,
+    draw_open_population,
+    open_capacity,
+    vehicles_of_flow,
+)
+from drl_av.simulation.population import (
+    Population,
+    capacity,
+    draw_driver_models,
+    draw_population,
+    placed_population,
+    random_lane_changes,
+    require_speed_limit,
+    require_truck_width,
+)
+
+
+class Fleet:
+    """The vehicles that are on the road now; index 0 of each array is the ego.
+
+    Raises:
+        ConfigError: the settings allow vehicles that are too fast or too wide for the road, or
+            other drivers than SUMO's on an open road.
+        ScenarioError: the ego cannot reach its exit with these settings, or the inflow corresponds
+            to more vehicles than may start on the road.
+    """
+
+    population: Population
+    """The vehicles at the start of the episode."""
+    ids: tuple[str, ...]
+    driver_models: npt.NDArray[np.intp]
+    """The kind of driver of each vehicle, a value of ``population.Kind``."""
+    type_ids: Sequence[str]
+    """The id of the vehicle type of each vehicle."""
+    length_m: FloatArray
+    width_m: FloatArray
+
+    def __init__(self, scenario: Scenario, config: Config) -> None:
+        require_speed_limit(config, scenario.description)
+        require_truck_width(config, scenario.description)
+        self.scenario, self._config, self._start = scenario, config, scenario.layout.start
+        if self._start is not None and self.placed is None:
+            require_reachable(scenario.road, self._start, config.ego)
+        if self._start is not None and sum(config.traffic.shares) > 0:
+            raise ConfigError(
+                "traffic: finite_state_share, level_0_share, level_1_share and hard_braking_share "
+                "must be 0 on an open road, on which SUMO drives all other vehicles: set them to "
+                "0, or traffic.kind to calm, overtaking or naturalistic, or take a loop."
+            )
+        if self._start is not None and self.placed is None:
+            self._require_room(self._start)
+
+    def _require_room(self, start: OpenStart) -> None:
+        """Raise ScenarioError if the inflow means more vehicles than may start on an open road."""
+        usual = vehicles_of_flow(start, self._config.traffic)
+        if usual > self.capacity:
+            flow_per_h = start.flow_per_h * self.capacity // usual
+            raise ScenarioError(
+                f"The scenario's flow_per_h, {start.flow_per_h:g}, means {usual} vehicles on its "
+                f"road, but at most {self.capacity} may start there: write one with flow_per_h up "
+                f"to {flow_per_h:g}, or a shorter road, or raise traffic.desired_speed_min_m_s."
+            )
+
+    @property
+    def capacity(self) -> int:
+        """Largest number of vehicles besides the ego that may start at random positions."""
+        traffic = self._config.traffic
+        length_m = traffic.longest_m(self.scenario.description.vehicle_length_m)
+        if self._start is not None:
+            return open_capacity(self._start, length_m, traffic.start_gap_m) - 1
+        return capacity(self.scenario.road, length_m, traffic.start_gap_m) - 1
+
+    @property
+    def placed(self) -> int | None:
+        """Number of vehicles besides the ego that the scenario places; None if it places none."""
+        placed = self.scenario.description.vehicles
+        return len(placed) - 1 if placed else None
+
+    @property
+    def default_vehicle_count(self) -> int | None:
+        """Default number of vehicles besides the ego at the start, or None if there is no default.
+
+        If the scenario places its vehicles, it is their number. Otherwise, a loop has no default,
+        and on an open road it is the number that corresponds to the inflow. If an episode there has
+        another number of vehicles, its inflow changes in proportion.
+        """
+        if self._start is None or self.placed is not None:
+            return self.placed
+        return vehicles_of_flow(self._start, self._config.traffic)
+
+    def draw(self, seed: int, vehicles: int) -> None:
+        """Draw the vehicles of an episode from its seed: the ego and ``vehicles`` others.
+
+        If the scenario places its vehicles, these are used, and ``vehicles`` has no effect.
+
+        Raises:
+            ScenarioError: the vehicles do not fit on the road, or the placed ones lack the ego.
+        """
+        rng, description = np.random.default_rng(seed), self.scenario.description
+        config, length_m, start = self._config, description.vehicle_length_m, self._start
+        self._inflow = None
+        self._types = draw_types(seed, description.vehicle_types)
+        self._timed_changes = [
+            (time_s, vehicle.id, to)
+            for vehicle in description.vehicles
+            for time_s, to in vehicle.lane_changes
+        ]
+        if description.vehicles:
+            self._describe(placed_population(description.vehicles, config.traffic))
+        elif start is None:
+            road = self.scenario.road
+            self._describe(
+                draw_population(rng, vehicles, road, length_m, config.traffic, config.ego)
+            )
+        else:
+            own = (start, length_m, config.traffic, config.ego)
+            self._describe(draw_open_population(rng, vehicles, *own))
+            self._inflow = Inflow(rng.spawn(1)[0], vehicles, *own)
+        rate = config.traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
+        self._lane_changes = (
+            random_lane_changes(rng, len(self.ids), rate)
+            if self._inflow is None
+            else self._random_lane_changes(rng, rate)
+        )
+        self.driver_models = draw_driver_models(seed, len(self.ids), config.traffic)
+
+    def _random_lane_changes(
+        self, rng: np.random.Generator, chance: float
+    ) -> Iterator[list[tuple[int, int]]]:
+        """Yield random lane changes, like those of ``population``, for varying vehicles."""
+        while True:
+            draws = rng.random((2, len(self.ids)))
+            rows = np.flatnonzero(draws[0] < chance).tolist()
+            yield [(row, 1 if draws[1, row] < 0.5 else -1) for row in rows if row != EGO]
+
+    def lane_changes(self, time_s: float, y_m: Sequence[float]) -> list[tuple[int, int]]:
+        """Return the lane changes of the next decision, as pairs (row, number of lanes).
+
+        A row is the index of a vehicle in ``ids``. The number of lanes is positive to the left.
+        The result holds random lane changes, and the scenario's lane changes that are due at
+        ``time_s``, seconds since the reset. ``y_m`` is the lateral position of each vehicle,
+        metres, the ego's first. Call this once for each decision: it draws random numbers, and
+        returns each lane change of the scenario only once.
+        """
+        changes = next(self._lane_changes)
+        if changes and self._start is not None:
+            changes = self._on_open_road(changes, y_m, self._start.lanes)
+        if not self._timed_changes:
+            return changes
+        due = [(name, to) for at_s, name, to in self._timed_changes if at_s <= time_s]
+        self._timed_changes = [each for each in self._timed_changes if each[0] > time_s]
+        ids, lane_of = self.ids, self.scenario.road.lane_of
+        rows = [(ids.index(name), to) for name, to in due if name in ids]
+        set_changes = [(row, to - lane_of(y_m[row])) for row, to in rows]
+        return [*changes, *(each for each in set_changes if each[1])]
+
+    def _on_open_road(
+        self, changes: list[tuple[int, int]], y_m: Sequence[float], lanes: Collection[int]
+    ) -> list[tuple[int, int]]:
+        """Return the random lane changes, by row and side, that lead to one of ``lanes``."""
+        if self._inflow is None:  # drawn for the vehicles at the start, some of which have left
+            named = [(self.population.ids[row], side) for row, side in changes]
+            changes = [(self.ids.index(name), side) for name, side in named if name in self.ids]
+        lane_of = self.scenario.road.lane_of
+        return [(row, side) for row, side in changes if lane_of(y_m[row]) + side in lanes]
+
+    def update_open_road(
+        self, time_s: float, s_m: Sequence[float], y_m: Sequence[float], speed_m_s: Sequence[float]
+    ) -> tuple[Sequence[int], Sequence[Population]] | None:
+        """Remove the vehicles that have left an open road, and add those that enter it now.
+
+        ``time_s`` is the time since the reset; the sequences hold the state of each vehicle.
+
+        Returns:
+            The previous row indices of the vehicles that stay, and the vehicles that enter. The new
+            rows are those that stay, in this order, and then those that enter. The result is None
+            if no vehicle enters or leaves.
+        """
+        start, inflow = self._start, self._inflow
+        if start is None:
+            return None
+        rows = range(len(s_m))
+        kept = [row for row in rows if row == EGO or s_m[row] < start.span_m]
+        entering: Sequence[Population] = ()
+        if inflow is not None and inflow.is_due(time_s):
+            entering = inflow.entering(time_s, self._last(start, kept, s_m, y_m, speed_m_s))
+        if not entering and len(kept) == len(rows):
+            return None
+        new_types = [*islice(self._types, len(entering))]
+        new_sizes_m = self._sizes_m(new_types, [bool(one.is_truck[0]) for one in entering])
+        self.ids = (*(self.ids[row] for row in kept), *(one.ids[0] for one in entering))
+        self.type_ids = [*(self.type_ids[row] for row in kept), *new_types]
+        sizes_m = np.array((self.length_m, self.width_m))[:, kept]
+        self.length_m, self.width_m = np.concatenate((sizes_m, new_sizes_m), axis=1)
+        self.driver_models = np.zeros(len(self.ids), dtype=np.intp)
+        return kept, entering
+
+    def _last(
+        self,
+        start: OpenStart,
+        rows: Sequence[int],
+        s_m: Sequence[float],
+        y_m: Sequence[float],
+        speed_m_s: Sequence[float],
+    ) -> dict[int, Last]:
+        """Return the last vehicle of each lane, by lane index; a body may be in two lanes.
+
+        Lanes that no vehicle enters may be missing.
+        """
+        last: dict[int, Last] = {}
+        lane_of, entered = self.scenario.road.lane_of, set(start.lanes)
+        rear_m = [
+            at_m - length_m / 2 for at_m, length_m in zip(s_m, self.length_m.tolist(), strict=True)
+        ]
+        for row in sorted(rows, key=rear_m.__getitem__):
+            half_m = float(self.width_m[row]) / 2
+            for lane in {lane_of(y_m[row] - half_m), lane_of(y_m[row] + half_m)}:
+                last.setdefault(lane, Last(rear_m[row], speed_m_s[row]))
+            if entered <= last.keys():
+                break
+        return last
+
+    def _describe(self, population: Population) -> None:
+        """Set the vehicles at the start of an episode, their types and their sizes."""
+        self.population, self.ids = population, population.ids
+        self.type_ids = [*islice(self._types, len(self.ids))]
+        self.length_m, self.width_m = self._sizes_m(self.type_ids, population.is_truck)
+
+    def _sizes_m(self, type_ids: Sequence[str], is_truck: Iterable[bool]) -> FloatArray:
+        """Return the lengths and the widths of vehicles, metres, shape (2, n)."""
+        types, traffic = self.scenario.vehicle_types.by_id, self._config.traffic
+        truck_m = traffic.truck_length_m, traffic.truck_width_m
+        sizes_m = [
+            truck_m if truck else (types[name].length_m, types[name].width_m)
+            for name, truck in zip(type_ids, is_truck, strict=True)
+        ]
+        return np.array(sizes_m).reshape(-1, 2).T.copy()

@@ -1,0 +1,200 @@
+"""The vehicles of an open road: those at the start of an episode, and those that enter it later."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import EgoConfig, TrafficConfig
+from drl_av.errors import ScenarioError, pluralize
+from drl_av.road.road import FloatArray
+from drl_av.scenarios.layout import OpenStart
+from drl_av.scenarios.road_description import MOST_VEHICLES
+from drl_av.simulation.population import Population, draw_trucks, pitches_m, with_drivers
+from drl_av.simulation.start_positions import StartPositions, ring_places, safe_speed
+
+SUPPLY = 64
+"""Number of entering vehicles whose parameters are drawn at once."""
+
+
+def flow_speed(start: OpenStart, traffic: TrafficConfig) -> float:
+    """Return the mean speed of the traffic on an open road, m/s (an assumption).
+
+    It relates the flow in a lane to the density: flow = speed x density. Vehicles follow the
+    slowest one of their lane. The speed on each part of the road is therefore the lowest desired
+    speed, but at least 1 m/s, or the speed limit of this part if that is lower. The mean is the
+    length of the road divided by the travel time.
+    """
+    wanted_m_s = max(traffic.desired_speed_min_m_s, 1.0)
+    if not start.speed_limits:
+        return wanted_m_s
+    ends_m, limits = np.array(start.speed_limits).T
+    lengths_m = np.diff(ends_m, prepend=0.0)
+    return float(ends_m[-1] / (lengths_m / np.minimum(limits, wanted_m_s)).sum())
+
+
+def speed_limit(start: OpenStart, front_m: float | FloatArray) -> FloatArray:
+    """Return the speed limit, m/s, at each position ``front_m``; inf on a road without limits."""
+    ends_m, limits = np.array(start.speed_limits or [(np.inf, np.inf)]).T
+    found: FloatArray = limits[np.searchsorted(ends_m[:-1], front_m, side="right")]
+    return found
+
+
+def vehicles_of_flow(start: OpenStart, traffic: TrafficConfig) -> int:
+    """Return the number of vehicles besides the ego that corresponds to an open road's inflow."""
+    per_m = start.flow_per_h / 3600 / flow_speed(start, traffic)
+    return round(per_m * start.span_m * len(start.lanes))
+
+
+def draw_open_population(
+    rng: np.random.Generator,
+    vehicles: int,
+    start: OpenStart,
+    length_m: float,
+    traffic: TrafficConfig,
+    ego: EgoConfig,
+) -> Population:
+    """Draw the ego and ``vehicles`` others on an open road, with random parameters.
+
+    The vehicles are spread evenly over the lanes, at random positions. Cars are ``length_m`` long.
+
+    Raises:
+        ScenarioError: there are more vehicles than may start on the road.
+    """
+    n = vehicles + 1
+    room = open_capacity(start, traffic.longest_m(length_m), traffic.start_gap_m)
+    if n > room:
+        raise ScenarioError(
+            f"This road takes {pluralize(max(room - 1, 0), 'vehicle')} besides the ego on its "
+            f"{pluralize(len(start.lanes), 'lane')}, not {vehicles}: ask for fewer."
+        )
+    streams = rng.spawn(2)
+    is_truck = draw_trucks(streams[1], n, traffic)
+    lane = np.array(start.lanes)[rng.permutation(n) % len(start.lanes)]
+    if start.ego_lane is not None:
+        lane[0] = start.ego_lane
+    pitch_m = pitches_m(is_truck, length_m, traffic)
+    first_m = traffic.longest_m(length_m)  # so that the rear of each vehicle is on the road too
+    ring_m = start.span_m - first_m
+    places = ring_places(rng, lane, ring_m, pitch_m, traffic.start_gap_m)
+    from_ego_m = places.front_m - places.front_m[0]
+    front_m = (from_ego_m + start.ego_front_m - first_m) % ring_m + first_m
+    places = places._replace(front_m=front_m)
+    population = with_drivers(rng, streams, places, is_truck, traffic, ego)
+    population.speed_m_s[:] = np.minimum(population.speed_m_s, speed_limit(start, front_m))
+    if start.ego_speed_m_s is not None:
+        population.speed_m_s[0] = min(start.ego_speed_m_s, ego.max_speed_m_s)
+    return population
+
+
+def open_capacity(start: OpenStart, length_m: float, start_gap_m: float) -> int:
+    """Return the largest number of vehicles, the ego included, that may start on an open road.
+
+    The vehicles are dealt evenly to the lanes. An ego that must start in one of these lanes may
+    then be one more in it. ``length_m`` is the length of the longest vehicle.
+    """
+    each_lane = int((start.span_m - length_m) // (length_m + start_gap_m))
+    each_lane -= start.ego_lane in start.lanes
+    return min(len(start.lanes) * max(each_lane, 0), MOST_VEHICLES)
+
+
+class Last(NamedTuple):
+    """The last vehicle in a lane, behind which the next vehicle enters."""
+
+    rear_m: float
+    """Position of its rear bumper; inf if there is no vehicle in the lane."""
+    speed_m_s: float
+
+
+class Inflow:
+    """The vehicles that enter an open road during an episode, drawn from its seed.
+
+    In each lane the time between two entries has a shifted exponential distribution. Its mean is
+    chosen so that the number of vehicles on the road stays about constant. If there is no
+    room at the time of an entry, the vehicle waits and enters as soon as there is.
+    """
+
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        vehicles: int,
+        start: OpenStart,
+        length_m: float,
+        traffic: TrafficConfig,
+        ego: EgoConfig,
+    ) -> None:
+        self._rng, self._traffic, self._ego = rng, traffic, ego
+        self._length_m, self._lanes = length_m, start.lanes
+        self._limit_m_s = float(speed_limit(start, 0.0))
+        speed_m_s = flow_speed(start, traffic)
+        self._shortest_s = (traffic.longest_m(length_m) + traffic.start_gap_m) / speed_m_s
+        per_s = vehicles / start.span_m / len(start.lanes) * speed_m_s
+        self._mean_s = 1 / per_s if per_s else np.inf
+        self._entered = vehicles
+        self._supply: Iterator[Population] = iter(())
+        self._waiting: dict[int, Population] = {}
+        self._due_s = {lane: rng.random() * self._headway_s() for lane in start.lanes}
+
+    def _headway_s(self) -> float:
+        """Draw the time between two entries in a lane, seconds."""
+        spare_s = max(self._mean_s - self._shortest_s, 0.0)
+        return self._shortest_s + (
+            self._rng.exponential() * spare_s if spare_s < np.inf else spare_s
+        )
+
+    def is_due(self, time_s: float) -> bool:
+        """Return whether a vehicle enters at ``time_s`` if there is room for it."""
+        return min(self._due_s.values()) <= time_s
+
+    def entering(self, time_s: float, last: Mapping[int, Last]) -> list[Population]:
+        """Return the vehicles that enter at ``time_s``, each as a population of one row.
+
+        ``last`` holds the last vehicle of each lane, by lane index; a lane without vehicles is
+        missing.
+        """
+        due = (lane for lane in self._lanes if self._due_s[lane] <= time_s)
+        placed = (self._placed(lane, last.get(lane, Last(np.inf, 0.0))) for lane in due)
+        return [vehicle for vehicle in placed if vehicle is not None]
+
+    def _placed(self, lane: int, last: Last) -> Population | None:
+        """Return the next vehicle of a lane at its start, or None if there is no room for it."""
+        vehicle = self._waiting.get(lane)
+        if vehicle is None:
+            vehicle = self._waiting[lane] = self._next()
+        front_m = self._traffic.truck_length_m if vehicle.is_truck[0] else self._length_m
+        gap_m = last.rear_m - front_m
+        if gap_m < self._traffic.start_gap_m:
+            return None
+        wanted = min(float(vehicle.desired_speed_m_s[0]), self._limit_m_s)
+        speed = safe_speed(wanted, float(vehicle.headway_s[0]), gap_m, last.speed_m_s)
+        if speed < min(last.speed_m_s, wanted) - 1e-9:
+            return None
+        del self._waiting[lane]
+        self._due_s[lane] += self._headway_s()
+        self._entered += 1
+        return replace(
+            vehicle,
+            ids=(f"vehicle{self._entered}",),
+            lane=np.array([lane]),
+            front_m=np.array([front_m]),
+            speed_m_s=np.array([speed]),
+        )
+
+    def _next(self) -> Population:
+        """Return the next vehicle, with random parameters and without a position."""
+        vehicle = next(self._supply, None)
+        if vehicle is None:
+            self._supply = self._drawn()
+            vehicle = next(self._supply)
+        return vehicle
+
+    def _drawn(self) -> Iterator[Population]:
+        """Draw ``SUPPLY`` vehicles with random parameters; the row of the ego is left out."""
+        n, streams = SUPPLY + 1, self._rng.spawn(2)
+        zeros: npt.NDArray[np.intp] = np.zeros(n, dtype=np.intp)
+        places = StartPositions(zeros, np.zeros(n), np.full(n, np.inf), np.arange(n))
+        is_truck = draw_trucks(streams[1], n, self._traffic)
+        drawn = with_drivers(self._rng, streams, places, is_truck, self._traffic, self._ego)
+        return (drawn.rows([row]) for row in range(1, n))

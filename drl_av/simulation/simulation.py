@@ -1,0 +1,301 @@
+"""One simulation in SUMO: it loads a scenario, places vehicles, and advances by one decision."""
+
+import math
+import weakref
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from types import ModuleType
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.errors import SimulationError
+from drl_av.road.snapshot import (
+    EGO,
+    EGO_ID,
+    Collision,
+    CollisionKind,
+    Command,
+    Snapshot,
+    TrafficCommand,
+)
+from drl_av.road.sweep import LATERAL_SPEED_M_S, Displacement, VehicleRectangles, displacement
+from drl_av.scenarios.folder import Scenario
+from drl_av.simulation.fleet import Fleet
+from drl_av.simulation.gui_camera import Color, GuiCamera
+from drl_av.simulation.instances import acquire
+from drl_av.simulation.population import DriverModel, Population
+from drl_av.simulation.sumo import connection, require_display, start
+from drl_av.simulation.vehicle_calls import (
+    EgoModel,
+    StateReader,
+    ask_for_lane_changes,
+    ask_for_speeds,
+    clear_the_road,
+    hand_over,
+    is_centered,
+    leave_to_commands,
+    spawn,
+)
+
+LANE_CHANGE_S = 5.0
+"""Time for which SUMO tries to execute a lane change, a random one or one of the scenario."""
+
+
+class Simulation:
+    """A simulation in SUMO: in this process through libsumo, or in sumo-gui through traci.
+
+    It reserves an instance of libsumo at the first reset, and frees it when it is closed or
+    garbage-collected. If ``gui`` is True and there is no screen, it raises DisplayError.
+    """
+
+    _sumo: ModuleType
+
+    def __init__(self, scenario: Scenario, config: Config, gui: bool = False) -> None:
+        self.fleet = Fleet(scenario, config)
+        if gui:
+            require_display()
+        self.scenario = scenario
+        self.road = scenario.road
+        self._config = config
+        self._gui = gui
+        library = connection(gui)
+        # not library.exceptions: its classes are traci's, but libsumo raises a class of its own
+        self._errors = (library.TraCIException, library.FatalTraCIError)
+        self._release: weakref.finalize[..., Simulation] | None = None
+        self.after_step: Callable[[Snapshot], None] | None = None
+        """A function that the simulation calls after each SUMO step, or None."""
+        others = scenario.vehicle_types.others.values()
+        speeds_m_s = (kind.lateral_speed_m_s for kind in others)
+        self._fastest_aside_m_s = max(LATERAL_SPEED_M_S, *speeds_m_s)
+        self._step_ms = round(1000 * config.simulation.step_length_s)
+
+    def reset(self, seed: int, vehicles: int) -> Snapshot:
+        """Remove all vehicles, and place the ego and ``vehicles`` others drawn with ``seed``.
+
+        The episode depends on (scenario, config, seed, vehicles) and the commands alone, and not on
+        earlier simulations. If the files of the scenario are as they were written, nothing depends
+        on SUMO's clock and random numbers, so SUMO continues to run. Otherwise, and always in
+        sumo-gui, SUMO starts again at each reset.
+
+        Raises:
+            ScenarioError: the vehicles do not fit on the road.
+            SimulationError: SUMO refuses the scenario.
+        """
+        self.fleet.draw(seed, vehicles)
+        try:
+            self._put_on_the_road(seed)
+        except BaseException as error:
+            self.close()  # after an interrupt (Ctrl-C), too: SUMO may have some vehicles only
+            if not isinstance(error, (*self._errors, OSError)):
+                raise
+            raise SimulationError(
+                f"SUMO cannot load the scenario {self.scenario.folder} "
+                f"({' '.join(str(error).split()).rstrip('.')}): write it again, or undo what was "
+                "changed in it."
+            ) from error
+        if self._gui:
+            self._window = GuiCamera(self._sumo, self.scenario.layout)
+        self._steps = 0
+        self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
+        self._ego_lateral_speed_m_s: float | None = 0.0
+        self._states = StateReader(self._sumo, self.scenario)
+        self._watch()
+        self._read()
+        return self._snapshot()
+
+    def _watch(self) -> None:
+        """Prepare to read the vehicles that are on the road now, and to find their collisions."""
+        fleet = self.fleet
+        self._states.watch(fleet.ids, fleet.length_m)
+        sizes_m = fleet.length_m.tolist(), fleet.width_m.tolist()
+        self._bodies = VehicleRectangles(fleet.ids, *sizes_m, self.road, self._fastest_aside_m_s)
+
+    def _read(self) -> None:
+        """Read the state of all vehicles from SUMO."""
+        self._state = self._states.state()
+        self._moved: dict[int, tuple[float, float]] = {}
+        if self._ego_lateral_speed_m_s is not None:
+            self._state[3, EGO] = self._ego_lateral_speed_m_s
+
+    def hand_over(self, model: EgoModel) -> None:
+        """Let SUMO drive the ego until the next reset; commands for the ego are then ignored."""
+        hand_over(self._sumo.vehicle, model, self._config.ego, self.road.lane_width_m)
+        self._ego_lateral_speed_m_s = None
+
+    def advance(
+        self, commands: Sequence[Command], traffic_commands: Sequence[TrafficCommand] = ()
+    ) -> tuple[Snapshot, Collision | None]:
+        """Execute one command for the ego in each SUMO step, until the ego collides.
+
+        Return the snapshot after the last step, and the ego's collision or None. Only this method
+        detects collisions, by the motion of the bodies within each SUMO step
+        (``traffic/collisions.py``). SUMO executes the traffic commands as far as they are safe.
+
+        Raises:
+            SimulationError: SUMO does not run or ended unexpectedly, for example because the user
+                closed sumo-gui.
+        """
+        if not self._owns_sumo():
+            raise SimulationError("SUMO does not run for this simulation: reset it first.")
+        collision, timing = None, self._config.simulation
+        ids, vehicle = self.fleet.ids, self._sumo.vehicle
+        try:
+            for row, side in self.fleet.lane_changes(self._time_s, self._state[1]):
+                if self.fleet.driver_models[row] == DriverModel.SUMO or is_centered(
+                    vehicle, ids[row]
+                ):
+                    vehicle.changeLaneRelative(ids[row], side, LANE_CHANGE_S)
+            ask_for_lane_changes(vehicle, ids, traffic_commands, timing)
+            asks = traffic_commands or self._config.traffic.keep_stopping_distance
+            near: Sequence[int] = range(EGO + 1, len(ids))
+            if self._ego_lateral_speed_m_s is not None:
+                s_m, y_m, speed, _ = self._state
+                near = self._bodies.within_reach(s_m, y_m, speed, commands, timing.step_length_s)
+            for command in commands:
+                if asks:
+                    ask_for_speeds(vehicle, ids, traffic_commands, self._config)
+                collision = self._step(command, near)
+                if collision is not None:
+                    break
+            self._read()
+            if not self.road.is_loop:
+                self._exchange()
+            snapshot = self._snapshot()
+        except self._errors as error:
+            self.close()
+            raise SimulationError(
+                f"SUMO ended on its own ({str(error).rstrip('.')}): start again."
+            ) from error
+        return snapshot, collision
+
+    def show(self, text: str, colors: Mapping[str, Color]) -> None:
+        """Show a line of text in sumo-gui, and colour the vehicles whose ids ``colors`` holds."""
+        self._window.show(text, colors)
+
+    def close(self) -> None:
+        """End SUMO if it still runs; the next reset starts it again."""
+        if self._release is not None:
+            self._release()  # does nothing the second time
+
+    def _owns_sumo(self) -> bool:
+        """Return whether this simulation has reserved an instance of SUMO."""
+        return self._release is not None and self._release.alive
+
+    def _exchange(self) -> None:
+        """Remove the vehicles that have left an open road, and add those that enter it."""
+        exchanged = self.fleet.update_open_road(self._time_s, *self._state[:3].tolist())
+        if exchanged is None:
+            return
+        kept, entering = exchanged
+        for first, vehicle in enumerate(entering, start=len(kept)):
+            self._populate(vehicle, first)
+        self._watch()
+        entered = self._states.state(len(kept))
+        self._state = np.concatenate((self._state[:, kept], entered), axis=1)
+        self._moved = {}
+
+    def _put_on_the_road(self, seed: int) -> None:
+        """Place the vehicles in the running SUMO, which is three times faster, or start SUMO."""
+        if self._owns_sumo() and self.scenario.as_written and not self._gui:
+            with suppress(*self._errors):  # if SUMO has ended, or another program has changed it
+                clear_the_road(self._sumo)
+                self._populate(self.fleet.population)
+                return
+        self.close()
+        instance = acquire(self._gui)
+        self._release = weakref.finalize(self, instance.release)
+        self._release.atexit = False
+        self._sumo = instance.sumo
+        files = (self.scenario.network_file, *self.scenario.additional_files)
+        view = self.scenario.view_file if self._gui else None
+        start(self._sumo, files, seed, self._config, view)
+        timing, limit_m_s = self._config.simulation, self.scenario.description.speed_limit_m_s
+        longest_s = timing.decisions_per_episode * timing.decision_interval_s
+        for name in self.scenario.layout.routes:
+            self._sumo.route.add(name, self.scenario.layout.route(name, longest_s * limit_m_s))
+        self._populate(self.fleet.population)
+
+    def _populate(self, population: Population, first: int = 0) -> None:
+        """Add the vehicles of ``population`` to SUMO; ``first`` is the row of the first of them."""
+        fleet, layout, traffic = self.fleet, self.scenario.layout, self._config.traffic
+        for number, name in enumerate(population.ids):
+            type_id = fleet.type_ids[first + number]
+            spawn(self._sumo.vehicle, population, number, type_id, layout, traffic)
+            if fleet.driver_models[first + number] != DriverModel.SUMO:
+                leave_to_commands(self._sumo.vehicle, name)
+
+    def _step(self, command: Command, near: Sequence[int]) -> Collision | None:
+        """Execute one SUMO step; return the ego's collision with a row in ``near``, or None."""
+        if not self._command(command):
+            return Collision(CollisionKind.HIT_EDGE, None)
+        self._sumo.simulationStep()
+        self._steps += 1
+        if self._gui:
+            self._window.follow()
+        collision = self._bodies.ego_collision(self._moves((EGO, *near))) if near else None
+        if self.after_step is not None:
+            self._read()
+            self.after_step(self._snapshot())
+        return collision
+
+    def _moves(self, rows: Sequence[int]) -> dict[int, Displacement]:
+        """Return each vehicle's motion since its position was last read, by row."""
+        moves = {}
+        for row in rows:
+            s_m, y_m = self._states.position(row)
+            before = self._moved.get(row) or (
+                float(self._state[0, row]),
+                float(self._state[1, row]),
+            )
+            moves[row] = displacement(*before, s_m, y_m, self.road)
+            self._moved[row] = s_m, y_m
+        return moves
+
+    def _command(self, command: Command) -> bool:
+        """Send the ego's next position and speed to SUMO; return False if it leaves the lanes."""
+        if self._ego_lateral_speed_m_s is None:
+            return True
+        vehicle = self._sumo.vehicle
+        changes = command.y_m != self._ego_y_m
+        if (changes or self.road.partial_lanes) and not self._stays_on_its_lanes(command):
+            return False
+        if changes:
+            vehicle.changeSublane(EGO_ID, command.y_m - self._states.position(EGO)[1])
+            self._ego_y_m = command.y_m
+        if self.road.exit_m < math.inf and self._misses_exit(command):
+            vehicle.setRouteID(EGO_ID, next(iter(self.scenario.layout.routes)))
+        vehicle.setSpeed(EGO_ID, command.speed_m_s)
+        self._ego_lateral_speed_m_s = command.lateral_speed_m_s
+        return True
+
+    def _stays_on_its_lanes(self, command: Command) -> bool:
+        """Return whether the ego stays on open lanes if it executes the command."""
+        width_m = float(self.fleet.width_m[EGO])
+        if not self.road.partial_lanes:
+            return self.road.holds(command.y_m, width_m)
+        return self.road.holds(command.y_m, width_m, self._front_m(command))
+
+    def _misses_exit(self, command: Command) -> bool:
+        """Return whether the ego passes its exit in the next step in another lane.
+
+        SUMO stops a vehicle at the end of an edge from which its lane does not follow its route.
+        """
+        return self.road.misses_exit(self.road.lane_of(command.y_m), self._front_m(command))
+
+    def _front_m(self, command: Command) -> float:
+        """Return the position of the ego's front bumper after the next step."""
+        further_m = command.speed_m_s * self._config.simulation.step_length_s
+        return self._states.position(EGO)[0] + float(self.fleet.length_m[EGO]) / 2 + further_m
+
+    @property
+    def _time_s(self) -> float:
+        """The time since the reset, seconds."""
+        return self._steps * self._step_ms / 1000
+
+    def _snapshot(self) -> Snapshot:
+        """Return the state that ``_read`` has read as a snapshot."""
+        fleet, wanted = self.fleet, self._states.lane_change(EGO)
+        s_m, y_m, speed, lateral = self._state
+        sizes_m = fleet.length_m, fleet.width_m
+        return Snapshot(self._time_s, fleet.ids, s_m, y_m, speed, lateral, *sizes_m, wanted)

@@ -1,0 +1,131 @@
+"""Functions that start SUMO, and error messages that name the missing software."""
+
+import ctypes
+import importlib
+import importlib.util
+import io
+import platform
+import subprocess
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, redirect_stdout
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from drl_av.config import Config
+from drl_av.errors import DisplayError, SimulationError
+from drl_av.sumo_programs import missing_library, program
+
+GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "1280,800")
+
+
+def require_display() -> None:
+    """Raise DisplayError if there is no screen, because sumo-gui would then end the Python process.
+
+    The error is also raised if libX11 is missing. The check is made on Linux only.
+    """
+    if platform.system() != "Linux":
+        return
+    try:
+        x11 = ctypes.CDLL("libX11.so.6")
+    except OSError as error:
+        raise DisplayError(
+            "sumo-gui needs the system library libX11.so.6, which this machine lacks: install "
+            "the package libx11-6, or use --video instead."
+        ) from error
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    display = x11.XOpenDisplay(None)
+    if not display:
+        raise DisplayError(
+            "sumo-gui has no screen to open on: set DISPLAY, run under xvfb-run, "
+            "or make a video instead (drl-av replay --video FILE.mp4)."
+        )
+    x11.XCloseDisplay(ctypes.c_void_p(display))
+
+
+def connection(gui: bool) -> ModuleType:
+    """Return the module libsumo, or traci if ``gui`` is true, to control SUMO.
+
+    libsumo can open sumo-gui too, but then it cannot load a second episode, and it hangs when it is
+    closed.
+
+    Raises:
+        SimulationError: the module cannot be imported; the message names the missing library.
+    """
+    name = "traci" if gui else "libsumo"
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise SimulationError(missing_library(name, str(error))) from error
+
+
+def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[..., Any]]:
+    """Return the function ``sumo.vehicle.<name>`` for each name.
+
+    For libsumo these are the C functions themselves: SWIG's Python wrapper around each of them
+    takes a quarter to a third of the time of a call.
+    """
+    within = getattr(sumo, "_libsumo", None)
+    return [getattr(within, f"vehicle_{name}", getattr(sumo.vehicle, name)) for name in names]
+
+
+@contextmanager
+def short_names(files: Sequence[Path]) -> Iterator[list[str]]:
+    """Yield short names of files for libsumo, which are valid inside the ``with`` block.
+
+    libsumo leaks about seven copies of each path at each start, and replaces ``${HOME}`` in a path.
+    The short names are paths in /dev/fd. On a system without /proc/self/fd they are the paths of
+    the files.
+    """
+    if not Path("/proc/self/fd").is_dir():
+        yield [str(file) for file in files]
+        return
+    with ExitStack() as stack:
+        opened = [stack.enter_context(file.open("rb")) for file in files]
+        yield [f"/dev/fd/{file.fileno()}" for file in opened]
+
+
+def start_arguments(files: Sequence[str], seed: int, config: Config) -> list[str]:
+    """Return the command line arguments of SUMO for a scenario.
+
+    ``files`` holds the network file and then the additional files; ``seed`` seeds SUMO.
+    """
+    return [
+        *("--net-file", files[0]),
+        *("--additional-files", ",".join(files[1:])),
+        *("--seed", str(seed % 2**31)),
+        *("--step-length", repr(config.simulation.step_length_s)),
+        *("--lateral-resolution", repr(config.simulation.lateral_resolution_m)),
+        *("--lanechange.overtake-right", str(config.traffic.overtake_right).lower()),
+        *("--time-to-teleport", "-1"),
+        *("--collision.action", "warn"),
+        *("--collision.mingap-factor", "0"),
+        *("--collision.check-junctions", "true"),
+        *("--insertion-checks", "none"),
+        *("--no-step-log", "true"),
+        *("--no-warnings", "true"),
+        *("--xml-validation", "never"),
+    ]
+
+
+def start(
+    sumo: ModuleType,
+    files: Sequence[Path],
+    seed: int,
+    config: Config,
+    view: Path | None = None,
+) -> None:
+    """Start libsumo if ``view`` is None; otherwise start sumo-gui through traci.
+
+    ``sumo`` is the module libsumo or traci, in which SUMO must not be running yet. ``view`` is the
+    path of the view settings. The first of ``files`` is the network file.
+    """
+    if view is None:
+        with short_names(files) as names:
+            sumo.start(["sumo", *start_arguments(names, seed, config)])
+        return
+    sumo_gui = str(program("sumo-gui"))
+    arguments = start_arguments([*map(str, files)], seed, config)
+    own = ["--gui-settings-file", str(view), *GUI_OPTIONS]
+    with redirect_stdout(io.StringIO()):
+        sumo.start([sumo_gui, *arguments, *own], stdout=subprocess.DEVNULL)

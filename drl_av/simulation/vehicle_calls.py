@@ -1,0 +1,315 @@
+"""All calls on a vehicle of SUMO: it is added, commanded, handed over, read and removed."""
+
+import math
+import struct
+from collections.abc import Sequence
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drl_av.compiled import compiled
+from drl_av.config import Config, EgoConfig, SimulationConfig, TrafficConfig
+from drl_av.road.road import CENTERED_M, FloatArray
+from drl_av.road.snapshot import EGO, EGO_ID, TrafficCommand
+from drl_av.scenarios.folder import Scenario
+from drl_av.scenarios.layout import Layout, route_on
+from drl_av.simulation.population import Population
+from drl_av.simulation.sumo import getters
+
+LANE_CHANGES_ON_REQUEST = 1536
+"""SUMO's lane change mode: change lanes on request only, if the gaps are safe, and keep centred."""
+LEFT_TO_SUMO = -1.0
+"""The argument of ``setSpeed`` that returns the control of the speed to SUMO."""
+LOOK_AHEAD_M = 200.0
+"""Range in which SUMO looks for a vehicle ahead; longer than any stopping distance."""
+
+
+def leave_to_commands(vehicle: Any, name: str) -> None:
+    """Make SUMO change the lane of the vehicle ``name`` on request only.
+
+    ``vehicle`` is the domain ``vehicle`` of libsumo or traci. The speed mode remains SUMO's
+    default: a request never makes the vehicle faster than SUMO's IDM considers safe, and never
+    exceeds the acceleration and braking of its type.
+    """
+    vehicle.setLaneChangeMode(name, LANE_CHANGES_ON_REQUEST)
+
+
+def is_centered(vehicle: Any, name: str) -> bool:
+    """Whether the vehicle ``name`` is so near its lane's centre that it may request a lane change.
+
+    If the vehicle is away from the centre, another vehicle may have interrupted its lane change. A
+    new request would make SUMO continue it, even into that other vehicle.
+    """
+    return bool(abs(vehicle.getLateralLanePosition(name)) <= CENTERED_M)
+
+
+def ask_for_lane_changes(
+    vehicle: Any,
+    ids: Sequence[str],
+    traffic_commands: Sequence[TrafficCommand],
+    timing: SimulationConfig,
+) -> None:
+    """Request the lane changes of ``traffic_commands``, valid until the next decision.
+
+    SUMO completes each lane change that it has begun. ``vehicle`` is the domain ``vehicle`` of
+    libsumo or traci; ``ids`` holds the SUMO id of the vehicle in each row of the snapshot.
+    """
+    for row, _, side in traffic_commands:
+        if side and is_centered(vehicle, ids[row]):
+            vehicle.changeLaneRelative(ids[row], side, timing.decision_interval_s)
+
+
+def ask_for_speeds(
+    vehicle: Any,
+    ids: Sequence[str],
+    traffic_commands: Sequence[TrafficCommand],
+    config: Config,
+) -> None:
+    """Request the speeds of ``traffic_commands`` for the end of the next SUMO step.
+
+    Each requested speed is at most ``stoppable_speed``, because SUMO's IDM brakes too late behind a
+    vehicle that brakes fully, as level-0 drivers do. This limit also applies to the vehicles that
+    SUMO drives. SUMO may still brake harder than requested.
+    """
+    step_s, ours = config.simulation.step_length_s, {EGO, *(wish.row for wish in traffic_commands)}
+    _limit_speeds(vehicle, [ids[row] for row in range(len(ids)) if row not in ours], step_s)
+    for row, acceleration_m_s2, _ in traffic_commands:
+        name = ids[row]
+        speed, most = vehicle.getSpeed(name), stoppable_speed(vehicle, name, step_s)
+        if most >= speed and yields_to_sumo(vehicle, name, speed):
+            vehicle.setSpeed(name, LEFT_TO_SUMO)
+        else:
+            vehicle.setSpeed(name, min(most, max(0.0, speed + acceleration_m_s2 * step_s)))
+
+
+def _limit_speeds(vehicle: Any, names: Sequence[str], step_s: float) -> None:
+    """Limit the speed of SUMO-driven vehicles to ``stoppable_speed`` for the next SUMO step."""
+    for name in names:
+        most = stoppable_speed(vehicle, name, step_s)
+        within_reach = most < vehicle.getSpeed(name) + vehicle.getAccel(name) * step_s
+        vehicle.setSpeed(name, most if within_reach else LEFT_TO_SUMO)
+
+
+def stoppable_speed(vehicle: Any, name: str, step_s: float) -> float:
+    """Return the largest speed, m/s, from which a vehicle can stop behind the vehicle ahead.
+
+    It is inf without a vehicle ahead. ``vehicle`` is the domain of libsumo or TraCI, ``name`` the
+    vehicle's id, and h is ``step_s``. The formula is ours: both vehicles brake with b, the limit of
+    the vehicle behind. The vehicle ahead brakes at once from speed u and covers u^2 / 2b - u h / 2.
+    The vehicle behind first drives one step at speed v and covers v^2 / 2b + v h / 2 in all. When
+    both stand, SUMO's minimum gap is left between them.
+    """
+    leader = vehicle.getLeader(name, LOOK_AHEAD_M)
+    if leader is None or not leader[0]:
+        return math.inf
+    braking, ahead = vehicle.getDecel(name), vehicle.getSpeed(leader[0])
+    room_m = max(leader[1], 0.0) + max(ahead**2 / (2 * braking) - ahead * step_s / 2, 0.0)
+    return float(braking * (math.sqrt(step_s**2 / 4 + 2 * room_m / braking) - step_s / 2))
+
+
+def yields_to_sumo(vehicle: Any, name: str, speed: float) -> bool:
+    """Whether SUMO must keep control of the speed, because its models brake the vehicle themselves.
+
+    SUMO does so to make room for a lane change, and in an emergency, in which it brakes harder than
+    a request may. SUMO keeps control until it brakes normally again. ``speed`` is the present
+    speed, m/s.
+    """
+    if vehicle.getSpeedWithoutTraCI(name) < speed - 1e-6:
+        return True
+    return bool(vehicle.getAcceleration(name) < -vehicle.getDecel(name) - 1e-6)
+
+
+ALL_SPEED_CHECKS_OFF = 32
+NO_AUTONOMOUS_LANE_CHANGES = 0
+SPEED_CHECKS = 31
+AUTONOMOUS_LANE_CHANGES = 1621
+"""Bit sets for SUMO's setSpeedMode and setLaneChangeMode; the last two are SUMO's defaults."""
+
+
+class EgoModel(NamedTuple):
+    """Parameters of SUMO's models IDM and SL2015 for the ego; the defaults are those of SUMO."""
+
+    headway_s: float = 1.0
+    """SUMO's tau, the time gap."""
+    assertiveness: float = 1.0
+    """SUMO's lcAssertive; it divides the gaps that a lane change needs."""
+    speed_gain: float = 1.0
+    """SUMO's lcSpeedGain, the eagerness to change lanes for speed."""
+    overtake_right: bool = False
+    """Whether the ego may pass on the right above 60 km/h."""
+
+
+def take_control(vehicle: Any, name: str) -> None:
+    """Make SUMO execute our commands for a vehicle exactly and take no actions of its own.
+
+    ``vehicle`` is the domain ``vehicle`` of libsumo or traci; ``name`` is the vehicle's id.
+    """
+    vehicle.setSpeedMode(name, ALL_SPEED_CHECKS_OFF)
+    vehicle.setLaneChangeMode(name, NO_AUTONOMOUS_LANE_CHANGES)
+    vehicle.setMaxSpeedLat(name, 10.0)
+
+
+def hand_over(vehicle: Any, model: EgoModel, ego: EgoConfig, lane_width_m: float) -> None:
+    """Let SUMO drive the ego from now on, within the speed and acceleration limits of ``ego``.
+
+    SL2015 permits only emergency vehicles to pass on the right above 60 km/h. If
+    ``model.overtake_right`` is true, the ego therefore becomes an emergency vehicle without a
+    siren, for which other vehicles do not make way. The ego keeps its size. ``vehicle`` is the
+    domain ``vehicle`` of libsumo or traci.
+    """
+    color, length_m, width_m = (
+        read(EGO_ID) for read in (vehicle.getColor, vehicle.getLength, vehicle.getWidth)
+    )
+    vehicle.setType(EGO_ID, "traffic")
+    vehicle.setColor(EGO_ID, color)
+    vehicle.setLength(EGO_ID, length_m)
+    vehicle.setWidth(EGO_ID, width_m)
+    vehicle.setSpeedMode(EGO_ID, SPEED_CHECKS)
+    vehicle.setLaneChangeMode(EGO_ID, AUTONOMOUS_LANE_CHANGES)
+    vehicle.setMaxSpeed(EGO_ID, ego.max_speed_m_s)
+    vehicle.setAccel(EGO_ID, ego.accelerate_m_s2)
+    vehicle.setDecel(EGO_ID, ego.hard_brake_m_s2)
+    vehicle.setEmergencyDecel(EGO_ID, ego.hard_brake_m_s2)
+    vehicle.setMaxSpeedLat(EGO_ID, lane_width_m / ego.lane_change_duration_s)
+    vehicle.setTau(EGO_ID, model.headway_s)
+    for name, value in (("lcAssertive", model.assertiveness), ("lcSpeedGain", model.speed_gain)):
+        vehicle.setParameter(EGO_ID, f"laneChangeModel.{name}", repr(value))
+    if model.overtake_right:
+        vehicle.setVehicleClass(EGO_ID, "emergency")
+
+
+def spawn(
+    vehicle: Any,
+    population: Population,
+    row: int,
+    type_id: str,
+    layout: Layout,
+    traffic: TrafficConfig,
+) -> None:
+    """Add the vehicle in this row of a population to SUMO at its position, with its parameters.
+
+    ``vehicle`` is the domain ``vehicle`` of libsumo or traci.
+    """
+    name, speed = population.ids[row], float(population.speed_m_s[row])
+    lane_id, position_m = _lane_and_position(layout, population.lane[row], population.front_m[row])
+    is_way = name == EGO_ID or layout.road.is_partial(int(population.lane[row]))
+    route = route_on(layout.routes, lane_id.rpartition("_")[0], is_way)
+    vehicle.add(name, route, type_id, "now", departSpeed="0")
+    if population.is_truck[row]:
+        vehicle.setLength(name, traffic.truck_length_m)
+        vehicle.setWidth(name, traffic.truck_width_m)
+        vehicle.setShapeClass(name, "truck")
+    vehicle.moveTo(name, lane_id, position_m)
+    vehicle.setPreviousSpeed(name, speed)
+    if name == EGO_ID:
+        take_control(vehicle, name)
+    else:
+        vehicle.setTau(name, float(population.headway_s[row]))
+        vehicle.setAccel(name, float(population.acceleration_m_s2[row]))
+        gain = repr(float(population.speed_gain[row]))
+        vehicle.setParameter(name, "laneChangeModel.lcSpeedGain", gain)
+    vehicle.setMaxSpeed(name, float(population.desired_speed_m_s[row]))
+
+
+def clear_the_road(sumo: ModuleType) -> None:
+    """Remove all vehicles, so that SUMO continues as if there had never been any.
+
+    ``sumo`` is the module libsumo or traci. The function makes two SUMO steps. In the first one
+    SUMO ends all lane changes: SUMO sometimes keeps the space for the lane change of a vehicle that
+    is removed, and later vehicles would brake behind this space. The second one frees the names.
+    """
+    for name in sumo.vehicle.getLoadedIDList():
+        sumo.vehicle.setLaneChangeMode(name, NO_AUTONOMOUS_LANE_CHANGES)
+    sumo.simulationStep()
+    for name in sumo.vehicle.getLoadedIDList():
+        sumo.vehicle.remove(name)
+    sumo.simulationStep()
+
+
+def _lane_and_position(layout: Layout, lane: int, front_m: float) -> tuple[str, float]:
+    """Return the SUMO lane id of a position on the road, and the position on that lane, metres."""
+    best = max(
+        (start_m, lane_id)
+        for lane_id, (index, start_m) in layout.lane_positions.items()
+        if index == lane and start_m <= front_m
+    )
+    return best[1], float(front_m - best[0])
+
+
+STATE = (
+    *("getLaneID", "getLanePosition", "getLateralLanePosition", "getSpeed", "getLateralSpeed"),
+    "getLaneChangeState",
+)
+
+
+class StateReader:
+    """Reads the state of the vehicles on the road; ``watch`` sets their names."""
+
+    _ids: Sequence[str]
+    _half_m: FloatArray
+
+    def __init__(self, sumo: ModuleType, scenario: Scenario) -> None:
+        self._lane_positions = scenario.layout.lane_positions
+        self._lap_m, self._lane_m = float(scenario.road.lap_m), float(scenario.road.lane_width_m)
+        self._row_of = {name: row for row, name in enumerate(self._lane_positions)}
+        self._lanes = np.array([*self._lane_positions.values()], dtype=np.float64)
+        self._lane, self._at, self._aside, self._speed, *others = getters(sumo, STATE)
+        self._lateral_speed, self._lane_change = others
+        bits = sumo.constants
+        self._wanted = (1, bits.LCA_LEFT), (-1, bits.LCA_RIGHT)
+        self._blocked: int = bits.LCA_BLOCKED
+
+    def watch(self, ids: Sequence[str], length_m: FloatArray) -> None:
+        """Set the vehicles on the road; a row is an index into ``ids``, the ego's is 0."""
+        self._ids, self._half_m = ids, length_m / 2
+
+    def position(self, row: int) -> tuple[float, float]:
+        """Return the position of a vehicle's centre along (s) and across (y) the road, metres."""
+        name = self._ids[row]
+        lane, start_m = self._lane_positions[self._lane(name)]
+        along_m = (start_m + self._at(name) - float(self._half_m[row])) % self._lap_m
+        return along_m, lane * self._lane_m + self._aside(name)
+
+    def state(self, first: int = 0) -> FloatArray:
+        """Return s, y (m), speed and lateral speed (m/s) of the rows from ``first`` on.
+
+        The shape is (4, rows).
+        """
+        ids = self._ids[first:]
+        read = (
+            *map(self._row_of.__getitem__, map(self._lane, ids)),
+            *map(self._at, ids),
+            *map(self._aside, ids),
+            *map(self._speed, ids),
+            *map(self._lateral_speed, ids),
+        )
+        memory = bytearray(8 * len(read))
+        struct.pack_into(f"{len(read)}d", memory, 0, *read)  # takes half the time of np.array
+        columns = np.frombuffer(memory).reshape(5, -1)
+        place.fast(columns, self._lanes, self._half_m[first:], self._lap_m, self._lane_m)
+        return columns[1:]
+
+    def lane_change(self, row: int) -> int:
+        """Return the lane change that SUMO's model would make now: +1 left, -1 right, 0 none."""
+        for sign, wanted in self._wanted:
+            state = self._lane_change(self._ids[row], sign)[0]
+            if state & wanted and not state & self._blocked:
+                return sign
+        return 0
+
+
+@compiled
+def place(
+    columns: FloatArray, lanes: FloatArray, half_m: FloatArray, lap_m: float, lane_m: float
+) -> None:
+    """Convert positions on SUMO's lanes to positions along and across the road, in place.
+
+    ``columns``, shape (5, rows), holds an index into ``lanes``, the position of the front bumper on
+    the lane, and the lateral position on it; the second and third become s and y, metres.
+    ``lanes``, shape (lanes, 2), holds the index of each lane across the road, and its start.
+    """
+    for row in range(columns.shape[1]):
+        lane = int(columns[0, row])
+        columns[1, row] = (lanes[lane, 1] + columns[1, row] - half_m[row]) % lap_m
+        columns[2, row] = lanes[lane, 0] * lane_m + columns[2, row]
