@@ -2,7 +2,7 @@
 
 import math
 
-from drl_av.twin.compiled import compiled
+from drl_av.compiled import compiled
 from drl_av.twin.flags import (
     ASKED,
     ASKED_BY_LEFTWARD,
@@ -407,7 +407,7 @@ def ask_for_room(world: World, loop: Loop, i: int, side: int) -> int:
     notes[MANEUVER] = notes[MOVE]
     blocked = check_blocking(world, loop, i, side, LATERAL_GAP_M, False)
     blockers = near[BLOCKERS]
-    seconds = (world.z[REQUEST_END, i] - world.near[STEP]) * STEP_S
+    seconds = max((world.z[REQUEST_END, i] - world.near[STEP]) * STEP_S, 1e-300)
     planned = world.x[SPEED_M_S, i]
     for bit, d in ((1, 0), (4, side)):
         if blockers & bit:

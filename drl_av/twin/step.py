@@ -14,7 +14,7 @@ from drl_av.twin.active_lanes import (
     put_in_front,
     strip_of,
 )
-from drl_av.twin.compiled import compiled
+from drl_av.compiled import compiled
 from drl_av.twin.flags import (
     BLOCKED,
     BLOCKED_BY_LEADER,
