@@ -23,7 +23,6 @@ from drl_av.env.twin_episodes import (
     PAPER,
     PERMIT_ALL,
     STRICT,
-    Episodes,
     Task,
     decide_all,
     empty_episodes,

@@ -40,6 +40,7 @@ from drl_av.twin.worlds import (
     THRESHOLD_LEFT,
     THRESHOLD_RIGHT,
     TRACKED,
+    TRACKED_LEFT,
     WANTED_SPEED_M_S,
     WIDTH_M,
     IntArray,
@@ -91,8 +92,10 @@ def require_supported(scenario: Scenario, config: Config) -> None:
         "simulation.lateral_resolution_m other than the lane width": not math.isclose(
             timing.lateral_resolution_m, scenario.road.lane_width_m
         ),
-        "finite-state, level-k and hard-braking drivers: set traffic.kind to calm or overtaking":
-            sum(traffic.shares) > 0,
+        "finite-state, level-k and hard-braking drivers: set traffic.kind to calm or overtaking": sum(
+            traffic.shares
+        )
+        > 0,
         "traffic.keep_stopping_distance": traffic.keep_stopping_distance,
         "traffic.all_kinds": traffic.all_kinds,
     }
@@ -155,7 +158,8 @@ def place_vehicles(
         x[EXPECTED_M_S + lane] = x[DESIRED_M_S] if is_open else -1.0
     z[LANE, :n], z[ORDER, :n] = population.lane, rows
     z[MASK], z[IS_FULL] = 1 << z[LANE], 1
-    z[TRACKED], z[REQUEST_END], z[REQUEST_LANE], z[SHADOW], z[RESERVED] = -1, -1, -1, -1, -1
+    z[REQUEST_END], z[REQUEST_LANE], z[SHADOW], z[RESERVED] = -1, -1, -1, -1
+    z[TRACKED], z[TRACKED_LEFT] = -1, -1
     sort_and_activate(world, loop)
 
 
