@@ -6,7 +6,7 @@ move for this step and the lateral distance of the whole maneuver. Directions ar
 left, 0 own lane. ``notes`` keeps the lateral room of the vehicle between the considerations.
 """
 
-from drl_av.compiled import compiled
+from drl_av.compiled import borrowing
 from drl_av.twin.flags import (
     ASKED_BY_LEFTWARD,
     ASKED_BY_RIGHTWARD,
@@ -83,7 +83,7 @@ RELATED, RELATED_COUNT, LEADER, FOLLOWER, BLOCKERS = 0, 6, 8, 11, 7
 leaders and followers in the right, own and left lane, and a bit for each one that is in the way."""
 
 
-@compiled
+@borrowing
 def lane_side_distance(width_m: float, aside_m: float, side: int, lane_m: float) -> float:
     """Return the least lateral move, metres, that brings a body wholly into the next lane."""
     half_m = 0.5 * (width_m + EPS)
@@ -92,7 +92,7 @@ def lane_side_distance(width_m: float, aside_m: float, side: int, lane_m: float)
     return 0.5 * lane_m - half_m - aside_m + (width_m + EPS)
 
 
-@compiled
+@borrowing
 def request_of(world: World, loop: Loop, i: int) -> int:
     """Return the side of the request that stands: -1, +1, ``HOLD``, or 0 without one."""
     wanted = world.z[REQUEST_LANE, i]
@@ -102,7 +102,7 @@ def request_of(world: World, loop: Loop, i: int) -> int:
     return HOLD if wanted == lane else (-1 if wanted < lane else 1)
 
 
-@compiled
+@borrowing
 def influenced(state: int, request: int, on_request_only: int, is_commanded: bool) -> int:
     """Return the state after SUMO has applied the lane-change mode and the request to it."""
     if state & (WANTS | STAY):
@@ -128,7 +128,7 @@ def influenced(state: int, request: int, on_request_only: int, is_commanded: boo
     return state | URGENT | (LEFT if request == 1 else RIGHT)
 
 
-@compiled
+@borrowing
 def signed(state: int, move_m: float) -> int:
     """Return the direction flag of a lateral move that has a reason."""
     if move_m == 0.0 or not state & REASONS:
@@ -136,13 +136,13 @@ def signed(state: int, move_m: float) -> int:
     return RIGHT if move_m < 0 else LEFT
 
 
-@compiled
+@borrowing
 def overlaps(right: float, left: float, other_right: float, other_left: float) -> bool:
     """Return whether two lateral intervals overlap by more than SUMO's tolerance."""
     return other_left >= right + EPS and left >= other_right + EPS
 
 
-@compiled
+@borrowing
 def is_related(world: World, j: int) -> bool:
     """Return whether car following already regards the vehicle ``j``."""
     for m in range(max(0, world.near[RELATED_COUNT])):
@@ -151,7 +151,7 @@ def is_related(world: World, j: int) -> bool:
     return False
 
 
-@compiled
+@borrowing
 def relate(world: World, loop: Loop, i: int, lane: int, j: int, gap_m: float) -> None:
     """Remember the vehicle ``j`` if it is ahead or behind in a lane that the vehicle overlaps."""
     if j < 0 or gap_m < 0 or is_related(world, j):
@@ -164,13 +164,13 @@ def relate(world: World, loop: Loop, i: int, lane: int, j: int, gap_m: float) ->
         world.near[RELATED_COUNT] = count + 1
 
 
-@compiled
+@borrowing
 def center_m(world: World, loop: Loop, i: int) -> float:
     """Return the lateral position of a body's centre from the right border of the road."""
     return (world.z[LANE, i] + 0.5) * loop.lane_m + world.x[ASIDE_M, i]
 
 
-@compiled
+@borrowing
 def update_gaps(
     world: World,
     loop: Loop,
@@ -210,7 +210,7 @@ def update_gaps(
     return room_right, room_left
 
 
-@compiled
+@borrowing
 def is_blocking(
     world: World,
     loop: Loop,
@@ -252,7 +252,7 @@ def is_blocking(
     return flag | COUNTS
 
 
-@compiled
+@borrowing
 def check_blocking(
     world: World,
     loop: Loop,
@@ -325,7 +325,7 @@ def check_blocking(
     return blocked & ~COUNTS
 
 
-@compiled
+@borrowing
 def inform(world: World, j: int, advice: float, flags: int) -> None:
     """Tell the vehicle ``j`` that it is in the way; ``advice`` is a speed for it, or negative."""
     world.z[STATE, j] |= flags
@@ -333,7 +333,7 @@ def inform(world: World, j: int, advice: float, flags: int) -> None:
         advise(world, j, advice)
 
 
-@compiled
+@borrowing
 def advise(world: World, j: int, advice: float) -> None:
     """Advise a vehicle of a speed for the next step; it ignores one that it cannot reach."""
     speed = world.x[SPEED_M_S, j]
@@ -342,7 +342,7 @@ def advise(world: World, j: int, advice: float) -> None:
         world.x[ADVICE_M_S, j] = reached
 
 
-@compiled
+@borrowing
 def its_follow_speed(world: World, i: int, gap_m: float, ahead_speed: float) -> float:
     """Return the next speed of the vehicle ``i`` behind another one, by its IDM."""
     return follow_speed(
@@ -355,7 +355,7 @@ def its_follow_speed(world: World, i: int, gap_m: float, ahead_speed: float) -> 
     )
 
 
-@compiled
+@borrowing
 def inform_leader(
     world: World,
     loop: Loop,
@@ -396,7 +396,7 @@ def inform_leader(
     return min(target, planned)
 
 
-@compiled
+@borrowing
 def stop_speed(world: World, i: int) -> float:
     """Return IDM's next speed if the vehicle stopped at the end of the road that SUMO regards."""
     return idm_speed(
@@ -410,7 +410,7 @@ def stop_speed(world: World, i: int) -> float:
     )
 
 
-@compiled
+@borrowing
 def inform_follower(
     world: World,
     loop: Loop,

@@ -2,7 +2,7 @@
 
 import math
 
-from drl_av.compiled import compiled
+from drl_av.compiled import borrowing
 from drl_av.twin.flags import (
     ASKED,
     ASKED_BY_LEFTWARD,
@@ -23,7 +23,7 @@ from drl_av.twin.flags import (
     SUBLANE,
     URGENT,
 )
-from drl_av.twin.following import EPS, MIN_GAP_M, MOST_BRAKING_M_S, STEP_S, follow_speed
+from drl_av.twin.following import EPS, MIN_GAP_M, MOST_BRAKING_M_S, STEP_S, follow_speed, secure_gap
 from drl_av.twin.lane_changing import (
     BLOCKERS,
     CONGESTED_M_S,
@@ -64,6 +64,7 @@ from drl_av.twin.worlds import (
     COMMANDED_M,
     COUNT,
     DESIRED_M_S,
+    EDGE,
     EXPECTED_M_S,
     FRONT_M,
     GAIN_LEFT,
@@ -95,17 +96,17 @@ SLOW_M_S = 10.0
 LOSS = -0.1
 LOOKAHEAD_S = 5.0
 LONGEST_M = 25.0
-TRACK_STEPS = 4
+TRACK_STEPS = 8
 """Steps between two updates of expected speeds that do not matter now."""
 
 
-@compiled
+@borrowing
 def is_open(loop: Loop, lane: int) -> bool:
     """Return whether the lane exists and is open."""
     return loop.first_open <= lane <= loop.last_open
 
 
-@compiled
+@borrowing
 def look_around(world: World, loop: Loop, k: int) -> None:
     """Find the vehicles ahead of the ``k``-th one in all lanes, and what speed each lane promises.
 
@@ -114,7 +115,7 @@ def look_around(world: World, loop: Loop, k: int) -> None:
     x, z, n = world.x, world.z, world.near[COUNT]
     i = z[ORDER, k]
     at_m, own = x[FRONT_M, i], z[LANE, i]
-    pos_m = at_m - math.floor(at_m / loop.edge_m) * loop.edge_m
+    pos_m = at_m - world.z[EDGE, i] * loop.edge_m
     seen_m = reach_m(loop.edge_m - pos_m, x[SPEED_M_S, i], x[HEADWAY_S, i], loop.edge_m)
     for d in range(3):
         world.near[LEADER + d] = -1
@@ -151,7 +152,7 @@ def look_around(world: World, loop: Loop, k: int) -> None:
                 expect(world, i, lane, promised)
 
 
-@compiled
+@borrowing
 def promised_speed(world: World, i: int, j: int, gap_m: float) -> float:
     """Return the speed that a lane promises to the vehicle ``i``, with ``j`` ahead in it or -1."""
     x = world.x
@@ -171,7 +172,7 @@ def promised_speed(world: World, i: int, j: int, gap_m: float) -> float:
     return min(desired, promised)
 
 
-@compiled
+@borrowing
 def expect(world: World, i: int, lane: int, promised: float) -> None:
     """Adapt the expected speed of a lane to the promised one, over the steps since the last time."""
     last = world.z[TRACKED if lane <= world.z[LANE, i] else TRACKED_LEFT, i]
@@ -181,7 +182,7 @@ def expect(world: World, i: int, lane: int, promised: float) -> None:
     world.x[EXPECTED_M_S + lane, i] = old_part * expected + (1 - old_part) * promised
 
 
-@compiled
+@borrowing
 def track(world: World, loop: Loop, k: int) -> None:
     """Bring the expected speeds up to date, and the gain of a driver that changes for no speed.
 
@@ -206,7 +207,7 @@ def track(world: World, loop: Loop, k: int) -> None:
         x[GAIN_LEFT, i] += STEP_S * steps * gain
 
 
-@compiled
+@borrowing
 def needs_thought(world: World, loop: Loop, k: int) -> bool:
     """Return whether the ``k``-th vehicle may move sideways now; if not, do what else it does.
 
@@ -229,12 +230,12 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
     if not follows and not tracks:
         return False
     at_m, n = x[FRONT_M, i], world.near[COUNT]
-    pos_m = at_m - math.floor(at_m / loop.edge_m) * loop.edge_m
+    pos_m = at_m - world.z[EDGE, i] * loop.edge_m
     seen_m = reach_m(loop.edge_m - pos_m, speed, x[HEADWAY_S, i], loop.edge_m)
     todo = 2 << own if follows else 0
     if tracks:
         todo |= ((2 << own) - 1) & ~((1 << loop.first_open) - 1)
-    m, wrapped_m = k, 0.0
+    m, wrapped_m, ahead, ahead_gap_m = k, 0.0, -1, 0.0
     for _ in range(n - 1):
         m -= 1
         if m < 0:
@@ -250,6 +251,8 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
             continue
         todo &= ~found
         gap_m = behind_m - MIN_GAP_M
+        if tracks and found & (1 << (own - 1)):
+            ahead, ahead_gap_m = j, gap_m
         if found & (2 << own):
             keep_behind(world, loop, i, j, gap_m)
             found &= ~(2 << own)
@@ -272,11 +275,14 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
     for lane in range(loop.first_open, own):
         its = x[EXPECTED_M_S + lane, i]
         if its - x[EXPECTED_M_S + own, i] > GAIN_SEEN * max(its, SLOW_M_S):
-            return True
+            if ahead < 0:
+                return True
+            needed_m = secure_gap(speed, x[SPEED_M_S, ahead], x[HEADWAY_S, i], False)
+            return bool(ahead_gap_m >= needed_m)  # else it is blocked, and asks nobody for room
     return False
 
 
-@compiled
+@borrowing
 def keep_behind(world: World, loop: Loop, i: int, j: int, gap_m: float) -> None:
     """Advise a driver not to pass the vehicle ``j`` ahead in the left lane on its right."""
     x = world.x
@@ -290,7 +296,7 @@ def keep_behind(world: World, loop: Loop, i: int, j: int, gap_m: float) -> None:
             x[GAIN_RIGHT, i] += STEP_S * x[THRESHOLD_LEFT, i] / 3
 
 
-@compiled
+@borrowing
 def weigh_gains(world: World, loop: Loop, i: int, side: int, sides: int) -> tuple[float, float]:
     """Update the gains of speed to each side; return the best lateral move, and the own speed.
 
@@ -344,7 +350,7 @@ def weigh_gains(world: World, loop: Loop, i: int, side: int, sides: int) -> tupl
     return move_m, stays
 
 
-@compiled
+@borrowing
 def speed_gain_of(world: World, loop: Loop, i: int, move_m: float, stays: float) -> float:
     """Return the expected change of the speed after a lateral move."""
     result = math.inf
@@ -356,7 +362,7 @@ def speed_gain_of(world: World, loop: Loop, i: int, move_m: float, stays: float)
     return result - stays
 
 
-@compiled
+@borrowing
 def wish(world: World, loop: Loop, i: int, side: int, sides: int) -> int:
     """Return the state after considering a side; the move and maneuver go to ``notes``."""
     notes, near = world.notes, world.near
@@ -428,7 +434,7 @@ def wish(world: World, loop: Loop, i: int, side: int, sides: int) -> int:
     return align(world, loop, i, side, state, request, move_m, stays)
 
 
-@compiled
+@borrowing
 def ask_for_room(world: World, loop: Loop, i: int, side: int) -> int:
     """Ask the vehicles in the way of a requested lane change for room; return what blocks it."""
     notes, near = world.notes, world.near
@@ -449,7 +455,7 @@ def ask_for_room(world: World, loop: Loop, i: int, side: int) -> int:
     return blocked
 
 
-@compiled
+@borrowing
 def align(
     world: World,
     loop: Loop,
@@ -489,7 +495,7 @@ def align(
     return wanted & ~SUBLANE
 
 
-@compiled
+@borrowing
 def keep_lateral_gap(world: World, loop: Loop, i: int, side: int, state: int) -> int:
     """Return the state after keeping a lateral gap to vehicles beside, and a begun request."""
     notes, near, own = world.notes, world.near, world.z[LANE, i]
@@ -561,7 +567,7 @@ def keep_lateral_gap(world: World, loop: Loop, i: int, side: int, state: int) ->
     return state | blocked
 
 
-@compiled
+@borrowing
 def limit_move(world: World, i: int) -> None:
     """Limit the move in ``notes`` to one step, and its maneuver to the lateral room."""
     notes = world.notes

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from drl_av.compiled import compiled
+from drl_av.compiled import borrowing
 from drl_av.twin.active_lanes import (
     EDGES,
     HAS_ENTERED,
@@ -12,7 +12,6 @@ from drl_av.twin.active_lanes import (
     activate,
     forget_empty,
     mark_present,
-    put_in_front,
     strip_of,
 )
 from drl_av.twin.flags import (
@@ -65,7 +64,7 @@ from drl_av.twin.lane_choice import (
     track,
     wish,
 )
-from drl_av.twin.neighbors import follower, insert_sorted, shadow_lane
+from drl_av.twin.neighbors import edge_of, follower, insert_sorted, shadow_lane
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ACCELERATION_NOW_M_S2,
@@ -76,9 +75,11 @@ from drl_av.twin.worlds import (
     COMMANDED_M,
     COUNT,
     DESIRED_M_S,
+    EDGE,
     FRONT_M,
     GAIN_LEFT,
     GAIN_RIGHT,
+    HAS_CHANGED,
     HEADWAY_S,
     IS_FULL,
     LANE,
@@ -105,7 +106,7 @@ from drl_av.twin.worlds import (
 )
 
 
-@compiled
+@borrowing
 def sumo_step(world: World, loop: Loop, ego_speed_m_s: float, ego_y_m: float) -> None:
     """Advance the world ``w`` by one SUMO step, in which the ego reaches this speed and place."""
     for k in range(world.near[COUNT]):
@@ -117,39 +118,37 @@ def sumo_step(world: World, loop: Loop, ego_speed_m_s: float, ego_y_m: float) ->
     world.near[STEP] += 1
 
 
-@compiled
+@borrowing
 def change_lanes(world: World, loop: Loop, ego_y_m: float) -> None:
     """Let the vehicles change lanes one after the other: edge by edge, on each the foremost first.
 
     A driver knows the lane changes of those before it.
     """
-    n, done = world.near[COUNT], 0
-    for m in range(world.near[ACTIVE_COUNT]):
-        edge = world.near[ACTIVE + m] // loop.lanes
+    n, done, near = world.near[COUNT], 0, world.near
+    near[HAS_CHANGED] = 0
+    for m in range(near[ACTIVE_COUNT]):
+        edge = near[ACTIVE + m] // loop.lanes
         if done & (1 << edge):
             continue
         done |= 1 << edge
-        first_m, last_m = edge * loop.edge_m, (edge + 1) * loop.edge_m
         for k in range(n):
             i = world.z[ORDER, k]
-            if world.x[FRONT_M, i] >= last_m:
+            if world.z[EDGE, i] > edge:
                 continue
-            if world.x[FRONT_M, i] < first_m:
+            if world.z[EDGE, i] < edge:
                 break
             if i == 0:
                 place_ego(world, loop, ego_y_m)
             elif needs_thought(world, loop, k):
                 change_lane(world, loop, k)
-            elif world.z[STATE, i] or world.z[PREVIOUS_STATE, i] != SUBLANE | STAY:
+            elif world.z[PREVIOUS_STATE, i] != SUBLANE | STAY:
                 settle(world, i)
-    mark_present(world, loop)
-    for edge in range(EDGES):  # SUMO collects them edge by edge
-        for lane in range(loop.lanes):
-            if world.near[MARKS + edge * loop.lanes + lane]:
-                put_in_front(world, loop, edge * loop.lanes + lane)
+    if near[HAS_CHANGED]:
+        mark_present(world, loop)
+        activate(world, loop)
 
 
-@compiled
+@borrowing
 def next_speed(world: World, loop: Loop, k: int) -> float:
     """Return the speed of the ``k``-th vehicle after the step, by IDM and the advice it got."""
     i = world.z[ORDER, k]
@@ -158,7 +157,7 @@ def next_speed(world: World, loop: Loop, k: int) -> float:
     fastest = min(desired, loop.limit_m_s)
     top = min(speed + world.x[ACCELERATION_M_S2, i] * STEP_S, desired)
     planned = min(top, max(fastest, least))
-    rest_m = loop.edge_m - (at_m - math.floor(at_m / loop.edge_m) * loop.edge_m)
+    rest_m = loop.edge_m - (at_m - world.z[EDGE, i] * loop.edge_m)
     far_m = top * STEP_S + brake_gap(top, BRAKING_M_S2, world.x[HEADWAY_S, i])
     seen_m = rest_m + loop.edge_m
     while seen_m <= far_m:
@@ -182,7 +181,7 @@ def next_speed(world: World, loop: Loop, k: int) -> float:
     return planned
 
 
-@compiled
+@borrowing
 def speed_behind(
     world: World,
     loop: Loop,
@@ -231,11 +230,10 @@ def speed_behind(
     return result
 
 
-@compiled
+@borrowing
 def move(world: World, loop: Loop) -> None:
     """Move all vehicles along the road, and forget what was agreed for this step only."""
-    mark_present(world, loop)
-    forget_empty(world, loop, HAS_STAYED)
+    forget_empty(world, loop, HAS_STAYED | HAS_ENTERED)
     for strip in range(EDGES * loop.lanes):
         world.near[MARKS + strip] = 0
     for i in range(world.near[COUNT]):
@@ -243,7 +241,9 @@ def move(world: World, loop: Loop) -> None:
         world.x[ACCELERATION_NOW_M_S2, i] = (speed - world.x[SPEED_M_S, i]) / STEP_S
         world.x[SPEED_M_S, i] = speed
         at_m = world.x[FRONT_M, i] + speed * STEP_S
-        world.x[FRONT_M, i] = at_m if at_m < loop.lap_m else at_m - loop.lap_m
+        at_m = at_m if at_m < loop.lap_m else at_m - loop.lap_m
+        world.x[FRONT_M, i] = at_m
+        world.z[EDGE, i] = edge_of(at_m, loop)
         now = strip_of(world, loop, i)
         world.near[MARKS + now] |= HAS_STAYED if now == strip else HAS_ENTERED
         state = world.z[STATE, i]
@@ -256,14 +256,14 @@ def move(world: World, loop: Loop) -> None:
     activate(world, loop)
 
 
-@compiled
+@borrowing
 def place_ego(world: World, loop: Loop, y_m: float) -> None:
     """Move the ego sideways to ``y_m``."""
     was_m = world.z[LANE, 0] * loop.lane_m + world.x[ASIDE_M, 0]
     shift(world, loop, 0, y_m - was_m)
 
 
-@compiled
+@borrowing
 def shift(world: World, loop: Loop, i: int, move_m: float) -> bool:
     """Move a vehicle sideways; return whether its centre has entered another lane."""
     lane, aside_m = world.z[LANE, i], world.x[ASIDE_M, i] + move_m
@@ -275,6 +275,7 @@ def shift(world: World, loop: Loop, i: int, move_m: float) -> bool:
             aside_m -= side * loop.lane_m
             lane += side
             entered = True
+            world.near[HAS_CHANGED] = 1
     world.z[LANE, i], world.x[ASIDE_M, i] = lane, aside_m
     other = shadow_lane(aside_m, world.x[WIDTH_M, i], lane, loop)
     world.z[SHADOW, i] = other
@@ -282,7 +283,7 @@ def shift(world: World, loop: Loop, i: int, move_m: float) -> bool:
     return entered
 
 
-@compiled
+@borrowing
 def settle(world: World, i: int) -> None:
     """Note that a vehicle stays at the centre of its lane."""
     world.z[STATE, i] = SUBLANE | STAY
@@ -293,7 +294,7 @@ def settle(world: World, i: int) -> None:
     world.x[LATERAL_SPEED_M_S, i] = 0.0
 
 
-@compiled
+@borrowing
 def change_lane(world: World, loop: Loop, k: int) -> None:
     """Let the ``k``-th vehicle decide on its lane, and move it sideways."""
     i = world.z[ORDER, k]
@@ -315,7 +316,7 @@ def change_lane(world: World, loop: Loop, k: int) -> None:
     notes[LAST_RIGHT] = math.inf
     notes[LAST_LEFT] = math.inf
     at_m = world.x[FRONT_M, i]
-    notes[LEFT_SPACE] = ROUTE_M - (at_m - math.floor(at_m / loop.edge_m) * loop.edge_m)
+    notes[LEFT_SPACE] = ROUTE_M - (at_m - world.z[EDGE, i] * loop.edge_m)
     near[RELATED_COUNT] = -1
     world.z[TRACKED, i], world.z[TRACKED_LEFT, i] = near[STEP], near[STEP]
     right, right_m, right_all_m = 0, 0.0, 0.0
@@ -352,7 +353,7 @@ def change_lane(world: World, loop: Loop, k: int) -> None:
         world.x[COMMANDED_M, i] = world.x[MANEUVER_M, i]
 
 
-@compiled
+@borrowing
 def reserve(world: World, loop: Loop, i: int) -> None:
     """Note the lane that the rest of the maneuver leads into, if the body is not there yet."""
     world.z[RESERVED, i] = -1
@@ -370,7 +371,7 @@ def reserve(world: World, loop: Loop, i: int) -> None:
         world.z[RESERVED, i] = lane
 
 
-@compiled
+@borrowing
 def considered(world: World, loop: Loop, i: int, side: int, sides: int) -> tuple[int, float, float]:
     """Return the state, the move and the maneuver to which considering a side leads."""
     state = wish(world, loop, i, side, sides)
@@ -386,7 +387,7 @@ def considered(world: World, loop: Loop, i: int, side: int, sides: int) -> tuple
     return state, world.notes[MOVE], world.notes[MANEUVER]
 
 
-@compiled
+@borrowing
 def reason(state: int) -> int:
     """Return the strongest reason in a state; a smaller number is stronger."""
     for flag in (STRATEGIC, COOPERATIVE, SPEED_GAIN, KEEP_RIGHT, REQUESTED):
@@ -395,7 +396,7 @@ def reason(state: int) -> int:
     return state & SUBLANE
 
 
-@compiled
+@borrowing
 def is_second(one: int, one_m: float, two: int, two_m: float, one_side: int, two_side: int) -> bool:
     """Return whether SUMO prefers the second of two considerations."""
     if one == 0:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from drl_av.compiled import compiled
+from drl_av.compiled import borrowing
 from drl_av.config import Config
 from drl_av.errors import ConfigError
 from drl_av.scenarios.folder import Scenario
@@ -17,12 +17,13 @@ from drl_av.simulation.population import (
 )
 from drl_av.twin.active_lanes import EDGES, activate, mark_present
 from drl_av.twin.following import STEP_S
-from drl_av.twin.neighbors import insert_sorted
+from drl_av.twin.neighbors import edge_of, insert_sorted
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ADVICE_M_S,
     COUNT,
     DESIRED_M_S,
+    EDGE,
     EXPECTED_M_S,
     FRONT_M,
     HEADWAY_S,
@@ -67,6 +68,7 @@ def loop_of(scenario: Scenario, config: Config) -> Loop:
     return Loop(
         lap_m=float(road.lap_m),
         edge_m=float(road.lap_m) / EDGES,
+        edges_per_m=EDGES / float(road.lap_m),
         lane_m=float(road.lane_width_m),
         lanes=len(road.open_lanes),
         first_open=int(lanes[0]),
@@ -163,9 +165,11 @@ def place_vehicles(
     sort_and_activate(world, loop)
 
 
-@compiled
+@borrowing
 def sort_and_activate(world: World, loop: Loop) -> None:
     """Sort the vehicles, and list the strips on which they start as SUMO does."""
+    for i in range(world.near[COUNT]):
+        world.z[EDGE, i] = edge_of(world.x[FRONT_M, i], loop)
     insert_sorted(world)
     mark_present(world, loop)
     activate(world, loop)
