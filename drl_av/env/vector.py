@@ -48,7 +48,7 @@ FIRST_CHANGES = 64
 """Random lane changes of an episode for which there is room before the arrays grow."""
 
 
-class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[np.int64]]):
+class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[Any]]):
     """Many highways at once, in the compiled twin of SUMO's traffic (``drl_av.twin``).
 
     It has the observation, the actions, the reward, the safety checks and the ``info`` of
@@ -165,7 +165,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[n
             seeds = list(seed)
         if len(seeds) != self.num_envs:
             raise ConfigError(
-                f"reset has {len(seeds)} seeds, but there are {self.num_envs} worlds: give one seed "
+                f"reset has {len(seeds)} seeds, but there are {self.num_envs} worlds: give one "
                 "for each, or a single one."
             )
         self._begin(rows, seeds)
@@ -285,9 +285,9 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[n
             return
         old_worlds, old_episodes = self.worlds, self.episodes
         self._make_arrays(max(vehicles, room[0]), max(changes, room[1]))
-        for old, new in ((old_worlds, self.worlds), (old_episodes, self.episodes)):
-            for before, after in zip(old, new, strict=True):
-                after[tuple(map(slice, before.shape))] = before
+        old, new = (*old_worlds, *old_episodes), (*self.worlds, *self.episodes)
+        for before, after in zip(old, new, strict=True):
+            after[tuple(map(slice, before.shape))] = before
 
     def _world(self, row: int) -> World:
         """Return the arrays of one world."""

@@ -15,9 +15,9 @@ from drl_av.simulation.population import (
     require_speed_limit,
     require_truck_width,
 )
-from drl_av.twin.active_lanes import EDGES, activate, mark_present
+from drl_av.twin.active_lanes import activate, mark_present
 from drl_av.twin.following import STEP_S
-from drl_av.twin.neighbors import edge_of, insert_sorted
+from drl_av.twin.neighbors import EDGES, edge_of, insert_sorted
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ADVICE_M_S,
@@ -50,7 +50,7 @@ from drl_av.twin.worlds import (
 )
 
 RIGHT_RELUCTANCE = 10.0
-"""SUMO's 1 / lcSpeedGainRight: a change to the right needs so much more gain than one to the left."""
+"""SUMO's 1 / lcSpeedGainRight: a change to the right needs so much more gain."""
 GAIN = 0.2
 """SL2015's threshold of the gain for a driver with lcSpeedGain 1."""
 
@@ -94,10 +94,7 @@ def require_supported(scenario: Scenario, config: Config) -> None:
         "simulation.lateral_resolution_m other than the lane width": not math.isclose(
             timing.lateral_resolution_m, scenario.road.lane_width_m
         ),
-        "finite-state, level-k and hard-braking drivers: set traffic.kind to calm or overtaking": sum(
-            traffic.shares
-        )
-        > 0,
+        "finite-state, level-k and hard-braking drivers: take traffic calm": any(traffic.shares),
         "traffic.keep_stopping_distance": traffic.keep_stopping_distance,
         "traffic.all_kinds": traffic.all_kinds,
     }
