@@ -16,7 +16,8 @@ from drl_av.compiled import numbers
 from drl_av.config import Config
 from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS, ego_numbers
-from drl_av.driving.affordances import ObservationScale
+from drl_av.driving.affordances import Indicators, ObservationScale, ground_of
+from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.episode import number_of_vehicles, reset_options, traffic_seed
 from drl_av.env.reward import reward_numbers
 from drl_av.env.twin_episodes import (
@@ -30,14 +31,16 @@ from drl_av.env.twin_episodes import (
 )
 from drl_av.errors import ConfigError
 from drl_av.road.road_numbers import road_numbers
+from drl_av.road.snapshot import Snapshot
 from drl_av.road.sweep import KINDS, NO_CONTACT
 from drl_av.safety import named_check
 from drl_av.safety.check import RULES
 from drl_av.safety.paper import SafetyNumbers
 from drl_av.safety.reachability import StrictNumbers
 from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
+from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import draw_traffic, loop_of, place_vehicles
-from drl_av.twin.worlds import World, empty_worlds
+from drl_av.twin.worlds import COUNT, STEP, World, empty_worlds
 
 Observations = npt.NDArray[np.float32]
 CHECK_NUMBERS = {"permit_all": PERMIT_ALL, "paper": PAPER, "strict": STRICT}
@@ -220,6 +223,24 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         masks: npt.NDArray[np.int8] = (self.episodes.executed == np.arange(12)).astype(np.int8)
         return masks
 
+    def scene(self, row: int) -> Scene:
+        """Return the present scene of a world, which a driver or a check can read."""
+        count, episodes, task = int(self.worlds.near[row, COUNT]), self.episodes, self.task
+        snapshot = Snapshot(
+            float(self.worlds.near[row, STEP] * STEP_S),
+            ("ego", *(f"vehicle{number}" for number in range(1, count))),
+            *episodes.scene[row, :, :count].copy(),
+        )
+        found = Indicators(
+            episodes.values[row].copy(),
+            episodes.codes[row].copy(),
+            ground_of(task.road),
+            task.range_m,
+        )
+        origin, target = episodes.lanes[row].tolist()
+        change = LaneChange(origin, target, float(episodes.heading_rad[row]))
+        return Scene.of(snapshot, found, None if origin == target else change, self.road)
+
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""
         if self._pool is not None:
@@ -285,7 +306,8 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             return
         old_worlds, old_episodes = self.worlds, self.episodes
         self._make_arrays(max(vehicles, room[0]), max(changes, room[1]))
-        old, new = (*old_worlds, *old_episodes), (*self.worlds, *self.episodes)
+        old: tuple[Any, ...] = (*old_worlds, *old_episodes)
+        new: tuple[Any, ...] = (*self.worlds, *self.episodes)
         for before, after in zip(old, new, strict=True):
             after[tuple(map(slice, before.shape))] = before
 
