@@ -100,7 +100,9 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         named_check(config, self._scenario.vehicle_types, self.road)  # refuses what it must
         scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
         if config.observation.way:
-            raise ConfigError("The twin does not know observation.way, or drive it in SUMO.")
+            raise ConfigError(
+                "The twin does not know observation.way: drive in SUMO, with gymnasium.make."
+            )
         self.task = Task(
             loop=loop,
             road=road_numbers(self.road),

@@ -84,23 +84,23 @@ def require_supported(scenario: Scenario, config: Config) -> None:
     traffic, timing = config.traffic, config.simulation
     lanes = np.flatnonzero(scenario.road.open_lanes)
     refused = {
-        "open roads: take a loop": not scenario.road.is_loop,
+        "open roads": not scenario.road.is_loop,
         "a barricade between open lanes": len(lanes) != lanes[-1] - lanes[0] + 1,
         f"roads of more than {MOST_STRIPS // EDGES} lanes": len(scenario.road.open_lanes)
         > MOST_STRIPS // EDGES,
         "vehicles that a scenario places exactly": bool(scenario.description.vehicles),
         "vehicle types of the user": bool(scenario.vehicle_types.own),
-        "simulation.step_length_s other than 0.5": timing.step_length_s != STEP_S,
-        "simulation.lateral_resolution_m other than the lane width": not math.isclose(
+        "a simulation.step_length_s other than 0.5": timing.step_length_s != STEP_S,
+        "a simulation.lateral_resolution_m other than the lane width": not math.isclose(
             timing.lateral_resolution_m, scenario.road.lane_width_m
         ),
-        "finite-state, level-k and hard-braking drivers: take traffic calm": any(traffic.shares),
+        "finite-state, level-k and hard-braking drivers": any(traffic.shares),
         "traffic.keep_stopping_distance": traffic.keep_stopping_distance,
         "traffic.all_kinds": traffic.all_kinds,
     }
     for what, is_so in refused.items():
         if is_so:
-            raise ConfigError(f"The twin does not know {what}, or drive it in SUMO.")
+            raise ConfigError(f"The twin does not know {what}: drive in SUMO, with gymnasium.make.")
 
 
 def draw_traffic(
