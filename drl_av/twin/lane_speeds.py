@@ -47,9 +47,11 @@ from drl_av.twin.worlds import (
     HEADWAY_S,
     LANE,
     LENGTH_M,
+    MANEUVER_M,
     MASK,
     ORDER,
     REQUEST_END,
+    SHADOW,
     SPEED_M_S,
     STATE,
     STEP,
@@ -66,6 +68,8 @@ ROUTE_M = 3000.0
 DECAY = 0.5**STEP_S
 GAIN_SEEN = 0.05
 SLOW_M_S = 10.0
+LONG_LOSS = -1.0
+"""Gain to the left below which no step brings a vehicle back to the centre of its lane."""
 LOOKAHEAD_S = 5.0
 LONGEST_M = 25.0
 TRACK_STEPS = 8
@@ -180,6 +184,25 @@ def track(world: World, loop: Loop, k: int) -> None:
 
 
 @borrowing
+def rests_aside(world: World, loop: Loop, k: int) -> bool:
+    """Return whether the ``k``-th vehicle stays right of its centre in any case, with none beside.
+
+    It does while the side of the centre has been the slower one for long (``LONG_LOSS``).
+    """
+    x, z, n = world.x, world.z, world.near[COUNT]
+    i = z[ORDER, k]
+    if x[ASIDE_M, i] > 0 or x[MANEUVER_M, i] != 0 or z[SHADOW, i] >= 0:
+        return False
+    if x[GAIN_LEFT, i] >= LONG_LOSS or x[THRESHOLD_LEFT, i] != math.inf:
+        return False
+    ahead, behind = z[ORDER, k - 1 if k > 0 else n - 1], z[ORDER, k + 1 if k < n - 1 else 0]
+    ahead_m, behind_m = x[FRONT_M, ahead] - x[FRONT_M, i], x[FRONT_M, i] - x[FRONT_M, behind]
+    ahead_m = ahead_m if ahead_m >= 0 else ahead_m + loop.lap_m
+    behind_m = behind_m if behind_m >= 0 else behind_m + loop.lap_m
+    return bool(ahead_m - x[LENGTH_M, ahead] > MIN_GAP_M and behind_m - x[LENGTH_M, i] > MIN_GAP_M)
+
+
+@borrowing
 def needs_thought(world: World, loop: Loop, k: int) -> bool:
     """Return whether the ``k``-th vehicle may move sideways now; if not, do what else it does.
 
@@ -189,7 +212,9 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
     """
     x, z = world.x, world.z
     i = z[ORDER, k]
-    if x[ASIDE_M, i] != 0.0 or x[COMMANDED_M, i] != 0.0 or z[STATE, i] & ASKED:
+    if x[COMMANDED_M, i] != 0.0 or z[STATE, i] & ASKED:
+        return True
+    if x[ASIDE_M, i] != 0.0 and not rests_aside(world, loop, k):
         return True
     if z[REQUEST_END, i] >= world.near[STEP] or x[THRESHOLD_LEFT, i] != math.inf:
         return True
