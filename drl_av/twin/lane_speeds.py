@@ -153,7 +153,7 @@ def expect(world: World, i: int, lane: int, promised: float) -> None:
     """Adapt the expected speed of a lane to the promised one, since the last time."""
     last = world.z[TRACKED if lane <= world.z[LANE, i] else TRACKED_LEFT, i]
     steps = world.near[STEP] - last
-    old_part = DECAY if steps == 1 else DECAY**steps
+    old_part = DECAY if steps == 1 else DECAY ** (1.0 * steps)
     expected = world.x[EXPECTED_M_S + lane, i]
     world.x[EXPECTED_M_S + lane, i] = old_part * expected + (1 - old_part) * promised
 
@@ -171,14 +171,14 @@ def track(world: World, loop: Loop, k: int) -> None:
     z[TRACKED, i], z[TRACKED_LEFT, i] = world.near[STEP], world.near[STEP]
     if own == loop.last_open:
         checks = 2 if own > loop.first_open else 1
-        x[GAIN_LEFT, i] *= DECAY ** (checks * steps)
+        x[GAIN_LEFT, i] *= DECAY ** (1.0 * checks * steps)
         return
     gain = -math.inf
     for lane in range(own + 1, loop.lanes):
         its = x[EXPECTED_M_S + lane, i]
         gain = max(gain, (its - x[EXPECTED_M_S + own, i]) / max(its, SLOW_M_S))
     if abs(gain) < EPS:
-        x[GAIN_LEFT, i] *= DECAY**steps
+        x[GAIN_LEFT, i] *= DECAY ** (1.0 * steps)
     else:
         x[GAIN_LEFT, i] += STEP_S * steps * gain
 
