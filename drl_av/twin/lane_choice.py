@@ -1,0 +1,306 @@
+"""What a driver of SUMO's SL2015 wishes to do sideways when it considers one of its lanes.
+
+Each consideration ends with a state (``flags``), a lateral move for this step and the lateral
+distance of the whole maneuver; the two are in ``notes``.
+"""
+
+import math
+
+from drl_av.compiled import borrowing
+from drl_av.twin.asking import (
+    CONGESTED_M_S,
+    inform_follower,
+    inform_leader,
+)
+from drl_av.twin.flags import (
+    ASKED,
+    ASKED_BY_LEFTWARD,
+    ASKED_BY_RIGHTWARD,
+    BLOCKED,
+    BLOCKED_LEFT,
+    BLOCKED_RIGHT,
+    COOPERATIVE,
+    FULL_REASONS,
+    IS_BLOCKING_FOLLOWER,
+    OVERLAPPING,
+    REASONS,
+    REQUESTED,
+    SPEED_GAIN,
+    STAY,
+    SUBLANE,
+    URGENT,
+)
+from drl_av.twin.following import (
+    EPS,
+    STEP_S,
+)
+from drl_av.twin.lane_speeds import (
+    keep_behind,
+    speed_gain_of,
+    weigh_gains,
+)
+from drl_av.twin.lateral_room import (
+    BLOCKERS,
+    FOLLOWER,
+    FOLLOWER_GAP,
+    LAST_LEFT,
+    LAST_RIGHT,
+    LATERAL_GAP_M,
+    LEADER,
+    LEADER_GAP,
+    MANEUVER,
+    MOVE,
+    SAFE_LEFT,
+    SAFE_RIGHT,
+    STRIDE_M,
+    TINY_M,
+    center_m,
+    check_blocking,
+    influenced,
+    lane_side_distance,
+    request_of,
+    signed,
+    update_gaps,
+)
+from drl_av.twin.worlds import (
+    ASIDE_M,
+    COMMANDED_M,
+    GAIN_LEFT,
+    GAIN_RIGHT,
+    IS_FULL,
+    LANE,
+    LENGTH_M,
+    MANEUVER_M,
+    ON_REQUEST_ONLY,
+    PREVIOUS_STATE,
+    REQUEST_END,
+    SPEED_M_S,
+    STATE,
+    STEP,
+    THRESHOLD_LEFT,
+    THRESHOLD_RIGHT,
+    WIDTH_M,
+    Loop,
+    World,
+)
+
+LOSS = -0.1
+
+
+@borrowing
+def wish(world: World, loop: Loop, i: int, side: int, sides: int) -> int:
+    """Return the state after considering a side; the move and maneuver go to ``notes``."""
+    notes, near = world.notes, world.near
+    notes[MOVE] = 0.0
+    notes[MANEUVER] = 0.0
+    state = world.z[STATE, i] & ASKED
+    width_m, aside_m, own = world.x[WIDTH_M, i], world.x[ASIDE_M, i], world.z[LANE, i]
+    request, on_request_only = request_of(world, loop, i), world.z[ON_REQUEST_ONLY, i]
+    is_commanded = world.x[COMMANDED_M, i] != 0
+    across_m = 0.0
+    if side != 0:
+        across_m = lane_side_distance(width_m, aside_m, side, loop.lane_m)
+        ahead = near[LEADER + 2]
+        fast = world.x[SPEED_M_S, i] >= CONGESTED_M_S
+        if side > 0 and ahead >= 0 and fast and not loop.overtake_right:
+            keep_behind(world, loop, i, ahead, notes[LEADER_GAP + 2])
+        if request != 0:
+            asked = influenced(state, request, on_request_only, is_commanded)
+            if asked & STAY:
+                state = asked
+            elif request == side:
+                state = asked
+                notes[MOVE] = across_m
+    if state & STAY:
+        right, left = notes[SAFE_RIGHT], notes[SAFE_LEFT]
+        other = own + side
+        j, gap_m = near[LEADER + 1 + side], notes[LEADER_GAP + 1 + side]
+        right, left = update_gaps(
+            world, loop, i, other, j, gap_m, right, left, LATERAL_GAP_M, False, 0.0
+        )
+        j, gap_m = near[FOLLOWER + 1 + side], notes[FOLLOWER_GAP + 1 + side]
+        right, left = update_gaps(
+            world, loop, i, other, j, gap_m, right, left, LATERAL_GAP_M, False, 0.0
+        )
+        notes[SAFE_RIGHT], notes[SAFE_LEFT] = right, left
+        return state
+    if state & URGENT:
+        return state | ask_for_room(world, loop, i, side)
+    mine = ASKED_BY_RIGHTWARD if side < 0 else ASKED_BY_LEFTWARD
+    if side != 0:
+        helps = world.z[STATE, i] & IS_BLOCKING_FOLLOWER
+        goes_on = (
+            world.z[PREVIOUS_STATE, i] & COOPERATIVE
+            and not world.z[IS_FULL, i]
+            and side * world.x[MANEUVER_M, i] > 0
+        )
+        if (helps and world.z[STATE, i] & mine) or goes_on:
+            wanted = state | COOPERATIVE | URGENT
+            asked = wanted | signed(wanted, across_m)
+            if influenced(asked, request, on_request_only, is_commanded) == asked:
+                notes[MOVE] = across_m if helps else world.x[MANEUVER_M, i]
+                notes[MANEUVER] = notes[MOVE]
+                return wanted | check_blocking(world, loop, i, side, LATERAL_GAP_M, False)
+    move_m, stays = weigh_gains(world, loop, i, side, sides)
+    goes_right = side <= 0 and move_m < 0
+    goes_right = goes_right and world.x[GAIN_RIGHT, i] >= max(
+        world.x[THRESHOLD_RIGHT, i], world.x[GAIN_LEFT, i]
+    )
+    goes_left = side >= 0 and move_m > 0
+    goes_left = goes_left and world.x[GAIN_LEFT, i] > world.x[THRESHOLD_LEFT, i]
+    if goes_right or goes_left:
+        wanted = state | SPEED_GAIN
+        asked = wanted | signed(wanted, move_m)
+        if influenced(asked, request, on_request_only, is_commanded) == asked:
+            notes[MOVE] = move_m
+            notes[MANEUVER] = move_m
+            return wanted | check_blocking(world, loop, i, side, 0.0, False)
+        move_m = 0.0
+    return align(world, loop, i, side, state, request, move_m, stays)
+
+
+@borrowing
+def ask_for_room(world: World, loop: Loop, i: int, side: int) -> int:
+    """Ask the vehicles in the way of a requested lane change for room; return what blocks it."""
+    notes, near = world.notes, world.near
+    notes[MANEUVER] = notes[MOVE]
+    blocked = check_blocking(world, loop, i, side, LATERAL_GAP_M, False)
+    blockers = near[BLOCKERS]
+    seconds = max((world.z[REQUEST_END, i] - world.near[STEP]) * STEP_S, 1e-300)
+    planned = world.x[SPEED_M_S, i]
+    for bit, d in ((1, 0), (4, side)):
+        if blockers & bit:
+            j, gap_m = near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d]
+            planned = min(planned, inform_leader(world, loop, i, side, blocked, j, gap_m, seconds))
+    if planned >= 0:
+        for bit, d in ((2, 0), (8, side)):
+            if blockers & bit:
+                j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d]
+                inform_follower(world, loop, i, side, blocked, j, gap_m, seconds, planned)
+    return blocked
+
+
+@borrowing
+def align(
+    world: World,
+    loop: Loop,
+    i: int,
+    side: int,
+    state: int,
+    request: int,
+    move_m: float,
+    stays: float,
+) -> int:
+    """Return the state of a vehicle that wants no other lane and so moves to its lane's centre."""
+    notes, aside_m = world.notes, world.x[ASIDE_M, i]
+    back_m = -aside_m
+    if not (abs(move_m) <= TINY_M or back_m * move_m > 0):
+        return state
+    if (
+        (back_m < 0 and world.x[GAIN_RIGHT, i] < LOSS)
+        or (back_m > 0 and world.x[GAIN_LEFT, i] < LOSS)
+        or speed_gain_of(world, loop, i, back_m, stays) < -1.0
+    ):
+        back_m = 0.0
+    maneuver_m = world.x[MANEUVER_M, i]
+    unfinished = world.z[PREVIOUS_STATE, i] & FULL_REASONS and not world.z[IS_FULL, i]
+    if unfinished and maneuver_m * back_m < 0:
+        back_m = 0.0
+    if abs(back_m) < TINY_M:
+        return state | SUBLANE | STAY
+    wanted = state | SUBLANE
+    if maneuver_m * back_m > 0:
+        wanted |= world.z[PREVIOUS_STATE, i] & REASONS & ~SUBLANE
+    asked = wanted | signed(wanted, back_m)
+    is_commanded = world.x[COMMANDED_M, i] != 0
+    if influenced(asked, request, world.z[ON_REQUEST_ONLY, i], is_commanded) == asked:
+        notes[MOVE] = back_m
+        notes[MANEUVER] = back_m
+        return wanted | check_blocking(world, loop, i, side, LATERAL_GAP_M, False)
+    return wanted & ~SUBLANE
+
+
+@borrowing
+def keep_lateral_gap(world: World, loop: Loop, i: int, side: int, state: int) -> int:
+    """Return the state after keeping a lateral gap to vehicles beside, and a begun request."""
+    notes, near, own = world.notes, world.near, world.z[LANE, i]
+    blocked = state & (BLOCKED | OVERLAPPING)
+    state &= ~(BLOCKED | OVERLAPPING)
+    half_m = (world.x[WIDTH_M, i] + EPS) * 0.5
+    center = center_m(world, loop, i)
+    right, left = center - half_m, loop.lanes * loop.lane_m - center - half_m
+    kept_m = 0.0 if right < 0 or left < 0 else LATERAL_GAP_M
+    net_m = -world.x[LENGTH_M, i] * 0.5
+    for d in (0, side):
+        j, gap_m = near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d]
+        right, left = update_gaps(world, loop, i, own + d, j, gap_m, right, left, kept_m, True, 0.0)
+        j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d]
+        right, left = update_gaps(
+            world, loop, i, own + d, j, gap_m, right, left, kept_m, True, net_m
+        )
+        if side == 0:
+            break
+    body_right = right if notes[LAST_RIGHT] == math.inf else notes[LAST_RIGHT]
+    body_left = left if notes[LAST_LEFT] == math.inf else notes[LAST_LEFT]
+    aside_m, half_lane_m = world.x[ASIDE_M, i], 0.5 * loop.lane_m
+    if side >= 0:
+        right = min(right, max(0.0, half_lane_m + aside_m - half_m))
+        body_right = min(body_right, max(0.0, half_lane_m + aside_m - half_m))
+    if side <= 0:
+        left = min(left, max(0.0, half_lane_m - aside_m - half_m))
+        body_left = min(body_left, max(0.0, half_lane_m - aside_m - half_m))
+    before_m = notes[MOVE]
+    if right + left < 0:
+        if not state & REASONS:
+            state |= SUBLANE
+        short = 0.5 * (left + right)
+        if right < left:
+            notes[MOVE] = min(short - right, body_left)
+        else:
+            notes[MOVE] = -min(short - left, body_right)
+        notes[MANEUVER] = notes[MOVE]
+    else:
+        notes[MOVE] = max(min(before_m, left), -right)
+        notes[MANEUVER] = max(min(notes[MANEUVER], left), -right)
+    if world.x[COMMANDED_M, i] != 0:
+        notes[MOVE] = world.x[COMMANDED_M, i]
+        notes[MANEUVER] = world.x[COMMANDED_M, i]
+        state |= REQUESTED
+    move_m = notes[MOVE]
+    full = state & FULL_REASONS != 0
+    if full and not state & REQUESTED:
+        if move_m < TINY_M and before_m > 0:
+            notes[MOVE] = before_m
+            blocked = OVERLAPPING | BLOCKED_LEFT
+        elif move_m > -TINY_M and before_m < 0:
+            notes[MOVE] = before_m
+            blocked = OVERLAPPING | BLOCKED_RIGHT
+    move_m = notes[MOVE]
+    if abs(move_m) > TINY_M and before_m == 0:
+        state &= ~(REASONS | STAY) | REQUESTED
+    if abs(move_m - before_m) > TINY_M:
+        blocked = check_blocking(world, loop, i, side, LATERAL_GAP_M, full)
+        move_m = notes[MOVE]
+    if abs(move_m) > TINY_M:
+        state &= ~STAY
+        if not state & REASONS:
+            state |= SUBLANE
+    else:
+        if state & SUBLANE:
+            state |= STAY
+        notes[MOVE] = 0.0
+    return state | blocked
+
+
+@borrowing
+def limit_move(world: World, i: int) -> None:
+    """Limit the move in ``notes`` to one step, and its maneuver to the lateral room."""
+    notes = world.notes
+    move_m, maneuver_m = notes[MOVE], notes[MANEUVER]
+    if move_m > 0:
+        full_m = min(notes[SAFE_LEFT], max(maneuver_m, move_m))
+    else:
+        full_m = max(-notes[SAFE_RIGHT], min(maneuver_m, move_m))
+    if maneuver_m * move_m > 0 and world.x[COMMANDED_M, i] == 0:
+        notes[MANEUVER] = full_m
+    notes[MOVE] = max(min(move_m, STRIDE_M), -STRIDE_M)

@@ -1,0 +1,186 @@
+"""One SUMO step of a world: the drivers plan their speeds, all move, and then change lanes."""
+
+import math
+
+import numpy as np
+
+from drl_av.compiled import borrowing
+from drl_av.twin.active_lanes import (
+    HAS_ENTERED,
+    HAS_STAYED,
+    activate,
+    forget_empty,
+    strip_of,
+)
+from drl_av.twin.asking import (
+    its_follow_speed,
+)
+from drl_av.twin.flags import (
+    BLOCKED,
+    BLOCKED_BY_LEADER,
+    COOPERATIVE,
+    STRATEGIC,
+    WANTS,
+)
+from drl_av.twin.following import (
+    BRAKING_M_S2,
+    MIN_GAP_M,
+    MOST_BRAKING_M_S,
+    STEP_S,
+    brake_gap,
+    free_speed,
+)
+from drl_av.twin.lane_change import (
+    change_lanes,
+)
+from drl_av.twin.neighbors import (
+    EDGES,
+    edge_of,
+    insert_sorted,
+)
+from drl_av.twin.worlds import (
+    ACCELERATION_M_S2,
+    ACCELERATION_NOW_M_S2,
+    ADVICE_M_S,
+    COUNT,
+    DESIRED_M_S,
+    EDGE,
+    FRONT_M,
+    GAIN_LEFT,
+    GAIN_RIGHT,
+    HEADWAY_S,
+    LANE,
+    LENGTH_M,
+    MARKS,
+    MASK,
+    NEXT_M_S,
+    ORDER,
+    RESERVED,
+    SHADOW,
+    SPEED_M_S,
+    STATE,
+    STEP,
+    THRESHOLD_LEFT,
+    Loop,
+    World,
+)
+
+
+@borrowing
+def sumo_step(world: World, loop: Loop, ego_speed_m_s: float, ego_y_m: float) -> None:
+    """Advance the world ``w`` by one SUMO step, in which the ego reaches this speed and place."""
+    for k in range(world.near[COUNT]):
+        i = world.z[ORDER, k]
+        world.x[NEXT_M_S, i] = ego_speed_m_s if i == 0 else next_speed(world, loop, k)
+    move(world, loop)
+    insert_sorted(world)
+    change_lanes(world, loop, ego_y_m)
+    world.near[STEP] += 1
+
+
+@borrowing
+def next_speed(world: World, loop: Loop, k: int) -> float:
+    """Return the speed of the ``k``-th vehicle after the step, by IDM and the advice it got."""
+    i = world.z[ORDER, k]
+    at_m, speed, desired = world.x[FRONT_M, i], world.x[SPEED_M_S, i], world.x[DESIRED_M_S, i]
+    least = max(speed - MOST_BRAKING_M_S, 0.0)
+    fastest = min(desired, loop.limit_m_s)
+    top = min(speed + world.x[ACCELERATION_M_S2, i] * STEP_S, desired)
+    planned = min(top, max(fastest, least))
+    rest_m = loop.edge_m - (at_m - world.z[EDGE, i] * loop.edge_m)
+    far_m = top * STEP_S + brake_gap(top, BRAKING_M_S2, world.x[HEADWAY_S, i])
+    seen_m = rest_m + loop.edge_m
+    while seen_m <= far_m:
+        seen_m += loop.edge_m
+    behind = speed_behind(world, loop, k, world.z[LANE, i], rest_m, seen_m, True)
+    if world.z[SHADOW, i] >= 0:
+        other = speed_behind(world, loop, k, world.z[SHADOW, i], rest_m, seen_m, False)
+        behind = min(behind, other)
+    if behind == math.inf:  # else slower than on a free road in any case
+        free = free_speed(
+            speed, rest_m, fastest, world.x[HEADWAY_S, i], world.x[ACCELERATION_M_S2, i]
+        )
+        planned = min(planned, max(free, least))
+    planned = max(least, min(planned, behind, top, fastest))
+    advice = world.x[ADVICE_M_S, i]
+    if advice <= planned:
+        return advice
+    state = world.z[STATE, i]
+    if state & WANTS and state & BLOCKED and state & COOPERATIVE and state & BLOCKED_BY_LEADER:
+        return (least + planned) / 2
+    return planned
+
+
+@borrowing
+def speed_behind(
+    world: World,
+    loop: Loop,
+    k: int,
+    lane: int,
+    rest_m: float,
+    seen_m: float,
+    sees_reserved: bool,
+) -> float:
+    """Return the speed of the ``k``-th vehicle behind those that it sees ahead in ``lane``.
+
+    ``rest_m`` is left of its edge, and it sees ``seen_m`` ahead. On each edge only the last vehicle
+    counts. A vehicle that is about to enter the lane counts on the own edge only.
+    """
+    n = world.near[COUNT]
+    i = world.z[ORDER, k]
+    at_m, result = world.x[FRONT_M, i], math.inf
+    served_m, slowest = 0.0, math.inf
+    m, wrapped_m = k, 0.0
+    for _ in range(n - 1):
+        m -= 1
+        if m < 0:
+            m, wrapped_m = n - 1, loop.lap_m
+        j = world.z[ORDER, m]
+        ahead_m = world.x[FRONT_M, j] - at_m + wrapped_m
+        rear_m = ahead_m - world.x[LENGTH_M, j]
+        if rear_m >= seen_m:
+            if rear_m >= seen_m + 25.0:
+                break
+            continue
+        if not world.z[MASK, j] & (1 << lane) and not (
+            sees_reserved and world.z[RESERVED, j] == lane and rear_m < rest_m and served_m == 0.0
+        ):
+            continue
+        if ahead_m <= served_m and served_m > 0.0:
+            continue
+        its = world.x[SPEED_M_S, j]
+        if its < slowest:
+            slowest = its
+            result = min(result, its_follow_speed(world, i, rear_m - MIN_GAP_M, its))
+        served_m = rest_m
+        while served_m < ahead_m:
+            served_m += loop.edge_m
+        if served_m >= seen_m:
+            break
+    return result
+
+
+@borrowing
+def move(world: World, loop: Loop) -> None:
+    """Move all vehicles along the road, and forget what was agreed for this step only."""
+    forget_empty(world, loop, HAS_STAYED | HAS_ENTERED)
+    for strip in range(EDGES * loop.lanes):
+        world.near[MARKS + strip] = 0
+    for i in range(world.near[COUNT]):
+        speed, strip = world.x[NEXT_M_S, i], strip_of(world, loop, i)
+        world.x[ACCELERATION_NOW_M_S2, i] = (speed - world.x[SPEED_M_S, i]) / STEP_S
+        world.x[SPEED_M_S, i] = speed
+        at_m = world.x[FRONT_M, i] + speed * STEP_S
+        at_m = at_m if at_m < loop.lap_m else at_m - loop.lap_m
+        world.x[FRONT_M, i] = at_m
+        world.z[EDGE, i] = edge_of(at_m, loop)
+        now = strip_of(world, loop, i)
+        world.near[MARKS + now] |= HAS_STAYED if now == strip else HAS_ENTERED
+        state = world.z[STATE, i]
+        world.z[STATE, i] = state & WANTS if state & (STRATEGIC | COOPERATIVE) else 0
+        world.x[ADVICE_M_S, i] = math.inf
+        if world.x[THRESHOLD_LEFT, i] != math.inf:
+            world.x[GAIN_LEFT, i] = np.ceil(world.x[GAIN_LEFT, i] * 100000.0) * 0.00001
+            world.x[GAIN_RIGHT, i] = np.ceil(world.x[GAIN_RIGHT, i] * 100000.0) * 0.00001
+    forget_empty(world, loop, HAS_STAYED)
+    activate(world, loop)
