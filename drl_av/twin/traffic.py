@@ -89,6 +89,9 @@ def require_supported(scenario: Scenario, config: Config) -> None:
         f"roads of more than {MOST_STRIPS // EDGES} lanes": len(scenario.road.open_lanes)
         > MOST_STRIPS // EDGES,
         "vehicles that a scenario places exactly": bool(scenario.description.vehicles),
+        "speed limits and lines along the road": bool(
+            scenario.road.speed_limits or scenario.road.forbidden_lines
+        ),
         "vehicle types of the user": bool(scenario.vehicle_types.own),
         "a simulation.step_length_s other than 0.5": timing.step_length_s != STEP_S,
         "a simulation.lateral_resolution_m other than the lane width": not math.isclose(
@@ -96,7 +99,7 @@ def require_supported(scenario: Scenario, config: Config) -> None:
         ),
         "finite-state, level-k and hard-braking drivers": any(traffic.shares),
         "traffic.keep_stopping_distance": traffic.keep_stopping_distance,
-        "traffic.all_kinds": traffic.all_kinds,
+        "traffic.presets": bool(traffic.presets),
     }
     for what, is_so in refused.items():
         if is_so:
