@@ -15,7 +15,7 @@ from drl_av.errors import pluralize
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.figure_style import one_panel
 from drl_av.evaluation.figures import curves_by_density, speed_figure
-from drl_av.evaluation.paired import PairedGain, Speed, paired
+from drl_av.evaluation.statistics import PairedGain, Speed, paired
 from drl_av.evaluation.statistics import Mean, grouped, mean_difference
 from drl_av.files import Row
 from studies.cells import Drives, driven_with

@@ -9,7 +9,7 @@ import pytest
 
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.comparison import Evaluation
-from drl_av.evaluation.paired import PairedGain
+from drl_av.evaluation.statistics import PairedGain
 from drl_av.files import Row
 from studies import cells, density_sweep
 from studies.density_sweep import DENSITY_SWEEP, STRONGER, paired_rows, sweep_plan

@@ -1,20 +1,22 @@
-"""Starts or continues the trainings of experiments, and reads the results from their folders."""
+"""Starts or continues the trainings of studies, and reads their results from their folders."""
 
 import re
 import time
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from drl_av.config import OLD_DEFAULTS, Config, load_config
 from drl_av.drivers import policy_file
-from drl_av.errors import RunError
+from drl_av.errors import DrlAvError, RunError, pluralize
 from drl_av.files import Row, read_table
 
 
 @dataclass(frozen=True)
 class TrainingJob:
-    """A training of an experiment, up to the episode ``stop`` of its schedule."""
+    """A training of a study, up to the episode ``stop`` of its schedule."""
 
     variant: str
     config: Config
@@ -22,7 +24,7 @@ class TrainingJob:
     """Last episode to drive; the config's schedule may be longer."""
     folder: Path
     every: int
-    """Number of episodes from one row of the experiment's table to the next."""
+    """Number of episodes from one row of the study's table to the next."""
     origin: "TrainingJob | None" = None
     """The training whose driver this training continues; None for a new driver."""
 
@@ -63,10 +65,6 @@ class TrainingJob:
         """Path of a CSV file beside the folder: episode, wall time since the previous row, s."""
         return self.folder.with_suffix(".seconds.csv")
 
-    def until(self, stop: int) -> "TrainingJob":
-        """Return a copy of the job with another last episode."""
-        return replace(self, stop=stop)
-
     def require_same_settings(self) -> None:
         """Raise RunError if the training's folder, or that of its origin, has other settings."""
         if self.origin:
@@ -103,6 +101,40 @@ class TrainingJob:
         text = self.clock.read_text(encoding="utf-8", errors="replace")
         lines = re.findall(r"^(\d+),(\d+\.\d)$", text, re.MULTILINE)
         return sum({episode: float(seconds) for episode, seconds in lines}.values())
+
+
+class TrainingRows(NamedTuple):
+    """The rows of a table that one training reports while it learns."""
+
+    job: TrainingJob
+    rows_of: Callable[[TrainingJob], list[Row]]
+    """Reads the rows from the training's folder."""
+
+    def keys(self, held: Sequence[Row]) -> list[Row]:
+        """Return the columns that say the place of each row; ``held`` are the existing rows.
+
+        Raises:
+            ValueError: a row before the last one in ``held`` is missing.
+            DrlAvError: the training has fewer episodes than one row summarizes.
+        """
+        job = self.job
+        if job.last_row < 1:
+            raise DrlAvError(
+                f"A training of {pluralize(job.stop, 'episode')} makes no row of the table, which "
+                f"sums up {job.every}: ask for as many at the least."
+            )
+        last = max((int(row["episode"]) for row in held), default=0)
+        whole = [last] if last == job.config.learning.episodes else []
+        if [int(row["episode"]) for row in held] != [
+            *dict.fromkeys([*range(job.every, last + 1, job.every), *whole])
+        ]:
+            raise ValueError(f"{job.name} lacks a row before episode {last}")
+        ends = dict.fromkeys([*range(job.every, job.last_row + 1, job.every), job.last_row])
+        return [job.key | {"episode": str(end)} for end in ends]
+
+    def reported(self) -> list[Row]:
+        """Return the rows that the training has reported so far."""
+        return self.rows_of(self.job)
 
 
 def train_job(job: TrainingJob) -> None:

@@ -5,7 +5,7 @@ from drives import episode
 
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
-from drl_av.evaluation.paired import paired
+from drl_av.evaluation.statistics import paired
 
 
 def drives(driver: str, vehicles: int, **speeds_m_s: float) -> list[EpisodeResult]:
