@@ -179,9 +179,7 @@ def _report(
         )
 
 
-def _train(
-    jobs: Sequence[TrainingJob], table: ResultTable, options: Options
-) -> Iterator[Progress]:
+def _train(jobs: Sequence[TrainingJob], table: ResultTable, options: Options) -> Iterator[Progress]:
     """Do trainings; add their wall times and policies to the table's provenance."""
     if not jobs:
         return
@@ -256,8 +254,6 @@ def _episode_jobs(episodes: Iterable[tuple[EpisodeCell, str, int]]) -> list[Epis
         own = specs[cell.drivers]
         name = own[driver].name
         jobs.append(
-            EpisodeJob(
-                cell.config, tuple(own.values()), cell.metrics, cell.vehicles, seed, name
-            )
+            EpisodeJob(cell.config, tuple(own.values()), cell.metrics, cell.vehicles, seed, name)
         )
     return jobs

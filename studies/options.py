@@ -105,12 +105,17 @@ class Plan(NamedTuple):
 class Study(Protocol):
     """A study: a table of results, how it is made, and the tables and figures that show it."""
 
-    name: str
-    """The results are the file ``<name>.csv``; the file ``<name>.json`` holds their provenance."""
-    meaning: str
-    """One sentence for ``python -m studies --help`` and the documentation."""
-    row: str
-    """The meaning of a row."""
+    @property
+    def name(self) -> str:
+        """The results are the file NAME.csv; the file NAME.json holds their provenance."""
+
+    @property
+    def meaning(self) -> str:
+        """One sentence for ``python -m studies --help`` and the documentation."""
+
+    @property
+    def row(self) -> str:
+        """The meaning of a row."""
 
     @property
     def derived(self) -> Mapping[str, Callable[[list[Row]], list[Row]]]:

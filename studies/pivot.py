@@ -5,10 +5,10 @@ describes its keys. A *measure* computes one cell from the episodes of a group.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from studies.study import FileStudy
 
 Spec = Mapping[str, Any]
-Frame = pd.DataFrame
+Frame: TypeAlias = Any
+"""A pandas DataFrame, which has no types."""
 Value = Mean | Estimate | str | None
 SPEED = "mean_speed_m_s"
 
@@ -107,13 +108,14 @@ class Pivot:
         if "reference" in spec:
             over = spec["value"]["over"]
             speed = {"interval": SPEED}
-            cells = [show(measure(speed, self._select(self.rows, over | c))) for c in columns.values()]
+            found = (self._select(self.rows, over | column) for column in columns.values())
+            cells = [show(measure(speed, own)) for own in found]
             lines.append([spec["reference"], *cells, *([""] if spec.get("worst") else [])])
         group = None
         for key in keys:
             outer = {name: key[name] for name in self.names[:-1]}
             if "best" in spec and outer != group:
-                names = [self.best(outer | column) for column in columns.values()]
+                names = [self.best({**outer, **column}) for column in columns.values()]
                 lines.append([*outer.values(), spec["best"], *names])
                 group = outer
             lines.append(self._line(key, columns, measures, lowest))
@@ -178,15 +180,14 @@ class Pivot:
         if over == "best":
             rest = {name: value for name, value in key.items() if name != "label"}
             return self._select(self.rows, rest | {"label": self.best(rest)})
-        named = {"driver", "training", "label"} & over.keys()
-        dropped = over.keys() | ({"label", "training"} if named else set())
+        dropped = over.keys() | (set() if over.keys() == {"variant"} else {"label", "training"})
         return self._select(self.rows, {n: v for n, v in key.items() if n not in dropped} | over)
 
     def best(self, key: Spec) -> str:
         """Return the label of the fastest driver that is not ours in a group."""
         rows = self._select(self.rows, key)
         rivals = rows[~rows["driver"].isin(self.spec["ours"])]
-        speeds = {name: own for name, own in rivals.groupby("label", sort=False)[SPEED]}
+        speeds = dict(iter(rivals.groupby("label", sort=False)[SPEED]))
         return best_opponent(speeds) or ""
 
 
@@ -204,7 +205,8 @@ def measure(spec: Spec, own: Frame, other: Frame | None = None, units: str | Non
     if kind == "text":
         sums = own[[name for name in ("ego_hit", "was_hit") if name in own]].sum()
         number = own[units].nunique() if units else 1
-        return str(expression.format(episodes=len(own), units=number, each=len(own) // number, **sums))
+        sizes = {"episodes": len(own), "units": number, "each": len(own) // number}
+        return str(expression.format(**sizes, **sums))
     if kind == "iqm":
         return interquartile_mean(_strata(own, expression))
     assert other is not None
@@ -219,8 +221,8 @@ def measure(spec: Spec, own: Frame, other: Frame | None = None, units: str | Non
     if kind == "gain":
         return gain(ours, theirs)
     percent = 100 / (sum(theirs.values()) / max(len(theirs), 1))
-    scaled = ({traffic: v * percent for traffic, v in side.items()} for side in (ours, theirs))
-    return gain(*scaled)
+    ours, theirs = ({at: v * percent for at, v in side.items()} for side in (ours, theirs))
+    return gain(ours, theirs)
 
 
 MEASURES = {"mean", "interval", "total", "text", "iqm", "improvement", "gain", "change"}
@@ -255,7 +257,7 @@ def values_of(rows: Frame, column: str) -> list[Any]:
 
 def same(own: Frame, other: Frame) -> bool:
     """Return whether two selections have the same rows."""
-    return own.index.equals(other.index)
+    return bool(own.index.equals(other.index))
 
 
 def _strata(rows: Frame, column: str) -> list[Any]:
@@ -296,14 +298,14 @@ def _read(name: str, path: Path, changed_ns: int) -> Frame:
 
     with report_corrupt_table(path):
         rows = pd.read_csv(path, float_precision="round_trip", keep_default_na=False)
-        for column in rows.columns[rows.dtypes == bool]:
+        for column in rows.select_dtypes(bool):
             rows[column] = rows[column].astype(int)
         if {"collided", "ego_hit"} <= {*rows.columns}:
             rows["was_hit"] = rows["collided"] - rows["ego_hit"]
         return rows.assign(label=_labels(FileStudy(FOLDER / f"{name}.toml"), rows))
 
 
-def _labels(study: "FileStudy", rows: Frame) -> Iterable[str]:
+def _labels(study: "FileStudy", rows: Frame) -> Any:
     names = rows["training" if "training" in rows else "driver"] if _named(rows) else None
     labels = pd.Series("", index=rows.index, dtype=object)
     for variant in study.variants:

@@ -43,10 +43,11 @@ def figure(study: "FileStudy", spec: Spec | Sequence[Spec], folder: Path) -> "Fi
     for (title, each, own), panel in zip(found, axes.flat, strict=False):
         handles |= _draw(panel, title, each, own)
     for panel in axes.flat[len(found) :]:
-        panel.set_visible(False)
+        panel.set_axis_off()
+        legend_of_names(panel, handles, loc="center")
     if wide == 1:
         legend_of_names(axes[0, 0], handles)
-    elif len(handles) > 1:
+    elif len(found) == axes.size and len(handles) > 1:
         legend_of_names(drawn, handles, loc="outside lower center", ncols=4)
     return drawn
 
@@ -74,11 +75,8 @@ def _draw(panel: "Axes", title: str, spec: Spec, own: Curves) -> dict[str, Any]:
         panel.axhline(0.0, color="#999999", linewidth=1)
     if spec["x"] == "label":
         [means] = own.values()
-        places = {place: mean for place, mean in enumerate(means.values())}
+        places = dict(enumerate(means.values()))
         curves_by_density(panel, {"": places}, joined=False)
-        panel.set_xticks([*places], [*means], fontsize=7)
+        panel.set_xticks([*places], [*means], rotation=35, ha="right")
         return {}
-    handles = curves_by_density(panel, own)
-    if "bottom" in spec:
-        panel.set_ylim(spec["bottom"], max(spec["top"], panel.get_ylim()[1]))
-    return handles
+    return curves_by_density(panel, own)

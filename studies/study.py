@@ -206,7 +206,12 @@ class FileStudy:
                 config = changed(base, variant.settings)
                 config = config if kind is None else config.with_traffic(kind)
                 for name in [made.name] if made else drivers:
-                    words = {"driver": name, "training": name, "traffic": kind, "variant": variant.name}
+                    words = {
+                        "driver": name,
+                        "training": name,
+                        "traffic": kind,
+                        "variant": variant.name,
+                    }
                     known = made.job.config if made else base
                     if "{traffic}" in template or "{variant}" in template:
                         known = config

@@ -40,9 +40,7 @@ def label_axes(axes: "Axes", x: str = "", y: str = "") -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def legend_of_names(
-    axes: "Axes | Figure", curves: Mapping[str, Any], **options: Any
-) -> None:
+def legend_of_names(axes: "Axes | Figure", curves: Mapping[str, Any], **options: Any) -> None:
     """Add a legend that shows the names (keys) of the curves literally; long names are shortened.
 
     By itself matplotlib would read ``$`` as a formula, and omit names that begin with ``_``.

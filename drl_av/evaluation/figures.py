@@ -35,10 +35,12 @@ STYLES = {
     "gap-mobil-1.3": ("#882255", "d"),
     "sumo": ("#56b4e9", "<"),
     "sumo-tuned": ("#332288", ">"),
+    "planner": ("#117733", "P"),
+    "pretrained-smooth": ("#ee7733", "p"),
     "random": ("#999999", "x"),
 }
 """Colour and marker of each driver's curve; colour-blind readers can distinguish them."""
-OTHER_COLORS = ("#e69f00", "#f0e442", "#999933", "#aa4499")
+OTHER_COLORS = ("#e69f00", "#999933", "#aa4499", "#44aa99")
 BESIDE = 0.15
 """Horizontal offset between two drivers' markers, in vehicles, so that error bars stay apart."""
 
@@ -147,12 +149,9 @@ def curves_by_density(
     With ``joined`` false there are only points.
     """
     other_colors, curves = cycle(OTHER_COLORS), dict[str, Any]()
-    others: dict[str, str] = {}
     for place, (driver, own) in enumerate(means.items()):
         name, _, check = driver.partition(", ")
-        if name not in STYLES and name not in others:
-            others[name] = next(other_colors)
-        color, mark = STYLES[name] if name in STYLES else (others[name], "D")
+        color, mark = STYLES[name] if name in STYLES else (next(other_colors), "D")
         aside = BESIDE * (place - (len(means) - 1) / 2)
         curves[driver] = axes.errorbar(
             [number + aside for number in own],
