@@ -19,7 +19,7 @@ from drl_av.evaluation.engines import require_ray
 from drl_av.evaluation.figure_style import save_figure
 from studies.engine import draw, make
 from studies.lane_change import lane_change_figure
-from studies.options import QUICK, Options, Study
+from studies.options import QUICK, RESULTS, Options, Study
 from studies.registry import STUDIES
 from studies.study import FileStudy
 
@@ -155,6 +155,9 @@ def _make(study: Study, options: Options, bar: Bar) -> None:
         )
     for figure in draw(study, options.out):
         bar.say(str(figure))
+    if options.out != RESULTS:  # where the documentation shows them
+        for table in study.tables.values():
+            bar.say(f"\n{table(options.out)}")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ describes its keys. A *measure* computes one cell from the episodes of a group.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -56,7 +56,7 @@ class Pivot:
     def __init__(self, study: "FileStudy", spec: Spec, folder: Path) -> None:
         self.study, self.spec, self.folder = study, spec, folder
         sources = spec.get("from", [{"study": study.name}])
-        rows = pd.concat([_source(source, folder) for source in sources], ignore_index=True)
+        rows = pd.concat(list(self._sources(sources)), ignore_index=True)
         for column, name in spec.get("total", {}).items():
             rows = pd.concat([rows, rows.assign(**{column: name})], ignore_index=True)
         self.rows = select(rows, spec.get("where", {}))
@@ -68,6 +68,17 @@ class Pivot:
             self.shown = select(self.shown, {"driver": spec["ours"]})
         self.names = [name.strip("`") for name in spec.get("rows", [])]
         self._selected: dict[tuple[Any, ...], Frame] = {}
+
+    def _sources(self, sources: Iterable[Spec]) -> Iterator[Frame]:
+        """Yield the rows of each source; another study that has no results here is left out."""
+        from studies.study import FileStudy
+
+        for source in sources:
+            name = source["study"]
+            own = name == self.study.name
+            if own or (self.folder / f"{name}.csv").exists():
+                study = self.study if own else FileStudy(FOLDER / f"{name}.toml")
+                yield _source(study, source, self.folder)
 
     def _select(self, rows: Frame, where: Spec) -> Frame:
         """Return ``select(rows, where)``; all selections on the way to it are kept."""
@@ -164,6 +175,8 @@ class Pivot:
             made = ResultsFolder(self.folder).made_by(f"{self.study.name}.csv")
             return f"{made['wall_time_s'][own[spec['seconds']].iloc[0]]:,.0f}"
         other = self._other(spec, {**key, **column})
+        if other is not None and other.empty:
+            return None
         if other is not None and ("of" in spec or "improvement" in spec) and same(own, other):
             return None
         units = self.spec.get("units")
@@ -212,7 +225,7 @@ def measure(spec: Spec, own: Frame, other: Frame | None = None, units: str | Non
     assert other is not None
     if kind == "improvement":
         return probability_of_improvement(_strata(own, expression), _strata(other, expression))
-    ours, theirs = _by_traffic(own, expression), _by_traffic(other, expression)
+    ours, theirs = by_traffic(own, expression), by_traffic(other, expression)
     if spec.get("common"):
         both = [traffic for traffic in ours if traffic in theirs]
         ours, theirs = ({traffic: side[traffic] for traffic in both} for side in (ours, theirs))
@@ -264,13 +277,14 @@ def _strata(rows: Frame, column: str) -> list[Any]:
     return [own.to_numpy() for _, own in rows.groupby("vehicles")[column]]
 
 
-def _by_traffic(rows: Frame, column: str) -> dict[Any, float]:
+def by_traffic(rows: Frame, column: str) -> dict[Any, float]:
+    """Return the value of a column in each traffic: by number of vehicles and seed."""
     return dict(zip(zip(rows["vehicles"], rows["seed"], strict=True), rows[column], strict=True))
 
 
-def _source(source: Spec, folder: Path) -> Frame:
+def _source(study: "FileStudy", source: Spec, folder: Path) -> Frame:
     """Return the rows of a source: a study, columns that select rows, and columns to add."""
-    rows = labelled(source["study"], folder)
+    rows = labelled(study, folder)
     chosen = {name: each for name, each in source.items() if name in rows and name != "label"}
     rows = select(rows, chosen)
     added = {n: v for n, v in source.items() if n not in rows and n not in ("study", "label")}
@@ -280,29 +294,28 @@ def _source(source: Spec, folder: Path) -> Frame:
     return rows.assign(**added)
 
 
-def labelled(name: str, folder: Path) -> Frame:
+def labelled(study: "FileStudy", folder: Path) -> Frame:
     """Return the rows of a study in ``folder``, with a column "label" for tables and figures.
 
     Truth values are numbers, and a column "was_hit" tells whether another vehicle hit the ego.
 
     Raises DrlAvError if the table is missing or damaged.
     """
-    path = folder / f"{name}.csv"
-    ResultsFolder(folder).made_by(path.name)
-    return _read(name, path, path.stat().st_mtime_ns)
+    path = folder / f"{study.name}.csv"
+    with report_corrupt_table(path):
+        return _read(study.path, path, path.stat().st_mtime_ns)
 
 
 @cache
-def _read(name: str, path: Path, changed_ns: int) -> Frame:
+def _read(described: Path, path: Path, changed_ns: int) -> Frame:
     from studies.study import FileStudy
 
-    with report_corrupt_table(path):
-        rows = pd.read_csv(path, float_precision="round_trip", keep_default_na=False)
-        for column in rows.select_dtypes(bool):
-            rows[column] = rows[column].astype(int)
-        if {"collided", "ego_hit"} <= {*rows.columns}:
-            rows["was_hit"] = rows["collided"] - rows["ego_hit"]
-        return rows.assign(label=_labels(FileStudy(FOLDER / f"{name}.toml"), rows))
+    rows = pd.read_csv(path, float_precision="round_trip", keep_default_na=False)
+    for column in rows.select_dtypes(bool):
+        rows[column] = rows[column].astype(int)
+    if {"collided", "ego_hit"} <= {*rows.columns}:
+        rows["was_hit"] = rows["collided"] - rows["ego_hit"]
+    return rows.assign(label=_labels(FileStudy(described), rows))
 
 
 def _labels(study: "FileStudy", rows: Frame) -> Any:

@@ -74,7 +74,7 @@ def _draw(panel: "Axes", title: str, spec: Spec, own: Curves) -> dict[str, Any]:
     if spec.get("line"):
         panel.axhline(0.0, color="#999999", linewidth=1)
     if spec["x"] == "label":
-        [means] = own.values()
+        means = next(iter(own.values()), {})
         places = dict(enumerate(means.values()))
         curves_by_density(panel, {"": places}, joined=False)
         panel.set_xticks([*places], [*means], rotation=35, ha="right")

@@ -20,7 +20,7 @@ from drl_av.evaluation.statistics import paired
 from drl_av.evaluation.table import Inputs, order_by
 from drl_av.files import Row
 from studies.engine import EpisodeCell
-from studies.options import Options, Plan
+from studies.options import FOLDER, Options, Plan
 from studies.trainings import TrainingJob
 
 if TYPE_CHECKING:
@@ -281,6 +281,20 @@ def changed(config: Config, settings: Settings) -> Config:
     for section, values in settings.items():
         config = config.updated(section, **values)
     return config
+
+
+def with_check(config: Config, bounds: str) -> Config:
+    """Return the settings with another safety check.
+
+    Args:
+        config: The settings to change.
+        bounds: ``"paper"`` for the check ``paper``, ``"strict"`` for the check ``strict`` with the
+            bounds of ``config``, or ``"real"`` for ``strict`` with bounds of real traffic. They are
+            the variants of ``real_bounds.toml``.
+    """
+    study = FileStudy(FOLDER / "real_bounds.toml")
+    [settings] = [each.settings for each in study.variants if each.name == bounds]
+    return changed(config, {"safety": {"check": "paper"}, **settings})
 
 
 def _training_base(name: str, options: Options) -> Config:

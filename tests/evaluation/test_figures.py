@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 from drives import rows_of
 from runs import error_message
+from studies.adaptation import adaptation_figure, adaptation_table
+from studies.curves import check_figure, replay_figure
+from studies.values import require_values
 
 from drl_av.cli import main
 from drl_av.config import Config
@@ -18,11 +21,8 @@ from drl_av.evaluation.figures import (
     speed_figure,
 )
 from drl_av.evaluation.statistics import moving_average
-from studies.adaptation import adaptation_figure, adaptation_table
-from studies.curves import check_figure, replay_figure
-from studies.experiment import ResultsFolder, draw_results
 from studies.registry import EXPERIMENTS
-from studies.values import require_values
+from studies.results import ResultsFolder, draw_results
 
 HEADER = "driver,vehicles,mean_speed_m_s\n"
 

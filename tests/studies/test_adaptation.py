@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from studies.adaptation import ADAPTATION
+from studies.experiment import reproduce
+from studies.store import read_rows
 
 from drl_av.drivers.policy_file import load, load_policy
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.provenance import checksum
 from studies import adaptation as module
-from studies.adaptation import ADAPTATION
-from studies.experiment import reproduce
 from studies.options import ReproduceOptions
-from studies.store import read_rows
 
 SETTINGS = """
 [simulation]

@@ -17,8 +17,8 @@ from studies.barricade import (
     barricade_config,
     barricade_figure,
 )
-from studies.experiment import ResultsFolder, reproduce
 from studies.options import ReproduceOptions
+from studies.results import ResultsFolder, reproduce
 
 RIGHT, LEFT = 4, 8
 

@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import pytest
+from studies.comfort import COMFORT, DRIVERS
 
 from drl_av.files import Row, write_table
 from studies import comfort
-from studies.comfort import COMFORT, DRIVERS
-from studies.experiment import ResultsFolder, reproduce
 from studies.options import ReproduceOptions
+from studies.results import ResultsFolder, reproduce
 
 
 def episode(traffic: str, driver: str, seed: int, **measured: object) -> Row:

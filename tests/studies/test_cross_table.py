@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 from drives import traffic_row as row
+from studies.cross_table import CROSS_TABLE, gains
 
 from drl_av.files import write_table
 from studies import cross_table
-from studies.cross_table import CROSS_TABLE, gains
-from studies.experiment import ResultsFolder, reproduce
 from studies.options import ReproduceOptions
+from studies.results import ResultsFolder, reproduce
 
 
 def test_gains_are_paired_by_seed_in_each_kind_and_the_smallest_is_named(

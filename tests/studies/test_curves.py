@@ -10,17 +10,17 @@ from typing import Any
 
 import pytest
 from runs import TINY, files_of
+from studies.cells import training_plan
+from studies.curves import CURVES
+from studies.store import ResultStore
+from studies.training_jobs import TrainingJob, train_job
 
 from drl_av.config import Config
 from drl_av.errors import DrlAvError, RunError
 from drl_av.evaluation import engines
 from studies import plan as module
-from studies.cells import training_plan
-from studies.curves import CURVES
-from studies.experiment import ResultsFolder, reproduce
 from studies.options import Progress, ReproduceOptions
-from studies.store import ResultStore
-from studies.training_jobs import TrainingJob, train_job
+from studies.results import ResultsFolder, reproduce
 
 LAST = 9
 """Episode at which the longer trainings are killed once, of 12; their last checkpoint is 8's."""

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from studies.experiment import reproduce
 
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import DrlAvError
 from drl_av.files import read_table, write_table
 from studies.__main__ import main
-from studies.experiment import reproduce
 from studies.options import ReproduceOptions
 from studies.registry import EXPERIMENTS
 

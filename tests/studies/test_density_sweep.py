@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from studies.density_sweep import DENSITY_SWEEP, STRONGER, paired_rows, sweep_plan
 
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.statistics import PairedGain
 from drl_av.files import Row
 from studies import cells, density_sweep
-from studies.density_sweep import DENSITY_SWEEP, STRONGER, paired_rows, sweep_plan
-from studies.experiment import ResultsFolder, reproduce
 from studies.options import Progress, ReproduceOptions
+from studies.results import ResultsFolder, reproduce
 
 SETTINGS = """
 [simulation]

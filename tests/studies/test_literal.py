@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import pytest
+from studies.literal import LITERAL_PAPER, VARIANTS, changed, literal_table
 
 from drl_av.config.presets import preset
 from studies import literal
-from studies.experiment import ResultsFolder, reproduce
-from studies.literal import LITERAL_PAPER, VARIANTS, changed, literal_table
 from studies.options import ReproduceOptions
+from studies.results import ResultsFolder, reproduce
 
 
 def test_each_variant_is_driven_on_the_same_traffic_with_its_own_settings(

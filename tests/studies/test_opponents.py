@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import pytest
+from studies.opponents import OPPONENTS_SWEEP, VARIANTS, best_opponent, gain, speeds
 
 from drl_av.files import Row, write_table
 from studies import opponents
-from studies.experiment import ResultsFolder, reproduce
-from studies.opponents import OPPONENTS_SWEEP, VARIANTS, best_opponent, gain, speeds
 from studies.options import ReproduceOptions
+from studies.results import ResultsFolder, reproduce
 
 
 def row(driver: str, seed: int, speed: float, variant: str = "paper") -> Row:

@@ -3,13 +3,6 @@
 from pathlib import Path
 
 import pytest
-
-from drl_av.config import Config
-from drl_av.errors import DrlAvError
-from drl_av.files import write_table
-from studies import real_bounds
-from studies.experiment import ResultsFolder, reproduce
-from studies.options import ReproduceOptions
 from studies.real_bounds import (
     REAL_BOUNDS,
     cost,
@@ -17,6 +10,13 @@ from studies.real_bounds import (
     real_bounds_table,
 )
 from studies.strictness import under
+
+from drl_av.config import Config
+from drl_av.errors import DrlAvError
+from drl_av.files import write_table
+from studies import real_bounds
+from studies.options import ReproduceOptions
+from studies.results import ResultsFolder, reproduce
 
 SHORT = """
 [simulation]

@@ -4,6 +4,11 @@ from pathlib import Path
 
 import pytest
 from runs import files_of
+from studies.cells import Drives, driven_with
+from studies.experiment import Experiment, ResultsFolder, reproduce
+from studies.markdown import by_density, mean_speed
+from studies.plan import Plan, by
+from studies.store import MadeWith
 
 from drl_av.cli import main
 from drl_av.config import Config
@@ -11,13 +16,8 @@ from drl_av.errors import DrlAvError
 from drl_av.evaluation.figure_style import one_panel
 from drl_av.files import Row
 from studies import store
-from studies.cells import Drives, driven_with
-from studies.experiment import Experiment, ResultsFolder, reproduce
-from studies.markdown import by_density, mean_speed
 from studies.options import ReproduceOptions
-from studies.plan import Plan, by
 from studies.registry import EXPERIMENTS
-from studies.store import MadeWith
 
 DRIVERS = ("idm", "random")
 

@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import pytest
+from studies.straight import DRIVERS, STRAIGHT, vehicles_at
 
 from drl_av.files import Row, write_table
 from studies import straight
-from studies.experiment import ResultsFolder, reproduce
 from studies.options import ReproduceOptions
-from studies.straight import DRIVERS, STRAIGHT, vehicles_at
+from studies.results import ResultsFolder, reproduce
 
 
 def test_a_flow_is_speed_times_density() -> None:

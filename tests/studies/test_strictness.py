@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 from drives import rows_of
+from studies.strictness import STRICT, change, strict_figure
 
 from studies import strictness
-from studies.experiment import ResultsFolder, reproduce
 from studies.options import ReproduceOptions
-from studies.strictness import STRICT, change, strict_figure
+from studies.results import ResultsFolder, reproduce
 
 
 def test_both_checks_meet_the_same_traffic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

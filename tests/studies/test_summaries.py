@@ -5,8 +5,6 @@ from pathlib import Path
 
 import pytest
 from drives import rows_of
-
-from drl_av.errors import DrlAvError
 from studies.adaptation import adaptation_table
 from studies.curves import cost_table
 from studies.density_sweep import (
@@ -17,10 +15,12 @@ from studies.density_sweep import (
     gains_over_all,
     speed_table,
 )
-from studies.experiment import ResultsFolder
 from studies.fast import FAST, fast_table, whole_schedule_table
 from studies.final_policies import final_table
 from studies.strictness import summary_table
+
+from drl_av.errors import DrlAvError
+from studies.results import ResultsFolder
 
 
 def results(folder: Path, **tables: str) -> ResultsFolder:

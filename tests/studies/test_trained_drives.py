@@ -4,13 +4,13 @@ import shutil
 from pathlib import Path
 
 import pytest
-
-from drl_av.errors import DrlAvError
-from studies import cells as module
 from studies.curves import CURVES
 from studies.experiment import Experiment, ResultsFolder, reproduce
 from studies.fast import FAST
 from studies.final_policies import FINAL_POLICIES
+
+from drl_av.errors import DrlAvError
+from studies import cells as module
 from studies.options import Progress, ReproduceOptions
 
 SHORT = """

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 from drives import traffic_row as row
+from studies.training_seeds import TRAINING_SEEDS
 
 from drl_av.files import write_table
 from studies import training_seeds
-from studies.experiment import ResultsFolder, reproduce
 from studies.options import ReproduceOptions
-from studies.training_seeds import TRAINING_SEEDS
+from studies.results import ResultsFolder, reproduce
 
 
 def test_the_tables_have_a_line_for_each_seed_with_its_worst_kind(tmp_path: Path) -> None:

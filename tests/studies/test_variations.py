@@ -3,11 +3,6 @@
 from pathlib import Path
 
 import pytest
-
-from drl_av.config import Config
-from studies import variations
-from studies.experiment import ResultsFolder, reproduce
-from studies.options import ReproduceOptions
 from studies.variations import (
     BARRICADE_PRETRAINED,
     CHECK_PAPER,
@@ -15,6 +10,11 @@ from studies.variations import (
     EXACT_SPEED,
     REFERENCE_ACC,
 )
+
+from drl_av.config import Config
+from studies import variations
+from studies.options import ReproduceOptions
+from studies.results import ResultsFolder, reproduce
 
 ROWS = {CHECK_PAPER: 2, CHECK_PERMIT_ALL: 4, REFERENCE_ACC: 8, EXACT_SPEED: 2}
 """Two episodes of each driver."""
