@@ -126,6 +126,7 @@ def _make(plan: Plan, table: ResultTable, options: Options) -> Iterator[Progress
         for own in rounds:
             yield from _report(own, table, options)
         yield from _train(jobs, table, options)
+        _require_drivers(jobs, table)
         yield from _call(calls, plan, table, options)
         yield from _drive(episodes, table, options)
     finally:
@@ -164,8 +165,9 @@ def _report(
     _require_drivers(begun, table)
     collect()
     left = [rows.job for rows in trainings if _missing_rows(rows, table)]
-    origins = [job.origin for job in left if job.origin and not job.begun]
-    yield from _train(list(dict.fromkeys(origins)), table, options)
+    origins = list(dict.fromkeys(job.origin for job in left if job.origin and not job.begun))
+    yield from _train(origins, table, options)
+    _require_drivers(origins, table)
     try:
         for progress in _train(left, table, options):
             collect()
@@ -180,7 +182,7 @@ def _report(
 
 
 def _train(jobs: Sequence[TrainingJob], table: ResultTable, options: Options) -> Iterator[Progress]:
-    """Do trainings; add their wall times and policies to the table's provenance."""
+    """Do trainings; add their wall times to the table's provenance."""
     if not jobs:
         return
     total = sum(job.stop for job in jobs)
@@ -193,7 +195,6 @@ def _train(jobs: Sequence[TrainingJob], table: ResultTable, options: Options) ->
                     table.seconds[job.name] = max(table.seconds.get(job.name, 0.0), seconds)
             done = sum(min(job.episodes_driven(), job.stop) for job in jobs)
             yield Progress(done, total, "training")
-    _require_drivers(jobs, table)
 
 
 def _require_drivers(jobs: Iterable[TrainingJob], table: ResultTable) -> None:

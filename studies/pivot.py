@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import pandas as pd
 
+from drl_av.errors import DrlAvError
 from drl_av.evaluation.aggregates import Estimate, interquartile_mean, probability_of_improvement
 from drl_av.evaluation.statistics import Mean, best_opponent, gain, mean_with_interval
 from drl_av.evaluation.table import report_corrupt_table
@@ -302,6 +303,8 @@ def labelled(study: "FileStudy", folder: Path) -> Frame:
     Raises DrlAvError if the table is missing or damaged.
     """
     path = folder / f"{study.name}.csv"
+    if not path.exists():
+        raise DrlAvError(f"{path} does not exist: python -m studies {study.name} makes it.")
     with report_corrupt_table(path):
         return _read(study.path, path, path.stat().st_mtime_ns)
 

@@ -1,14 +1,15 @@
 """What a training reports: rows and wall times read from its folder, each episode once."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from runs import TINY
 
-from drl_av.errors import RunError
+from drl_av.errors import DrlAvError, RunError
 from drl_av.learning.training import EpisodeRow, Training
-from studies import training_jobs
-from studies.training_jobs import TrainingJob, blocks_of, evaluations_of, train_job
+from studies import trainings
+from studies.trainings import TrainingJob, TrainingRows, blocks_of, evaluations_of, train_job
 
 HEADER = "episode,mean_reward,safety_triggers,collided,ego_hit\n"
 
@@ -65,12 +66,12 @@ def test_the_clock_of_a_training_that_was_killed_and_stopped_has_each_episode_on
         return drive(training)
 
     monkeypatch.setattr(Training, "run_episode", ten_seconds)
-    monkeypatch.setattr(training_jobs.time, "monotonic", lambda: now_s[0])
+    monkeypatch.setattr(trainings.time, "monotonic", lambda: now_s[0])
     train_job(short)
     assert short.clock.read_text() == "2,20.0\n3,10.0\n"
     with pytest.raises(KeyboardInterrupt):
-        train_job(short.until(7))
-    train_job(short.until(7))
+        train_job(replace(short, stop=7))
+    train_job(replace(short, stop=7))
     assert short.wall_time_s() == 70.0
 
 
@@ -92,3 +93,18 @@ def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
     train_job(job(tmp_path / "paper-0", stop=2))
     with pytest.raises(RunError, match=r"begun with other settings.*--runs"):
         train_job(job(tmp_path / "paper-0", stop=2, seed=8))
+
+
+def test_rows_that_a_training_makes_end_at_its_last_episode(tmp_path: Path) -> None:
+    def ends(rows: TrainingRows, *held: int) -> list[str]:
+        found = rows.keys([rows.job.key | {"episode": str(episode)} for episode in held])
+        return [key["episode"] for key in found]
+
+    whole = TrainingRows(job(tmp_path, every=5), blocks_of)  # 12 episodes, the whole schedule
+    assert ends(whole) == ends(whole, 5, 10) == ends(whole, 5, 10, 12) == ["5", "10", "12"]
+    assert ends(TrainingRows(job(tmp_path, every=5, stop=11), blocks_of), 5) == ["5", "10"]
+    for held in ((10,), (5, 12), (5, 5)):
+        with pytest.raises(ValueError, match="lacks a row before episode"):
+            ends(whole, *held)
+    with pytest.raises(DrlAvError, match="4 episodes makes no row of the table, which sums up 5"):
+        ends(TrainingRows(job(tmp_path, every=5, stop=4), blocks_of))

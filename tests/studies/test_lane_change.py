@@ -5,7 +5,7 @@ import pytest
 
 from drl_av.config import Config, EgoConfig
 from drl_av.driving.actions import Lateral
-from studies.lane_change_figure import lane_change_figure, track
+from studies.lane_change import lane_change_figure, track
 
 KEEP, RIGHT, LEFT = Lateral.KEEP, Lateral.RIGHT, Lateral.LEFT
 STEERING = EgoConfig(lateral_plant="steering")
