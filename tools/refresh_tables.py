@@ -8,8 +8,8 @@ A page has a table between the lines ``<!-- table: NAME -->`` and ``<!-- end -->
 row that begins with ROW (several cells are separated by |) in the column with the heading COLUMN.
 ``mean`` in place of ``value`` leaves out the interval.
 
-A table whose sources have not changed is not computed again: ``docs/results/tables.sha256`` has, for
-each table, the checksums of its sources and of its text.
+A table whose sources have not changed is not computed again: ``docs/results/tables.sha256`` has
+the checksums of the sources and of the text of each table.
 """
 
 import argparse
@@ -158,7 +158,8 @@ def cells_of(pages: Iterable[str]) -> dict[str, list[list[str]]]:
     """Return the cells of each Markdown table in the pages, by the table's name."""
     found = {}
     for page in pages:
-        for name, text in re.findall(r"<!-- table: (\w+) -->\n(\|.*?)<!-- end -->", page, re.DOTALL):
+        marks = r"<!-- table: (\w+) -->\n(\|.*?)<!-- end -->"
+        for name, text in re.findall(marks, page, re.DOTALL):
             lines = [line.strip("| ").split(" | ") for line in text.splitlines()]
             found[name] = [[cell.strip() for cell in line] for line in lines]
     return found

@@ -28,7 +28,6 @@ from studies.learning_curves import (
     converged_at,
     convergence,
     curve,
-    learning_figure,
     smoothed,
 )
 from studies.options import Options
@@ -148,17 +147,43 @@ def test_rows_of_a_folder_of_other_settings_never_reach_a_table(tmp_path: Path) 
     assert not (tmp_path / "out" / "curves.csv").exists()
 
 
-def test_a_figure_of_learning_has_a_panel_for_each_column(tmp_path: Path) -> None:
-    trained(options(tmp_path))
-    columns = ("mean_reward", "safety_triggers")
-    reward, triggers = learning_figure(("paper", "prioritized"), columns, tmp_path).axes
-    rows = [row for row in read_rows(tmp_path / "curves.csv") if row["episode"] in ("3", "6")]
-    means = [
-        np.mean([float(row["mean_reward"]) for row in rows if row["episode"] == episode])
-        for episode in ("3", "6")
-    ]
-    assert reward.lines[0].get_ydata() == pytest.approx(means)
-    assert triggers.get_ylabel() == "safety triggers an episode, greedy"
+DRAWN = """
+variant,seed,episode,mean_reward,training_reward,training_collisions,safety_triggers
+""" + "".join(
+    f"{variant},{seed},{episode},{base - seed / 10},-0.9,{0.4 + seed / 10},7\n"
+    for variant, base in (("paper", -0.1), ("permit_all", -0.5))
+    for seed, last in ((0, 500), (1, 300))
+    for episode in range(100, last + 1, 100)
+)
+"""Two seeds to episode 300, the first to 500; no row of the third variant."""
+FIGURES = CURVES.figures
+
+
+def test_check_figure_has_means_over_seeds_and_continues_with_the_longer_one(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "curves.csv").write_text(DRAWN.lstrip())
+    figure = FIGURES["learning_check"](tmp_path)
+    reward, exploring, collisions = figure.axes
+    mean = reward.lines[0]
+    assert mean.get_label() == "two buffers, safety check (2 seeds)"
+    assert list(mean.get_xdata()) == [100, 200, 300]
+    assert mean.get_ydata() == pytest.approx([-0.15] * 3)
+    lone = [line for line in reward.lines if list(line.get_xdata()) == [300, 400, 500]]
+    assert [line.get_ydata()[0] for line in lone] == pytest.approx([-0.1, -0.5])
+    assert exploring.lines[0].get_ydata() == pytest.approx([-0.9] * 3)
+    assert collisions.lines[0].get_ydata() == pytest.approx([0.45] * 3)
+    band = reward.collections[0].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == pytest.approx((-0.78531, 0.48531))  # t = 12.706
+
+
+def test_replay_figure_draws_the_variants_there_are(tmp_path: Path) -> None:
+    (tmp_path / "curves.csv").write_text(DRAWN.lstrip())
+    reward, triggers = FIGURES["learning_replay"](tmp_path).axes
+    labels = [line.get_label() for line in reward.lines]
+    assert "two buffers, safety check (2 seeds)" in labels
+    assert not any("no safety check" in str(label) for label in labels)
+    assert triggers.lines[0].get_ydata() == pytest.approx([7] * 3)
 
 
 ADAPTED = """
