@@ -28,7 +28,7 @@ lint: setup
 
 # The documentation as a website in site/; the tests build it too.
 docs: setup
-	$(BIN)/mkdocs build --strict
+	$(BIN)/zensical build --strict --clean
 
 test: lint
 	$(BIN)/python -m pytest -n 2

@@ -17,10 +17,10 @@ from drl_av.config.presets import preset
 from drl_av.driving.actions import Action
 from drl_av.driving.maneuver import target_lane
 from drl_av.driving.scene import Scene
-from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import rollout
+from drl_av.env.transition import Transition
 from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.evaluation.statistics import grouped
 from drl_av.evaluation.table import Inputs, order_by
@@ -58,7 +58,7 @@ class BarricadeMetrics(EpisodeMetrics):
         It is "by vehicle" if another vehicle hit the ego, and "" without a collision.
         """
 
-    def add(self, decision: Decision) -> None:
+    def add(self, decision: Transition) -> None:
         """Add the next decision of the episode."""
         super().add(decision)
         self.barricade_proposals += self._enters_closed_lane(decision.scene, decision.proposed)

@@ -1,7 +1,7 @@
 """Two studies of learning: the curves of Algorithm 1 and its variants, and continual adaptation.
 
-The curves correspond to Fig. 7 of the paper (training without the safety check) and to Fig. 9, left
-(prioritized replay instead of two buffers), the adaptation to Fig. 9.
+The curves correspond to Fig. 5 of the paper (training without the safety check) and to Fig. 7
+(prioritized replay instead of two buffers), the adaptation to Fig. 8.
 """
 
 import math

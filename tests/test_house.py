@@ -12,6 +12,7 @@ from programs import python
 PACKAGE = Path(__file__).parent.parent / "drl_av"
 ROOMS = (
     "errors",
+    "compiled",
     "random_streams",
     "sumo_programs",
     "config",
@@ -108,6 +109,7 @@ def test_the_package_itself_imports_rooms_for_its_public_names_only() -> None:
     # for type checkers at the top, and at the first use
     assert graph()["drl_av"] == {
         "drl_av.drivers.registry",
+        "drl_av.env.attach",
         "drl_av.env.video",
         "drl_av.evaluation.evaluate",
     }
@@ -224,7 +226,7 @@ def test_a_module_says_in_its_first_line_what_it_is(module: str) -> None:
         assert not re.search(r"\bprint\(", text)
 
 
-HEAVY = ("libsumo", "traci", "sumolib", "torch", "matplotlib", "stable_baselines3")
+HEAVY = ("libsumo", "traci", "sumolib", "torch", "matplotlib", "stable_baselines3", "numba")
 
 
 @pytest.mark.parametrize(

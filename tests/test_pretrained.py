@@ -42,7 +42,7 @@ def test_the_driver_of_the_paper_was_trained_by_the_whole_schedule_of_the_paper(
     folder = SHIPPED["pretrained-paper"]
     assert load_config(folder / "config.toml") == Config()
     made_by = ResultsFolder(Path(__file__).parents[1] / "docs" / "results").made_by("fast.csv")
-    assert checksum(find_policy(folder)) == made_by["policies_sha256"]["paper-0"]  # Fig. 8
+    assert checksum(find_policy(folder)) == made_by["policies_sha256"]["paper-0"]  # Fig. 6
 
 
 @pytest.mark.parametrize("kind", RAMPS)

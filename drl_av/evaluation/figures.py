@@ -48,7 +48,7 @@ BESIDE = 0.15
 def learning_figure(runs: Sequence[Path]) -> "Figure":
     """Draw the greedy driver's mean reward per decision against training episodes.
 
-    The figure has one curve for each run's folder, like Fig. 7 of the paper. A second curve in a
+    The figure has one curve for each run's folder, like Fig. 5 of the paper. A second curve in a
     light colour shows the mean reward of the last ``SMOOTHED_OVER`` training episodes, which
     include exploration.
 
@@ -77,7 +77,7 @@ def learning_figure(runs: Sequence[Path]) -> "Figure":
 def reward_figure(config: Config) -> "Figure":
     """Draw the three reward functions for the fixed desired values in the config.
 
-    The figure corresponds to Fig. 6 of the paper.
+    The figure corresponds to Fig. 4 of the paper.
     """
     reward = config.reward
     y_m, v_m_s = reward.desired_lateral_m, reward.desired_speed_m_s
@@ -113,7 +113,7 @@ def profile_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
 
 
 def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
-    """Draw mean speed against the number of vehicles, with 95 % intervals (Fig. 8 of the paper).
+    """Draw mean speed against the number of vehicles, with 95 % intervals (Fig. 6 of the paper).
 
     There is one curve for each driver. The rows need at least the columns ``driver``, ``vehicles``
     and ``mean_speed_m_s``.

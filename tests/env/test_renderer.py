@@ -6,35 +6,33 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from worlds import ROAD, ahead, snapshot
+from decisions import decided
+from worlds import ROAD, ahead, scene, snapshot
 
-from drl_av.drawing import renderer
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import draw
-from drl_av.drawing.renderer import GuiRenderer, PictureRenderer, Renderer, next_caption
+from drl_av.env import renderer
 from drl_av.env.highway import HighwayEnv
+from drl_av.env.renderer import GuiRenderer, PictureRenderer, Renderer, next_caption
+from drl_av.road.snapshot import Collision, CollisionKind
+from drl_av.safety.check import Rule
 
-START = {"seed": 42, "vehicles": 7, "speed_m_s": 20.0}
-KEPT = {
-    **START,
-    "proposed_action": 1,
-    "executed_action": 1,
-    "rule": "none",
-    "rewards": {"r_v": -0.5, "r_y": 0.0, "r_x": -0.1},
-    "collision": "",
-    "speed_m_s": 22.0,
-}
-REFUSED = KEPT | {
-    "proposed_action": 8,
-    "executed_action": 3,
-    "rule": "in_lane+lane_change",
-    "collision": "ego hit the vehicle ahead",
-    "speed_m_s": 18.0,
-}
+SEED = 42
+CARS = [ahead(30.0 * number) for number in range(1, 8)]
+KEPT = decided(after=scene(*CARS, speed_m_s=22.0), executed=1, terms=(-0.5, 0.0, -0.1), reward=-0.2)
+REFUSED = decided(
+    after=scene(*CARS, speed_m_s=18.0),
+    executed=3,
+    proposed=8,
+    rule=Rule.IN_LANE | Rule.LANE_CHANGE,
+    collision=Collision(CollisionKind.HIT_AHEAD, "vehicle1"),
+    terms=(-0.5, 0.0, -0.1),
+    reward=-3.0,
+)
 
 
 def test_the_caption_follows_the_decisions() -> None:
-    first = next_caption(Caption(driver="mine"), -0.2, KEPT)
+    first = next_caption(Caption(driver="mine", seed=SEED), KEPT)
     assert first == Caption(
         driver="mine",
         vehicles=7,
@@ -50,7 +48,7 @@ def test_the_caption_follows_the_decisions() -> None:
         speed_history=(22.0,),
         trigger_history=(False,),
     )
-    second = next_caption(first, -3.0, REFUSED)
+    second = next_caption(first, REFUSED)
     assert (second.decision, second.reward, second.driver) == (2, -3.0, "mine")
     assert (second.proposed, second.executed) == ("maintain, change left", "hard brake, keep lane")
     assert (second.rule, second.collision) == ("in_lane+lane_change", "ego hit the vehicle ahead")
@@ -59,24 +57,24 @@ def test_the_caption_follows_the_decisions() -> None:
 
 
 def test_a_picture_shows_the_last_moment_with_the_caption_since_the_reset() -> None:
-    shown, before, after = PictureRenderer(ROAD), snapshot(ahead(30)), snapshot(ahead(25))
+    shown, before = PictureRenderer(ROAD), snapshot(ahead(30))
     with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):
         shown.render()
-    shown.reset(before, START)
-    assert np.array_equal(shown.render(), draw(before, ROAD, Caption(vehicles=7, seed=42)))
-    shown.step(after, -0.2, KEPT)
-    caption = next_caption(Caption(), -0.2, KEPT)
-    assert np.array_equal(shown.render(), draw(after, ROAD, caption))
-    shown.reset(before, START)
-    assert np.array_equal(shown.render(), draw(before, ROAD, Caption(vehicles=7, seed=42)))
+    shown.reset(before, SEED)
+    assert np.array_equal(shown.render(), draw(before, ROAD, Caption(vehicles=1, seed=42)))
+    shown.step(KEPT)
+    caption = next_caption(Caption(seed=42), KEPT)
+    assert np.array_equal(shown.render(), draw(KEPT.next_scene.snapshot, ROAD, caption))
+    shown.reset(before, SEED)
+    assert np.array_equal(shown.render(), draw(before, ROAD, Caption(vehicles=1, seed=42)))
 
 
 def test_sumo_gui_gets_a_line_and_the_colours_of_each_scene() -> None:
     calls: list[tuple[str, Any]] = []
     shown = GuiRenderer(lambda text, colors: calls.append((text, colors)))
     slow_and_fast = snapshot(ahead(30, speed_m_s=10.0), ahead(60, speed_m_s=34.0))
-    shown.reset(slow_and_fast, START)
-    shown.step(snapshot(), -3.0, REFUSED)
+    shown.reset(slow_and_fast, SEED)
+    shown.step(REFUSED._replace(next_scene=scene(speed_m_s=18.0)))
     red, blue, magenta = (222, 53, 48), (66, 146, 240), (233, 64, 200)
     line = "hard brake, keep lane | rule: in_lane+lane_change | 18.0 m/s | reward -3.00"
     assert calls == [

@@ -2,45 +2,43 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import gymnasium
 
 from drl_av.drawing.canvas import EGO_COLOR, Color, speed_color
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import Picture, draw
-from drl_av.driving.actions import ACTIONS
+from drl_av.env.transition import Transition
 from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO, Snapshot
 
 
-def next_caption(caption: Caption, reward: float, info: dict[str, Any]) -> Caption:
-    """Return the caption after the next decision; ``reward`` and ``info`` are those of the step."""
-    rule = info["rule"]
+def next_caption(caption: Caption, decision: Transition) -> Caption:
+    """Return the caption after the next decision of the episode."""
+    after, collision = decision.next_scene, decision.collision
     return replace(
         caption,
-        vehicles=info["vehicles"],
-        seed=info["seed"],
+        vehicles=len(after.snapshot.ids) - 1,
         decision=caption.decision + 1,
-        proposed=str(ACTIONS[info["proposed_action"]]),
-        executed=str(ACTIONS[info["executed_action"]]),
-        rule=None if rule == "none" else rule,
-        reward=reward,
-        **info["rewards"],
-        speed_history=(*caption.speed_history, info["speed_m_s"]),
-        trigger_history=(*caption.trigger_history, rule != "none"),
-        collision=info["collision"],
+        proposed=str(decision.proposed),
+        executed=str(decision.executed),
+        rule=str(decision.rule) if decision.triggered else None,
+        reward=decision.reward,
+        **decision.terms._asdict(),
+        speed_history=(*caption.speed_history, after.affordances.ego_speed_m_s),
+        trigger_history=(*caption.trigger_history, decision.triggered),
+        collision="" if collision is None else collision.kind.value,
     )
 
 
 class Renderer:
     """The renderer of render mode None, which shows nothing; the base class of the others."""
 
-    def reset(self, snapshot: Snapshot, info: dict[str, Any]) -> None:
-        """Begin an episode, with the snapshot and the ``info`` of the environment's ``reset``."""
+    def reset(self, snapshot: Snapshot, seed: int) -> None:
+        """Begin an episode with its first snapshot and the seed of its traffic."""
 
-    def step(self, snapshot: Snapshot, reward: float, info: dict[str, Any]) -> None:
-        """Show the next decision: the snapshot after it, its reward and its ``info``."""
+    def step(self, decision: Transition) -> None:
+        """Show the next decision of the episode."""
 
     def render(self) -> Picture | None:
         """Return the picture of the present scene; None if the renderer makes no pictures."""
@@ -54,14 +52,14 @@ class PictureRenderer(Renderer):
         self._road = road
         self._moment: tuple[Snapshot, Caption] | None = None
 
-    def reset(self, snapshot: Snapshot, info: dict[str, Any]) -> None:
+    def reset(self, snapshot: Snapshot, seed: int) -> None:
         """Begin an episode with an empty caption."""
-        self._moment = snapshot, Caption(vehicles=info["vehicles"], seed=info["seed"])
+        self._moment = snapshot, Caption(vehicles=len(snapshot.ids) - 1, seed=seed)
 
-    def step(self, snapshot: Snapshot, reward: float, info: dict[str, Any]) -> None:
+    def step(self, decision: Transition) -> None:
         """Store the scene and update the caption with the decision."""
         assert self._moment is not None
-        self._moment = snapshot, next_caption(self._moment[1], reward, info)
+        self._moment = decision.next_scene.snapshot, next_caption(self._moment[1], decision)
 
     def render(self) -> Picture:
         """Return the picture of the present scene, uint8 of shape (720, 1280, 3).
@@ -84,15 +82,16 @@ class GuiRenderer(Renderer):
     def __init__(self, show: Callable[[str, Mapping[str, Color]], None]) -> None:
         self._show = show
 
-    def reset(self, snapshot: Snapshot, info: dict[str, Any]) -> None:
+    def reset(self, snapshot: Snapshot, seed: int) -> None:
         """Clear the text, and show the colours of the vehicles of a new episode."""
         self._show("", vehicle_colors(snapshot))
 
-    def step(self, snapshot: Snapshot, reward: float, info: dict[str, Any]) -> None:
+    def step(self, decision: Transition) -> None:
         """Show the executed action, the safety rule, the speed and the reward as text."""
-        action, speed = ACTIONS[info["executed_action"]], info["speed_m_s"]
-        text = f"{action} | rule: {info['rule']} | {speed:.1f} m/s | reward {reward:.2f}"
-        self._show(text, vehicle_colors(snapshot))
+        speed_m_s = decision.next_scene.affordances.ego_speed_m_s
+        made = f"{decision.executed} | rule: {decision.rule} | {speed_m_s:.1f} m/s"
+        text = f"{made} | reward {decision.reward:.2f}"
+        self._show(text, vehicle_colors(decision.next_scene.snapshot))
 
 
 def renderer_of(
