@@ -6,7 +6,7 @@ python tools/refresh_tables.py --check    exit with 1 if a page and its sources 
 A page has a table between the lines ``<!-- table: NAME -->`` and ``<!-- end -->``. In prose,
 ``<!-- value: TABLE | ROW | COLUMN -->`` and ``<!-- end -->`` enclose a cell of a table: that of the
 row that begins with ROW (several cells are separated by |) in the column with the heading COLUMN.
-``mean`` in place of ``value`` leaves out the interval.
+``mean`` in place of ``value`` leaves out the interval, ``mean.1`` also rounds to one digit.
 
 A table whose sources have not changed is not computed again: ``docs/results/tables.sha256`` has
 the checksums of the sources and of the text of each table.
@@ -148,9 +148,11 @@ def with_values(page: str, tables: Mapping[str, list[list[str]]]) -> str:
         if len(found) != 1 or column not in heading:
             raise SystemExit(f"No cell is {match[3].strip()!r}: name a table, its row and column.")
         cell = found[0][heading.index(column)].strip("*`")
-        return match[1] + (cell.partition(" ±")[0] if match[2] == "mean" else cell) + match[5]
+        kind, _, digits = match[2].partition(".")
+        cell = cell.partition(" ±")[0] if kind == "mean" else cell
+        return f"{match[1]}{f'{float(cell):.{digits}f}' if digits else cell}{match[5]}"
 
-    marks = r"(<!-- (value|mean): ([^>]*?) -->)(.*?)(<!-- end -->)"
+    marks = r"(?<!`)(<!-- (value|mean|mean\.\d): ([^>]*?) -->)(.*?)(<!-- end -->)"
     return re.sub(marks, fresh, page, flags=re.DOTALL)
 
 
