@@ -1,9 +1,9 @@
 """Drives several drivers through the same seeded traffic, for comparison."""
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
-from functools import cache
 from itertools import product
+from typing import Any, NamedTuple
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
@@ -12,27 +12,29 @@ from drl_av.env.episode import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import drive
-from drl_av.errors import ConfigError, SimulationError, pluralize
-from drl_av.evaluation import DENSITIES
-from drl_av.evaluation.processes import BrokenProcessPool, workers
+from drl_av.errors import ConfigError
+from drl_av.evaluation import DENSITIES, LOKY
+from drl_av.evaluation.engines import ENGINES
 
 MakeMetrics = Callable[[], EpisodeMetrics]
 """A function that makes the metrics of one episode; worker processes must be able to import it."""
 
 
-def drive_all(
-    env: HighwayEnv,
-    drivers: Mapping[str, Driver],
-    vehicles: Sequence[int],
-    seeds: Sequence[int],
-    make_metrics: MakeMetrics = EpisodeMetrics,
-) -> Iterator[EpisodeResult]:
-    """Drive one episode for each number of vehicles, seed and driver; yield each episode's result.
+class EpisodeJob(NamedTuple):
+    """One episode to drive: everything on which its result depends."""
 
-    The order is that of the arguments: the numbers of vehicles, then the seeds, then the drivers.
-    """
-    for number, seed, name in product(vehicles, seeds, drivers):
-        yield drive(env, drivers[name], name, seed, number, make_metrics)
+    config: Config
+    specs: tuple[DriverSpec, ...]
+    """The drivers that are loaded together, ``driver`` among them (see ``make_drivers``)."""
+    make_metrics: MakeMetrics
+    vehicles: int
+    seed: int
+    driver: str
+
+    @property
+    def key(self) -> tuple[int, int, str]:
+        """Number of vehicles, traffic seed and driver."""
+        return self.vehicles, self.seed, self.driver
 
 
 class Evaluation:
@@ -72,59 +74,81 @@ class Evaluation:
                 env.reset(seed=0, options={"vehicles": number})
         self._seeds = seeds
 
+    @property
+    def config(self) -> Config:
+        """The settings with which the drivers drive."""
+        return self._config
+
+    @property
+    def specs(self) -> tuple[DriverSpec, ...]:
+        """The drivers."""
+        return self._specs
+
     def __len__(self) -> int:
-        return len(self._specs) * len(self._vehicles) * len(self._seeds)
+        return len(self.jobs)
+
+    @property
+    def jobs(self) -> list[EpisodeJob]:
+        """The episodes in their order: by number of vehicles, then seed, then driver."""
+        names = [spec.name for spec in self._specs]
+        return [
+            EpisodeJob(self._config, self._specs, self._make_metrics, *episode)
+            for episode in product(self._vehicles, self._seeds, names)
+        ]
 
     def rows(self, jobs: int = 1) -> Generator[EpisodeResult, None, None]:
-        """Drive all episodes in ``jobs`` processes; yield the result of each, in a fixed order.
+        """Drive all episodes in ``jobs`` processes; yield the result of each, in their order.
 
         The results do not depend on ``jobs``.
 
         Raises:
             SimulationError: SUMO ended unexpectedly, or ended its worker process.
         """
-        if jobs > 1:
-            yield from self._rows_of_processes(min(jobs, len(self)))
-            return
-        with closing(HighwayEnv(config=self._config)) as env:
-            drivers = make_drivers(self._specs, self._config)
-            yield from drive_all(env, drivers, self._vehicles, self._seeds, self._make_metrics)
-
-    def _rows_of_processes(self, jobs: int) -> Iterator[EpisodeResult]:
-        names = [spec.name for spec in self._specs]
-        episodes = list(product(self._vehicles, self._seeds, names))
-        done = 0
-        with workers(jobs) as submit:
-            given = self._config, self._specs, self._make_metrics
-            rows = [submit(_drive, *given, *episode) for episode in episodes]
-            try:
-                for row in rows:
-                    yield row.result()
-                    done += 1
-            except BrokenProcessPool as error:
-                number, seed, name = episodes[done]
-                raise SimulationError(
-                    "A process of the evaluation ended on its own, as it does when SUMO aborts: "
-                    f"try again with --jobs 1; the first row missing is that of {name}, "
-                    f"{pluralize(number, 'vehicle')}, seed {seed}."
-                ) from error
+        yield from drive_episodes(self.jobs, jobs)
 
 
-@cache
-def _equipped(
-    config: Config, specs: tuple[DriverSpec, ...]
-) -> tuple[HighwayEnv, dict[str, Driver]]:
-    """Make the environment and the drivers of a worker process; cached for its next episodes."""
-    return HighwayEnv(config=config), make_drivers(specs, config)
+def drive_episodes(
+    episodes: Sequence[EpisodeJob], processes: int = 1, engine: str = LOKY
+) -> Generator[EpisodeResult, None, None]:
+    """Drive the episodes in ``processes`` processes; yield the results in the same order.
+
+    One process on this machine is this process. ``engine`` is a name in ``engines.ENGINES``.
+
+    Raises:
+        SimulationError: SUMO ended unexpectedly, or ended its worker process again and again.
+    """
+    if processes == 1 and engine == LOKY:
+        try:
+            for episode in episodes:
+                yield _drive(episode)
+        finally:
+            _close()
+        return
+    done: dict[int, EpisodeResult] = {}
+    place = 0
+    with closing(ENGINES[engine](_drive, episodes, processes)) as running:
+        for ended in running:
+            done.update(ended)
+            while place in done:
+                yield done.pop(place)
+                place += 1
 
 
-def _drive(
-    config: Config,
-    specs: tuple[DriverSpec, ...],
-    make_metrics: MakeMetrics,
-    vehicles: int,
-    seed: int,
-    name: str,
-) -> EpisodeResult:
-    env, drivers = _equipped(config, specs)
-    return drive(env, drivers[name], name, seed, vehicles, make_metrics)
+_equipment: list[tuple[Any, HighwayEnv, dict[str, Driver]]] = []
+"""The environment and drivers of the last episode of this process; empty at first."""
+
+
+def _drive(job: EpisodeJob) -> EpisodeResult:
+    equipped = (job.config, job.specs)
+    if not _equipment or _equipment[0][0] != equipped:
+        _close()
+        drivers = make_drivers(job.specs, job.config)
+        _equipment.append((equipped, HighwayEnv(config=job.config), drivers))
+    _, env, drivers = _equipment[0]
+    driver = drivers[job.driver]
+    return drive(env, driver, job.driver, job.seed, job.vehicles, job.make_metrics)
+
+
+def _close() -> None:
+    while _equipment:
+        _equipment.pop()[1].close()
