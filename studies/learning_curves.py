@@ -1,11 +1,11 @@
-"""Two studies of learning: the curves of Algorithm 1 and its variants, and continual adaptation.
+"""The study ``curves``: learning curves of Algorithm 1 of the paper and of two variants.
 
-The curves correspond to Fig. 5 of the paper (training without the safety check) and to Fig. 7
-(prioritized replay instead of two buffers), the adaptation to Fig. 8.
+The variants are training without the safety check (Fig. 5 of the paper), and prioritized replay
+instead of two buffers (Fig. 7).
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import product
 from operator import itemgetter
@@ -15,17 +15,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.config.presets import adaptation as adapted
-from drl_av.drivers.registry import default_config, find_drivers
-from drl_av.evaluation.figure_style import label_axes, one_panel, panels
-from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval, moving_average
+from drl_av.evaluation.figure_style import label_axes, panels
+from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.evaluation.table import Inputs, order_by
 from drl_av.files import Row
 from drl_av.road.road import FloatArray
 from studies.options import Options, Plan, Program
 from studies.results import ResultsFolder, markdown_table
 from studies.study import Settings, changed
-from studies.trainings import TrainingJob, TrainingRows, blocks_of, evaluations_of
+from studies.trainings import TrainingJob, TrainingRows, evaluations_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,16 +56,6 @@ PANELS = {
 }
 
 
-ADAPTED = {"adaptation": {}, "no_adaptation": {"learning_rate": 0.0}}
-"""The [learning] settings in which each variant differs from ``drl-av adapt``."""
-BLOCK = 100
-"""Each row of ``adaptation.csv`` holds means over this number of episodes."""
-SUMMED_OVER = 10_000
-"""Each row of the documentation's table holds means over this number of episodes."""
-FILTERED_OVER = 10_000
-"""Number of episodes in the moving average of Sec. IV-D of the paper."""
-ADAPTED_LABELS = {"adaptation": "continual adaptation", "no_adaptation": "no adaptation"}
-ADAPTED_COLORS = {"adaptation": "#d55e00", "no_adaptation": "#000000"}
 SMOOTHED_OVER = 5
 """Number of evaluations in the moving mean with which convergence is determined."""
 END = 0.1
@@ -104,41 +92,23 @@ def curve_plan(options: Options) -> Plan:
         if seed < WHOLE[variant] and schedule > EPISODES:
             whole.append(TrainingJob(variant, config, schedule, folder, every))
     configs = {name: config.updated("learning", seed=0) for name, config in configs.items()}
-    return _plan(configs, [short, whole], partial(TrainingRows, rows_of=evaluations_of))
+    return reporting_plan(configs, [short, whole], evaluations_of)
 
 
-def adaptation_plan(options: Options) -> Plan:
-    """Return a plan to continue the training of the shipped driver, with and without learning.
-
-    Because they continue with the experience that the shipped driver collected, its training is
-    repeated first. The folder of this training contains the folders of the others.
-    """
-    shipped = default_config(find_drivers(["pretrained"])).updated("safety", check="paper")
-    origin = _adapted_job("pretrained", options.with_files(shipped), options.runs)
-    base = options.with_files(adapted(shipped))
-    configs = {
-        variant: base.updated("learning", seed=0, **settings)
-        for variant, settings in ADAPTED.items()
-    }
-    jobs = [_adapted_job(name, config, origin.folder, origin) for name, config in configs.items()]
-    settings = {**configs, "pretrained": origin.config}
-    return _plan(settings, [jobs], partial(TrainingRows, rows_of=blocks_of))
-
-
-def _adapted_job(
-    variant: str, config: Config, within: Path, origin: TrainingJob | None = None
-) -> TrainingJob:
-    folder = within / f"{variant}-{config.learning.seed}"
-    return TrainingJob(variant, config, config.learning.episodes, folder, BLOCK, origin)
-
-
-def _plan(
+def reporting_plan(
     configs: dict[str, Config],
     rounds: Sequence[Sequence[TrainingJob]],
-    rows_of: "partial[TrainingRows]",
+    rows_of: Callable[[TrainingJob], list[Row]],
 ) -> Plan:
+    """Return a plan of a table whose rows are read from the folders of trainings.
+
+    Args:
+        configs: The config of each variant with seed 0, for the provenance.
+        rounds: The trainings in groups, which are done one after the other.
+        rows_of: Reads the rows from a training's folder.
+    """
     place = order_by(variant=configs, seed=int, episode=int)
-    rows = [[rows_of(job) for job in jobs] for jobs in rounds]
+    rows = [[TrainingRows(job, rows_of) for job in jobs] for jobs in rounds]
     return Plan(Inputs(configs), place, "variant", trainings=rows)
 
 
@@ -337,59 +307,6 @@ def _draw(axes: "Axes", rows: Sequence[Row], variant: str, column: str) -> None:
         axes.plot(at, means[found.episodes.index(at)], "o", color=color, markersize=7)
 
 
-def adaptation_table(folder: Path) -> str:
-    """Return the Markdown table with two rows, learning on and off, for each 10,000 episodes.
-
-    The table ends at the last episode that both variants have driven.
-    """
-    rows = ResultsFolder(folder).rows("adaptation.csv")
-    last = {row["variant"]: int(row["episode"]) for row in rows}
-    lines = []
-    for begin in range(0, min(last.values()), SUMMED_OVER):
-        end = min(begin + SUMMED_OVER, *last.values())
-        for variant, learning in (("adaptation", "on"), ("no_adaptation", "off")):
-            own = [r for r in rows if r["variant"] == variant and begin < int(r["episode"]) <= end]
-            triggers, reward = (
-                mean_with_interval(float(row[f"training_{name}"]) for row in own)
-                for name in ("safety_triggers", "reward")
-            )
-            hits, collided = (
-                sum(round(_episodes(row) * float(row[f"training_{name}"])) for row in own)
-                for name in ("ego_hits", "collisions")
-            )
-            means = [f"{mean.value:.4f} ± {mean.half_width:.4f}" for mean in (triggers, reward)]
-            counts = [str(hits), str(collided - hits)]
-            lines.append([learning, f"{begin + 1:,} to {end:,}", *means, *counts])
-    names = ("learning", "episodes", "safety triggers an episode", "reward per decision")
-    return markdown_table([*names, "ego hit something", "was hit"], lines)
-
-
-def _episodes(row: Row) -> int:
-    """Return the number of episodes in the block that ends with the episode of ``row``."""
-    return int(row["episode"]) % BLOCK or BLOCK
-
-
-def adaptation_figure(folder: Path) -> "Figure":
-    """Draw the safety triggers per episode with learning on and off, as means over all seeds.
-
-    Bold lines are moving averages over 10,000 episodes, faint ones means over 100 episodes.
-    """
-    rows = ResultsFolder(folder).rows("adaptation.csv")
-    figure, axes = one_panel(
-        "episode", f"safety triggers an episode\n(mean of the last {FILTERED_OVER:,} episodes)"
-    )
-    for variant, label in ADAPTED_LABELS.items():
-        found = curve(rows, variant, "training_safety_triggers")
-        if found.episodes:
-            episodes, triggers = np.array(found.episodes, float), found.values.mean(axis=0)
-            axes.plot(episodes, triggers, color=ADAPTED_COLORS[variant], alpha=0.2, linewidth=0.7)
-            filtered = moving_average(episodes, triggers, FILTERED_OVER)
-            axes.plot(episodes, filtered, color=ADAPTED_COLORS[variant], label=label, linewidth=2)
-    axes.set_ylim(bottom=0)
-    axes.legend(frameon=False)
-    return figure
-
-
 CURVES = Program(
     name="curves",
     meaning="learning curves with and without the check, with two buffers and prioritized replay",
@@ -407,13 +324,4 @@ CURVES = Program(
             learning_figure, ("paper", "prioritized"), ("mean_reward", "safety_triggers")
         ),
     },
-)
-ADAPTATION = Program(
-    name="adaptation",
-    meaning="safety triggers of the shipped driver with and without continual adaptation",
-    row=f"means over {BLOCK} episodes",
-    plan=adaptation_plan,
-    derived={},
-    tables={"adaptation": adaptation_table},
-    figures={"adaptation": adaptation_figure},
 )

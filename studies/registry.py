@@ -1,7 +1,8 @@
 """Lists the studies by name, in the order in which they run."""
 
+from studies.adaptation import ADAPTATION
 from studies.barricade import BARRICADE
-from studies.learning_curves import ADAPTATION, CURVES
+from studies.learning_curves import CURVES
 from studies.options import FOLDER, Study
 from studies.study import FileStudy
 

@@ -32,6 +32,7 @@ from verification import crash_rate, ramps, shielding_report, stories, time_to_q
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 LOCK = RESULTS / "tables.sha256"
+CODE = ("pivot", "results", "study", "learning_curves", "adaptation")
 STATISTICS = [ROOT / f"drl_av/evaluation/{name}.py" for name in ("statistics", "aggregates")]
 
 
@@ -80,7 +81,7 @@ def printed(name: str) -> str:
 
 def study_tables() -> dict[str, Table]:
     """Return the tables of all studies."""
-    code = [FOLDER / f"{name}.py" for name in ("pivot", "results", "study", "learning_curves")]
+    code = [FOLDER / f"{name}.py" for name in CODE]
     found = {}
     for name, study in STUDIES.items():
         specs = study.file.get("tables", {}) if isinstance(study, FileStudy) else {}

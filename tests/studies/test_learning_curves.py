@@ -17,14 +17,12 @@ from drl_av.errors import DrlAvError, RunError
 from drl_av.evaluation import engines
 from drl_av.evaluation.provenance import checksum
 from drl_av.evaluation.table import read_rows
+from studies import adaptation, learning_curves
 from studies import engine as module
-from studies import learning_curves
+from studies.adaptation import ADAPTATION, adaptation_figure, adaptation_table
 from studies.engine import Progress, make
 from studies.learning_curves import (
-    ADAPTATION,
     CURVES,
-    adaptation_figure,
-    adaptation_table,
     converged_at,
     convergence,
     curve,
@@ -200,7 +198,7 @@ collisions_to_start = 0
 def test_both_begin_as_the_shipped_driver_trained_again_and_only_one_of_them_learns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(learning_curves, "BLOCK", 2)
+    monkeypatch.setattr(adaptation, "BLOCK", 2)
     wanted = options(tmp_path)
     (tmp_path / "settings.toml").write_text(ADAPTED)
     runs = wanted.runs

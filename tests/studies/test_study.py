@@ -258,3 +258,36 @@ def test_the_settings_under_a_check_are_those_of_the_study_real_bounds() -> None
 def test_a_table_of_a_missing_result_is_one_sentence(mine: FileStudy, tmp_path: Path) -> None:
     with pytest.raises(DrlAvError, match=r"mine\.csv does not exist: python -m studies"):
         markdown(mine, mine.file["tables"]["mine"], tmp_path)
+
+
+def test_the_example_of_the_documentation_is_driven_and_compared_in_pairs(
+    short: Options, capsys: pytest.CaptureFixture[str]
+) -> None:
+    example = Path(__file__).parents[2] / "examples" / "own_study.toml"
+    words = ["--episodes", "2", "--jobs", "1", "--out", str(short.out), "--config", *short.config]
+    assert main([str(example), *words]) == 0
+    printed = capsys.readouterr().out
+    assert "own_study.csv: 8 episodes more" in printed
+    assert "| T_min, s | 10 | 20 | gain, m/s | ego hit something |" in printed
+    assert "| 3.0 | " in printed
+    seeds = {row["seed"] for row in read_rows(short.out / "own_study.csv")}
+    assert seeds == {"800000", "800001"}
+    assert (short.out / "t_min.png").exists()
+
+
+def test_the_figure_of_a_lane_change_needs_no_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["lane_change", "--out", str(tmp_path)]) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'lane_change.png'}\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["lane_change.png"]
+
+
+@pytest.mark.ray
+def test_evaluations_on_ray_make_the_same_rows(
+    mine: FileStudy, short: Options, tmp_path: Path
+) -> None:
+    here = short._replace(out=tmp_path / "here")
+    list(make(mine, here))
+    list(make(mine, short._replace(engine="ray", jobs=2)))
+    assert (short.out / "mine.csv").read_bytes() == (here.out / "mine.csv").read_bytes()
