@@ -1,7 +1,8 @@
-"""Reads policy files and checkpoints: safetensors with a checksum, so that no code can run."""
+"""Policy files and checkpoints: safetensors with a checksum, so that no code can run."""
 
 import hashlib
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from drl_av.config import OLD_DEFAULTS, Config, from_toml, load_config
 from drl_av.drivers.network import QNetwork
 from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import CheckpointError, ConfigError, RunError
+from drl_av.files import write_atomic
 
 State = dict[str, np.ndarray]
 """Arrays by name."""
@@ -93,6 +95,33 @@ def load(path: Path) -> tuple[State, dict[str, Any]]:
             "train again."
         )
     return tensors, metadata
+
+
+def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
+    """Write named arrays, and metadata of JSON types, to the safetensors file ``path`` atomically.
+
+    An interruption at any moment leaves either the complete old file or the complete new one.
+
+    Raises:
+        CheckpointError: the disk is full, or the folder is missing or not writable.
+    """
+    tensors = {name: np.asarray(tensor, order="C") for name, tensor in tensors.items()}
+    text = json.dumps(metadata, sort_keys=True)
+    header = json.dumps({"metadata": text, "sha256": checksum(tensors, text)}, sort_keys=True)
+    write_atomic(path, safetensors.numpy.save(tensors, {FORMAT: header}), CheckpointError)
+
+
+def save_policy(path: Path, networks: Sequence[QNetwork], config: Config) -> None:
+    """Write a policy file: the weights of the networks, and their config.
+
+    The arrays of several networks have an additional first axis, the network. Raises
+    CheckpointError if the file cannot be written.
+    """
+    named = [network.tensors() for network in networks]
+    tensors = {name: np.stack([own[name] for own in named]) for name in named[0]}
+    if len(networks) == 1:
+        tensors = {name: tensor[0] for name, tensor in tensors.items()}
+    save(path, tensors, {"kind": "policy", "config": config.to_toml()})
 
 
 def load_policy(path: Path) -> tuple[list[QNetwork], Config]:

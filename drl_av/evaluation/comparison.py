@@ -3,12 +3,12 @@
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, make_drivers
-from drl_av.env.episode import TRAINING_SEED_RANGE
+from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import drive
@@ -16,6 +16,7 @@ from drl_av.errors import ConfigError
 from drl_av.evaluation import DENSITIES, LOKY
 from drl_av.evaluation.engines import ENGINES
 
+Equipment = tuple[HighwayEnv, dict[str, Driver]]
 MakeMetrics = Callable[[], EpisodeMetrics]
 """A function that makes the metrics of one episode; worker processes must be able to import it."""
 
@@ -59,20 +60,19 @@ class Evaluation:
         make_metrics: MakeMetrics = EpisodeMetrics,
     ) -> None:
         self._make_metrics = make_metrics
-        self._config, self._specs = config, tuple(specs)
+        self._config, self._specs, self._seeds = config, tuple(specs), seeds
         if seeds[-1] >= TRAINING_SEED_RANGE[0]:
             raise ConfigError(
                 f"The last episode's seed would be {seeds[-1]}, but those from "
                 f"{TRAINING_SEED_RANGE[0]} on belong to training: begin with a smaller one."
             )
-        make_drivers(specs, config)
-        with closing(HighwayEnv(config=config)) as env:
-            implied = env.simulation.fleet.default_vehicle_count
-            default = DENSITIES if implied is None else (implied,)
-            self._vehicles = tuple(dict.fromkeys(vehicles)) or default
-            for number in {min(self._vehicles), max(self._vehicles)}:
-                env.reset(seed=0, options={"vehicles": number})
-        self._seeds = seeds
+        _close()  # a driver may have been trained since
+        env, _ = _equipment(config, self._specs)
+        implied = env.simulation.fleet.default_vehicle_count
+        default = DENSITIES if implied is None else (implied,)
+        self._vehicles = tuple(dict.fromkeys(vehicles)) or default
+        for number in self._vehicles:
+            env.require_room(number)
 
     @property
     def config(self) -> Config:
@@ -134,21 +134,29 @@ def drive_episodes(
                 place += 1
 
 
-_equipment: list[tuple[Any, HighwayEnv, dict[str, Driver]]] = []
-"""The environment and drivers of the last episode of this process; empty at first."""
+_latest: list[tuple[tuple[Config, tuple[DriverSpec, ...]], Equipment]] = []
+"""The environment and drivers of the latest episode of this process; empty at first."""
+
+
+def _equipment(config: Config, specs: tuple[DriverSpec, ...]) -> Equipment:
+    """Return the environment, which starts SUMO at its first reset, and the drivers.
+
+    They are kept for the next episodes of this process with the same config and drivers.
+    """
+    if not _latest or _latest[0][0] != (config, specs):
+        _close()
+        env = HighwayEnv(config=config)
+        drivers = make_drivers(specs, config, env.safety_check)
+        _latest.append(((config, specs), (env, drivers)))
+    return _latest[0][1]
 
 
 def _drive(job: EpisodeJob) -> EpisodeResult:
-    equipped = (job.config, job.specs)
-    if not _equipment or _equipment[0][0] != equipped:
-        _close()
-        drivers = make_drivers(job.specs, job.config)
-        _equipment.append((equipped, HighwayEnv(config=job.config), drivers))
-    _, env, drivers = _equipment[0]
+    env, drivers = _equipment(job.config, job.specs)
     driver = drivers[job.driver]
     return drive(env, driver, job.driver, job.seed, job.vehicles, job.make_metrics)
 
 
 def _close() -> None:
-    while _equipment:
-        _equipment.pop()[1].close()
+    while _latest:
+        _latest.pop()[1][0].close()
