@@ -11,8 +11,7 @@ import numpy.typing as npt
 import drl_av
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
-from drl_av.evaluation.paired import Speed, paired
-from drl_av.evaluation.statistics import summarize
+from drl_av.evaluation.statistics import Speed, paired, summarize
 
 OTHERS = ("pretrained", "idm-mobil")
 

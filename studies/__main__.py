@@ -2,112 +2,162 @@
 
 import argparse
 import sys
+import tempfile
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
 from drl_av.cli.arguments import int_at_least
-from drl_av.cli.console import progress_bar
+from drl_av.cli.console import Bar, progress_bar
 from drl_av.cli.settings import config_files
 from drl_av.cli.status import exit_status
+from drl_av.config import Config
 from drl_av.config.schema import did_you_mean
+from drl_av.errors import pluralize
+from drl_av.evaluation import LOKY, RAY
 from drl_av.evaluation.engines import require_ray
-from studies.experiment import reproduce as make
-from studies.options import ENGINES, VARIANTS, ReproduceOptions
-from studies.registry import EXPERIMENTS
+from drl_av.evaluation.figure_style import save_figure
+from studies.engine import draw, make
+from studies.lane_change import lane_change_figure
+from studies.options import QUICK, RESULTS, Options, Study
+from studies.registry import STUDIES
+from studies.study import FileStudy
+
+LANE_CHANGE = "lane_change"
+"""A figure without a table: it needs neither drivers nor SUMO."""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments to a parser."""
-    usual = ReproduceOptions()
-    meanings = "; ".join(f"{name}: {each.meaning}" for name, each in EXPERIMENTS.items())
+def command_line() -> argparse.ArgumentParser:
+    """Build the argument parser."""
+    usual = Options()
+    meanings = "; ".join(f"{name}: {each.meaning}" for name, each in STUDIES.items())
+    parser = argparse.ArgumentParser("python -m studies", description=__doc__)
     parser.add_argument(
-        "experiments",
+        "names",
         nargs="*",
-        type=_experiment,
-        metavar="EXPERIMENT",
-        help=f"{meanings} (default: all)",
-    )
-    numbers = {
-        "--seeds": (usual.seeds, "trainings of each variant; the paper has 200"),
-        "--episodes": (usual.episodes, "episodes of each training, of a schedule of 10000"),
-        "--full-seeds": (
-            usual.full_seeds,
-            "trainings that continue to the schedule's end; fast and adaptation have at least one",
-        ),
-        "--drives": (usual.drives, "evaluation episodes at each number of vehicles"),
-        "--jobs": (usual.jobs, "parallel processes on this machine"),
-    }
-    for option, (default, meaning) in numbers.items():
-        low = 0 if option == "--full-seeds" else 1
-        parser.add_argument(
-            option, type=int_at_least(low), default=default, metavar="N", help=meaning
-        )
-    parser.add_argument(
-        "--variants",
-        nargs="+",
-        choices=VARIANTS,
-        default=VARIANTS,
         metavar="NAME",
-        help=f"variants of the learning curves: {', '.join(VARIANTS)} (default: all)",
+        help=f"{meanings}; {LANE_CHANGE}: the figure of a lane change and an abort; or a TOML file "
+        "of your own (default: all)",
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="a quick form in a folder of its own: one training of a kind, two short episodes in "
+        "each cell; its numbers mean nothing",
+    )
+    parser.add_argument(
+        "--trainings", type=int_at_least(1), metavar="N", help="at most N seeds of each training"
+    )
+    parser.add_argument(
+        "--episodes",
+        type=int_at_least(1),
+        metavar="N",
+        help="at most N evaluation episodes in each cell",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int_at_least(1),
+        default=usual.jobs,
+        metavar="N",
+        help=f"number of processes (default: {usual.jobs})",
     )
     parser.add_argument(
         "--engine",
-        choices=ENGINES,
+        choices=(LOKY, RAY),
         default=usual.engine,
         help="loky: this machine; ray: the cluster at RAY_ADDRESS, or this machine",
     )
     parser.add_argument(
         "--runs",
         type=Path,
-        default=usual.runs,
         metavar="DIR",
-        help="folder of the trainings; all machines of a cluster must share it",
+        help="folder of the trainings, shared by all machines of a cluster "
+        f"(default: {usual.runs})",
     )
     parser.add_argument(
-        "--out", type=Path, default=usual.out, metavar="DIR", help="folder of the results"
+        "--out", type=Path, metavar="DIR", help="folder of the results (default: docs/results)"
     )
-    config_files(parser, "each experiment's")
+    config_files(parser, "each study's")
+    return parser
 
 
-def _experiment(text: str) -> str:
-    if text not in EXPERIMENTS:
-        hint = did_you_mean(text, EXPERIMENTS)
-        raise argparse.ArgumentTypeError(
-            f"there is no experiment {text!r}{hint}; they are: {', '.join(EXPERIMENTS)}"
-        )
-    return text
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    parser = command_line()
+    given = parser.parse_args(words)
+    for name in given.names:
+        if name not in STUDIES and name != LANE_CHANGE and not name.endswith(".toml"):
+            hint = did_you_mean(name, STUDIES)
+            parser.error(f"there is no study {name!r}{hint}; they are: {', '.join(STUDIES)}")
+    return exit_status("studies", lambda: _run(given))
 
 
-def run(options: argparse.Namespace) -> int:
+def _run(given: argparse.Namespace) -> int:
     """Run the chosen studies one after the other; return the exit status 0.
 
     Raises DrlAvError before the first episode if ``--engine`` is ``ray`` and Ray is not installed.
     """
-    if options.engine == "ray":
+    if given.engine == RAY:
         require_ray()
-    asked = {key: value for key, value in vars(options).items() if key in ReproduceOptions._fields}
-    absolute = {"runs": options.runs.absolute(), "config": tuple(options.config)}  # for a cluster
-    wanted = ReproduceOptions(**asked)._replace(**absolute)
+    options = _options(given)
     try:
-        for name in options.experiments or EXPERIMENTS:
-            with progress_bar(name, 0) as bar, closing(make(EXPERIMENTS[name], wanted)) as steps:
-                for progress in steps:
-                    bar.reach(progress.done, progress.total, progress.label)
-                    if progress.line:
-                        bar.say(progress.line)
+        for name in given.names or [*STUDIES, LANE_CHANGE]:
+            if name == LANE_CHANGE:
+                path = options.out / f"{LANE_CHANGE}.png"
+                save_figure(lane_change_figure(Config()), path)
+                print(path)
+                continue
+            study = STUDIES[name] if name in STUDIES else FileStudy(Path(name))
+            with progress_bar(name, 0) as bar:
+                _make(study, options, bar)
     except KeyboardInterrupt:
         print("studies: the same command continues from here.", file=sys.stderr)
         raise
     return 0
 
 
-def main(words: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status."""
-    parser = argparse.ArgumentParser("python -m studies", description=__doc__)
-    add_options(parser)
-    options = parser.parse_args(words)
-    return exit_status("studies", lambda: run(options))
+def _options(given: argparse.Namespace) -> Options:
+    options = Options(
+        jobs=given.jobs,
+        engine=given.engine,
+        runs=given.runs or Options().runs,
+        out=given.out or Options().out,
+        config=tuple(given.config),
+        most_trainings=given.trainings,
+        most_episodes=given.episodes,
+    )
+    if given.quick:
+        out = given.out or Path(tempfile.mkdtemp(prefix="quick-results-", dir=Path.cwd()))
+        options = options._replace(
+            runs=given.runs or out / "runs",
+            out=out,
+            config=(str(QUICK), *given.config),
+            most_trainings=given.trainings or 1,
+            most_episodes=given.episodes or 2,
+            most_vehicles=2,
+        )
+    return options._replace(runs=options.runs.absolute())  # for a cluster
+
+
+def _make(study: Study, options: Options, bar: Bar) -> None:
+    done, made = 0, False
+    with closing(make(study, options)) as steps:
+        for progress in steps:
+            done, made = progress.done, True
+            bar.reach(*progress)
+    path = options.out / f"{study.name}.csv"
+    if made:
+        bar.say(f"{path}: {pluralize(done, 'episode')} more")
+    else:
+        bar.say(
+            f"{path} is complete: nothing was driven. A quick form in a folder of its own: "
+            f"python -m studies {study.name} --quick"
+        )
+    for figure in draw(study, options.out):
+        bar.say(str(figure))
+    if options.out != RESULTS:  # where the documentation shows them
+        for table in study.tables.values():
+            bar.say(f"\n{table(options.out)}")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,10 @@
-"""The experiment ``adaptation``: safety triggers with and without continual adaptation.
+"""The study ``adaptation``: safety triggers with and without continual adaptation.
 
 It corresponds to Fig. 8 of the paper, with the shipped driver.
 """
 
-from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,18 +14,15 @@ from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.evaluation.figure_style import one_panel
 from drl_av.evaluation.statistics import mean_with_interval, moving_average
 from drl_av.files import Row
-from studies.cells import training_plan
-from studies.convergence import curve
-from studies.experiment import Experiment, ResultsFolder
-from studies.markdown import markdown_table
-from studies.options import ReproduceOptions
-from studies.plan import Plan
-from studies.training_jobs import TrainingJob, blocks_of
+from studies.learning_curves import curve, reporting_plan
+from studies.options import Options, Plan, Program
+from studies.results import ResultsFolder, markdown_table
+from studies.trainings import TrainingJob, blocks_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-CHANGES: dict[str, dict[str, Any]] = {"adaptation": {}, "no_adaptation": {"learning_rate": 0.0}}
+CHANGES = {"adaptation": {}, "no_adaptation": {"learning_rate": 0.0}}
 """The [learning] settings in which each variant differs from ``drl-av adapt``."""
 BLOCK = 100
 """Each row of ``adaptation.csv`` holds means over this number of episodes."""
@@ -38,40 +34,37 @@ LABELS = {"adaptation": "continual adaptation", "no_adaptation": "no adaptation"
 COLORS = {"adaptation": "#d55e00", "no_adaptation": "#000000"}
 
 
-def adaptation_plan(options: ReproduceOptions) -> Plan:
+def adaptation_plan(options: Options) -> Plan:
     """Return a plan to continue the training of the shipped driver, with and without learning.
 
-    Each variant has ``options.full_seeds`` trainings, at least one. Because they continue with the
-    experience that the shipped driver collected, its training is repeated first. The folder of this
-    training contains the folders of the others.
+    Because they continue with the experience that the shipped driver collected, its training is
+    repeated first. The folder of this training contains the folders of the others.
     """
     shipped = default_config(find_drivers(["pretrained"])).updated("safety", check="paper")
     origin = _job("pretrained", options.with_files(shipped), options.runs)
+    base = options.with_files(adapted(shipped))
     configs = {
-        variant: options.with_files(adapted(shipped)).updated("learning", seed=0, **settings)
+        variant: base.updated("learning", seed=0, **settings)
         for variant, settings in CHANGES.items()
     }
-    jobs = [
-        _job(variant, configs[variant].updated("learning", seed=seed), origin.folder, origin)
-        for seed, variant in product(range(max(1, options.full_seeds)), CHANGES)
-    ]
-    return training_plan({**configs, "pretrained": origin.config}, [jobs], blocks_of)
+    jobs = [_job(name, config, origin.folder, origin) for name, config in configs.items()]
+    settings = {**configs, "pretrained": origin.config}
+    return reporting_plan(settings, [jobs], blocks_of)
 
 
 def _job(
     variant: str, config: Config, within: Path, origin: TrainingJob | None = None
 ) -> TrainingJob:
-    learning = config.learning
-    folder = within / f"{variant}-{learning.seed}"
-    return TrainingJob(variant, config, learning.episodes, folder, BLOCK, origin)
+    folder = within / f"{variant}-{config.learning.seed}"
+    return TrainingJob(variant, config, config.learning.episodes, folder, BLOCK, origin)
 
 
-def adaptation_table(results: ResultsFolder) -> str:
+def adaptation_table(folder: Path) -> str:
     """Return the Markdown table with two rows, learning on and off, for each 10,000 episodes.
 
     The table ends at the last episode that both variants have driven.
     """
-    rows = results.rows("adaptation.csv")
+    rows = ResultsFolder(folder).rows("adaptation.csv")
     last = {row["variant"]: int(row["episode"]) for row in rows}
     lines = []
     for begin in range(0, min(last.values()), SUMMED_OVER):
@@ -98,11 +91,12 @@ def _episodes(row: Row) -> int:
     return int(row["episode"]) % BLOCK or BLOCK
 
 
-def adaptation_figure(rows: list[Row]) -> "Figure":
+def adaptation_figure(folder: Path) -> "Figure":
     """Draw the safety triggers per episode with learning on and off, as means over all seeds.
 
     Bold lines are moving averages over 10,000 episodes, faint ones means over 100 episodes.
     """
+    rows = ResultsFolder(folder).rows("adaptation.csv")
     figure, axes = one_panel(
         "episode", f"safety triggers an episode\n(mean of the last {FILTERED_OVER:,} episodes)"
     )
@@ -118,11 +112,12 @@ def adaptation_figure(rows: list[Row]) -> "Figure":
     return figure
 
 
-ADAPTATION = Experiment(
+ADAPTATION = Program(
     name="adaptation",
     meaning="safety triggers of the shipped driver with and without continual adaptation",
     row=f"means over {BLOCK} episodes",
     plan=adaptation_plan,
-    summaries={"adaptation": adaptation_table},
+    derived={},
+    tables={"adaptation": adaptation_table},
     figures={"adaptation": adaptation_figure},
 )

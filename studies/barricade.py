@@ -1,13 +1,13 @@
-"""The experiment ``barricade``: learning beside a closed lane, with and without the safety check.
+"""The study ``barricade``: learning beside a closed lane, with and without the safety check.
 
 It corresponds to Sec. II-C of the paper, "Need for safety". The same agent is trained with and
 without the check, on a highway whose right lane is closed. Then the greedy policies are evaluated.
 """
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from operator import itemgetter
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,14 +23,12 @@ from drl_av.env.rollout import rollout
 from drl_av.env.transition import Transition
 from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.evaluation.statistics import grouped
+from drl_av.evaluation.table import Inputs, order_by
 from drl_av.files import Row
 from drl_av.road.road import Road
 from drl_av.road.snapshot import CollisionKind
-from studies.experiment import Experiment
-from studies.options import ReproduceOptions
-from studies.plan import Cell, Plan
-from studies.store import MadeWith
-from studies.values import require_numbers
+from studies.options import Call, Options, Plan, Program
+from studies.results import ResultsFolder
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -87,86 +85,63 @@ def barricade_config(check: str, seed: int, episodes: int) -> Config:
     return fast.updated("simulation", scenario=SCENARIO).updated("safety", check=check)
 
 
-@dataclass(frozen=True)
-class BarricadeTraining(Cell):
-    """A cell of the table: one training beside the closed lane, and its driver's evaluation.
+def train_and_evaluate(config: Config) -> list[Row]:
+    """Train a driver, then evaluate it; return a row for each episode of both parts.
 
     An interrupted training starts again from its beginning.
     """
+    from drl_av.learning.training import build_training
 
-    config: Config
-    trained_episodes: int
-    training: None = None
-    """Always None: the cell trains in ``make``, without a TrainingJob."""
-
-    @property
-    def key(self) -> Row:
-        """The columns and values that all rows of the cell have in common."""
-        return {"safety_check": self.config.safety.check, "seed": str(self.config.learning.seed)}
-
-    def missing(self, rows: Sequence[Row]) -> int:
-        """Return the number of missing rows, either all or 0.
-
-        Raises ValueError if only some of the rows exist.
-        """
-        driven = (self.config.learning.episodes, self.trained_episodes)
-        places = [
-            (phase, episode)
-            for phase, count in zip(PHASES, driven, strict=True)
-            for episode in range(1, count + 1)
-        ]
-        if rows and [(row["phase"], int(row["episode"])) for row in rows] != places:
-            raise ValueError(f"{len(rows)} of {len(places)} rows of a training")
-        return len(places) - len(rows)
-
-    def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
-        """Train a driver, then evaluate it; yield a row for each episode of both parts."""
-        from drl_av.learning.training import build_training
-
-        with closing(HighwayEnv(config=self.config)) as env:
-            training = build_training(env)
-            for episode in range(1, self.config.learning.episodes + 1):
-                metrics = BarricadeMetrics(env.road)
+    with closing(HighwayEnv(config=config)) as env:
+        training, rows = build_training(env), []
+        keys = _keys(config)
+        for key in keys:
+            metrics = BarricadeMetrics(env.road)
+            if key["phase"] == "training":
                 training.run_episode(metrics)
-                yield self._row("training", episode, metrics)
-            for seed in range(self.trained_episodes):
-                metrics = BarricadeMetrics(env.road)
+            else:
+                seed = int(key["episode"]) - 1
                 for decision in rollout(env, training.driver, seed, TRAINED_VEHICLES):
                     metrics.add(decision)
-                yield self._row("trained", seed + 1, metrics)
-
-    def _row(self, phase: str, episode: int, metrics: BarricadeMetrics) -> Row:
-        values = {"phase": phase, "episode": episode, "decisions": metrics.decisions}
-        values |= {"barricade_proposals": metrics.barricade_proposals, "hit": metrics.hit}
-        return self.key | {name: str(value) for name, value in values.items()}
+            counts = {"decisions": metrics.decisions}
+            counts["barricade_proposals"] = metrics.barricade_proposals
+            rows.append(key | {name: str(n) for name, n in counts.items()} | {"hit": metrics.hit})
+    return rows
 
 
-def barricade_plan(options: ReproduceOptions) -> Plan:
+def _keys(config: Config) -> list[Row]:
+    """Return the columns that say the place of each row of a training."""
+    driven = (config.learning.episodes, TRAINED_EPISODES)
+    own = {"safety_check": config.safety.check, "seed": str(config.learning.seed)}
+    return [
+        {**own, "phase": phase, "episode": str(episode)}
+        for phase, count in zip(PHASES, driven, strict=True)
+        for episode in range(1, count + 1)
+    ]
+
+
+def barricade_plan(options: Options) -> Plan:
     """Return a plan with one training of ``EPISODES`` episodes for each check and seed."""
     configs = [
         options.with_files(barricade_config(check, seed, EPISODES))
         .updated("simulation", scenario=SCENARIO)
         .updated("safety", check=check)
         .updated("learning", seed=seed)
-        for seed in SEEDS
+        for seed in SEEDS[: options.trainings(len(SEEDS))]
         for check in CHECKS
     ]
-    cells = [BarricadeTraining(config, TRAINED_EPISODES) for config in configs]
-    return Plan(MadeWith({"": configs[0]}, {"": None}), [cells], _place)
+    calls = [Call(_keys(config), train_and_evaluate, config) for config in configs]
+    place = order_by(seed=SEEDS, safety_check=CHECKS, phase=PHASES, episode=int)
+    return Plan(Inputs({"": configs[0]}, {"": None}), place, calls=calls)
 
 
-def _place(row: Row) -> tuple[int, int, int, int]:
-    require_numbers(row, ("decisions", "barricade_proposals"))
-    check, phase = CHECKS.index(row["safety_check"]), PHASES.index(row["phase"])
-    return SEEDS.index(int(row["seed"])), check, phase, int(row["episode"])
-
-
-def barricade_figure(rows: list[Row]) -> "Figure":
+def barricade_figure(folder: Path) -> "Figure":
     """Draw two panels on the closed lane, each with and without the safety check.
 
     The left panel shows the collisions with the barricade in the trainings. The right panel shows
     how often the trained drivers propose to enter the closed lane.
     """
+    rows = ResultsFolder(folder).rows("barricade.csv")
     figure, (learning, trained) = panels((9, 3.8), 1, 2, width_ratios=(3, 2))
     for place, (check, own) in enumerate(grouped(rows, itemgetter("safety_check")).items()):
         color, label = STYLES[check]
@@ -217,10 +192,12 @@ def _draw_trained(axes: "Axes", rows: Sequence[Row], bar: tuple[int, str, str]) 
     axes.set_xticklabels([*names, f"{label}\nhit something in\n{hits} of {len(rows)} episodes"])
 
 
-BARRICADE = Experiment(
+BARRICADE = Program(
     name="barricade",
     meaning="learning beside a closed lane, with the check and without",
     row="an episode of a training, or of the driver that it trained",
     plan=barricade_plan,
+    derived={},
+    tables={},
     figures={"barricade": barricade_figure},
 )

@@ -1,50 +1,58 @@
-"""The options of ``python -m studies``, and the progress that an experiment reports."""
+"""The options of ``python -m studies``, and what all kinds of studies have in common."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from drl_av.config import Config, with_files
 from drl_av.drivers.registry import default_config, find_drivers
+from drl_av.evaluation import LOKY
+from drl_av.evaluation.table import Inputs
+from drl_av.files import Row
 from drl_av.scenarios.folder import with_scenario
 
-ENGINES = ("loky", "ray")
-"""The libraries that can distribute the trainings over processes."""
-VARIANTS = ("paper", "permit_all", "prioritized")
-"""The variants of training that the learning curves compare, see ``experiments.curves``."""
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from studies.engine import EpisodeCell
+    from studies.trainings import TrainingRows
+
+FOLDER = Path(__file__).parent
+RESULTS = FOLDER.parent / "docs" / "results"
+QUICK = FOLDER / "quick" / "settings.toml"
+"""The settings of a quick form: few and short episodes."""
 
 
-class ReproduceOptions(NamedTuple):
-    """The size of an experiment, its number of processes, and the folders of its files."""
+class Options(NamedTuple):
+    """The size of a study, its number of processes, and the folders of its files."""
 
-    variants: tuple[str, ...] = VARIANTS
-    seeds: int = 5
-    """Number of trainings of each variant."""
-    episodes: int = 3000
-    """Episodes of each training; its schedule is still ``config.learning.episodes`` long."""
-    full_seeds: int = 1
-    """Number of trainings of each variant that continue to the end of the schedule."""
-    drives: int = 100
-    """Evaluation episodes of each driver at each number of vehicles."""
     jobs: int = 2
     """Number of processes."""
-    engine: str = "loky"
-    runs: Path = Path("runs/reproduce")
+    engine: str = LOKY
+    """A name in ``evaluation.engines.ENGINES``."""
+    runs: Path = Path("runs/studies")
     """Folder of the trainings' folders; a training continues from its folder."""
-    out: Path = Path("docs/results")
+    out: Path = RESULTS
     """Folder of the tables, their provenance and the figures."""
     config: tuple[str, ...] = ()
-    """TOML files with settings that replace those of each experiment, in this order."""
+    """TOML files with settings that replace those of each study, in this order."""
+    most_trainings: int | None = None
+    """Largest number of seeds of each training; None for those of the study."""
+    most_episodes: int | None = None
+    """Largest number of evaluation episodes in each cell; None for those of the study."""
+    most_vehicles: int | None = None
+    """Largest number of different numbers of vehicles; None for those of the study."""
 
     def with_files(self, config: Config) -> Config:
-        """Return the settings of an experiment, changed by the user's TOML files.
+        """Return the settings of a study, changed by the user's TOML files.
 
         Raises ConfigError if a file or a setting in it is wrong.
         """
         return with_scenario(with_files(config, self.config))
 
-    def settings_of(self, drivers: Iterable[str]) -> Config:
-        """Return the settings with which ``drivers`` drive in an experiment.
+    def settings_of(self, drivers: Sequence[str]) -> Config:
+        """Return the settings with which ``drivers`` drive in a study.
 
         They are those of the first learned driver, or the defaults without one, with the check
         ``paper`` and the changes of the user's TOML files.
@@ -54,14 +62,85 @@ class ReproduceOptions(NamedTuple):
         config = default_config(find_drivers(drivers))
         return self.with_files(config.updated("safety", check="paper"))
 
+    def trainings(self, seeds: int) -> int:
+        """Return the number of seeds of a training of which the study has ``seeds``."""
+        return seeds if self.most_trainings is None else min(seeds, self.most_trainings)
 
-class Progress(NamedTuple):
-    """The progress of an experiment, for the progress bar."""
+    def episodes(self, seeds: int) -> int:
+        """Return the number of episodes of a cell of which the study has ``seeds``."""
+        return seeds if self.most_episodes is None else min(seeds, self.most_episodes)
 
-    done: int
-    """Number of episodes driven; ``total`` is the number to drive."""
-    total: int
-    label: str = ""
-    """Text beside the progress bar."""
-    line: str = ""
-    """A line to print above the bar; empty for none."""
+    def vehicles(self, numbers: Sequence[int]) -> list[int]:
+        """Return the numbers of vehicles of a study that has ``numbers`` of them."""
+        if self.most_vehicles is None or len(numbers) <= self.most_vehicles:
+            return list(numbers)
+        return list(numbers[1 :: len(numbers) // 2][: self.most_vehicles])
+
+
+class Call(NamedTuple):
+    """Rows that one call of a function in a worker process makes together."""
+
+    keys: Sequence[Row]
+    """The columns that say the place of each row."""
+    function: Callable[[Any], list[Row]]
+    argument: Any
+
+
+class Plan(NamedTuple):
+    """What must be trained and driven for a study's table."""
+
+    inputs: Inputs
+    """The settings and drivers of the rows."""
+    place: Callable[[Row], tuple[Any, ...]]
+    """The sort key of a row, see ``ResultTable``."""
+    named: str = ""
+    """The column with the name of a row's settings in ``inputs``; empty if there is none."""
+    trainings: "Sequence[Sequence[TrainingRows]]" = ()
+    """Trainings that report rows, in rounds that are done one after the other."""
+    cells: "Sequence[EpisodeCell]" = ()
+    """Evaluation episodes, some of drivers that are trained first."""
+    calls: Sequence[Call] = ()
+
+
+class Study(Protocol):
+    """A study: a table of results, how it is made, and the tables and figures that show it."""
+
+    @property
+    def name(self) -> str:
+        """The results are the file NAME.csv; the file NAME.json holds their provenance."""
+
+    @property
+    def meaning(self) -> str:
+        """One sentence for ``python -m studies --help`` and the documentation."""
+
+    @property
+    def row(self) -> str:
+        """The meaning of a row."""
+
+    @property
+    def derived(self) -> Mapping[str, Callable[[list[Row]], list[Row]]]:
+        """Functions that compute further tables from the rows, by file name."""
+
+    @property
+    def tables(self) -> Mapping[str, Callable[[Path], str]]:
+        """Functions that return Markdown tables of a results folder, by their marker's name."""
+
+    @property
+    def figures(self) -> "Mapping[str, Callable[[Path], Figure]]":
+        """Functions that draw a results folder, by the name of the PNG file."""
+
+    def plan(self, options: Options) -> Plan:
+        """Return what must be trained and driven."""
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """A study that is a program of its own (see ``Study``)."""
+
+    name: str
+    meaning: str
+    row: str
+    plan: Callable[[Options], Plan]
+    derived: Mapping[str, Callable[[list[Row]], list[Row]]]
+    tables: Mapping[str, Callable[[Path], str]]
+    figures: "Mapping[str, Callable[[Path], Figure]]"

@@ -93,6 +93,12 @@ def test_the_graph_sees_what_is_there() -> None:
     assert len(modules()) > 35
 
 
+def test_what_lies_beside_the_package_is_not_imported_from_within() -> None:
+    beside = {"studies", "verification", "tools", "pandas"}
+    for module, path in modules().items():
+        assert not {name.split(".")[0] for name in imported(path)} & beside, module
+
+
 def test_no_import_cycle() -> None:
     try:
         TopologicalSorter(graph()).prepare()

@@ -22,7 +22,7 @@ from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.evaluation.provenance import checksum
-from studies.experiment import ResultsFolder
+from studies.results import ResultsFolder
 from verification.ramps import drive as drive_ramp
 
 RAMPS = ("merge", "exit", "ramp_to_ramp")

@@ -11,25 +11,17 @@ of this bound over the best opponent is paired by episode. The last column pools
 import argparse
 import time
 from contextlib import closing
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.evaluation.provenance import made_by
-from drl_av.files import Row
-from studies.experiment import ResultsFolder
-from studies.opponents import (
-    MIDDLE,
-    OPPONENTS_SWEEP,
-    VEHICLES,
-    best_opponent,
-    gain,
-    speeds,
-)
-
-RESULTS = Path(__file__).parents[1] / "docs" / "results"
+from drl_av.evaluation.statistics import gain
+from studies.options import FOLDER, RESULTS
+from studies.pivot import SPEED, Pivot, by_traffic, select
+from studies.study import FileStudy
 
 
 def main() -> None:
@@ -38,27 +30,25 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     ).parse_args()
     begun_s = time.monotonic()
-    rows = ResultsFolder(RESULTS).rows(OPPONENTS_SWEEP.table)
-    columns = [(number,) for number in VEHICLES]
-    pooled = tuple(number for number in VEHICLES if number in MIDDLE)
-    names = [*map(str, VEHICLES), f"{pooled[0]} to {pooled[-1]}"]
+    study = FileStudy(FOLDER / "opponents.toml")
+    pivot = Pivot(study, study.file["tables"]["opponents_gain"], RESULTS)
+    columns = pivot.columns()
     print("most to gain over the best opponent, m/s, by number of vehicles")
-    print(f"{'traffic':<14}" + "".join(f"{name:>14}" for name in names))
+    print(f"{'traffic':<14}" + "".join(f"{name:>14}" for name in columns))
     for kind in SINGLE_PRESETS:
-        own = [row for row in rows if row["traffic"] == kind]
         with closing(HighwayEnv(config=Config().with_traffic(kind))) as env:
-            gains = [most_to_gain(env, own, numbers) for numbers in (*columns, pooled)]
+            gains = [most_to_gain(env, pivot, {"traffic": kind, **c}) for c in columns.values()]
         print(f"{kind:<14}" + "".join(f"{gain:>14}" for gain in gains))
     print(made_by(time.monotonic() - begun_s))
 
 
-def most_to_gain(env: HighwayEnv, rows: list[Row], numbers: tuple[int, ...]) -> str:
+def most_to_gain(env: HighwayEnv, pivot: Pivot, where: dict[str, Any]) -> str:
     """Return the mean gain of the bound over the best opponent, with its 95 % interval, m/s.
 
-    ``rows`` are those of one kind of traffic, and ``numbers`` are the numbers of vehicles.
+    ``where`` selects a kind of traffic and numbers of vehicles.
     """
-    found = speeds(row for row in rows if int(row["vehicles"]) in numbers)
-    best = found[best_opponent(found)]
+    rows = select(pivot.rows, where | {"label": pivot.best(where)})
+    best = by_traffic(rows, SPEED)
     return str(gain({traffic: fastest_m_s(env, *map(int, traffic)) for traffic in best}, best))
 
 

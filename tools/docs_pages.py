@@ -20,7 +20,7 @@ from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS, SLOTS
 from drl_av.env.observation import GROUPS
 from drl_av.scenarios.road_types import ROAD_TYPES
-from studies.markdown import markdown_table
+from studies.results import markdown_table
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 LONGITUDINAL = ("maintain", "accelerate", "brake", "hard brake")

@@ -33,8 +33,8 @@ from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.evaluation.paired import Speed, paired
 from drl_av.evaluation.processes import workers
+from drl_av.evaluation.statistics import Speed, paired
 from drl_av.road.snapshot import EGO
 from drl_av.safety import CHECKS
 from verification.program import Program, run_program

@@ -15,7 +15,7 @@ from drl_av.drivers.registry import load_driver
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.evaluation.processes import workers
 from drl_av.road.road import FloatArray
-from studies.strictness import under
+from studies.study import with_check
 from verification.falsify import check_of
 from verification.kinematic_simulator import ROAD, BatchCheck, IntArray, World
 from verification.naturalistic import CARELESS_SHARE, Frequencies, Traffic, UnboundedMover, starts
@@ -52,7 +52,7 @@ def settings(check: str) -> Config:
     """Return the config of one of ``CHECKS``."""
     if check == "permit_all":
         return Config().updated("safety", check=check)
-    return under(Config(), check)
+    return with_check(Config(), check)
 
 
 def run(

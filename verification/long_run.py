@@ -23,12 +23,12 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import rollout
 from drl_av.env.transition import Observation
-from drl_av.evaluation.provenance import provenance, read_sidecar, write_sidecar
+from drl_av.evaluation.provenance import provenance, read_sidecar, sidecar, write_sidecar
 from drl_av.evaluation.statistics import grouped
+from drl_av.evaluation.table import settings_mismatch, stored_config
 from drl_av.files import append_rows, read_table
 from drl_av.safety import CHECKS
 from drl_av.simulation.population import DriverModel
-from studies.store import settings_mismatch, stored_config
 from verification.auditor import BETWEEN, BRAKES, LEAVES, SOONER, THROUGH, Auditor, Breach
 from verification.program import Program, run_program
 
@@ -146,7 +146,7 @@ def main() -> int:
     names = list(worlds)
     done, facts = read_table(arguments.out, growing=True), read_sidecar(arguments.out)
     if facts and stored_config(facts["settings"], str(arguments.out)) != base:
-        raise settings_mismatch(arguments.out)
+        raise settings_mismatch(arguments.out, sidecar(arguments.out))
     spent_s = facts.get("wall_time_s", 0.0)
     if not facts:
         write_sidecar(arguments.out, provenance(base, settings=asdict(base)))

@@ -42,7 +42,7 @@ from drl_av.road.snapshot import Snapshot
 from drl_av.safety import CHECKS
 from drl_av.scenarios.folder import write_scenario
 from drl_av.scenarios.road_types import ROAD_TYPES
-from studies.markdown import markdown_table
+from studies.results import markdown_table
 from verification.program import Program, run_program
 
 SEEDS = 760_000

@@ -6,8 +6,7 @@ from pathlib import Path
 from drl_av.evaluation.figure_style import label_axes, panels, save_figure
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.files import Row
-from studies.experiment import ResultsFolder
-from studies.markdown import markdown_table
+from studies.results import ResultsFolder, markdown_table
 
 METHODS = ("masking", "replacement", "replacement and penalty")
 TRAINING, FINAL = "training", "final"

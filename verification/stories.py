@@ -17,8 +17,7 @@ from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.evaluate import evaluate
 from drl_av.evaluation.provenance import provenance, write_sidecar
 from drl_av.files import Row, require_writable, write_table
-from studies.experiment import ResultsFolder
-from studies.markdown import markdown_table
+from studies.results import ResultsFolder, markdown_table
 from verification.program import Program, run_program
 
 STORIES = (

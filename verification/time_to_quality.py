@@ -41,8 +41,7 @@ from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.provenance import provenance, write_sidecar
 from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.files import Row, append_rows, read_table
-from studies.experiment import ResultsFolder
-from studies.markdown import markdown_table
+from studies.results import ResultsFolder, markdown_table
 from verification.program import Program, run_program
 from verification.shielding import PenalizedReward
 

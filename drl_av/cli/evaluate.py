@@ -1,32 +1,32 @@
 """The verb ``evaluate``: compares drivers on the same seeded traffic."""
 
 import argparse
-import json
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drl_av.cli.arguments import int_at_least
 from drl_av.cli.settings import add_env_options, driver_words, with_command_line
 from drl_av.cli.status import INTERRUPTED
-from drl_av.config import Config
 from drl_av.drivers.registry import baselines, default_config, find_drivers
 from drl_av.errors import ConfigError, pluralize
-from drl_av.evaluation import DENSITIES, PASS_CRITERION
+from drl_av.evaluation import DENSITIES, LOKY, PASS_CRITERION, RAY
 
 if TYPE_CHECKING:
     from drl_av.env.metrics import EpisodeResult
-    from drl_av.evaluation.paired import PairedGain
+    from drl_av.evaluation.comparison import Evaluation
+    from drl_av.evaluation.table import ResultTable
 
 SAVE_EVERY_S = 5.0
 """Time between two writes of the table.
 
 If SUMO aborts the process, the rows after the last write are lost.
 """
+BESIDE = ".provenance.json"
+"""Ending of the file with the provenance of the table (how it was made)."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -72,10 +72,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--jobs", type=int_at_least(1), default=1, metavar="N", help="number of processes"
     )
     parser.add_argument(
+        "--engine",
+        choices=(LOKY, RAY),
+        default=LOKY,
+        help="loky: this machine; ray: the cluster at RAY_ADDRESS, or this machine",
+    )
+    parser.add_argument(
         "--out",
         type=Path,
         metavar="FILE.csv",
-        help="write a table with one row for each episode, and FILE.provenance.json beside it",
+        help="write a table with one row for each episode, and FILE.provenance.json beside it; "
+        "episodes that it has already are not driven again",
     )
     parser.add_argument(
         "--criticality",
@@ -92,27 +99,37 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def evaluate(options: argparse.Namespace) -> int:
-    """Drive all episodes, write one row for each, and print the summary; return the exit status.
+    """Drive the episodes, write one row for each, and print the summary; return the exit status.
 
-    The status is 1 if a driver fails and ``--require-pass`` is given, 130 after Ctrl-C, else 0. If
-    the file ``--out`` or ``--json`` exists, it is replaced only after the last episode.
+    Episodes that the table ``--out`` has already are not driven. The status is 1 if a driver fails
+    and ``--require-pass`` is given, 130 after Ctrl-C, else 0.
+
+    Raises DrlAvError if the table exists and was made with other settings or drivers.
     """
-    from drl_av.cli.console import progress_bar
     from drl_av.cli.tables import print_gains, print_overall, print_styles, print_summaries
-    from drl_av.env.metrics import EpisodeMetrics
+    from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
     from drl_av.evaluation.comparison import Evaluation
     from drl_av.evaluation.criterion import judge
     from drl_av.evaluation.criticality import CriticalityMetrics, styles
-    from drl_av.evaluation.statistics import overall, summarize, write_summaries
+    from drl_av.evaluation.statistics import (
+        gains_over_fastest,
+        overall,
+        summarize,
+        write_summaries,
+    )
     from drl_av.files import require_suffix, require_writable
 
+    if options.engine == RAY:
+        from drl_av.evaluation.engines import require_ray
+
+        require_ray()
     words = [*options.runs, *options.driver]
     inputs = [*options.config, *words]
     require_writable(options.out, options.json, inputs=inputs)
     require_suffix(options.out, ".csv")
     require_suffix(options.json, ".json")
     if options.out:
-        require_writable(provenance_file(options.out), options.json, inputs=inputs)
+        require_writable(options.out.with_suffix(BESIDE), options.json, inputs=inputs)
     specs = find_drivers(words or ["pretrained"])
     if options.require_pass:
         _require_rivals([spec.name for spec in specs])
@@ -120,30 +137,15 @@ def evaluate(options: argparse.Namespace) -> int:
     seeds = range(options.seed, options.seed + options.episodes)
     metrics = CriticalityMetrics if options.criticality else EpisodeMetrics
     evaluation = Evaluation(config, specs, tuple(options.vehicles or ()), seeds, metrics)
-    kept = _kept(options.out)
-    rows, status, saved_s = [], 0, time.monotonic()
+    table = _table(options.out, evaluation) if options.out else None
+    driven, status = dict[tuple[int, int, str], EpisodeResult](), 0
     try:
-        with (
-            progress_bar("evaluating", len(evaluation)) as bar,
-            closing(evaluation.rows(options.jobs)) as found,
-        ):
-            for row in found:
-                rows.append(row)
-                bar.advance(f"{row.driver}, {pluralize(row.vehicles, 'vehicle')}", row.decisions)
-                if kept and time.monotonic() - saved_s > SAVE_EVERY_S:
-                    _write_rows(kept, rows)
-                    saved_s = time.monotonic()
+        for row in _rows(evaluation, table, options):
+            driven[row.vehicles, row.seed, row.driver] = row
     except KeyboardInterrupt:
         status = INTERRUPTED
-        print(f"drl-av: interrupted after {pluralize(len(rows), 'episode')}.", file=sys.stderr)
-    finally:
-        if rows and kept:
-            _write_rows(kept, rows)
-    if rows and kept and kept != options.out and status == 0:
-        _write_rows(options.out, rows)
-        kept.unlink()
-    elif rows and kept != options.out:
-        print(f"drl-av: {options.out} is unchanged; the new rows are in {kept}.", file=sys.stderr)
+        print(f"drl-av: interrupted after {pluralize(len(driven), 'episode')}.", file=sys.stderr)
+    rows = [driven[job.key] for job in evaluation.jobs if job.key in driven]
     rules = baselines(row.driver for row in rows)
     summaries, found_styles = summarize(rows), styles(rows)
     overalls, judgements = (overall(rows, rules), judge(rows)) if status == 0 else ([], [])
@@ -157,12 +159,10 @@ def evaluate(options: argparse.Namespace) -> int:
             "judgements": judgements,
         }
         write_summaries(options.json, parts)
-    if rows and options.out and (status == 0 or kept == options.out):
-        _write_provenance(options, config)
     if rows:
         print_summaries(summaries)
     if status == 0:
-        if found_gains := gains(rows, rules):
+        if found_gains := gains_over_fastest(rows, rules):
             print_gains(found_gains)
         print_overall(overalls)
     if found_styles:
@@ -175,6 +175,66 @@ def evaluate(options: argparse.Namespace) -> int:
     return 1 if failed and options.require_pass else status
 
 
+def _table(path: Path, evaluation: "Evaluation") -> "ResultTable":
+    """Open the table of an evaluation; its rows are in the order in which they are driven."""
+    from drl_av.evaluation.table import Inputs, ResultTable, checksums
+
+    ranks = [
+        list(dict.fromkeys(each))
+        for each in zip(*(job.key for job in evaluation.jobs), strict=True)
+    ]
+
+    def place(row: dict[str, str]) -> tuple[object, ...]:
+        values = int(row["vehicles"]), int(row["seed"]), row["driver"]
+        known = zip(ranks, values, strict=True)
+        return tuple((rank.index(v), v) if v in rank else (len(rank), v) for rank, v in known)
+
+    inputs = Inputs({"": evaluation.config}, checksums(evaluation.specs))
+    return ResultTable(path, inputs, place, beside=path.with_suffix(BESIDE))
+
+
+def _rows(
+    evaluation: "Evaluation", table: "ResultTable | None", options: argparse.Namespace
+) -> "Iterator[EpisodeResult]":
+    """Yield the result of each episode: first those in the table, then the others, driven now."""
+    from drl_av.cli.console import progress_bar
+    from drl_av.env.metrics import EpisodeResult
+    from drl_av.evaluation.comparison import drive_episodes
+    from drl_av.evaluation.criticality import CriticalityResult
+    from drl_av.evaluation.table import report_corrupt_table, results_of
+
+    jobs, held = evaluation.jobs, set[tuple[int, int, str]]()
+    if table:
+        kind = CriticalityResult if options.criticality else EpisodeResult
+        with report_corrupt_table(table.path):
+            results = results_of(table.rows, kind)
+        wanted = {job.key for job in jobs}
+        found_there = [row for row in results if (row.vehicles, row.seed, row.driver) in wanted]
+        held = {(row.vehicles, row.seed, row.driver) for row in found_there}
+        yield from found_there
+    left = [job for job in jobs if job.key not in held]
+    facts = {"engine": options.engine, "processes": options.jobs}
+    saved_s = begun_s = time.monotonic()
+    before_s = table.seconds.get("", 0.0) if table else 0.0
+    try:
+        with (
+            progress_bar("evaluating", len(jobs), len(held)) as bar,
+            closing(drive_episodes(left, options.jobs, options.engine)) as found,
+        ):
+            for row in found:
+                bar.advance(f"{row.driver}, {pluralize(row.vehicles, 'vehicle')}", row.decisions)
+                if table:
+                    table.add({name: str(value) for name, value in row.cells().items()})
+                    table.seconds[""] = before_s + time.monotonic() - begun_s
+                    if time.monotonic() - saved_s > SAVE_EVERY_S:
+                        table.save(**facts)
+                        saved_s = time.monotonic()
+                yield row
+    finally:
+        if table and left:
+            table.save(**facts)
+
+
 def _require_rivals(names: Sequence[str]) -> None:
     """Raise ConfigError unless there is a rule-based driver and another one to judge."""
     rules = baselines(names)
@@ -183,60 +243,3 @@ def _require_rivals(names: Sequence[str]) -> None:
             "--require-pass compares a driver with a rule-based one, but the drivers are "
             f"{', '.join(names)}: name one of each kind, such as pretrained --driver gap-mobil."
         )
-
-
-def _write_rows(table: Path, rows: Sequence["EpisodeResult"]) -> None:
-    from drl_av.files import write_table
-
-    cells = [row.cells() for row in rows]
-    write_table(table, cells[0], cells)
-
-
-def _write_provenance(options: argparse.Namespace, config: Config) -> None:
-    """Write ``NAME.provenance.json`` beside the table: command, versions, machine and settings."""
-    from drl_av.evaluation.provenance import provenance
-    from drl_av.files import write_atomic
-
-    seeds = f"{options.seed} to {options.seed + options.episodes - 1}"
-    facts = provenance(config, seeds=seeds, settings=asdict(config))
-    write_atomic(provenance_file(options.out), json.dumps(facts, indent=2).encode() + b"\n")
-
-
-def provenance_file(table: Path) -> Path:
-    """Return the path of the file with the provenance of a table (how it was made)."""
-    return table.with_suffix(".provenance.json")
-
-
-def gains(rows: Sequence["EpisodeResult"], rules: Sequence[str]) -> list["PairedGain"]:
-    """Compute each other driver's gain over the fastest rule-based driver, at each density.
-
-    Only the rule-based drivers that miss their exit or fail to merge least often count.
-    """
-    from drl_av.evaluation.paired import paired
-    from drl_av.evaluation.statistics import fewest_missed
-
-    names = list(dict.fromkeys(row.driver for row in rows))
-    eligible = fewest_missed(rows, rules)
-    if not eligible:
-        return []
-    found = [paired(rows, name, eligible) for name in names if name not in rules]
-    return sorted((g for own in found for g in own if g.best), key=lambda gain: gain.vehicles)
-
-
-def _kept(table: Path | None) -> Path | None:
-    """Return the path at which to keep the rows of an evaluation before its end.
-
-    It is ``NAME.partial.csv`` beside the table ``NAME.csv`` if this table exists.
-
-    Raises:
-        ConfigError: that file exists, so it has the rows of an interrupted evaluation.
-    """
-    if table is None or not table.exists():
-        return table
-    partial = table.with_name(f"{table.stem}.partial{table.suffix}")
-    if partial.exists():
-        raise ConfigError(
-            f"{partial} has the rows of an interrupted evaluation: rename or remove it, or choose "
-            "another --out."
-        )
-    return partial

@@ -12,8 +12,7 @@ from drl_av.cli.console import make_console
 
 if TYPE_CHECKING:
     from drl_av.evaluation.criticality import Style
-    from drl_av.evaluation.paired import PairedGain
-    from drl_av.evaluation.statistics import Mean, Overall, Summary
+    from drl_av.evaluation.statistics import Mean, Overall, PairedGain, Summary
 
 
 def _table(caption: str, *headings: str) -> Table:

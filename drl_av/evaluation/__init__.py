@@ -3,6 +3,10 @@
 DENSITIES = (1, 5, 10, 15, 20, 25, 30)
 """The numbers of vehicles around the ego in the published tables (docs/results)."""
 
+LOKY, RAY = "loky", "ray"
+"""The engines that can distribute trainings and evaluations over processes: joblib's loky on this
+machine, or Ray on a cluster."""
+
 PASS_CRITERION = (
     "A driver passes if, over all episodes, it is faster than the fastest rule-based driver beside "
     "it (the 95 percent interval of the gain, paired by traffic, lies above 0), if its ego hits "

@@ -1,9 +1,9 @@
 """Drives several drivers through the same seeded traffic, for comparison."""
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
-from functools import cache
 from itertools import product
+from typing import NamedTuple
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
@@ -12,27 +12,30 @@ from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import drive
-from drl_av.errors import ConfigError, SimulationError, pluralize
-from drl_av.evaluation import DENSITIES
-from drl_av.evaluation.processes import BrokenProcessPool, workers
+from drl_av.errors import ConfigError
+from drl_av.evaluation import DENSITIES, LOKY
+from drl_av.evaluation.engines import ENGINES
 
+Equipment = tuple[HighwayEnv, dict[str, Driver]]
 MakeMetrics = Callable[[], EpisodeMetrics]
 """A function that makes the metrics of one episode; worker processes must be able to import it."""
 
 
-def drive_all(
-    env: HighwayEnv,
-    drivers: Mapping[str, Driver],
-    vehicles: Sequence[int],
-    seeds: Sequence[int],
-    make_metrics: MakeMetrics = EpisodeMetrics,
-) -> Iterator[EpisodeResult]:
-    """Drive one episode for each number of vehicles, seed and driver; yield each episode's result.
+class EpisodeJob(NamedTuple):
+    """One episode to drive: everything on which its result depends."""
 
-    The order is that of the arguments: the numbers of vehicles, then the seeds, then the drivers.
-    """
-    for number, seed, name in product(vehicles, seeds, drivers):
-        yield drive(env, drivers[name], name, seed, number, make_metrics)
+    config: Config
+    specs: tuple[DriverSpec, ...]
+    """The drivers that are loaded together, ``driver`` among them (see ``make_drivers``)."""
+    make_metrics: MakeMetrics
+    vehicles: int
+    seed: int
+    driver: str
+
+    @property
+    def key(self) -> tuple[int, int, str]:
+        """Number of vehicles, traffic seed and driver."""
+        return self.vehicles, self.seed, self.driver
 
 
 class Evaluation:
@@ -63,70 +66,97 @@ class Evaluation:
                 f"The last episode's seed would be {seeds[-1]}, but those from "
                 f"{TRAINING_SEED_RANGE[0]} on belong to training: begin with a smaller one."
             )
-        self._env, self._drivers = _equipment(config, self._specs)
-        implied = self._env.simulation.fleet.default_vehicle_count
+        _close()  # a driver may have been trained since
+        env, _ = _equipment(config, self._specs)
+        implied = env.simulation.fleet.default_vehicle_count
         default = DENSITIES if implied is None else (implied,)
         self._vehicles = tuple(dict.fromkeys(vehicles)) or default
         for number in self._vehicles:
-            self._env.require_room(number)
+            env.require_room(number)
+
+    @property
+    def config(self) -> Config:
+        """The settings with which the drivers drive."""
+        return self._config
+
+    @property
+    def specs(self) -> tuple[DriverSpec, ...]:
+        """The drivers."""
+        return self._specs
 
     def __len__(self) -> int:
-        return len(self._specs) * len(self._vehicles) * len(self._seeds)
+        return len(self.jobs)
+
+    @property
+    def jobs(self) -> list[EpisodeJob]:
+        """The episodes in their order: by number of vehicles, then seed, then driver."""
+        names = [spec.name for spec in self._specs]
+        return [
+            EpisodeJob(self._config, self._specs, self._make_metrics, *episode)
+            for episode in product(self._vehicles, self._seeds, names)
+        ]
 
     def rows(self, jobs: int = 1) -> Generator[EpisodeResult, None, None]:
-        """Drive all episodes in ``jobs`` processes; yield the result of each, in a fixed order.
+        """Drive all episodes in ``jobs`` processes; yield the result of each, in their order.
 
         The results do not depend on ``jobs``.
 
         Raises:
             SimulationError: SUMO ended unexpectedly, or ended its worker process.
         """
-        if jobs > 1:
-            yield from self._rows_of_processes(min(jobs, len(self)))
-            return
-        with closing(self._env) as env:
-            drives = self._drivers, self._vehicles, self._seeds, self._make_metrics
-            yield from drive_all(env, *drives)
-
-    def _rows_of_processes(self, jobs: int) -> Iterator[EpisodeResult]:
-        names = [spec.name for spec in self._specs]
-        episodes = list(product(self._vehicles, self._seeds, names))
-        done = 0
-        with workers(jobs) as submit:
-            given = self._config, self._specs, self._make_metrics
-            rows = [submit(_drive, *given, *episode) for episode in episodes]
-            try:
-                for row in rows:
-                    yield row.result()
-                    done += 1
-            except BrokenProcessPool as error:
-                number, seed, name = episodes[done]
-                raise SimulationError(
-                    "A process of the evaluation ended on its own, as it does when SUMO aborts: "
-                    f"try again with --jobs 1; the first row missing is that of {name}, "
-                    f"{pluralize(number, 'vehicle')}, seed {seed}."
-                ) from error
+        yield from drive_episodes(self.jobs, jobs)
 
 
-def _equipment(
-    config: Config, specs: tuple[DriverSpec, ...]
-) -> tuple[HighwayEnv, dict[str, Driver]]:
-    """Make the environment, which starts SUMO at its first reset, and the drivers."""
-    env = HighwayEnv(config=config)
-    return env, make_drivers(specs, config, env.safety_check)
+def drive_episodes(
+    episodes: Sequence[EpisodeJob], processes: int = 1, engine: str = LOKY
+) -> Generator[EpisodeResult, None, None]:
+    """Drive the episodes in ``processes`` processes; yield the results in the same order.
+
+    One process on this machine is this process. ``engine`` is a name in ``engines.ENGINES``.
+
+    Raises:
+        SimulationError: SUMO ended unexpectedly, or ended its worker process again and again.
+    """
+    if processes == 1 and engine == LOKY:
+        try:
+            for episode in episodes:
+                yield _drive(episode)
+        finally:
+            _close()
+        return
+    done: dict[int, EpisodeResult] = {}
+    place = 0
+    with closing(ENGINES[engine](_drive, episodes, processes)) as running:
+        for ended in running:
+            done.update(ended)
+            while place in done:
+                yield done.pop(place)
+                place += 1
 
 
-_cached_equipment = cache(_equipment)
-"""For the episodes of a worker process."""
+_latest: list[tuple[tuple[Config, tuple[DriverSpec, ...]], Equipment]] = []
+"""The environment and drivers of the latest episode of this process; empty at first."""
 
 
-def _drive(
-    config: Config,
-    specs: tuple[DriverSpec, ...],
-    make_metrics: MakeMetrics,
-    vehicles: int,
-    seed: int,
-    name: str,
-) -> EpisodeResult:
-    env, drivers = _cached_equipment(config, specs)
-    return drive(env, drivers[name], name, seed, vehicles, make_metrics)
+def _equipment(config: Config, specs: tuple[DriverSpec, ...]) -> Equipment:
+    """Return the environment, which starts SUMO at its first reset, and the drivers.
+
+    They are kept for the next episodes of this process with the same config and drivers.
+    """
+    if not _latest or _latest[0][0] != (config, specs):
+        _close()
+        env = HighwayEnv(config=config)
+        drivers = make_drivers(specs, config, env.safety_check)
+        _latest.append(((config, specs), (env, drivers)))
+    return _latest[0][1]
+
+
+def _drive(job: EpisodeJob) -> EpisodeResult:
+    env, drivers = _equipment(job.config, job.specs)
+    driver = drivers[job.driver]
+    return drive(env, driver, job.driver, job.seed, job.vehicles, job.make_metrics)
+
+
+def _close() -> None:
+    while _latest:
+        _latest.pop()[1][0].close()

@@ -7,8 +7,7 @@ from typing import NamedTuple
 from drl_av.drivers.registry import baselines
 from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.criticality import styles
-from drl_av.evaluation.paired import require_distinct
-from drl_av.evaluation.statistics import Mean, fastest, grouped, mean_difference
+from drl_av.evaluation.statistics import Mean, fastest, gain, grouped, require_distinct
 
 
 class CriterionResult(NamedTuple):
@@ -42,9 +41,9 @@ class CriterionResult(NamedTuple):
     """Smallest ``missed`` of the rule-based drivers; None if ``missed`` is None."""
 
     def __str__(self) -> str:
-        gain = f"{self.gain_m_s} m/s"
+        speed = f"{self.gain_m_s} m/s"
         if math.isinf(self.gain_m_s.half_width):
-            gain = f"{self.gain_m_s.value:.2f} m/s; a single episode has no interval"
+            speed = f"{self.gain_m_s.value:.2f} m/s; a single episode has no interval"
         result = "PASS" if self.passed else f"FAIL ({', '.join(self.failures)})"
         comfort = ""
         if self.comfortable_percent is not None:
@@ -60,7 +59,7 @@ class CriterionResult(NamedTuple):
             )
         return (
             f"{self.driver}: {result} against {self.over}\n"
-            f"  gain in speed {gain}\n"
+            f"  gain in speed {speed}\n"
             f"  episodes in which the ego hit something {self.ego_hits} (rule-based: "
             f"{self.fewest_ego_hits}){route}\n"
             f"  hard brakes in a kilometre {self.hard_brakes_per_km:.2f} "
@@ -107,12 +106,12 @@ def _judgement(
     theirs: Sequence[EpisodeResult],
     fewest: _Fewest,
 ) -> CriterionResult:
-    gain = _gain(name, ours, best, theirs)
+    speed = gain(_speeds(ours), _speeds(theirs), f"{name} and {best}")
     brakes, their_brakes = _hard_brakes_per_km(ours), _hard_brakes_per_km(theirs)
     comfort, their_comfort = _comfortable_percent(ours), _comfortable_percent(theirs)
     missed, has_route = _missed(ours), any(row.way for row in ours)
     conditions = {
-        "speed": gain.value - gain.half_width > 0,
+        "speed": speed.value - speed.half_width > 0,
         "collisions": _hits(ours) <= fewest.ego_hits,
         "way": missed <= fewest.missed,
         "comfort": brakes <= their_brakes and (comfort or 0.0) >= (their_comfort or 0.0),
@@ -121,7 +120,7 @@ def _judgement(
     return CriterionResult(
         driver=name,
         over=best,
-        gain_m_s=gain,
+        gain_m_s=speed,
         ego_hits=_hits(ours),
         fewest_ego_hits=fewest.ego_hits,
         hard_brakes_per_km=brakes,
@@ -135,14 +134,9 @@ def _judgement(
     )
 
 
-def _gain(
-    name: str, ours: Sequence[EpisodeResult], best: str, theirs: Sequence[EpisodeResult]
-) -> Mean:
-    """Return the mean difference of speeds in the same traffic, over all numbers of vehicles."""
-    mine, other = (
-        {(row.vehicles, row.seed): row.mean_speed_m_s for row in rows} for rows in (ours, theirs)
-    )
-    return mean_difference(mine, other, f"{name} and {best}")
+def _speeds(rows: Iterable[EpisodeResult]) -> dict[tuple[int, int], float]:
+    """Return the mean speeds by number of vehicles and traffic seed, m/s."""
+    return {(row.vehicles, row.seed): row.mean_speed_m_s for row in rows}
 
 
 def _hits(rows: Iterable[EpisodeResult]) -> int:

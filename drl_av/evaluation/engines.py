@@ -1,35 +1,43 @@
 """Engines that run jobs in parallel processes. If a process is killed, they start its job again.
 
-An engine takes a function, its jobs and the number of processes. About once a second it yields the
-jobs that have ended since its last yield, possibly none. Because an engine can start a job again,
-the function must continue an interrupted job, and do nothing if the job is complete.
+An engine takes a function, its jobs and the number of processes. At least once a second it yields
+the jobs that have ended since its last yield, possibly none: pairs of a job's place among the jobs
+and what the function returned. Because an engine can start a job again, a function with effects
+must continue an interrupted job, and do nothing if the job is complete.
 """
 
 import contextlib
 import os
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from importlib.util import find_spec
+from itertools import islice
 from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any, TypeVar
 
 from drl_av.errors import DrlAvError, SimulationError
+from drl_av.evaluation import LOKY, RAY
 from drl_av.evaluation.processes import BrokenProcessPool, workers
 
 Job = TypeVar("Job")
-Ended = Generator[list[Job], None, None]
-Engine = Callable[[Callable[[Job], None], Sequence[Job], int], Ended[Job]]
+Result = TypeVar("Result")
+Ended = Generator[list[tuple[int, Result]], None, None]
+Engine = Callable[[Callable[[Any], Any], Sequence[Any], int], Ended[Any]]
 RETRIES = 3
 """Largest number of new attempts after processes were killed."""
 TICK_S = 1.0
+AHEAD = 4
+"""Number of jobs that are submitted for each process; the others wait here."""
 JOIN_S = 20.0
 """Longest time to wait for an answer of the Ray cluster at ``RAY_ADDRESS``."""
 PATIENT = {"agent_register_timeout_ms": 300_000, "worker_register_timeout_seconds": 300}
 """Timeouts for the start of a local Ray; they are longer than the default of 30 s."""
 
 
-def on_this_machine(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> Ended[Job]:
+def on_this_machine(
+    work: Callable[[Job], Result], jobs: Sequence[Job], processes: int
+) -> Ended[Result]:
     """Run the jobs with joblib's loky.
 
     If a process is killed, a new pool starts the jobs that have not ended.
@@ -37,17 +45,18 @@ def on_this_machine(work: Callable[[Job], None], jobs: Sequence[Job], processes:
     Raises:
         SimulationError: processes were killed more than RETRIES times.
     """
-    left, breaks = list(jobs), 0
+    left, breaks = dict(enumerate(jobs)), 0
     while left:
         try:
             with workers(min(processes, len(left))) as submit:
-                futures = {submit(work, job): job for job in left}
-                while futures:
+                waiting, futures = iter([*left.items()]), dict[Future[Result], int]()
+                while left:
+                    for place, job in islice(waiting, AHEAD * processes - len(futures)):
+                        futures[submit(work, job)] = place
                     ended = wait(futures, TICK_S, FIRST_COMPLETED).done
-                    for future in ended:
-                        future.result()
-                    done = [futures.pop(future) for future in ended]
-                    left = [job for job in left if job not in done]
+                    done = [(futures.pop(future), future.result()) for future in ended]
+                    for place, _ in done:
+                        del left[place]
                     yield done
         except BrokenProcessPool as error:
             breaks += 1
@@ -63,7 +72,7 @@ def require_ray() -> None:
         )
 
 
-def on_ray(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> Ended[Job]:
+def on_ray(work: Callable[[Job], Result], jobs: Sequence[Job], processes: int) -> Ended[Result]:
     """Run the jobs on a Ray cluster, one CPU for each job.
 
     The cluster is the first that exists of: the cluster that this process has joined, the cluster
@@ -80,24 +89,29 @@ def on_ray(work: Callable[[Job], None], jobs: Sequence[Job], processes: int) -> 
 
     with _cluster(processes):
         remote = ray.remote(num_cpus=1, max_retries=RETRIES)(work)
-        left = {remote.remote(job): job for job in jobs}
         here = ray.get_runtime_context().get_node_id()
+        resources: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
+        at_once = AHEAD * max(processes, int(resources.get("CPU", 1)))
+        waiting, running = iter(enumerate(jobs)), dict[Any, int]()
         try:
-            while left:
+            while True:
+                for place, job in islice(waiting, at_once - len(running)):
+                    running[remote.remote(job)] = place
+                if not running:
+                    return
                 if not _lives(here):
                     raise SimulationError(
                         "Ray's own process on this machine was killed: give the same command "
                         "again; what was saved is kept."
                     )
-                ended, _ = ray.wait(list(left), timeout=TICK_S)
-                ray.get(ended)
-                yield [left.pop(reference) for reference in ended]
+                ended, _ = ray.wait(list(running), timeout=TICK_S)
+                yield [(running.pop(reference), ray.get(reference)) for reference in ended]
         except RayTaskError as error:
             raise error.cause from None
         except WorkerCrashedError as error:
             raise _given_up() from error
         finally:
-            for reference in left:
+            for reference in running:
                 ray.cancel(reference, force=True)
 
 
@@ -169,4 +183,5 @@ def _given_up() -> SimulationError:
     )
 
 
-ENGINES: dict[str, Engine[Any]] = {"loky": on_this_machine, "ray": on_ray}
+ENGINES: dict[str, Engine] = {LOKY: on_this_machine, RAY: on_ray}
+"""The engines by the names that users give."""

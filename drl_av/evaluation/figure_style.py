@@ -40,12 +40,14 @@ def label_axes(axes: "Axes", x: str = "", y: str = "") -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def legend_of_names(axes: "Axes", curves: Mapping[str, Any]) -> None:
+def legend_of_names(axes: "Axes | Figure", curves: Mapping[str, Any], **options: Any) -> None:
     """Add a legend that shows the names (keys) of the curves literally; long names are shortened.
 
     By itself matplotlib would read ``$`` as a formula, and omit names that begin with ``_``.
+    ``options`` are further arguments of matplotlib's ``legend``.
     """
-    legend = axes.legend(list(curves.values()), ["name"] * len(curves), frameon=False)
+    names = ["name"] * len(curves)
+    legend = axes.legend(list(curves.values()), names, frameon=False, **options)
     for text, name in zip(legend.get_texts(), curves, strict=True):
         shown = name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 3]}..."
         text.set(text=shown, parse_math=False)

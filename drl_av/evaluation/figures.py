@@ -35,10 +35,12 @@ STYLES = {
     "gap-mobil-1.3": ("#882255", "d"),
     "sumo": ("#56b4e9", "<"),
     "sumo-tuned": ("#332288", ">"),
+    "planner": ("#117733", "P"),
+    "pretrained-smooth": ("#ee7733", "p"),
     "random": ("#999999", "x"),
 }
 """Colour and marker of each driver's curve; colour-blind readers can distinguish them."""
-OTHER_COLORS = ("#e69f00", "#f0e442", "#999933", "#aa4499")
+OTHER_COLORS = ("#e69f00", "#999933", "#aa4499", "#44aa99")
 BESIDE = 0.15
 """Horizontal offset between two drivers' markers, in vehicles, so that error bars stay apart."""
 
@@ -133,19 +135,23 @@ def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
             for number in sorted(cells)
         }
     figure, axes = one_panel("vehicles around the ego", "mean speed of the ego, m/s")
-    curves_by_density(axes, means)
+    legend_of_names(axes, curves_by_density(axes, means))
     return figure
 
 
-def curves_by_density(axes: "Axes", means: Mapping[str, Mapping[int, Mean]]) -> None:
-    """Draw a curve for each driver with its 95 % intervals, and a legend of the drivers.
+def curves_by_density(
+    axes: "Axes", means: Mapping[str, Mapping[int, Mean]], joined: bool = True
+) -> dict[str, Any]:
+    """Draw a curve for each driver with its 95 % intervals; return the curves by driver.
 
     ``means`` holds the values by driver and by number of vehicles; an infinite interval is left
-    out.
+    out. A driver has one colour; its curve under another check, such as "idm, strict", is dashed.
+    With ``joined`` false there are only points.
     """
-    other_colors, curves = cycle(OTHER_COLORS), {}
+    other_colors, curves = cycle(OTHER_COLORS), dict[str, Any]()
     for place, (driver, own) in enumerate(means.items()):
-        color, mark = STYLES[driver] if driver in STYLES else (next(other_colors), "D")
+        name, _, check = driver.partition(", ")
+        color, mark = STYLES[name] if name in STYLES else (next(other_colors), "D")
         aside = BESIDE * (place - (len(means) - 1) / 2)
         curves[driver] = axes.errorbar(
             [number + aside for number in own],
@@ -155,7 +161,9 @@ def curves_by_density(axes: "Axes", means: Mapping[str, Mapping[int, Mean]]) -> 
             marker=mark,
             markersize=4,
             linewidth=1.2,
+            linestyle=("--" if check == "strict" else "-") if joined else "",
+            elinewidth=1.2,
             capsize=2,
         )
         curves[driver].set_label(driver)
-    legend_of_names(axes, curves)
+    return curves

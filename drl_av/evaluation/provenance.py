@@ -118,19 +118,18 @@ def sidecar(table: Path) -> Path:
     return table.with_suffix(".json")
 
 
-def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
+def write_provenance(beside: Path, facts: dict[str, Any]) -> None:
     """Write the provenance of a table atomically; raises DrlAvError if the write fails."""
-    write_atomic(sidecar(table), json.dumps(facts, indent=2).encode() + b"\n")
+    write_atomic(beside, json.dumps(facts, indent=2).encode() + b"\n")
 
 
-def read_sidecar(table: Path) -> dict[str, Any]:
-    """Read how a table was made from the JSON file beside it; {} if neither file exists.
+def read_provenance(path: Path, table: Path) -> dict[str, Any]:
+    """Read how ``table`` was made from the JSON file ``path``; {} if neither file exists.
 
     Raises:
         DrlAvError: the file is missing beside a table, cannot be read, or holds no JSON object.
         TypeError: settings, policies or episodes in it are not JSON objects.
     """
-    path = sidecar(table)
     if not path.exists() and not table.exists():
         return {}
     if not path.exists():
@@ -150,3 +149,13 @@ def read_sidecar(table: Path) -> dict[str, Any]:
         if not isinstance(facts.get(name, {}), dict):
             raise TypeError(f"{name} in {path.name} has no names")
     return facts
+
+
+def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
+    """Write ``facts`` to the file ``sidecar(table)``, as ``write_provenance`` does."""
+    write_provenance(sidecar(table), facts)
+
+
+def read_sidecar(table: Path) -> dict[str, Any]:
+    """Read how a table was made from ``sidecar(table)``, as ``read_provenance`` does."""
+    return read_provenance(sidecar(table), table)

@@ -1,7 +1,8 @@
-"""Summarizes episodes with 95 % intervals: each driver at each number of vehicles, and overall."""
+"""Statistics of episodes with 95 % intervals: means, gains, and summaries of each driver."""
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -10,14 +11,14 @@ import numpy as np
 
 from drl_av.env.metrics import EpisodeResult
 from drl_av.env.route_outcome import EXIT_MISSED, EXIT_TAKEN, MERGED, NOT_MERGED
-from drl_av.errors import DrlAvError
+from drl_av.errors import DrlAvError, pluralize
 from drl_av.evaluation.aggregates import (
     Estimate,
     interquartile_mean,
     performance_profile,
     probability_of_improvement,
 )
-from drl_av.files import write_atomic
+from drl_av.files import Row, write_atomic
 from drl_av.road.road import FloatArray
 
 OF_A_WAY = ("exits_taken", "merged", "missed", "fewest_missed")
@@ -62,10 +63,13 @@ def mean_with_interval(values: Iterable[float]) -> Mean:
     return Mean(float(sample.mean()), quantile * error)
 
 
-def mean_difference(
-    ours: Mapping[Any, float], theirs: Mapping[Any, float], drivers: str, among: str = ""
+def gain(
+    ours: Mapping[Any, float],
+    theirs: Mapping[Any, float],
+    drivers: str = "The drivers",
+    among: str = "",
 ) -> Mean:
-    """Compute the mean of ours minus theirs with its 95 % interval, paired by traffic.
+    """Compute the gain, the mean of ours minus theirs with its 95 % interval, paired by traffic.
 
     Args:
         ours: A value for each episode; the key names its traffic.
@@ -95,6 +99,105 @@ def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> Float
     ends = np.concatenate(([0.0], episodes))
     begins = np.searchsorted(ends, episodes - over)
     return np.asarray((sums[1:] - sums[begins]) / (episodes - ends[begins]))
+
+
+class Speed(NamedTuple):
+    """The mean speed of one driver in one episode."""
+
+    driver: str
+    vehicles: int
+    seed: int
+    mean_speed_m_s: float
+
+
+class PairedGain(NamedTuple):
+    """The gain in mean speed of a driver over a baseline at one number of vehicles."""
+
+    vehicles: int
+    driver: str
+    baseline: str
+    best: bool
+    """Whether this baseline is the fastest at this number of vehicles."""
+    episodes: int
+    difference_m_s: Mean
+    """The driver's speed minus the baseline's in the same traffic; positive if it is faster."""
+
+    @property
+    def lower_m_s(self) -> float:
+        """Lower end of the 95 % confidence interval of the gain, m/s."""
+        return self.difference_m_s.value - self.difference_m_s.half_width
+
+    def row(self) -> Row:
+        """Return the gain as a row of ``paired.csv``: text values by column."""
+        mean, half = self.difference_m_s
+        return {
+            "vehicles": str(self.vehicles),
+            "driver": self.driver,
+            "baseline": self.baseline,
+            "best": str(self.best),
+            "episodes": str(self.episodes),
+            "difference_m_s": f"{mean:.6g}",
+            "ci95_half_width_m_s": f"{half:.6g}",
+            "lower_m_s": f"{mean - half:.6g}",
+            "upper_m_s": f"{mean + half:.6g}",
+        }
+
+
+def require_distinct(rows: Iterable[Speed | EpisodeResult]) -> None:
+    """Raise DrlAvError if a driver drove a seed among as many vehicles twice."""
+    driven = Counter((row.driver, row.seed, row.vehicles) for row in rows)
+    for (driver, seed, vehicles), times in driven.items():
+        if times > 1:
+            raise DrlAvError(
+                f"{driver} drove seed {seed} among {pluralize(vehicles, 'vehicle')} twice: remove "
+                "one of the rows."
+            )
+
+
+def paired(
+    episodes: Iterable[Speed | EpisodeResult], driver: str, baselines: Sequence[str]
+) -> list[PairedGain]:
+    """Compute the driver's gain in mean speed over each baseline at each number of vehicles.
+
+    The confidence intervals are Student's t intervals (95 %) of the differences by seed.
+
+    Raises:
+        DrlAvError: the drivers did not drive the same seeds, or a driver drove a seed twice.
+    """
+    episodes = list(episodes)
+    require_distinct(episodes)
+    speeds: dict[int, dict[str, dict[int, float]]] = {}
+    for row in episodes:
+        speeds.setdefault(row.vehicles, {}).setdefault(row.driver, {})[row.seed] = (
+            row.mean_speed_m_s
+        )
+    found = []
+    for vehicles, own in sorted(speeds.items()):
+        among = f" among {pluralize(vehicles, 'vehicle')}"
+        best = best_opponent({name: own.get(name, {}).values() for name in baselines})
+        for name in baselines:
+            ours, theirs = own.get(driver, {}), own.get(name, {})
+            difference = gain(ours, theirs, f"{driver} and {name}", among)
+            found.append(PairedGain(vehicles, driver, name, name == best, len(ours), difference))
+    return found
+
+
+def gains_over_fastest(rows: Sequence[EpisodeResult], rules: Sequence[str]) -> list[PairedGain]:
+    """Compute each other driver's gain over the fastest rule-based driver, at each density.
+
+    Only the rule-based drivers that miss their exit or fail to merge least often count.
+    """
+    names = list(dict.fromkeys(row.driver for row in rows))
+    eligible = fewest_missed(rows, rules)
+    found = [paired(rows, name, eligible) for name in names if name not in rules]
+    return sorted((g for own in found for g in own if g.best), key=lambda each: each.vehicles)
+
+
+def best_opponent(speeds: Mapping[str, Iterable[float]]) -> str | None:
+    """Return the driver with the highest mean of its ``speeds``; None if there is no speed."""
+    driven = {name: values for name, own in speeds.items() if (values := list(own))}
+    means = {name: sum(values) / len(values) for name, values in driven.items()}
+    return max(means, key=means.__getitem__, default=None)
 
 
 class Summary(NamedTuple):
@@ -200,11 +303,8 @@ def fastest(rows: Iterable[EpisodeResult], drivers: Iterable[str]) -> str | None
     """
     rows = list(rows)
     driven = grouped(rows, lambda row: row.driver)
-    means = {
-        driver: sum(row.mean_speed_m_s for row in driven[driver]) / len(driven[driver])
-        for driver in fewest_missed(rows, drivers)
-    }
-    return max(means, key=means.__getitem__, default=None)
+    eligible = fewest_missed(rows, drivers)
+    return best_opponent({name: [row.mean_speed_m_s for row in driven[name]] for name in eligible})
 
 
 def fewest_missed(rows: Iterable[EpisodeResult], drivers: Iterable[str]) -> list[str]:

@@ -197,16 +197,22 @@ sys.meta_path.insert(0, Finder())
 
 
 def test_full_disk_is_reported_and_the_table_of_before_is_kept(
-    settings: Path, tmp_path: Path, full_disk: None, capsys: pytest.CaptureFixture[str]
+    settings: Path,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     out = tmp_path / "rows.csv"
-    out.write_text("before")
-
-    words = ["evaluate", "idm", "--vehicles", "3", "--episodes", "1", "--config", str(settings)]
-    assert main([*words, "--out", str(out)]) == 1
-    assert "rows.partial.csv cannot be written (No space left on device)" in error_message(capsys)
-    assert out.read_text() == "before"
-    assert sorted(tmp_path.iterdir()) == [out, settings]
+    words = ["evaluate", "idm", "--vehicles", "3", "--config", str(settings), "--out", str(out)]
+    assert main([*words, "--episodes", "1"]) == 0
+    files = sorted(tmp_path.iterdir())
+    before = [path.read_bytes() for path in files]
+    request.getfixturevalue("full_disk")
+    capsys.readouterr()
+    assert main([*words, "--episodes", "2"]) == 1
+    assert "rows.provenance.json cannot be written (No space left" in error_message(capsys)
+    assert sorted(tmp_path.iterdir()) == files
+    assert [path.read_bytes() for path in files] == before
 
 
 def test_output_without_a_terminal_has_no_bar_and_a_table_of_whole_words(

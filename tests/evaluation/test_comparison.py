@@ -9,8 +9,7 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Generator, Iterator
-from contextlib import closing
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,13 +21,12 @@ from runs import SHORT, run_folder
 from drl_av import cli
 from drl_av.drivers import policy_file, registry
 from drl_av.drivers.registry import find_drivers
-from drl_av.drivers.rule_based import IdmDriver, IdmSumoDriver
 from drl_av.env import highway
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import ConfigError, RunError
 from drl_av.evaluation import comparison as module
-from drl_av.evaluation.comparison import Evaluation, drive_all
+from drl_av.evaluation.comparison import EpisodeJob, Evaluation, drive_episodes
 from drl_av.evaluation.statistics import (
     Mean,
     mean_with_interval,
@@ -41,17 +39,11 @@ from drl_av.simulation.simulation import Simulation
 KEEP, LEFT = 0, 8
 
 
-@pytest.fixture
-def env() -> Iterator[HighwayEnv]:
-    with closing(HighwayEnv(config=SHORT)) as env:
-        yield env
-
-
-def test_rows_come_by_vehicles_then_seed_then_driver(env: HighwayEnv) -> None:
-    drivers = {"idm": IdmDriver(SHORT.safety), "idm-sumo": IdmSumoDriver(SHORT.safety)}
-    rows = drive_all(env, drivers, (3, 1), (8, 9))
+def test_rows_come_by_vehicles_then_seed_then_driver() -> None:
+    evaluation = Evaluation(SHORT, find_drivers(["idm", "idm-sumo"]), (3, 1), range(8, 10))
+    rows = list(evaluation.rows())
     assert [(row.vehicles, row.seed, row.driver) for row in rows] == [
-        (number, seed, name) for number in (3, 1) for seed in (8, 9) for name in drivers
+        (number, seed, name) for number in (3, 1) for seed in (8, 9) for name in ("idm", "idm-sumo")
     ]
 
 
@@ -101,31 +93,26 @@ def test_what_a_worker_process_raises_is_raised(tmp_path: Path) -> None:
         list(evaluation.rows(jobs=2))
 
 
-def test_rows_before_the_abort_of_a_worker_are_kept_and_the_abort_is_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_worker_that_is_killed_is_replaced_and_no_row_is_lost_or_doubled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rows_of = Evaluation.rows
-
-    def aborted(self: Evaluation, jobs: int) -> Generator[EpisodeResult, None, None]:
-        for done, row in enumerate(rows_of(self, jobs), 1):
+    def killing(
+        episodes: Sequence[EpisodeJob], processes: int, engine: str
+    ) -> Iterator[EpisodeResult]:
+        for done, row in enumerate(drive_episodes(episodes, processes, engine), 1):
             yield row
             if done == 2:
                 for worker in multiprocessing.active_children():
                     os.kill(int(worker.pid or 0), signal.SIGABRT)
 
-    monkeypatch.setattr(Evaluation, "rows", aborted)
-    out, tiny = tmp_path / "rows.csv", tmp_path / "tiny.toml"
-    tiny.write_text(SHORT.to_toml())
-    words = ["evaluate", "idm", "--vehicles", "30", "--episodes", "400", "--jobs", "2"]
-    assert cli.main([*words, "--config", str(tiny), "--out", str(out)]) == 1
-    printed = capsys.readouterr()
-    assert printed.err.startswith("drl-av: A process of the evaluation ended on its own")
-    assert printed.err.count("\n") == 1
-    with out.open(newline="") as file:
-        seeds = [int(row["seed"]) for row in csv.DictReader(file)]
-    assert seeds == list(range(len(seeds)))
-    assert 2 <= len(seeds) < 400
-    assert f"seed {len(seeds)}." in printed.err
+    monkeypatch.setattr(module, "drive_episodes", killing)
+    (tmp_path / "tiny.toml").write_text(SHORT.to_toml())
+    words = ["evaluate", "idm", "--vehicles", "30", "--episodes", "40"]
+    words += ["--config", str(tmp_path / "tiny.toml"), "--out"]
+    assert cli.main([*words, str(tmp_path / "killed.csv"), "--jobs", "2"]) == 0
+    monkeypatch.undo()
+    assert cli.main([*words, str(tmp_path / "whole.csv")]) == 0
+    assert (tmp_path / "killed.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
 
 
 ABORTED = """
@@ -189,67 +176,48 @@ def test_summary_counts_hits_and_groups_by_vehicles_driver_and_check() -> None:
     ]
 
 
-def test_ctrl_c_keeps_the_rows_so_far(
+def test_an_interrupted_evaluation_continues_and_drives_nothing_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    driven = iter(range(100))
+    driven = list[int]()
 
-    def drive(*arguments: object) -> EpisodeResult:
-        if next(driven) == 3:
-            signal.raise_signal(signal.SIGINT)
-        return RESULT
-
-    former = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in background jobs
-
-    monkeypatch.setattr(module, "drive", drive)
-    out = tmp_path / "rows.csv"
-    words = ["evaluate", "idm", "--vehicles", "5", "--episodes", "9", "--out", str(out)]
-    try:
-        assert cli.main(words) == 130
-    finally:
-        signal.signal(signal.SIGINT, former)
-    assert len(out.read_text().splitlines()) == 1 + 3
-    made = json.loads(out.with_suffix(".provenance.json").read_text())
-    assert made["seeds"] == "0 to 8"  # asked for
-    printed = capsys.readouterr()
-    assert printed.err == "drl-av: interrupted after 3 episodes.\n"
-    assert "3 episodes each" in printed.out
-
-
-def test_a_table_that_exists_keeps_its_rows_until_the_new_ones_are_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    stop_at, driven = [3], iter(range(100))
-
-    def drive(*arguments: object) -> EpisodeResult:
-        number = next(driven)
-        if number in stop_at:
+    def drive(
+        env: object, driver: object, name: str, seed: int, vehicles: int, metrics: object
+    ) -> EpisodeResult:
+        if len(driven) == 3 and 99 not in driven:
+            driven.append(99)
             signal.raise_signal(signal.SIGTERM)
-        return replace(RESULT, seed=number)
+        driven.append(seed)
+        return replace(RESULT, driver=name, seed=seed, vehicles=vehicles)
 
     monkeypatch.setattr(module, "drive", drive)
-    out, partial = tmp_path / "rows.csv", tmp_path / "rows.partial.csv"
-    out.write_text("the old table\n")
-    summary = tmp_path / "rows.json"
+    out, summary = tmp_path / "rows.csv", tmp_path / "rows.json"
     summary.write_text("the old summary\n")
     words = ["evaluate", "idm", "--vehicles", "5", "--episodes", "9"]
     words += ["--out", str(out), "--json", str(summary)]
     assert cli.main(words) == 130
-    assert out.read_text() == "the old table\n"
+    assert len(out.read_text().splitlines()) == 1 + 3
     assert summary.read_text() == "the old summary\n"
-    assert len(partial.read_text().splitlines()) == 1 + 3
-    printed = capsys.readouterr().err
-    assert f"{out} is unchanged; the new rows are in {partial}." in printed
-    assert f"{summary} is unchanged." in printed
-    stop_at.clear()
-    assert cli.main(words) == 1
-    assert f"{partial} has the rows of an interrupted evaluation: " in capsys.readouterr().err
-    assert len(partial.read_text().splitlines()) == 1 + 3
-    partial.unlink()
+    printed = capsys.readouterr()
+    assert "drl-av: interrupted after 3 episodes." in printed.err
+    assert f"{summary} is unchanged." in printed.err
+    assert "3 episodes each" in printed.out
     assert cli.main(words) == 0
-    assert len(out.read_text().splitlines()) == 1 + 9
+    assert driven == [0, 1, 2, 99, 3, 4, 5, 6, 7, 8]
+    with out.open(newline="") as file:
+        assert [row["seed"] for row in csv.DictReader(file)] == list("012345678")
     assert "by_vehicles" in json.loads(summary.read_text())
-    assert not partial.exists()
+    assert "9 episodes each" in capsys.readouterr().out
+    facts = json.loads(out.with_suffix(".provenance.json").read_text())
+    assert (facts["seeds"], facts["engine"]) == ("0 to 8", "loky")
+    before = out.read_bytes()
+    assert cli.main([*words, "--safety-check", "permit_all"]) == 1
+    assert "rows.csv was made with other settings" in capsys.readouterr().err
+    assert out.read_bytes() == before
+    assert cli.main([*words, "--driver", "idm-sumo", "--episodes", "2"]) == 0  # others join
+    assert driven[10:] == [0, 1]
+    assert out.read_bytes().startswith(before.splitlines()[0])
+    assert len(out.read_text().splitlines()) == 1 + 9 + 2
 
 
 def test_seeds_of_training_are_not_evaluated_on() -> None:

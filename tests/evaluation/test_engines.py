@@ -102,9 +102,9 @@ def test_missing_ray_is_reported_before_anything_is_driven(
     monkeypatch.setattr(engines, "find_spec", lambda name: None)
     with pytest.raises(DrlAvError, match=r"pip install 'drl-av\[ray\]'"):
         next(on_ray(print, [], 1))
-    small = ["--drives", "1", "--out", "results"]  # without a training, which alone runs on Ray
+    small = ["--episodes", "1", "--out", "results"]
     assert main(["check_paper", "--engine", "ray", *small]) == 1
-    assert capsys.readouterr().err.startswith("drl-av: Ray is not installed: pip install")
+    assert capsys.readouterr().err.startswith("studies: Ray is not installed: pip install")
     assert not list(here.iterdir())
 
 

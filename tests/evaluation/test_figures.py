@@ -18,24 +18,9 @@ from drl_av.evaluation.figures import (
     speed_figure,
 )
 from drl_av.evaluation.statistics import moving_average
-from studies.adaptation import adaptation_figure, adaptation_table
-from studies.curves import check_figure, replay_figure
-from studies.experiment import ResultsFolder, draw_results
-from studies.registry import EXPERIMENTS
-from studies.values import require_values
+from drl_av.evaluation.table import require_values
 
 HEADER = "driver,vehicles,mean_speed_m_s\n"
-
-
-CURVES = """
-variant,seed,episode,mean_reward,training_reward,training_collisions,safety_triggers
-""" + "".join(
-    f"{variant},{seed},{episode},{base - seed / 10},-0.9,{0.4 + seed / 10},7\n"
-    for variant, base in (("paper", -0.1), ("permit_all", -0.5))
-    for seed, last in ((0, 500), (1, 300))
-    for episode in range(100, last + 1, 100)
-)
-"""Two seeds to episode 300, the first to 500; no row of the third variant."""
 
 
 def test_speed_figure_has_a_curve_for_each_driver_through_its_means() -> None:
@@ -132,21 +117,6 @@ def test_a_number_that_cannot_be_drawn_is_one_sentence(
         assert "must be a finite number" in error_message(capsys)
 
 
-@pytest.mark.parametrize("number", ["nan", "inf", "1e308", "9" * 400])
-@pytest.mark.parametrize("column", ["episode", "mean_reward"])
-def test_a_number_of_the_results_that_cannot_be_drawn_is_one_sentence(
-    number: str, column: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    first, *rows = [line.split(",") for line in CURVES.strip().splitlines()]
-    rows[0][first.index(column)] = number
-    (tmp_path / "curves.csv").write_text("".join(",".join(row) + "\n" for row in [first, *rows]))
-    assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
-    message = error_message(capsys)
-    assert "curves.csv, or the file beside it, is damaged or of another version" in message
-    assert f"(ValueError('line 2: {column} is" in message
-    assert len(message) < 300 + len(str(tmp_path))
-
-
 def test_a_time_to_collision_of_the_results_may_be_infinite_and_no_other_number() -> None:
     fits = {"min_ttc_s": "inf", "mean_speed_m_s": "1e9", "ego_hit": "True", "mine": "nothing"}
     require_values([fits])
@@ -178,34 +148,6 @@ def test_reward_figure_has_three_panels_with_their_best_at_the_desired_values(
     assert (tmp_path / "deep" / "reward.png").stat().st_size > 10_000
 
 
-def test_check_figure_has_means_over_seeds_and_continues_with_the_longer_one() -> None:
-    figure = check_figure(rows_of(CURVES))
-    assert figure is not None
-    reward, exploring, collisions = figure.axes
-    mean = reward.lines[0]
-    assert mean.get_label() == "two buffers, safety check (2 seeds)"
-    assert list(mean.get_xdata()) == [100, 200, 300]
-    assert mean.get_ydata() == pytest.approx([-0.15] * 3)
-    lone = [line for line in reward.lines if list(line.get_xdata()) == [300, 400, 500]]
-    assert [line.get_ydata()[0] for line in lone] == pytest.approx([-0.1, -0.5])
-    assert exploring.lines[0].get_ydata() == pytest.approx([-0.9] * 3)
-    assert collisions.lines[0].get_ydata() == pytest.approx([0.45] * 3)
-    band = reward.collections[0].get_paths()[0].vertices[:, 1]
-    assert (band.min(), band.max()) == pytest.approx((-0.78531, 0.48531))  # t = 12.706
-
-
-def test_replay_figure_draws_the_variants_there_are() -> None:
-    rows = rows_of(CURVES)
-    figure = replay_figure(rows)
-    assert figure is not None
-    reward, triggers = figure.axes
-    labels = [line.get_label() for line in reward.lines]
-    assert "two buffers, safety check (2 seeds)" in labels
-    assert not any("no safety check" in str(label) for label in labels)
-    assert triggers.lines[0].get_ydata() == pytest.approx([7] * 3)
-    assert replay_figure([row for row in rows if row["variant"] == "permit_all"]) is None
-
-
 def test_moving_average_weighs_rows_by_their_episodes_and_looks_back_only() -> None:
     episodes, values = np.array([100.0, 200, 300, 350]), np.array([4.0, 8, 0, 6])
     # 350 looks back to 150: the row of 200 is not wholly within; 300 counts twice as much as 350
@@ -213,49 +155,20 @@ def test_moving_average_weighs_rows_by_their_episodes_and_looks_back_only() -> N
     assert moving_average(episodes, values, 10_000) == pytest.approx([4, 6, 4, 1500 / 350])
 
 
-def test_adaptation_figure_draws_both() -> None:
-    names = "variant,seed,episode,training_safety_triggers\n"
-    lines = [
-        f"{v},0,{e},{t}\n" for v, t in (("adaptation", 3), ("no_adaptation", 5)) for e in (100, 200)
+def test_a_curve_under_strict_is_dashed_in_the_colour_of_its_driver() -> None:
+    rows = [
+        {"driver": driver, "vehicles": 5.0, "mean_speed_m_s": speed}
+        for driver, speed in (("idm", 20.0), ("idm, strict", 19.0), ("mine", 18.0))
     ]
-    [axes] = adaptation_figure(rows_of(names + "".join(lines))).axes
-    drawn = {line.get_label(): list(line.get_ydata()) for line in axes.lines}
-    assert drawn["continual adaptation"] == [3, 3]
-    assert drawn["no adaptation"] == [5, 5]
+    plain, strict, mine = [each.lines[0] for each in speed_figure(rows).axes[0].containers]
+    assert plain.get_color() == strict.get_color() != mine.get_color()
+    styles = [line.get_linestyle() for line in (plain, strict, mine)]
+    assert styles == ["-", "--", "-"]
 
 
-def test_the_hits_of_a_short_last_block_are_those_of_its_episodes(tmp_path: Path) -> None:
-    names = "variant,seed,episode,training_reward,training_safety_triggers,"
-    lines = [
-        f"{variant},0,{episode},-0.1,2,{hits},{hits}\n"
-        for variant in ("adaptation", "no_adaptation")
-        for episode, hits in ((100, 0.02), (150, 0.04))
-    ]
-    text = f"{names}training_ego_hits,training_collisions\n{''.join(lines)}"
-    (tmp_path / "adaptation.csv").write_text(text)
-    table = adaptation_table(ResultsFolder(tmp_path))
-    # 2 of 100 and 2 of 50 episodes
-    assert [row.split(" | ")[-2:] for row in table.splitlines()[2:]] == [["4", "0 |"]] * 2
-
-
-def test_two_figures_of_one_name_are_refused(
+def test_a_folder_that_is_no_run_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for folder in ("one", "two"):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "curves.csv").write_text(CURVES.lstrip())
-    out = tmp_path / "out"
-    words = ["figures", str(tmp_path / "one"), str(tmp_path / "two"), "--out", str(out)]
-    assert main(words) == 1
-    assert f"draw {tmp_path / 'two'} by itself" in error_message(capsys)
-    assert not out.exists()
-
-
-def test_a_folder_yields_the_figures_whose_tables_it_has(tmp_path: Path) -> None:
-    with pytest.raises(DrlAvError, match="neither a run nor results"):
-        dict(draw_results(EXPERIMENTS, tmp_path))
-    (tmp_path / "curves.csv").write_text(CURVES.lstrip())
-    assert set(dict(draw_results(EXPERIMENTS, tmp_path))) == {"learning_check", "learning_replay"}
-    (tmp_path / "strict.csv").write_text("check,bound\nstrict,\n")
-    with pytest.raises(DrlAvError, match=r"strict\.csv, or the file beside it, is damaged"):
-        dict(draw_results(EXPERIMENTS, tmp_path))
+    assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
+    assert "is not a run, it has no evaluations.csv: name the folder" in error_message(capsys)
+    assert not (tmp_path / "out").exists()

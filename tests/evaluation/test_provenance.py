@@ -7,7 +7,7 @@ from programs import python
 
 from drl_av.config import Config
 from drl_av.evaluation.provenance import command, made_by
-from studies.store import stored_config
+from drl_av.evaluation.table import stored_config
 
 
 @pytest.mark.parametrize(
@@ -16,7 +16,8 @@ from studies.store import stored_config
         ("/home/someone/.venv/bin/drl-av", "drl-av --jobs 2 'a b'"),
         ("/home/someone/drl_av/__main__.py", "drl-av --jobs 2 'a b'"),
         ("/home/someone/tools/benchmark.py", "python tools/benchmark.py --jobs 2 'a b'"),
-        ("/src/examples/own_experiment.py", "python examples/own_experiment.py --jobs 2 'a b'"),
+        ("/src/examples/own_check.py", "python examples/own_check.py --jobs 2 'a b'"),
+        ("/src/studies/__main__.py", "python -m studies --jobs 2 'a b'"),
         ("/home/someone/drl_av/mine.py", "python mine.py --jobs 2 'a b'"),
         ("tools/benchmark.py", "python tools/benchmark.py --jobs 2 'a b'"),
         ("/src/verification/long_run.py", "python -m verification.long_run --jobs 2 'a b'"),

@@ -8,10 +8,9 @@ import pytest
 from drives import RESULT, episode
 
 from drl_av.cli import main
-from drl_av.cli.evaluate import gains
 from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.criterion import judge
-from drl_av.evaluation.statistics import fewest_missed, overall, summarize
+from drl_av.evaluation.statistics import fewest_missed, gains_over_fastest, overall, summarize
 
 
 def drives(driver: str, ways: str, *speeds_m_s: float) -> list[EpisodeResult]:
@@ -43,7 +42,7 @@ def test_a_driver_is_compared_with_the_fastest_of_those_that_miss_fewest_exits()
 def test_only_drivers_that_miss_fewest_exits_are_the_fastest_baseline_at_a_density() -> None:
     rows = [*drives("mine", "oxoo", *FASTER), *RULES]
     assert fewest_missed(rows, ["idm", "gap-mobil", "sumo"]) == ["gap-mobil", "sumo"]
-    [gain] = gains(rows, ["idm", "gap-mobil", "sumo"])  # idm is 7 m/s faster
+    [gain] = gains_over_fastest(rows, ["idm", "gap-mobil", "sumo"])  # idm is 7 m/s faster
     assert (gain.baseline, gain.difference_m_s.value) == ("sumo", 1.25)
 
 

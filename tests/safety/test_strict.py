@@ -43,8 +43,8 @@ from drl_av.safety.check import Rule, Verdict
 from drl_av.safety.reachability import lateral_extent, stays_behind
 from drl_av.safety.stopping import reach
 from drl_av.safety.strict import Strict, covered, fallback_lanes, seconds_to_line
-from studies.options import ReproduceOptions
-from studies.strictness import strict_plan
+from studies.options import FOLDER, Options
+from studies.study import FileStudy
 from verification.kinematic_simulator import NONE, ROAD, Mover, Orders, World
 
 CONFIG = Config().updated("safety", check="strict")
@@ -328,7 +328,7 @@ def test_a_lane_change_asked_for_too_close_to_the_vehicle_ahead_is_braked_and_tu
 def test_bounds_and_traffic_may_be_moved_together() -> None:
     quick = CONFIG.updated("traffic", acceleration_max_m_s2=3.0)
     named_check(quick.updated("strict", acceleration_m_s2=3.0))
-    for cell in strict_plan(ReproduceOptions()).stages[0]:
+    for cell in FileStudy(FOLDER / "strict.toml").plan(Options()).cells:
         named_check(cell.config)
 
 

@@ -1,5 +1,6 @@
 """The barricaded lane: learning without a check costs collisions that the check prevents."""
 
+import json
 from contextlib import closing
 from pathlib import Path
 
@@ -8,17 +9,18 @@ import pytest
 from drl_av.drivers.checked import PolicyDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.errors import DrlAvError
+from drl_av.evaluation.table import read_rows
+from drl_av.files import write_table
 from studies import barricade
 from studies.barricade import (
     BARRICADE,
     BarricadeMetrics,
-    BarricadeTraining,
     barricade_config,
     barricade_figure,
+    train_and_evaluate,
 )
-from studies.experiment import ResultsFolder, reproduce
-from studies.options import ReproduceOptions
+from studies.engine import make
+from studies.options import Options
 
 RIGHT, LEFT = 4, 8
 
@@ -46,9 +48,12 @@ def test_proposals_that_the_check_replaces_are_counted() -> None:
     assert metrics.barricade_proposals >= 6
 
 
-def test_only_the_unchecked_training_runs_into_the_barricade() -> None:
+def test_only_the_unchecked_training_runs_into_the_barricade(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(barricade, "TRAINED_EPISODES", 1)
     rows = {
-        check: list(BarricadeTraining(barricade_config(check, 0, 3), 1).make([], 1))
+        check: train_and_evaluate(barricade_config(check, 0, 3))
         for check in ("permit_all", "paper")
     }
     for check, own in rows.items():
@@ -65,25 +70,26 @@ def test_a_training_that_is_in_the_table_is_not_repeated(
     monkeypatch.setattr(barricade, "SEEDS", (0,))
     monkeypatch.setattr(barricade, "EPISODES", 2)
     monkeypatch.setattr(barricade, "TRAINED_EPISODES", 1)
-    options = ReproduceOptions(out=tmp_path)
-    steps = reproduce(BARRICADE, options)
+    options = Options(engine="here", out=tmp_path)
+    steps = make(BARRICADE, options)
     # one seed, two checks, two episodes of training and one of the driver trained
-    assert [next(steps).done for _ in range(4)] == [1, 2, 3, 4]
+    assert next(steps).done == 3
     steps.close()  # in the midst of the second training
-    rows = ResultsFolder(tmp_path).rows("barricade.csv")
+    rows = read_rows(tmp_path / "barricade.csv")
     assert [(row["phase"], row["episode"]) for row in rows] == [
         *(("training", "1"), ("training", "2"), ("trained", "1"))
     ]
-    assert [step.done for step in reproduce(BARRICADE, options) if step.label] == [1, 2, 3]
-    assert not [step for step in reproduce(BARRICADE, options) if step.label]
+    assert json.loads((tmp_path / "barricade.json").read_text())["engine"] == "here"
+    assert [step.done for step in make(BARRICADE, options)] == [3]
+    assert list(make(BARRICADE, options)) == []
     written = (tmp_path / "barricade.csv").read_bytes()
     assert written.count(b"\n") == 1 + 6
     (tmp_path / "barricade.csv").write_bytes(written.rsplit(b"\n", 2)[0] + b"\n")
-    with pytest.raises(DrlAvError, match=r"2 of 3 rows of a training"):
-        list(reproduce(BARRICADE, options))
+    assert len(list(make(BARRICADE, options))) == 1  # trained again
+    assert (tmp_path / "barricade.csv").read_bytes() == written
 
 
-def test_the_figure_counts_what_the_table_says() -> None:
+def test_the_figure_counts_what_the_table_says(tmp_path: Path) -> None:
     names = ("safety_check", "phase", "episode", "decisions", "barricade_proposals", "hit")
     rows = [
         dict(zip(names, line.split(","), strict=True)) | {"seed": "0"}
@@ -100,7 +106,8 @@ def test_the_figure_counts_what_the_table_says() -> None:
             "paper,trained,2,200,0,",
         )
     ]
-    learning, trained = barricade_figure(rows).axes
+    write_table(tmp_path / "barricade.csv", rows[0], rows)
+    learning, trained = barricade_figure(tmp_path).axes
     curves = {line.get_label(): list(line.get_ydata()) for line in learning.lines}
     assert curves["without a check"] == [1, 1, 2]
     assert curves["with the check"] == [0, 0, 0]

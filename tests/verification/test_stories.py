@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drl_av.scenarios.folder import shipped_scenarios
-from studies.experiment import ResultsFolder
+from studies.results import ResultsFolder
 from verification import stories
 
 RESULT = Path(__file__).parents[2] / "docs" / "results" / "stories.csv"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from studies.experiment import ResultsFolder
+from studies.results import ResultsFolder
 from tools.tune_rl_zoo3 import BY_HAND, draw
 from verification import time_to_quality
 from verification.time_to_quality import COLUMNS, QUALITIES, TABLE, kept_s, main, section

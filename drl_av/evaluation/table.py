@@ -1,0 +1,316 @@
+"""A table of results on disk to which missing rows are added, with its provenance beside it."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tomli_w
+
+from drl_av.config import Config, from_toml
+from drl_av.drivers.policy_file import find_policy
+from drl_av.drivers.registry import DriverSpec
+from drl_av.env.metrics import EpisodeResult
+from drl_av.errors import ConfigError, DrlAvError
+from drl_av.evaluation.provenance import (
+    checksum,
+    provenance,
+    read_provenance,
+    sidecar,
+    write_provenance,
+)
+from drl_av.files import (
+    LARGEST,
+    SHOWN,
+    PlainNumber,
+    Row,
+    column_types,
+    make_folder,
+    parse_cell,
+    read_table,
+    require_writable,
+    write_table,
+)
+
+TYPES: Mapping[str, Any] = {
+    name: PlainNumber if kind in (int, float) else kind
+    for name, kind in column_types(EpisodeResult).items()
+}
+"""The type of each column of an episode; counts may be fractions, as in a table of means."""
+
+
+class Inputs(NamedTuple):
+    """The settings and drivers with which rows were made, by the name of a training or variant.
+
+    If all rows share one config, the only name of ``settings`` is "".
+    """
+
+    settings: Mapping[str, Config]
+    policies: Mapping[str, str | None] = {}
+    """SHA-256 of the learned drivers' weights. The only name may be "": its value is then that of
+    all learned drivers, or None if all drivers are rule-based."""
+    episodes: Mapping[str, int] = {}
+    """Number of training episodes of the drivers."""
+
+    def contradicts(self, other: "Inputs") -> bool:
+        """Return whether a name has another config, policy or number of episodes in ``other``.
+
+        The result is also True if only one of the two values uses the name "" for its settings.
+        """
+        pairs: list[tuple[Mapping[str, Any], Mapping[str, Any]]]
+        pairs = [*zip(self, other, strict=True)]
+        shared = bool(self.settings and other.settings)
+        return (shared and ("" in self.settings) != ("" in other.settings)) or any(
+            mine.get(name, value) != value for mine, its in pairs for name, value in its.items()
+        )
+
+    def extended(self, other: "Inputs") -> "Inputs":
+        """Return a value with the entries of both; for a name in both, that of ``other``."""
+        return Inputs(
+            {**self.settings, **other.settings},
+            {**self.policies, **other.policies},
+            {**self.episodes, **other.episodes},
+        )
+
+
+def checksums(specs: Iterable[DriverSpec]) -> dict[str, str]:
+    """Return the SHA-256 of the weights of each driver that this package trained, by its name.
+
+    Raises RunError or CheckpointError if a learned driver cannot be read.
+    """
+    return {
+        each.name: checksum(find_policy(each.run))
+        for each in specs
+        if each.run and not each.is_external
+    }
+
+
+class ResultTable:
+    """A table on disk to which missing rows are added; rows that it has are never replaced.
+
+    Args:
+        path: The CSV file.
+        inputs: The settings and drivers of the new rows.
+        place: Returns the sort key of a row, a tuple that no other row has. It raises ValueError
+            or LookupError for a row that does not belong into this table.
+        named: The column with the name of a row's settings in ``inputs``, or "".
+        beside: The JSON file with the provenance; by default NAME.json beside NAME.csv.
+
+    Raises:
+        DrlAvError: the table was made with other settings or another driver, is damaged, or cannot
+            be written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        inputs: Inputs,
+        place: Callable[[Row], tuple[Any, ...]],
+        named: str = "",
+        beside: Path | None = None,
+    ) -> None:
+        self.path, self.beside, self._place = path, beside or sidecar(path), place
+        make_folder(path.parent, "--out")
+        require_writable(path, self.beside)
+        self._rows: dict[tuple[Any, ...], Row] = {}
+        with report_corrupt_table(path):
+            facts = read_provenance(self.beside, path)
+            rows = read_rows(path)
+            require_values(rows)
+            for row in rows:
+                if (at := place(row)) in self._rows:
+                    raise ValueError(f"the row {at} is there twice")
+                self._rows[at] = row
+            self._inputs = _stored(facts, self.beside) if rows or facts else inputs
+            _require_settings(rows, named, self._inputs)
+            self.seconds = _seconds(facts)
+        self.require(inputs)
+
+    @property
+    def rows(self) -> list[Row]:
+        """The rows in the order of their places."""
+        return [self._rows[place] for place in sorted(self._rows)]
+
+    def __contains__(self, row: Row) -> bool:
+        """Return whether the table has a row at the place of ``row``."""
+        return self._place(row) in self._rows
+
+    def of(self, key: Row) -> list[Row]:
+        """Return the rows whose columns have the values in ``key``, in order."""
+        return [row for row in self.rows if key.items() <= row.items()]
+
+    def require(self, inputs: Inputs) -> None:
+        """Add the settings and drivers of new rows to those of the table.
+
+        Raises DrlAvError if the table's rows were made with other settings or drivers.
+        """
+        if inputs.contradicts(self._inputs):
+            raise settings_mismatch(self.path, self.beside)
+        self._inputs = self._inputs.extended(inputs)
+
+    def add(self, *rows: Row) -> bool:
+        """Add those of the rows that the table lacks; return whether there are any.
+
+        Raises DrlAvError if the table's rows have other columns.
+        """
+        new = [row for row in rows if row not in self]
+        for row in new:
+            if self._rows and row.keys() != next(iter(self._rows.values())).keys():
+                raise settings_mismatch(self.path, self.beside)
+            self._rows[self._place(row)] = row
+        return bool(new)
+
+    def save(self, **facts: Any) -> None:
+        """Write the provenance, with ``facts``, and then the table, each atomically.
+
+        Raises DrlAvError if the write fails.
+        """
+        if rows := self.rows:
+            write_provenance(self.beside, self._facts(rows, facts))
+            write_table(self.path, rows[0], rows)
+
+    def _facts(self, rows: Sequence[Row], given: Mapping[str, Any]) -> dict[str, Any]:
+        settings, policies, episodes = self._inputs
+        times = {name: round(seconds, 1) for name, seconds in self.seconds.items()}
+        seeds = sorted({int(row["seed"]) for row in rows})
+        facts: dict[str, Any] = {
+            **given,
+            "seeds": f"{seeds[0]} to {seeds[-1]}",
+            "wall_time_s": times[""] if times.keys() == {""} else times,
+        }
+        if "" not in policies and policies:
+            facts["policies_sha256"] = dict(policies)
+        elif policies.get(""):
+            facts["policy_sha256"] = policies[""]
+        if episodes:
+            facts["episodes"] = dict(episodes)
+        stored = {name: asdict(config) for name, config in settings.items()}
+        facts["settings"] = stored.get("", stored)
+        return provenance(next(iter(settings.values())), **facts)
+
+
+def _stored(facts: dict[str, Any], beside: Path) -> Inputs:
+    """Return the settings and drivers in ``facts``, which are the provenance of a table.
+
+    Damaged facts cause errors that ``report_corrupt_table`` converts to DrlAvError.
+    """
+    settings = facts["settings"]
+    policies = facts.get("policies_sha256", {})
+    try:
+        if "simulation" in settings:
+            config = stored_config(settings, str(beside))
+            return Inputs({"": config}, policies or {"": facts.get("policy_sha256")})
+        configs = {name: stored_config(each, str(beside)) for name, each in settings.items()}
+    except ConfigError as error:
+        raise ValueError(str(error)) from error
+    return Inputs(configs, policies, facts.get("episodes", {}))
+
+
+def _require_settings(rows: Sequence[Row], named: str, inputs: Inputs) -> None:
+    """Raise LookupError if a row has no settings; the column ``named`` has their name."""
+    names = {row[named] for row in rows} if named else set()
+    if missing := sorted(names - inputs.settings.keys()):
+        raise LookupError(f"no settings of {missing[0]}")
+    if rows and not inputs.settings:
+        raise LookupError("no settings")
+
+
+def _seconds(facts: dict[str, Any]) -> dict[str, float]:
+    """Return the wall times in ``facts``, s, by name of training; the name "" means all rows."""
+    times = facts["wall_time_s"] if facts else {}
+    named: dict[str, Any] = times if isinstance(times, dict) else {"": times}
+    if not all(0 <= float(seconds) <= LARGEST for seconds in named.values()):
+        raise ValueError(f"wall_time_s is {str(times)[:SHOWN]}")
+    return {name: float(seconds) for name, seconds in named.items()}
+
+
+def stored_config(settings: dict[str, Any], name: str) -> Config:
+    """Return the config with which a table was made; missing settings get their defaults.
+
+    ``name`` is the name of the file, for the error message.
+
+    Raises:
+        ConfigError: this version does not know a setting in ``settings``.
+    """
+    return from_toml(tomli_w.dumps(settings), name=name)
+
+
+@contextmanager
+def report_corrupt_table(table: Path) -> Iterator[None]:
+    """Convert the errors that damaged rows or facts cause in the block to DrlAvError."""
+    try:
+        yield
+    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
+        raise DrlAvError(
+            f"{table}, or the file beside it, is damaged or of another version ({error!r}): "
+            "put both back as they were, or move them away to make them again."
+        ) from error
+
+
+def settings_mismatch(table: Path, beside: Path) -> DrlAvError:
+    """Return the error for a table that was made with other settings or drivers."""
+    return DrlAvError(
+        f"{table} was made with other settings, columns or drivers: choose another --out, or move "
+        f"it and {beside.name} away to make it again."
+    )
+
+
+def read_rows(table: Path) -> list[Row]:
+    """Read the rows of a CSV table as text; [] if the file does not exist.
+
+    Raises the errors of ``files.read_table``.
+    """
+    return read_table(table) if table.exists() else []
+
+
+def results_of(rows: Iterable[Row], kind: type[EpisodeResult]) -> list[EpisodeResult]:
+    """Return rows of text as results of the class ``kind``.
+
+    Errors of a damaged row are those that ``report_corrupt_table`` converts to DrlAvError.
+    """
+    types = column_types(kind)
+    return [
+        kind(**{name: parse_cell(cell, types[name]) for name, cell in row.items()}) for row in rows
+    ]
+
+
+def require_values(rows: Iterable[Row]) -> None:
+    """Raise ValueError if a cell does not have the type of its column.
+
+    ``TYPES`` holds the types. In all other columns a cell is a text, or a finite number of at most
+    ``files.LARGEST``.
+    """
+    for line, row in enumerate(rows, start=2):
+        for column, cell in row.items():
+            kind = TYPES.get(column) or (PlainNumber if _is_number(cell) else str)
+            try:
+                parse_cell(cell, kind)
+            except ValueError as error:
+                raise ValueError(f"line {line}: {column} is {cell[:SHOWN]}") from error
+
+
+def order_by(
+    **columns: Iterable[object] | Callable[[str], Any],
+) -> Callable[[Row], tuple[Any, ...]]:
+    """Return a function that returns the place of a row: by the first column, then the second, ...
+
+    The argument for a column is either all of its values in their order, or a function that
+    converts the text of a cell, such as ``int``. The returned function raises ValueError or
+    LookupError for a row with another value or without the column.
+    """
+    places: dict[str, Callable[[str], Any]] = {
+        column: values
+        if callable(values)
+        else {str(value): place for place, value in enumerate(values)}.__getitem__
+        for column, values in columns.items()
+    }
+    return lambda row: tuple(place(row[column]) for column, place in places.items())
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,327 @@
+"""The study ``curves``: learning curves of Algorithm 1 of the paper and of two variants.
+
+The variants are training without the safety check (Fig. 5 of the paper), and prioritized replay
+instead of two buffers (Fig. 7).
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from itertools import product
+from operator import itemgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.evaluation.figure_style import label_axes, panels
+from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
+from drl_av.evaluation.table import Inputs, order_by
+from drl_av.files import Row
+from drl_av.road.road import FloatArray
+from studies.options import Options, Plan, Program
+from studies.results import ResultsFolder, markdown_table
+from studies.study import Settings, changed
+from studies.trainings import TrainingJob, TrainingRows, evaluations_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+CHANGES: dict[str, Settings] = {
+    "paper": {"safety": {"check": "paper"}, "learning": {"replay": "two-buffer"}},
+    "permit_all": {"safety": {"check": "permit_all"}},
+    "prioritized": {"learning": {"replay": "prioritized"}},
+}
+"""The settings that each variant changes, by section of the config."""
+SEEDS, EPISODES = 10, 3000
+"""Number of trainings of each variant, and their episodes; those of ``WHOLE`` go on."""
+WHOLE = {"paper": 10, "permit_all": 1, "prioritized": 1}
+"""Number of trainings of each variant that go on to the end of the schedule."""
+PAPER_SEEDS, PAPER_EPISODES = 200, 10_000
+PAPER_REWARD = -0.025
+"""Reward per decision of the paper's trained driver (Sec. IV-C of the paper)."""
+LABELS = {
+    "paper": "two buffers, safety check",
+    "permit_all": "two buffers, no safety check",
+    "prioritized": "prioritized replay, safety check",
+}
+COLORS = {"paper": "#d55e00", "permit_all": "#000000", "prioritized": "#0072b2"}
+PANELS = {
+    "mean_reward": "mean reward a decision, greedy",
+    "training_reward": "the same while exploring",
+    "training_collisions": "collisions an episode while exploring",
+    "safety_triggers": "safety triggers an episode, greedy",
+}
+
+
+SMOOTHED_OVER = 5
+"""Number of evaluations in the moving mean with which convergence is determined."""
+END = 0.1
+"""The end of a curve is the mean over this fraction of its evaluations, the last ones."""
+NEAR = 0.1
+"""A value is near the end if |value - end| is at most this fraction of |first value - end|."""
+COUNTED = ("collisions", "ego_hits")
+"""The columns of ``curves.csv`` that count episodes of an evaluation."""
+SUMMARIZED = {
+    "reward": "mean_reward",
+    "mean_speed_m_s": "mean_speed_m_s",
+    "collisions_an_episode": "collisions",
+    "ego_hits_an_episode": "ego_hits",
+    "training_reward": "training_reward",
+    "training_collisions_an_episode": "training_collisions",
+}
+"""For each column of ``convergence.csv``, the column of ``curves.csv`` that it summarizes."""
+
+
+def curve_plan(options: Options) -> Plan:
+    """Return a plan to train each variant on each seed for ``EPISODES`` episodes.
+
+    The first seeds of each variant, ``WHOLE``, then go on to the end of the schedule.
+    """
+    base = options.with_files(Config())
+    configs = {variant: changed(base, settings) for variant, settings in CHANGES.items()}
+    learning = base.learning
+    every, schedule = learning.evaluate_every, learning.episodes
+    short, whole = [], []
+    for seed, variant in product(range(options.trainings(SEEDS)), CHANGES):
+        config = configs[variant].updated("learning", seed=seed)
+        folder = options.runs / f"{variant}-{seed}"
+        short.append(TrainingJob(variant, config, min(EPISODES, schedule), folder, every))
+        if seed < WHOLE[variant] and schedule > EPISODES:
+            whole.append(TrainingJob(variant, config, schedule, folder, every))
+    configs = {name: config.updated("learning", seed=0) for name, config in configs.items()}
+    return reporting_plan(configs, [short, whole], evaluations_of)
+
+
+def reporting_plan(
+    configs: dict[str, Config],
+    rounds: Sequence[Sequence[TrainingJob]],
+    rows_of: Callable[[TrainingJob], list[Row]],
+) -> Plan:
+    """Return a plan of a table whose rows are read from the folders of trainings.
+
+    Args:
+        configs: The config of each variant with seed 0, for the provenance.
+        rounds: The trainings in groups, which are done one after the other.
+        rows_of: Reads the rows from a training's folder.
+    """
+    place = order_by(variant=configs, seed=int, episode=int)
+    rows = [[TrainingRows(job, rows_of) for job in jobs] for jobs in rounds]
+    return Plan(Inputs(configs), place, "variant", trainings=rows)
+
+
+class Curve(NamedTuple):
+    """One column of a variant's evaluations, for all seeds.
+
+    The curve contains only the evaluations that exist for every seed.
+    """
+
+    episodes: list[int]
+    """The training episodes after which the driver was evaluated."""
+    values: FloatArray
+    """Shape (seeds, episodes)."""
+
+    @property
+    def means(self) -> list[Mean]:
+        """The mean over the seeds at each episode, with its 95 % confidence interval."""
+        return [mean_with_interval(column) for column in self.values.T]
+
+    @property
+    def end(self) -> Mean:
+        """The final performance: the mean over the seeds and the last tenth of the evaluations."""
+        count = _end_of(len(self.episodes))
+        return mean_with_interval(self.values[:, -count:].mean(axis=1))
+
+
+def curve(rows: Iterable[Row], variant: str, column: str) -> Curve:
+    """Return the curve of one column for a variant; empty if no row has this variant."""
+    seeds: dict[str, dict[int, float]] = {}
+    for row in rows:
+        if row["variant"] == variant:
+            seeds.setdefault(row["seed"], {})[int(row["episode"])] = _value(row, column)
+    shared = set.intersection(*map(set, seeds.values())) if seeds else set()
+    episodes = sorted(shared)
+    return Curve(episodes, np.array([[seed[e] for e in episodes] for seed in seeds.values()]))
+
+
+def _value(row: Row, column: str) -> float:
+    """Return a value of ``curves.csv`` as a number.
+
+    A number of episodes (``COUNTED``) is divided by the number of all episodes of the evaluation.
+    """
+    return float(row[column]) / (int(row["evaluation_episodes"]) if column in COUNTED else 1)
+
+
+def converged_at(episodes: Sequence[int], values: Sequence[float]) -> int:
+    """Return the first episode from which on a learning curve stays near its end.
+
+    ``values``, at least one, are the results after ``episodes``. The function smooths them with
+    ``smoothed``. The end is the mean of the last tenth of ``values``. A smoothed value is near the
+    end if the difference is at most 10 % of |first smoothed value - end|. The values in the last
+    tenth always count as near, because they define the end.
+    """
+    smooth = smoothed(values)
+    count = _end_of(len(values))
+    end = float(np.mean(values[-count:]))
+    away = np.abs(smooth - end) > NEAR * abs(end - smooth[0])
+    strays = np.flatnonzero(away[: len(values) - count])
+    return episodes[int(strays[-1]) + 1] if len(strays) else episodes[0]
+
+
+def smoothed(values: Sequence[float], over: int = SMOOTHED_OVER) -> FloatArray:
+    """Return the centred moving mean of ``values`` over ``over`` values, an odd number.
+
+    At both ends of the curve the mean is over fewer values.
+    """
+    half = over // 2
+    return np.array(
+        [np.mean(values[max(0, place - half) : place + half + 1]) for place in range(len(values))]
+    )
+
+
+def _end_of(count: int) -> int:
+    return max(1, round(END * count))
+
+
+def convergence(rows: Sequence[Row]) -> list[Row]:
+    """Compute ``convergence.csv``: the episode at which each variant converges, and final means.
+
+    ``rows`` are those of ``curves.csv``. The first row that is returned for a variant covers all of
+    its seeds, up to the last episode that all of them have driven. If some trainings are longer, a
+    second row covers only the longest trainings.
+    """
+    summaries = []
+    for variant, own in grouped(rows, itemgetter("variant")).items():
+        last: dict[str, int] = {}
+        for row in own:
+            last[row["seed"]] = max(last.get(row["seed"], 0), int(row["episode"]))
+        for far in sorted({min(last.values()), max(last.values())}):
+            summaries.append(_summary([r for r in own if last[r["seed"]] >= far], variant))
+    return summaries
+
+
+def _summary(rows: Sequence[Row], variant: str) -> Row:
+    reward = curve(rows, variant, "mean_reward")
+    means = [mean.value for mean in reward.means]
+    summary = {
+        "variant": variant,
+        "seeds": str(len(reward.values)),
+        "episodes": str(reward.episodes[-1]),
+        "converged_at": str(converged_at(reward.episodes, means)),
+    }
+    for name, column in SUMMARIZED.items():
+        end = curve(rows, variant, column).end
+        summary[name] = f"{end.value:.6g}"
+        summary[f"{name}_ci95"] = f"{end.half_width:.6g}"
+    return summary
+
+
+def convergence_table(folder: Path) -> str:
+    """Return the Markdown table of each variant's final performance and episode of convergence."""
+    columns = {
+        "reward per decision": ("reward", 3),
+        "mean speed, m/s": ("mean_speed_m_s", 2),
+        "collisions per episode": ("collisions_an_episode", 2),
+        "reward while exploring": ("training_reward", 3),
+        "collisions while exploring": ("training_collisions_an_episode", 2),
+    }
+    lines = []
+    for row in ResultsFolder(folder).rows("convergence.csv"):
+        cells = [f"`{row['variant']}`", row["seeds"], f"{row['converged_at']} of {row['episodes']}"]
+        for name, digits in columns.values():
+            half_width = float(row[f"{name}_ci95"])
+            interval = f" ± {half_width:.{digits}f}" if math.isfinite(half_width) else ""
+            cells.append(f"{float(row[name]):.{digits}f}{interval}")
+        lines.append(cells)
+    return markdown_table(["training", "seeds", "converged at episode", *columns], lines)
+
+
+def cost_table(folder: Path) -> str:
+    """Return the Markdown table of the computing time that the paper's 200 trainings would take.
+
+    The time is extrapolated from the wall times of our longest trainings of each variant.
+    """
+    results = ResultsFolder(folder)
+    seconds = results.made_by("curves.csv")["wall_time_s"]
+    episodes: dict[str, dict[str, int]] = {}
+    for row in results.rows("curves.csv"):
+        own = episodes.setdefault(row["variant"], {})
+        own[row["seed"]] = max(own.get(row["seed"], 0), int(row["episode"]))
+    lines = []
+    for variant, own in episodes.items():
+        longest = max(own.values())
+        whole = [seconds[f"{variant}-{seed}"] for seed, n in own.items() if n == longest]
+        an_episode_s = sum(whole) / len(whole) / longest
+        hours = an_episode_s * PAPER_EPISODES * PAPER_SEEDS / 3600
+        core_hours, days, each = f"{hours:,.0f}", f"{hours / 2 / 24:.1f}", f"{hours / 200:.1f}"
+        cells = [f"`{variant}`", f"{an_episode_s:.2f}", core_hours, f"{days} days", f"{each} hours"]
+        lines.append(cells)
+    names = ("seconds an episode", f"{PAPER_SEEDS} seeds, core hours", "2 cores", "200 cores")
+    return markdown_table(["training", *names], lines)
+
+
+def learning_figure(variants: Sequence[str], columns: Sequence[str], folder: Path) -> "Figure":
+    """Draw columns of ``curves.csv`` for some variants, one panel for each column.
+
+    Variants without rows are left out.
+    """
+    rows = ResultsFolder(folder).rows("curves.csv")
+    names = [name for name in variants if any(row["variant"] == name for row in rows)]
+    figure, axes = panels((1 + 5 * len(columns), 4.0), 1, len(columns))
+    for panel, column in zip(axes, columns, strict=True):
+        label_axes(panel, "training episode", PANELS[column])
+        for variant in names:
+            _draw(panel, rows, variant, column)
+        if "reward" not in column:
+            panel.set_ylim(bottom=-0.02 * panel.get_ylim()[1])
+    label = f"the paper's {PAPER_REWARD}"
+    axes[0].axhline(PAPER_REWARD, color="#555555", linestyle=":", linewidth=1, label=label)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False)
+    return figure
+
+
+def _draw(axes: "Axes", rows: Sequence[Row], variant: str, column: str) -> None:
+    """Draw a variant's mean over the seeds with its 95 % band, and a dot at convergence.
+
+    A thin line shows each seed whose training is at least as long as the mean's curve.
+    """
+    found, color = curve(rows, variant, column), COLORS[variant]
+    seeds = len(found.values)
+    means = np.array([mean.value for mean in found.means])
+    halves = np.array([mean.half_width for mean in found.means])
+    label = f"{LABELS[variant]} ({seeds} {'seed' if seeds == 1 else 'seeds'})"
+    axes.plot(found.episodes, means, color=color, label=label)
+    if np.isfinite(halves).all():
+        axes.fill_between(
+            found.episodes, means - halves, means + halves, color=color, alpha=0.2, linewidth=0
+        )
+    own = [r for r in rows if r["variant"] == variant and int(r["episode"]) >= found.episodes[-1]]
+    for seed in sorted({row["seed"] for row in own}):
+        longer = curve([row for row in own if row["seed"] == seed], variant, column)
+        axes.plot(longer.episodes, longer.values[0], color=color, linewidth=0.8, alpha=0.6)
+    if column == "mean_reward":
+        at = converged_at(found.episodes, means.tolist())
+        axes.plot(at, means[found.episodes.index(at)], "o", color=color, markersize=7)
+
+
+CURVES = Program(
+    name="curves",
+    meaning="learning curves with and without the check, with two buffers and prioritized replay",
+    row="an evaluation; training_* are means over the training episodes since the one before",
+    plan=curve_plan,
+    derived={"convergence.csv": convergence},
+    tables={"convergence": convergence_table, "cost": cost_table},
+    figures={
+        "learning_check": partial(
+            learning_figure,
+            ("paper", "permit_all"),
+            ("mean_reward", "training_reward", "training_collisions"),
+        ),
+        "learning_replay": partial(
+            learning_figure, ("paper", "prioritized"), ("mean_reward", "safety_triggers")
+        ),
+    },
+)

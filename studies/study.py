@@ -1,0 +1,340 @@
+"""A study as data: drivers, settings, numbers of vehicles and seeds in one TOML file."""
+
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from drl_av.config import Config
+from drl_av.config.presets import preset
+from drl_av.config.schema import did_you_mean
+from drl_av.drivers.policy_file import find_policy
+from drl_av.drivers.registry import find_drivers
+from drl_av.env.metrics import EpisodeMetrics
+from drl_av.errors import ConfigError
+from drl_av.evaluation.criticality import CriticalityMetrics
+from drl_av.evaluation.provenance import checksum
+from drl_av.evaluation.statistics import paired
+from drl_av.evaluation.table import Inputs, order_by
+from drl_av.files import Row
+from studies.engine import EpisodeCell
+from studies.options import FOLDER, Options, Plan
+from studies.trainings import TrainingJob
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Settings = Mapping[str, Mapping[str, Any]]
+"""Values of settings by section and name."""
+METRICS: Mapping[str, type[EpisodeMetrics]] = {
+    "episode": EpisodeMetrics,
+    "criticality": CriticalityMetrics,
+}
+KEYS = {
+    "": {
+        *("meaning", "row", "columns", "order", "settings_named", "settings", "metrics"),
+        *("rows", "variants", "trainings", "tables", "figures", "gains"),
+    },
+    "rows": {"drivers", "traffic", "vehicles", "seeds"},
+    "variants": {"drivers", "vehicles", "episodes", "columns", "settings", "label", "trained"},
+    "trainings": {"base", "settings", "seeds", "traffic", "stop", "folder", "name", "label"},
+}
+"""The keys of each part of a study's file."""
+
+
+class Variant(NamedTuple):
+    """The drivers that drive with the same settings."""
+
+    name: str
+    drivers: tuple[str, ...]
+    vehicles: tuple[int, ...]
+    episodes: int
+    columns: Row
+    """Columns in which the rows of the variant have the same value."""
+    settings: Settings
+    label: str
+    """The label of a driver in tables; "{driver}" stands for its name."""
+    trained: bool
+    """Whether the drivers that the study trains drive with this variant, too."""
+
+
+class Trained(NamedTuple):
+    """A driver that the study trains."""
+
+    name: str
+    """Its name in the table."""
+    label: str
+    """Its label in tables; "{count}" stands for the number of drivers of this kind."""
+    job: TrainingJob
+
+
+@dataclass(frozen=True, eq=False)
+class FileStudy:
+    """A study that a TOML file describes (see ``studies.options.Study``).
+
+    Raises ConfigError if the file has an unknown key.
+    """
+
+    path: Path
+
+    @cached_property
+    def file(self) -> Mapping[str, Any]:
+        """The content of the file."""
+        content = tomllib.loads(self.path.read_text(encoding="utf-8"))
+        _require_known(self.path, "", content)
+        _require_known(self.path, "rows", content["rows"])
+        for part in ("variants", "trainings"):
+            for each in content.get(part, {}).values():
+                _require_known(self.path, part, each)
+        return content
+
+    @property
+    def name(self) -> str:
+        """Name of the file and of the results, without its ending."""
+        return self.path.stem
+
+    @property
+    def meaning(self) -> str:
+        """What the study holds, in one sentence."""
+        return str(self.file["meaning"])
+
+    @property
+    def row(self) -> str:
+        """The meaning of a row."""
+        return str(self.file.get("row", "an episode"))
+
+    @property
+    def vehicles(self) -> tuple[int, ...]:
+        """All numbers of vehicles, in ascending order."""
+        variants = (each.get("vehicles", []) for each in self.file.get("variants", {}).values())
+        own = self.file["rows"].get("vehicles", [])
+        return tuple(sorted({*own, *(number for each in variants for number in each)}))
+
+    @cached_property
+    def variants(self) -> Sequence[Variant]:
+        """The variants; a study without any has one, which is called ""."""
+        rows = self.file["rows"]
+        return [
+            Variant(
+                name,
+                tuple(own.get("drivers", rows.get("drivers", ()))),
+                tuple(own.get("vehicles", rows.get("vehicles", ()))),
+                own.get("episodes", rows["seeds"]["count"]),
+                own.get("columns", {}),
+                own.get("settings", {}),
+                own.get("label", "`{driver}`"),
+                own.get("trained", True),
+            )
+            for name, own in self.file.get("variants", {"": {}}).items()
+        ]
+
+    @property
+    def drivers(self) -> list[str]:
+        """All drivers that exist already, in the order of the file."""
+        names = [*self.file["rows"].get("drivers", ())]
+        return list(dict.fromkeys([*names, *(n for each in self.variants for n in each.drivers)]))
+
+    def trained(self, options: Options) -> list[Trained]:
+        """Return the drivers that the study trains, in the order of the file."""
+        found = []
+        for template, own in self.file.get("trainings", {}).items():
+            base = _training_base(own["base"], options)
+            first, count = own.get("seeds", {}).get("first", 0), own.get("seeds", {}).get("count")
+            seeds = [None] if count is None else [*range(first, first + options.trainings(count))]
+            for seed in seeds:
+                for kind in own.get("traffic", [None]):
+                    config = changed(base, own.get("settings", {}))
+                    config = config if kind is None else config.with_traffic(kind)
+                    if seed is not None:
+                        config = config.updated("learning", seed=seed)
+                    words = {"seed": seed, "traffic": kind}
+                    folder = options.runs / own.get("folder", template).format(**words)
+                    stop = min(own.get("stop", config.learning.episodes), config.learning.episodes)
+                    every = config.learning.evaluate_every
+                    job = TrainingJob(template.partition("-")[0], config, stop, folder, every)
+                    name = own.get("name", template).format(**words)
+                    label = own.get("label", "`{name}`")
+                    label = label.format(name=name, count="{count}", **words)
+                    found.append(Trained(name, label, job))
+        return found
+
+    def base(self, drivers: Iterable[str], options: Options) -> Config:
+        """Return the study's settings for ``drivers``, without those of a variant."""
+        learned = [name for name in drivers if name.startswith("pretrained")]
+        learned = learned or [name for name in self.drivers if name.startswith("pretrained")]
+        return changed(options.settings_of(learned), self.file.get("settings", {}))
+
+    def plan(self, options: Options) -> Plan:
+        """Return what must be trained and driven (see ``studies.options.Study``)."""
+        trained = self.trained(options)
+        settings: dict[str, Config] = {}
+        cells = list(self._cells(trained, options, settings))
+        policies: dict[str, str | None] = {
+            name: checksum(find_policy(each.run))
+            for name, each in zip(self.drivers, find_drivers(self.drivers), strict=True)
+            if each.run
+        }
+        if settings.keys() == {""}:
+            policies = {"": "+".join(filter(None, policies.values())) or None}
+        inputs = Inputs(settings, policies, {each.name: each.job.stop for each in trained})
+        template = self.file.get("settings_named", "")
+        named = template[1:-1] if template[1:-1] in self.file.get("columns", ()) else ""
+        return Plan(inputs, self._place(trained), named, cells=cells)
+
+    def _cells(
+        self, trained: Sequence[Trained], options: Options, settings: dict[str, Config]
+    ) -> Iterator[EpisodeCell]:
+        rows, template = self.file["rows"], self.file.get("settings_named", "")
+        metrics = METRICS[self.file.get("metrics", "episode")]
+        columns = tuple(self.file.get("columns", ["*"]))
+        groups: list[tuple[Variant, tuple[str, ...], Trained | None]] = [
+            (variant, variant.drivers, None) for variant in self.variants if variant.drivers
+        ]
+        groups += [
+            (variant, (str(each.job.folder),), each)
+            for each in trained
+            for variant in self.variants
+            if variant.trained
+        ]
+        for variant, drivers, made in groups:
+            base = self.base(drivers, options)
+            if made:
+                base = changed(made.job.config, self.file.get("settings", {}))
+            for kind in rows.get("traffic", [None]):
+                config = changed(base, variant.settings)
+                config = config if kind is None else config.with_traffic(kind)
+                for name in [made.name] if made else drivers:
+                    words = {
+                        "driver": name,
+                        "training": name,
+                        "traffic": kind,
+                        "variant": variant.name,
+                    }
+                    known = made.job.config if made else base
+                    if "{traffic}" in template or "{variant}" in template:
+                        known = config
+                    settings.setdefault(template.format(**words), known)
+                key = {} if kind is None else {"traffic": kind}
+                key |= {"variant": variant.name} if variant.name else {}
+                first = rows["seeds"].get("first", 0)
+                seeds = range(first, first + options.episodes(variant.episodes))
+                for number in options.vehicles(variant.vehicles):
+                    yield EpisodeCell(
+                        config,
+                        drivers,
+                        number,
+                        seeds,
+                        columns,
+                        {**key, **variant.columns},
+                        made.job if made else None,
+                        made.name if made else "",
+                        metrics,
+                    )
+
+    def _place(self, trained: Sequence[Trained]) -> Callable[[Row], tuple[Any, ...]]:
+        names = [*self.drivers, *(each.name for each in self.trained(Options()))]
+        names += [each.name for each in trained if each.name not in names]
+        known: dict[str, Iterable[object] | Callable[[str], Any]] = {
+            "driver": names,
+            "training": names,
+            "variant": [each.name for each in self.variants],
+            "vehicles": self.vehicles,
+            "traffic": self.file["rows"].get("traffic", ()),
+            "seed": _seed(self.file["rows"]["seeds"].get("first", 0)),
+        }
+        for column in {name for each in self.variants for name in each.columns}:
+            found = (each.columns[column] for each in self.variants if column in each.columns)
+            known[column] = dict.fromkeys(found)
+        order = self.file.get("order", ["vehicles", "seed", "driver"])
+        return order_by(**{column: known[column] for column in order})
+
+    @property
+    def derived(self) -> Mapping[str, Callable[[list[Row]], list[Row]]]:
+        """Further tables: the gains of a driver over others, if the file has ``gains``."""
+        gains = self.file.get("gains")
+        return {gains["file"]: partial(_gains, gains["driver"], gains["over"])} if gains else {}
+
+    @property
+    def tables(self) -> Mapping[str, Callable[[Path], str]]:
+        """The Markdown tables, by name."""
+        from studies.pivot import markdown
+
+        return {
+            name: partial(markdown, self, spec)
+            for name, spec in self.file.get("tables", {}).items()
+        }
+
+    @property
+    def figures(self) -> "Mapping[str, Callable[[Path], Figure]]":
+        """The figures, by name."""
+        from studies.plot import figure
+
+        return {
+            name: partial(figure, self, spec) for name, spec in self.file.get("figures", {}).items()
+        }
+
+
+def changed(config: Config, settings: Settings) -> Config:
+    """Return the config with other values of some settings."""
+    for section, values in settings.items():
+        config = config.updated(section, **values)
+    return config
+
+
+def with_check(config: Config, bounds: str) -> Config:
+    """Return the settings with another safety check.
+
+    Args:
+        config: The settings to change.
+        bounds: ``"paper"`` for the check ``paper``, ``"strict"`` for the check ``strict`` with the
+            bounds of ``config``, or ``"real"`` for ``strict`` with bounds of real traffic. They are
+            the variants of ``real_bounds.toml``.
+    """
+    study = FileStudy(FOLDER / "real_bounds.toml")
+    [settings] = [each.settings for each in study.variants if each.name == bounds]
+    return changed(config, {"safety": {"check": "paper"}, **settings})
+
+
+def _training_base(name: str, options: Options) -> Config:
+    """Return the settings of the shipped driver ``name``, or those of the preset ``name``."""
+    if name.startswith("pretrained"):
+        return options.settings_of([name])
+    return options.with_files(preset(name))
+
+
+def _require_known(path: Path, part: str, content: Mapping[str, Any]) -> None:
+    for name in content:
+        if name not in KEYS[part]:
+            hint = did_you_mean(name, KEYS[part])
+            raise ConfigError(f"{path} has an unknown key {name!r}{hint}: remove or correct it.")
+
+
+def _seed(first: int) -> Callable[[str], int]:
+    def seed(text: str) -> int:
+        if (number := int(text)) < first:
+            raise ValueError(f"seed is {text}")
+        return number
+
+    return seed
+
+
+def _gains(driver: str, opponents: Sequence[str], rows: list[Row]) -> list[Row]:
+    """Return the driver's gain over each opponent at each number of vehicles.
+
+    An opponent that has not driven as many episodes there as the driver is left out.
+    """
+    from drl_av.evaluation.statistics import Speed, grouped
+
+    found = []
+    for vehicles, own in grouped(rows, lambda row: row["vehicles"]).items():
+        driven = grouped(own, lambda row: row["driver"])
+        ours = len(driven.get(driver, []))
+        complete = [name for name in opponents if len(driven.get(name, [])) == ours]
+        speeds = [
+            Speed(row["driver"], int(vehicles), int(row["seed"]), float(row["mean_speed_m_s"]))
+            for row in own
+        ]
+        found += [gain.row() for gain in paired(speeds, driver, complete)]
+    return found

@@ -1,0 +1,236 @@
+"""A table of results on disk: rows are added, never replaced; what is damaged is refused."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drl_av.config import Config
+from drl_av.env.metrics import EpisodeResult
+from drl_av.errors import DrlAvError
+from drl_av.evaluation import table as module
+from drl_av.evaluation.table import Inputs, ResultTable, order_by, read_rows, results_of
+from drl_av.files import Row
+
+CONFIG = Config()
+INPUTS = Inputs({"": CONFIG}, {"mine": "abc"})
+PLACE = order_by(vehicles=(1, 5), seed=int, driver=("mine", "idm"))
+
+
+def row(vehicles: int, seed: int, driver: str = "idm", speed_m_s: float = 20.5) -> Row:
+    cells = {"driver": driver, "vehicles": vehicles, "seed": seed, "mean_speed_m_s": speed_m_s}
+    return {name: str(value) for name, value in cells.items()}
+
+
+ROWS = [row(1, 0, "mine"), row(1, 0), row(1, 1, "mine"), row(1, 1), row(5, 0, "mine")]
+
+
+def opened(folder: Path, inputs: Inputs = INPUTS) -> ResultTable:
+    return ResultTable(folder / "rows.csv", inputs, PLACE)
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    """A folder with the table of ``ROWS``."""
+    table = opened(tmp_path)
+    table.add(*ROWS)
+    table.seconds[""] = 3.25
+    table.save(engine="loky", processes=2)
+    return tmp_path
+
+
+def held(folder: Path) -> dict[str, object]:
+    """The files of a folder; of what is no regular file only its kind."""
+    return {
+        path.name: path.read_bytes() if path.is_file() else path.stat().st_mode >> 12
+        for path in folder.iterdir()
+    }
+
+
+def require_refused(folder: Path, message: str = ".", inputs: Inputs = INPUTS) -> None:
+    """The table is refused in one sentence that says what to do, and no file changes."""
+    before = held(folder)
+    with pytest.raises(DrlAvError, match=message) as error:
+        opened(folder, inputs)
+    text = str(error.value)
+    assert str(folder) in text
+    assert text.count("\n") == 0
+    assert text.endswith(".")
+    assert any(f" {verb} " in text for verb in ("put", "choose", "name", "free", "move")), text
+    assert held(folder) == before
+
+
+def test_rows_stand_in_their_order_and_one_that_is_there_stays(saved: Path) -> None:
+    table = opened(saved)
+    assert row(5, 0, "mine", 99.0) in table
+    assert row(5, 0) not in table
+    assert not table.add(row(5, 0, "mine", 99.0))
+    assert table.add(row(5, 0), row(1, 0, "idm", 99.0))
+    assert table.rows == [*ROWS, row(5, 0)]
+    assert table.of({"vehicles": "5"}) == [row(5, 0, "mine"), row(5, 0)]
+    table.save()
+    assert read_rows(saved / "rows.csv") == [*ROWS, row(5, 0)]
+
+
+def test_the_provenance_says_what_made_the_rows_and_times_add_up(saved: Path) -> None:
+    facts = json.loads((saved / "rows.json").read_text())
+    assert (facts["engine"], facts["processes"], facts["seeds"]) == ("loky", 2, "0 to 1")
+    assert (facts["wall_time_s"], facts["policies_sha256"]) == (3.2, {"mine": "abc"})
+    assert facts["settings"]["safety"]["check"] == CONFIG.safety.check
+    assert {"command", "date", "eclipse-sumo", "machine", "integration"} <= facts.keys()
+    assert opened(saved).seconds == {"": 3.2}
+
+
+@pytest.mark.parametrize(
+    "inputs",
+    [
+        Inputs({"": CONFIG.updated("safety", check="strict")}),
+        Inputs({"": CONFIG}, {"mine": "another"}),
+        Inputs({"mine": CONFIG}, {"mine": "abc"}),
+    ],
+    ids=["config", "driver", "named settings"],
+)
+def test_rows_of_other_settings_or_drivers_are_not_mixed(inputs: Inputs, saved: Path) -> None:
+    require_refused(saved, "was made with other settings, columns or drivers", inputs)
+
+
+def test_a_row_of_other_columns_is_not_added(saved: Path) -> None:
+    table = opened(saved)
+    with pytest.raises(DrlAvError, match="other settings, columns or drivers"):
+        table.add({**row(5, 1), "collided": "False"})
+
+
+def test_further_drivers_join(saved: Path) -> None:
+    table = opened(saved, Inputs({"": CONFIG}, {"further": "def"}))
+    table.save()
+    facts = json.loads((saved / "rows.json").read_text())
+    assert facts["policies_sha256"] == {"mine": "abc", "further": "def"}
+
+
+def test_a_full_disk_leaves_what_the_next_attempt_continues(
+    saved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*arguments: object) -> None:
+        raise DrlAvError("rows.csv cannot be written (No space left on device): free some.")
+
+    table = opened(saved)
+    table.add(row(5, 1))
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "write_table", full)
+        with pytest.raises(DrlAvError, match="No space left"):
+            table.save()
+    assert opened(saved).rows == ROWS
+
+
+DAMAGED = {
+    "twice": (lambda text: text + text.splitlines()[-1] + "\n", "is there twice"),
+    "not a number": (
+        lambda text: text.replace("20.5", "fast", 1),
+        "line 2: mean_speed_m_s is f",
+    ),
+    "infinite": (lambda text: text.replace("20.5", "-1e999", 1), "mean_speed_m_s is -1e999"),
+    "too long": (lambda text: text.replace("20.5", "9" * 400, 1), "mean_speed_m_s is 999"),
+    "no driver of it": (lambda text: text.replace("mine", "yours", 1), "damaged"),
+    "vehicles": (lambda text: text.replace(",5,", ",7,"), "damaged"),
+    "cut short": (lambda text: text[:-3], "line 6 is cut short"),
+    "empty": (lambda text: "", "."),
+    "header alone": (lambda text: text.splitlines()[0] + "\n", "has no rows"),
+    "another table": (lambda text: "a,b\n1,2\n", "damaged"),
+}
+
+
+@pytest.mark.parametrize("how", DAMAGED)
+def test_a_damaged_table_is_refused(how: str, saved: Path) -> None:
+    change, message = DAMAGED[how]
+    text = (saved / "rows.csv").read_text()
+    (saved / "rows.csv").write_text(change(text))
+    assert (saved / "rows.csv").read_text() != text
+    require_refused(saved, message)
+
+
+def test_a_table_that_windows_wrote_is_read(saved: Path) -> None:
+    for name in ("rows.csv", "rows.json"):
+        file = saved / name
+        file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
+    assert opened(saved).rows == ROWS
+
+
+def without(*names: str) -> Callable[[dict[str, Any]], object]:
+    return lambda facts: {name: value for name, value in facts.items() if name not in names}
+
+
+def setting(name: str, value: object) -> Callable[[dict[str, Any]], object]:
+    return lambda facts: facts | {name: value}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda facts: {},
+        lambda facts: [facts],
+        lambda facts: "facts",
+        without("settings"),
+        without("wall_time_s"),
+        setting("settings", {}),
+        setting("settings", {"paper": 5}),
+        setting("settings", {"paper": {"wings": {"number": 2}}}),
+        setting("settings", {"simulation": {"step_length_s": float("nan")}}),
+        setting("policies_sha256", 7),
+        setting("wall_time_s", float("inf")),
+        setting("wall_time_s", -1.0),
+        setting("wall_time_s", {"paper-0": "long"}),
+    ],
+)
+def test_a_provenance_that_is_not_the_table_s_is_refused(
+    change: Callable[[dict[str, Any]], object], saved: Path
+) -> None:
+    file = saved / "rows.json"
+    file.write_text(json.dumps(change(json.loads(file.read_text()))))
+    require_refused(saved)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "{", "[" * 100_000, '{"settings": ' * 50_000, "\0", '{"settings": ' + "9" * 5000 + "}"],
+    ids=["empty", "cut", "deep list", "deep object", "zero", "long number"],
+)
+def test_a_provenance_that_is_no_json_is_refused(text: str, saved: Path) -> None:
+    (saved / "rows.json").write_text(text)
+    require_refused(saved, "put")
+
+
+def test_a_provenance_that_is_lost_or_too_large_is_refused(saved: Path) -> None:
+    with (saved / "rows.json").open("ab") as file:
+        file.truncate(65_000_000)
+    require_refused(saved, "larger than 64 MB")
+    (saved / "rows.json").unlink()
+    require_refused(saved, r"rows\.csv has no rows\.json beside it")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="named pipes")
+@pytest.mark.parametrize("make", [os.mkdir, os.mkfifo], ids=["folder", "pipe"])
+@pytest.mark.parametrize("file", ["rows.csv", "rows.json"])
+def test_a_folder_or_pipe_in_place_of_a_file_is_refused(
+    file: str, make: Callable[[Path], None], saved: Path
+) -> None:
+    (saved / file).unlink()
+    make(saved / file)
+    require_refused(saved, f"{file} (is a folder|exists and is no regular file)")
+
+
+def test_rows_become_results_again_to_the_digit() -> None:
+    result = EpisodeResult(
+        **{"driver": "idm", "safety_check": "paper", "vehicles": 5, "seed": 7, "decisions": 9},
+        **{"mean_speed_m_s": 0.1 + 0.2, "mean_reward": -1 / 3, "mean_r_v": 0.0, "mean_r_y": 0.0},
+        **{"mean_r_x": 0.0, "collided": True, "ego_hit": False, "collision": "hit from behind"},
+        **{"safety_triggers": 1, "lane_changes": 2, "aborted_lane_changes": 3},
+        **{"min_ttc_s": float("inf"), "min_headway_s": 1.5, "hard_brakes": 0},
+        **{"d_safe_violations": 4, "way": "exit taken"},
+    )
+    text = {name: str(value) for name, value in result.cells().items()}
+    assert results_of([text], EpisodeResult) == [result]
+    with pytest.raises(ValueError, match="maybe"):
+        results_of([text | {"ego_hit": "maybe"}], EpisodeResult)

@@ -1,0 +1,192 @@
+"""The cells of tables and the points of figures: worked by hand."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drl_av.errors import DrlAvError
+from studies.pivot import Pivot, markdown
+from studies.plot import curves, figure
+from studies.study import FileStudy
+
+STUDY = """
+meaning = "by hand"
+[rows]
+drivers = ["ours", "slow", "quick"]
+vehicles = [5, 10]
+seeds = { count = 2 }
+[variants.plain]
+[variants.strict]
+label = "`{driver}, strict`"
+"""
+ROWS = """variant,driver,vehicles,seed,mean_speed_m_s,collided,ego_hit,lane_changes,decisions
+plain,ours,5,0,30.0,False,False,2,10
+plain,ours,5,1,20.0,True,True,0,30
+plain,ours,10,0,12.0,True,False,1,40
+plain,ours,10,1,10.0,False,False,0,40
+plain,slow,5,0,20.0,False,False,0,40
+plain,slow,5,1,16.0,False,False,0,40
+plain,slow,10,0,11.0,False,False,0,40
+plain,slow,10,1,13.0,False,False,0,40
+plain,quick,5,0,27.0,False,False,0,40
+plain,quick,5,1,21.0,False,False,0,40
+plain,quick,10,0,9.0,False,False,0,40
+plain,quick,10,1,9.0,False,False,0,40
+strict,ours,5,0,29.0,False,False,0,40
+strict,ours,5,1,19.0,False,False,0,40
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> FileStudy:
+    (tmp_path / "hand.toml").write_text(STUDY)
+    (tmp_path / "hand.csv").write_text(ROWS)
+    return FileStudy(tmp_path / "hand.toml")
+
+
+def lines(study: FileStudy, **spec: Any) -> list[str]:
+    text = markdown(study, spec, study.path.parent)
+    rows = [line for line in text.splitlines() if not line.startswith("| ---")]
+    return [line.removeprefix("| ").removesuffix(" |") for line in rows]
+
+
+def test_groups_are_lines_and_vehicles_are_columns_with_a_pool_of_several(study: FileStudy) -> None:
+    found = lines(
+        study,
+        rows=["label"],
+        heads=["driver"],
+        columns="vehicles",
+        pool={"up to 9": [0, 9], "all": [0, 99]},
+        value={"mean": "mean_speed_m_s"},
+        where={"driver": "ours"},
+    )
+    assert found == [
+        "driver | 5 | 10 | up to 9 | all",
+        "`ours` | 25.00 | 11.00 | 25.00 | 18.00",
+        "`ours, strict` | 24.00 |  | 24.00 | 24.00",
+    ]
+
+
+def test_a_total_is_a_ratio_of_sums_and_a_mean_is_one_of_ratios(study: FileStudy) -> None:
+    expression = "100 * lane_changes / decisions"
+    found = lines(
+        study,
+        rows=["label"],
+        where={"vehicles": 5, "variant": "plain", "driver": ["ours", "slow"]},
+        measures=[
+            {"head": "total", "total": expression, "digits": 1},
+            {"head": "mean", "mean": expression, "digits": 1},
+            {"head": "of nothing", "total": "lane_changes / ego_hit"},
+            {"head": "hits", "text": "{ego_hit} / {was_hit} of {episodes}"},
+        ],
+    )
+    assert found == [
+        "label | total | mean | of nothing | hits",
+        "`ours` | 5.0 | 10.0 | 2.00 | 1 / 0 of 2",
+        "`slow` | 0.0 | 0.0 | 0.00 | 0 / 0 of 2",
+    ]
+
+
+def test_a_gain_is_paired_by_vehicles_and_seed_and_the_reference_has_no_cell_of_its_own(
+    study: FileStudy,
+) -> None:
+    spec = {"rows": ["label"], "where": {"variant": "plain"}, "bold": True, "columns": "vehicles"}
+    spec["value"] = {"gain": "mean_speed_m_s", "of": {"label": "`ours`"}}
+    found = lines(study, **spec)
+    # ours minus slow: 10 and 4, mean 7, t(0.975, 1) = 12.706 times 3; among 10 vehicles 1 and -3
+    assert found == [
+        "label | 5 | 10",
+        "`ours` |  | ",
+        "`slow` | 7.00 ± 38.12 | **-1.00 ± 25.41**",
+        "`quick` | **1.00 ± 25.41** | 2.00 ± 12.71",
+    ]
+    spec["value"] = {"gain": "mean_speed_m_s", "over": {"driver": "ours"}}
+    assert lines(study, **spec)[2] == "`slow` | **-7.00 ± 38.12** | 1.00 ± 25.41"
+
+
+def test_a_change_is_in_percent_of_the_mean_of_the_other(study: FileStudy) -> None:
+    spec = {"rows": ["driver"], "where": {"driver": "ours", "vehicles": 5}}
+    spec |= {"without": {"variant": ["plain"]}}
+    spec["measures"] = [{"head": "%", "change": "mean_speed_m_s", "over": {"variant": "plain"}}]
+    assert lines(study, **spec)[1] == "ours | -4.00 ± 0.00"  # 1 of 25 m/s, twice
+
+
+def test_the_best_opponent_is_that_of_each_column_and_never_one_of_ours(study: FileStudy) -> None:
+    found = lines(
+        study,
+        rows=["variant", "label"],
+        columns="vehicles",
+        pool={"all": [0, 99]},
+        where={"variant": "plain"},
+        ours=["ours"],
+        best="the best opponent",
+        value={"gain": "mean_speed_m_s", "over": "best", "common": True},
+    )
+    # means: slow 18 and 12, quick 24 and 9; over both slow 15, quick 16.5. Of the last column:
+    # 3, -1, 3 and 1, standard error 0.957, t(0.975, 3) = 3.182
+    assert found == [
+        "variant | label | 5 | 10 | all",
+        "plain | the best opponent | `quick` | `slow` | `quick`",
+        "plain | `ours` | 1.00 ± 25.41 | -1.00 ± 25.41 | 1.50 ± 3.05",
+    ]
+
+
+def test_drivers_that_met_different_traffic_are_not_compared(study: FileStudy) -> None:
+    path = study.path.with_suffix(".csv")
+    path.write_text(ROWS.replace("plain,slow,5,1", "plain,slow,5,2"))
+    spec = {"rows": ["label"], "where": {"variant": "plain"}, "columns": "vehicles"}
+    spec["value"] = {"gain": "mean_speed_m_s", "over": {"driver": "ours"}}
+    with pytest.raises(DrlAvError, match="did not drive the same traffic"):
+        lines(study, **spec)
+    spec["value"] |= {"common": True}
+    assert lines(study, **spec)[2].startswith("`slow` | -10.00 | 1.00")  # seed 0 alone
+
+
+def test_units_are_averaged_first_and_the_slowest_of_them_has_a_line(study: FileStudy) -> None:
+    found = lines(
+        study,
+        rows=["variant"],
+        where={"vehicles": 5, "variant": "plain"},
+        units="driver",
+        slowest="the slowest, {}",
+        columns="vehicles",
+        value={"interval": "mean_speed_m_s"},
+        measures=[{"head": "n", "text": "{units} of {each}"}],
+    )
+    # drivers' means 25, 18, 24: standard error 2.186, t(0.975, 2) = 4.303
+    assert found[1] == "plain | 22.33 ± 9.40 | 3 of 2"
+    assert found[2] == "the slowest, slow | 18.00 ± 25.41 | 1 of 2"
+
+
+def test_a_reference_line_and_the_worst_column(study: FileStudy) -> None:
+    found = lines(
+        study,
+        rows=["label"],
+        columns="vehicles",
+        where={"variant": "plain"},
+        without={"driver": ["ours"]},
+        reference="speed of `ours`",
+        worst=True,
+        value={"gain": "mean_speed_m_s", "over": {"driver": "ours"}},
+    )
+    assert found[0] == "label | 5 | 10 | worst"
+    assert found[1] == "speed of `ours` | 25.00 ± 63.53 | 11.00 ± 12.71 | "
+    assert found[2].endswith("| 5: -7.00 ± 38.12")
+    assert found[3].endswith("| 10: -2.00 ± 12.71")
+
+
+def test_the_curves_of_a_figure_are_the_cells_of_the_table(study: FileStudy) -> None:
+    spec: dict[str, Any] = {"x": "vehicles", "value": {"interval": "mean_speed_m_s"}}
+    spec |= {"panels": "variant", "labels": ["x", "y"]}
+    drawn = figure(study, spec, study.path.parent)
+    assert [axes.get_title() for axes in drawn.axes] == ["plain", "strict"]
+    [legend] = drawn.legends
+    names = ["ours", "slow", "quick", "ours, strict"]
+    assert [text.get_text() for text in legend.get_texts()] == names
+    found = curves(Pivot(study, spec, study.path.parent), {"variant": "plain"})
+    assert {name: [mean.value for mean in own.values()] for name, own in found.items()} == {
+        "ours": [25, 11],
+        "slow": [18, 12],
+        "quick": [24, 9],
+    }

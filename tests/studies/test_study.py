@@ -1,0 +1,293 @@
+"""A study in a TOML file is driven, resumed, trained for, shown and refused as it says."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from drl_av.config import Config, StrictConfig, TrafficConfig
+from drl_av.drivers.registry import find_drivers
+from drl_av.errors import ConfigError, DrlAvError
+from drl_av.evaluation.table import read_rows
+from drl_av.scenarios.highways import StraightDescription
+from drl_av.simulation.inflow import vehicles_of_flow
+from studies.__main__ import main
+from studies.engine import draw, make
+from studies.options import FOLDER, Options
+from studies.pivot import markdown
+from studies.registry import PROGRAMS, STUDIES
+from studies.study import FileStudy, with_check
+
+MINE = """
+meaning = "two drivers with two values of T_min"
+columns = ["t_min_s", "vehicles", "driver", "seed", "mean_speed_m_s", "ego_hit", "collided"]
+order = ["t_min_s", "vehicles", "seed", "driver"]
+settings_named = "{variant}"
+
+[rows]
+drivers = ["idm", "random"]
+vehicles = [1, 3]
+seeds = { first = 7, count = 2 }
+
+[variants.long]
+columns = { t_min_s = "3" }
+[variants.short]
+columns = { t_min_s = "1.5" }
+drivers = ["idm"]
+settings.safety.minimum_ttc_s = 1.5
+
+[tables.mine]
+rows = ["t_min_s", "label"]
+columns = "vehicles"
+value = { mean = "mean_speed_m_s" }
+measures = [{ head = "hits", text = "{ego_hit} of {episodes}" }]
+
+[figures.mine]
+x = "vehicles"
+value = { interval = "mean_speed_m_s" }
+labels = ["vehicles", "m/s"]
+"""
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> FileStudy:
+    (tmp_path / "mine.toml").write_text(MINE)
+    return FileStudy(tmp_path / "mine.toml")
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+def test_each_variant_drives_its_drivers_in_the_order_that_the_file_gives(
+    mine: FileStudy, short: Options
+) -> None:
+    steps = list(make(mine, short))
+    assert [step.done for step in steps] == [*range(1, 13)]
+    rows = read_rows(short.out / "mine.csv")
+    assert list(rows[0]) == mine.file["columns"]
+    assert [(r["t_min_s"], r["vehicles"], r["seed"], r["driver"]) for r in rows] == [
+        (t_min, vehicles, seed, driver)
+        for t_min, drivers in (("3", ("idm", "random")), ("1.5", ("idm",)))
+        for vehicles in "13"
+        for seed in "78"
+        for driver in drivers
+    ]
+    facts = json.loads((short.out / "mine.json").read_text())
+    assert (facts["engine"], facts["processes"], facts["seeds"]) == ("here", 1, "7 to 8")
+    found = {name: own["safety"]["minimum_ttc_s"] for name, own in facts["settings"].items()}
+    assert found == {"long": 3.0, "short": 1.5}
+    [figure] = draw(mine, short.out)
+    assert figure.stat().st_size > 1000
+
+
+def test_what_was_interrupted_continues_and_ends_in_the_same_bytes(
+    mine: FileStudy, short: Options, tmp_path: Path
+) -> None:
+    whole = short._replace(out=tmp_path / "whole")
+    list(make(mine, whole))
+    steps = make(mine, short)
+    assert [next(steps).done for _ in range(5)] == [1, 2, 3, 4, 5]
+    steps.close()
+    assert len(read_rows(short.out / "mine.csv")) == 5
+    assert [step.total for step in make(mine, short)] == [7] * 7
+    assert (short.out / "mine.csv").read_bytes() == (whole.out / "mine.csv").read_bytes()
+    before = files(short.out)
+    assert list(make(mine, short)) == []
+    assert list(make(mine, short._replace(most_episodes=1))) == []  # fewer than there are
+    assert files(short.out) == before
+
+
+def test_rows_of_other_settings_are_refused_and_nothing_changes(
+    mine: FileStudy, short: Options, tmp_path: Path
+) -> None:
+    list(make(mine, short._replace(most_episodes=1)))
+    before = files(short.out)
+    (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 6\n")
+    with pytest.raises(DrlAvError, match=r"mine\.csv was made with other.*mine\.json away"):
+        list(make(mine, short))
+    assert files(short.out) == before
+
+
+def test_a_key_that_no_study_has_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "typo.toml").write_text(MINE.replace("vehicles = [1, 3]", "vehicels = [1, 3]"))
+    with pytest.raises(ConfigError, match=r"unknown key 'vehicels' \(did you mean 'vehicles'"):
+        FileStudy(tmp_path / "typo.toml").plan(Options())
+
+
+TRAINED = """
+meaning = "trained drivers beside idm"
+columns = ["driver", "traffic", "vehicles", "seed", "safety_check", "mean_speed_m_s"]
+order = ["driver", "traffic", "vehicles", "seed"]
+settings_named = "{driver}"
+settings.safety.check = "strict"
+
+[rows]
+drivers = ["idm"]
+traffic = ["calm", "overtaking"]
+vehicles = [2]
+seeds = { count = 1 }
+
+[trainings."fast-{seed}"]
+name = "seed {seed}"
+label = "{count} trainings"
+base = "fast"
+seeds = { first = 4, count = 2 }
+
+[tables.trained]
+rows = ["label"]
+columns = "traffic"
+value = { gain = "mean_speed_m_s", over = { driver = "idm" } }
+without = { driver = ["idm"] }
+units = "driver"
+"""
+
+
+def test_drivers_are_trained_once_and_drive_with_the_settings_of_the_study(
+    short: Options, tmp_path: Path
+) -> None:
+    (tmp_path / "trained.toml").write_text(TRAINED)
+    study = FileStudy(tmp_path / "trained.toml")
+    list(make(study, short))
+    rows = read_rows(short.out / "trained.csv")
+    names = ["idm", "seed 4", "seed 5"]
+    assert [(row["driver"], row["traffic"]) for row in rows] == [
+        (name, kind) for name in names for kind in ("calm", "overtaking")
+    ]
+    assert {row["safety_check"] for row in rows} == {"strict"}
+    facts = json.loads((short.out / "trained.json").read_text())
+    assert facts["settings"]["seed 5"]["learning"]["seed"] == 5
+    assert facts["settings"]["seed 5"]["safety"]["check"] == "paper"  # while it learned
+    assert facts["episodes"] == {"seed 4": 2, "seed 5": 2}
+    assert {"fast-4", "fast-5"} < facts["wall_time_s"].keys()
+    speed = {(row["driver"], row["traffic"]): float(row["mean_speed_m_s"]) for row in rows}
+    [line] = study.tables["trained"](short.out).splitlines()[2:]
+    assert line.startswith("| 2 trainings | ")
+    gains = [speed[f"seed {n}", "calm"] - speed["idm", "calm"] for n in (4, 5)]
+    assert f"| {sum(gains) / 2:.2f} " in line
+    trained = {path: path.stat().st_mtime_ns for path in short.runs.rglob("*.safetensors")}
+    (short.out / "trained.csv").unlink()
+    (short.out / "trained.json").unlink()
+    list(make(study, short))
+    assert read_rows(short.out / "trained.csv") == rows
+    assert trained == {path: path.stat().st_mtime_ns for path in trained}
+
+
+def test_another_policy_under_the_name_of_a_training_is_refused(
+    short: Options, tmp_path: Path
+) -> None:
+    (tmp_path / "trained.toml").write_text(TRAINED)
+    study = FileStudy(tmp_path / "trained.toml")
+    list(make(study, short))
+    beside = short.out / "trained.json"
+    facts = json.loads(beside.read_text())
+    facts["policies_sha256"]["fast-4"] = "that of another"
+    beside.write_text(json.dumps(facts))
+    table = short.out / "trained.csv"
+    table.write_bytes(b"".join(table.read_bytes().splitlines(keepends=True)[:2]))
+    with pytest.raises(DrlAvError, match=r"trained\.csv was made with other .*drivers"):
+        list(make(study, short))
+
+
+def test_the_engine_drives_evaluations_too(
+    mine: FileStudy, short: Options, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from drl_av.evaluation import engines
+
+    asked: list[int] = []
+    here = engines.ENGINES["here"]
+
+    def counting(work, jobs, processes):  # type: ignore[no-untyped-def]
+        asked.append(len(jobs))
+        return here(work, jobs, processes)
+
+    monkeypatch.setitem(engines.ENGINES, "ray", counting)
+    list(make(mine, short._replace(engine="ray")))
+    assert asked == [12]
+    assert json.loads((short.out / "mine.json").read_text())["engine"] == "ray"
+
+
+def test_the_command_line_runs_a_file_of_ones_own_in_a_quick_form(
+    mine: FileStudy, short: Options, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [str(mine.path), "--quick", "--jobs", "1", "--config", *short.config]
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert "12 episodes more" in printed
+    assert "| t_min_s | label | 1 | 3 | hits |" in printed
+    [folder] = here.glob("quick-results-*")
+    assert {"mine.csv", "mine.json", "mine.png"} == {path.name for path in folder.iterdir()}
+    assert main([*words, "--out", str(folder)]) == 0
+    assert "mine.csv is complete: nothing was driven. A quick form" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["opponent"])
+    assert "there is no study 'opponent' (did you mean 'opponents'?)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", sorted(STUDIES.keys() - PROGRAMS.keys()))
+def test_every_study_names_drivers_vehicles_and_settings_that_exist(name: str) -> None:
+    study = STUDIES[name]
+    assert isinstance(study, FileStudy)
+    assert len(find_drivers(study.drivers)) == len(study.drivers)
+    plan = study.plan(Options())
+    assert plan.cells
+    keys = (cell.row(name, s) for cell in plan.cells for name in cell.drivers for s in cell.seeds)
+    places = [plan.place(key) for key in keys]
+    assert len(set(places)) == len(places)
+
+
+def test_the_vehicles_of_a_flow_are_those_that_the_inflow_sustains() -> None:
+    study = FileStudy(FOLDER / "straight.toml")
+    for variant in study.variants:
+        flow = float(variant.columns["flow_per_h"])
+        start = StraightDescription(flow_per_h=flow).plan().start
+        assert variant.vehicles == (vehicles_of_flow(start, TrafficConfig()),)
+
+
+def test_the_settings_under_a_check_are_those_of_the_study_real_bounds() -> None:
+    base = Config().updated("strict", clearance_m=0.7)
+    assert with_check(base, "paper") == base.updated("safety", check="paper")
+    strict = with_check(base, "strict")
+    assert strict.strict == base.strict
+    assert strict.safety.check == "strict"
+    real = with_check(base, "real").strict
+    assert (real.braking_m_s2, real.lateral_speed_m_s, real.clearance_m) == (9.0, 2.1, 0.7)
+    assert real.braking_m_s2 > StrictConfig().braking_m_s2
+
+
+def test_a_table_of_a_missing_result_is_one_sentence(mine: FileStudy, tmp_path: Path) -> None:
+    with pytest.raises(DrlAvError, match=r"mine\.csv does not exist: python -m studies"):
+        markdown(mine, mine.file["tables"]["mine"], tmp_path)
+
+
+def test_the_example_of_the_documentation_is_driven_and_compared_in_pairs(
+    short: Options, capsys: pytest.CaptureFixture[str]
+) -> None:
+    example = Path(__file__).parents[2] / "examples" / "own_study.toml"
+    words = ["--episodes", "2", "--jobs", "1", "--out", str(short.out), "--config", *short.config]
+    assert main([str(example), *words]) == 0
+    printed = capsys.readouterr().out
+    assert "own_study.csv: 8 episodes more" in printed
+    assert "| T_min, s | 10 | 20 | gain, m/s | ego hit something |" in printed
+    assert "| 3.0 | " in printed
+    seeds = {row["seed"] for row in read_rows(short.out / "own_study.csv")}
+    assert seeds == {"800000", "800001"}
+    assert (short.out / "t_min.png").exists()
+
+
+def test_the_figure_of_a_lane_change_needs_no_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["lane_change", "--out", str(tmp_path)]) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'lane_change.png'}\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["lane_change.png"]
+
+
+@pytest.mark.ray
+def test_evaluations_on_ray_make_the_same_rows(
+    mine: FileStudy, short: Options, tmp_path: Path
+) -> None:
+    here = short._replace(out=tmp_path / "here")
+    list(make(mine, here))
+    list(make(mine, short._replace(engine="ray", jobs=2)))
+    assert (short.out / "mine.csv").read_bytes() == (here.out / "mine.csv").read_bytes()
