@@ -54,7 +54,7 @@ class Fleet:
     width_m: FloatArray
 
     def __init__(self, scenario: Scenario, config: Config) -> None:
-        require_speed_limit(config, scenario.description)
+        require_speed_limit(config, scenario.description, scenario.road)
         require_truck_width(config, scenario.description)
         self.scenario, self._config, self._start = scenario, config, scenario.layout.start
         self._road, self._size_of = scenario.road, scenario.vehicle_types.by_id
