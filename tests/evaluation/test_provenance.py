@@ -1,13 +1,9 @@
 """What a results file says of its origin, without a path of the machine that made it."""
 
-from dataclasses import asdict
-
 import pytest
 from programs import python
 
-from drl_av.config import Config
 from drl_av.evaluation.provenance import command, made_by
-from drl_av.evaluation.table import stored_config
 
 
 @pytest.mark.parametrize(
@@ -43,11 +39,3 @@ def test_it_names_the_kernels_on_which_the_last_bits_of_a_training_depend() -> N
     code = "from drl_av.evaluation.provenance import made_by; print(made_by(1))"
     made = python("-c", code, OPENBLAS_CORETYPE="Nehalem")  # every x86-64 processor can
     assert made.stdout.rstrip().endswith(" Nehalem")
-
-
-def test_settings_stored_before_there_was_a_tolerance_in_v_des_had_none() -> None:
-    settings = asdict(Config())
-    assert stored_config(settings, "curves.json") == Config()
-    del settings["reward"]["speed_tolerance_m_s"]
-    found = stored_config(settings, "curves.json")
-    assert found == Config().updated("reward", speed_tolerance_m_s=0.0)

@@ -215,16 +215,6 @@ def test_checkpoint_of_another_config_is_refused(
     assert "belongs to other settings" in error_message(capsys)
 
 
-def test_run_older_than_a_setting_continues_with_its_default(copy: Path) -> None:
-    file, young = copy / "checkpoint.safetensors", "standing_share = 0.0\n"
-    tensors, numbers = load(file)
-    assert young in numbers["config"]
-    save(file, tensors, numbers | {"config": numbers["config"].replace(young, "")})
-    (copy / "config.toml").write_text((copy / "config.toml").read_text().replace(young, ""))
-    assert Run(copy).read_config().traffic.standing_share == 0.0
-    assert main(command(copy, "--resume")) == 0
-
-
 def test_a_config_that_a_power_cut_left_is_refused_before_anything_is_interrupted(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
