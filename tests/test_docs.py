@@ -15,7 +15,7 @@ from shown import ROOT, fenced, read, run, run_commands
 from drl_av.cli import VERBS
 from drl_av.config import Config, from_toml
 from drl_av.config.reference import SECTIONS, settings
-from drl_av.drivers.onnx_interface import INPUTS, OUTPUTS
+from drl_av.drivers.onnx import INPUTS, OUTPUTS
 from drl_av.driving.affordances import INDICATORS
 from drl_av.experiments.strictness import under
 

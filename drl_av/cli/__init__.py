@@ -6,7 +6,7 @@ from collections.abc import Callable, Container, Sequence
 from typing import NamedTuple
 
 from drl_av import __version__
-from drl_av.cli import config, evaluate, export, figures, learning, replay, reproduction, scenario
+from drl_av.cli import evaluate, export, figures, learning, options, replay, reproduction, scenario
 from drl_av.cli.status import exit_status
 
 
@@ -36,7 +36,9 @@ VERBS = {
     ),
     "replay": Verb("show a driver or a recorded episode", replay.add_options, replay.replay),
     "export": Verb("write a trained driver as an ONNX file", export.add_options, export.export),
-    "config": Verb("print all settings with their meaning", config.add_options, config.config),
+    "config": Verb(
+        "print all settings with their meaning", options.add_config_options, options.config
+    ),
     "figures": Verb("draw the paper's figures as PNG files", figures.add_options, figures.figures),
     "reproduce": Verb(
         "reproduce the paper's results; continues where it stopped",
@@ -55,9 +57,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
 
     def run() -> int:
-        options = command_line(words).parse_args(words)
-        verb: Verb = options.verb
-        return verb.run(options)
+        given = command_line(words).parse_args(words)
+        verb: Verb = given.verb
+        return verb.run(given)
 
     return exit_status("drl-av", run)
 

@@ -10,11 +10,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drl_av.cli.arguments import int_at_least
-from drl_av.cli.settings import add_env_options, driver_words, with_command_line
+from drl_av.cli.options import (
+    add_env_options,
+    add_observation,
+    custom_parts,
+    driver_words,
+    int_at_least,
+    with_command_line,
+)
 from drl_av.cli.status import INTERRUPTED
 from drl_av.config import Config
-from drl_av.drivers.registry import baselines, default_config, find_drivers
+from drl_av.drivers.registry import baselines, default_config, find_drivers, warn_of_checks
 from drl_av.errors import ConfigError, pluralize
 from drl_av.evaluation import DENSITIES, PASS_CRITERION
 
@@ -89,6 +95,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", type=Path, metavar="FILE.json", help="write the summary")
     add_env_options(parser, "the first RUN's")
+    add_observation(parser)
 
 
 def evaluate(options: argparse.Namespace) -> int:
@@ -98,7 +105,13 @@ def evaluate(options: argparse.Namespace) -> int:
     the file ``--out`` or ``--json`` exists, it is replaced only after the last episode.
     """
     from drl_av.cli.console import progress_bar
-    from drl_av.cli.tables import print_gains, print_overall, print_styles, print_summaries
+    from drl_av.cli.tables import (
+        print_gains,
+        print_overall,
+        print_styles,
+        print_summaries,
+        title_of,
+    )
     from drl_av.env.metrics import EpisodeMetrics
     from drl_av.evaluation.comparison import Evaluation
     from drl_av.evaluation.criticality import CriticalityMetrics, styles
@@ -117,9 +130,12 @@ def evaluate(options: argparse.Namespace) -> int:
     if options.require_pass:
         _require_rivals([spec.name for spec in specs])
     config = with_command_line(default_config(specs), options)
+    if options.safety_check is None:
+        warn_of_checks(specs, config.safety.check)
     seeds = range(options.seed, options.seed + options.episodes)
     metrics = CriticalityMetrics if options.criticality else EpisodeMetrics
-    evaluation = Evaluation(config, specs, tuple(options.vehicles or ()), seeds, metrics)
+    vehicles = tuple(options.vehicles or ())
+    evaluation = Evaluation(config, specs, vehicles, seeds, metrics, custom_parts(options))
     kept = _kept(options.out)
     rows, status, saved_s = [], 0, time.monotonic()
     try:
@@ -163,10 +179,10 @@ def evaluate(options: argparse.Namespace) -> int:
         print_summaries(summaries)
     if status == 0:
         if found_gains := gains(rows, rules):
-            print_gains(found_gains)
-        print_overall(overalls)
+            print_gains(found_gains, title_of(summaries))
+        print_overall(overalls, title_of(summaries))
     if found_styles:
-        print_styles(found_styles)
+        print_styles(found_styles, title_of(summaries))
     for judgement in judgements:
         print(judgement)
     if status == 0 and not rules:

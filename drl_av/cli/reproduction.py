@@ -5,8 +5,7 @@ import sys
 from contextlib import closing
 from pathlib import Path
 
-from drl_av.cli.arguments import int_at_least
-from drl_av.cli.settings import config_files
+from drl_av.cli.options import config_files, int_at_least
 from drl_av.config.schema import did_you_mean
 from drl_av.experiments.options import ENGINES, VARIANTS, ReproduceOptions
 

@@ -8,7 +8,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import JustifyMethod
 from rich.table import Table
 
-from drl_av.cli.console import make_console
+from drl_av.cli.console import make_console, plus_minus
 
 if TYPE_CHECKING:
     from drl_av.evaluation.criticality import Style
@@ -16,9 +16,16 @@ if TYPE_CHECKING:
     from drl_av.evaluation.statistics import Mean, Overall, Summary
 
 
-def _table(caption: str, *headings: str) -> Table:
+def _table(title: str, caption: str, *headings: str) -> Table:
     """Return a table; a column with the name of a driver may fold, one of numbers may not."""
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), caption=caption, caption_justify="left")
+    table = Table(
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        title=title,
+        title_justify="left",
+        caption=caption,
+        caption_justify="left",
+    )
     for heading in headings:
         if heading in ("driver", "fastest baseline"):
             table.add_column(heading, overflow="fold")
@@ -37,7 +44,8 @@ def print_summaries(summaries: Sequence["Summary"]) -> None:
         if any(getattr(summary, name) is not None for summary in summaries)
     }
     table = _table(
-        _caption(summaries, several_checks),
+        title_of(summaries),
+        _caption(summaries),
         *("vehicles", "driver", *(["check"] if several_checks else [])),
         *("speed\nm/s", "reward", "ego\nhit", "was\nhit", "safety\ntriggers", "lane\nchanges"),
         *ways,
@@ -62,32 +70,43 @@ def print_summaries(summaries: Sequence["Summary"]) -> None:
     make_console().print(table)
 
 
-def _caption(summaries: Sequence["Summary"], several_checks: bool) -> str:
+def _caption(summaries: Sequence["Summary"]) -> str:
     fewest, most = (pick(summary.episodes for summary in summaries) for pick in (min, max))
     number = str(most) if fewest == most else f"{fewest} to {most}"
-    check = "" if several_checks else f", check {summaries[0].safety_check}"
     noun = "episode" if number == "1" else "episodes"
-    return f"{number} {noun} each, ± half of the 95 % interval{check}"
+    return f"{number} {noun} each, ± half of the 95 % interval"
 
 
-def print_gains(gains: Sequence["PairedGain"]) -> None:
+def title_of(summaries: Sequence["Summary"]) -> str:
+    """Return the title of the tables of an evaluation: the check under which each driver drives."""
+    drivers: dict[str, list[str]] = {}
+    for summary in summaries:
+        names = drivers.setdefault(summary.safety_check, [])
+        names += [] if summary.driver in names else [summary.driver]
+    if len(drivers) == 1:
+        return f"safety check: {summaries[0].safety_check}"
+    return "safety checks: " + "; ".join(f"{c}: {', '.join(names)}" for c, names in drivers.items())
+
+
+def print_gains(gains: Sequence["PairedGain"], title: str) -> None:
     """Print each driver's gain in mean speed, m/s, over the fastest rule-based driver.
 
     The table has one row for each driver and number of vehicles.
     """
     headings = ("vehicles", "driver", "fastest baseline", "gain in\nspeed, m/s")
-    table = _table("paired by seed, ± half of the 95 % interval", *headings)
+    table = _table(title, "paired by seed, ± half of the 95 % interval", *headings)
     for gain in gains:
         cells = (gain.driver, gain.baseline, _cell(gain.difference_m_s))
         table.add_row(str(gain.vehicles), *cells)
     make_console().print(table)
 
 
-def print_overall(overalls: Sequence["Overall"]) -> None:
+def print_overall(overalls: Sequence["Overall"], title: str) -> None:
     """Print a table with the statistics of each driver over all numbers of vehicles."""
     best = next((each.over for each in overalls if each.over), None)
     beside = "" if best is None else f", and the probability of being faster than {best}"
     table = _table(
+        title,
         f"over all numbers of vehicles: interquartile mean{beside},\n"
         "with 95 % intervals by the stratified bootstrap",
         *("driver", "speed, m/s", *([] if best is None else ["probability of\nimprovement"])),
@@ -98,7 +117,7 @@ def print_overall(overalls: Sequence["Overall"]) -> None:
     make_console().print(table)
 
 
-def print_styles(styles: Sequence["Style"]) -> None:
+def print_styles(styles: Sequence["Style"], title: str) -> None:
     """Print a table of the comfort and the criticality of each driver."""
     headings = {
         "reversals\n/km": "reversals_per_km",
@@ -111,6 +130,7 @@ def print_styles(styles: Sequence["Style"]) -> None:
         "forced\n/1000": "forced_brakes_per_1000",
     }
     table = _table(
+        title,
         "over all episodes; comfort: decisions within nuPlan's bounds;\n"
         "TET: TTC of at most 3 s to the vehicle ahead",
         *("driver", *headings),
@@ -123,4 +143,4 @@ def print_styles(styles: Sequence["Style"]) -> None:
 def _cell(mean: "Mean", digits: int = 2) -> str:
     if math.isinf(mean.half_width):
         return f"{mean.value:.{digits}f}"
-    return f"{mean.value:.{digits}f}±{mean.half_width:.{digits}f}"
+    return f"{mean.value:.{digits}f}{plus_minus()}{mean.half_width:.{digits}f}"

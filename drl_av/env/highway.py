@@ -11,7 +11,7 @@ import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
 from drl_av.config import Config
-from drl_av.config.functions import require_function
+from drl_av.config.functions import is_factory
 from drl_av.config.presets import as_config
 from drl_av.drawing.renderer import renderer_of
 from drl_av.driving.actions import ACTIONS, Action
@@ -19,6 +19,7 @@ from drl_av.driving.affordances import ObservationScale, compute_affordances
 from drl_av.driving.infer_action import infer_action
 from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import LaneChange, Scene
+from drl_av.env.custom import custom_check, custom_observation_of, custom_reward_of
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode import number_of_vehicles, reset_options, traffic_seed
 from drl_av.env.kinds import drawn_traffic, traffic_setups
@@ -51,7 +52,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         config: Config | Mapping[str, Any] | str | Path | None = None,
         render_mode: str | None = None,
         action_mask: bool = False,
-        reward: RewardFunction | None = None,
+        reward: str | RewardFunction | None = None,
         observation: str | Iterable[str] | ObservationFunction | None = None,
     ) -> None:
         given = scenario, safety_check, config, render_mode, action_mask, reward, observation
@@ -69,29 +70,28 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
                     "the name of a shipped scenario; settings are the argument config."
                 )
             config = with_scenario(config, scenario)
-        if callable(safety_check):
-            require_function(safety_check, "safety_check", "scene", "proposed")
-        elif safety_check is not None:
+        own_check = safety_check
+        if isinstance(safety_check, str):
             config = config.updated("safety", check=safety_check)
+            own_check = safety_check if is_factory(safety_check) else None
         self.config = config
         loaded = load_scenario(find_scenario(config.simulation.scenario))
         types, self.road = loaded.vehicle_types, loaded.road
         self.safety_check: SafetyCheck
-        if callable(safety_check):
-            self.safety_check = safety_check
-            self._check_name = getattr(safety_check, "__name__", "custom")
+        if own_check is not None:
+            self.safety_check = custom_check(own_check, config)
+            named = isinstance(own_check, str)
+            self._check_name = str(own_check if named else getattr(own_check, "__name__", "custom"))
         else:  # equal for each kind, but each may break an assumption
             each_kind = config.of_each_kind
             self.safety_check, *_ = (named_check(each, types, self.road) for each in each_kind)
             self._check_name = config.safety.check
         self._kinds = traffic_setups(config, loaded, gui=render_mode == "human")
         self.simulation, self.traffic_drivers = self._kinds[0]
-        if reward is not None:
-            require_function(reward, "reward", "transition")
-        self._own_reward = reward
+        self._own_reward = None if reward is None else custom_reward_of(reward)
         self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
         groups = default_groups(config.observation) if observation is None else observation
-        self.observe = observation_function(groups, self.scale)
+        self.observe = observation_function(custom_observation_of(groups), self.scale)
         self.observation_space = self.observe.space
         self._scaled_only = observation is None and not config.observation.way
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))

@@ -1,18 +1,21 @@
 """Drives several drivers through the same seeded traffic, for comparison."""
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from functools import cache
 from itertools import product
 
+import cloudpickle
+
 from drl_av.config import Config
-from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, make_drivers
+from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.episode import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import drive
-from drl_av.errors import ConfigError, SimulationError, pluralize
+from drl_av.errors import ConfigError, DrlAvWarning, SimulationError, pluralize
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.processes import BrokenProcessPool, workers
 
@@ -20,27 +23,13 @@ MakeMetrics = Callable[[], EpisodeMetrics]
 """A function that makes the metrics of one episode; worker processes must be able to import it."""
 
 
-def drive_all(
-    env: HighwayEnv,
-    drivers: Mapping[str, Driver],
-    vehicles: Sequence[int],
-    seeds: Sequence[int],
-    make_metrics: MakeMetrics = EpisodeMetrics,
-) -> Iterator[EpisodeResult]:
-    """Drive one episode for each number of vehicles, seed and driver; yield each episode's result.
-
-    The order is that of the arguments: the numbers of vehicles, then the seeds, then the drivers.
-    """
-    for number, seed, name in product(vehicles, seeds, drivers):
-        yield drive(env, drivers[name], name, seed, number, make_metrics)
-
-
 class Evaluation:
     """The drivers, the numbers of vehicles around the ego and the traffic seeds of an evaluation.
 
     If ``vehicles`` is empty, the numbers are those of the published tables, or the number that the
     scenario places. ``make_metrics`` makes the metrics of each episode, which compute its row of
-    the results. ``len`` returns the number of episodes.
+    the results. ``custom`` holds the user's own check, reward and observation. ``len`` returns the
+    number of episodes.
 
     Raises:
         RunError, CheckpointError: a learned driver cannot be read.
@@ -55,25 +44,26 @@ class Evaluation:
         vehicles: Sequence[int],
         seeds: range,
         make_metrics: MakeMetrics = EpisodeMetrics,
+        custom: CustomParts = NOTHING_CUSTOM,
     ) -> None:
-        self._make_metrics = make_metrics
-        self._config, self._specs = config, tuple(specs)
         if seeds[-1] >= TRAINING_SEED_RANGE[0]:
             raise ConfigError(
                 f"The last episode's seed would be {seeds[-1]}, but those from "
                 f"{TRAINING_SEED_RANGE[0]} on belong to training: begin with a smaller one."
             )
-        make_drivers(specs, config)
-        with closing(HighwayEnv(config=config)) as env:
+        self._given = config, tuple(specs), make_metrics, custom
+        self._names = [spec.name for spec in specs]
+        with closing(HighwayEnv(config=config, **custom._asdict())) as env:
             implied = env.simulation.fleet.default_vehicle_count
             default = DENSITIES if implied is None else (implied,)
             self._vehicles = tuple(dict.fromkeys(vehicles)) or default
             for number in {min(self._vehicles), max(self._vehicles)}:
                 env.reset(seed=0, options={"vehicles": number})
+        self._cells = _Cells(*self._given)
         self._seeds = seeds
 
     def __len__(self) -> int:
-        return len(self._specs) * len(self._vehicles) * len(self._seeds)
+        return len(self._names) * len(self._vehicles) * len(self._seeds)
 
     def rows(self, jobs: int = 1) -> Generator[EpisodeResult, None, None]:
         """Drive all episodes in ``jobs`` processes; yield the result of each, in a fixed order.
@@ -81,22 +71,30 @@ class Evaluation:
         The results do not depend on ``jobs``.
 
         Raises:
+            ConfigError: an object of the user cannot be copied into another process.
             SimulationError: SUMO ended unexpectedly, or ended its worker process.
         """
+        episodes = list(product(self._vehicles, self._seeds, self._names))
         if jobs > 1:
-            yield from self._rows_of_processes(min(jobs, len(self)))
+            yield from self._rows_of_processes(episodes, min(jobs, len(self)))
             return
-        with closing(HighwayEnv(config=self._config)) as env:
-            drivers = make_drivers(self._specs, self._config)
-            yield from drive_all(env, drivers, self._vehicles, self._seeds, self._make_metrics)
+        with closing(self._cells):
+            for episode in episodes:
+                yield self._cells.drive(*episode)
 
-    def _rows_of_processes(self, jobs: int) -> Iterator[EpisodeResult]:
-        names = [spec.name for spec in self._specs]
-        episodes = list(product(self._vehicles, self._seeds, names))
+    def _rows_of_processes(
+        self, episodes: Sequence[tuple[int, int, str]], jobs: int
+    ) -> Iterator[EpisodeResult]:
+        try:
+            given = cloudpickle.dumps(self._given)
+        except Exception as error:  # the user's objects may raise anything
+            raise ConfigError(
+                f"An object of yours cannot be copied into another process ({error}): use "
+                "jobs=1, or name it as 'module:name'."
+            ) from error
         done = 0
         with workers(jobs) as submit:
-            given = self._config, self._specs, self._make_metrics
-            rows = [submit(_drive, *given, *episode) for episode in episodes]
+            rows = [submit(_drive, given, *episode) for episode in episodes]
             try:
                 for row in rows:
                     yield row.result()
@@ -110,21 +108,58 @@ class Evaluation:
                 ) from error
 
 
+class _Cells:
+    """The environments of an evaluation, one for each safety check, and its drivers."""
+
+    def __init__(
+        self,
+        config: Config,
+        specs: Sequence[DriverSpec],
+        make_metrics: MakeMetrics,
+        custom: CustomParts,
+    ) -> None:
+        self._make_metrics = make_metrics
+        self._custom = {
+            spec.name: (spec.config(config), custom._replace(safety_check=None))
+            if spec.under
+            else (config, custom)
+            for spec in specs
+        }
+        self._envs: dict[Config, HighwayEnv] = {}
+        with closing(self):
+            for config_of_driver, parts in self._custom.values():
+                self._env(config_of_driver, parts)
+            check = self._env(config, custom).safety_check if custom.safety_check else None
+            observed = None
+            if custom.observation is not None:
+                shape = self._env(config, custom).observation_space.shape or ()
+                observed = shape[0] if len(shape) == 1 else 0
+        # after the environments: making drivers may run code of a file, which must not be in vain
+        self._drivers = make_drivers(specs, config, check, observed)
+
+    def _env(self, config: Config, custom: CustomParts) -> HighwayEnv:
+        if config not in self._envs:
+            self._envs[config] = HighwayEnv(config=config, **custom._asdict())
+        return self._envs[config]
+
+    def drive(self, vehicles: int, seed: int, name: str) -> EpisodeResult:
+        """Drive one episode with the driver of this name, under its safety check."""
+        env = self._env(*self._custom[name])
+        return drive(env, self._drivers[name], name, seed, vehicles, self._make_metrics)
+
+    def close(self) -> None:
+        """Close all environments; another ``drive`` makes them again."""
+        while self._envs:
+            self._envs.popitem()[1].close()
+
+
 @cache
-def _equipped(
-    config: Config, specs: tuple[DriverSpec, ...]
-) -> tuple[HighwayEnv, dict[str, Driver]]:
-    """Make the environment and the drivers of a worker process; cached for its next episodes."""
-    return HighwayEnv(config=config), make_drivers(specs, config)
+def _cells(given: bytes) -> _Cells:
+    """Make the environments and drivers of a worker process; cached for its next episodes."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DrlAvWarning)  # the first process has warned
+        return _Cells(*cloudpickle.loads(given))
 
 
-def _drive(
-    config: Config,
-    specs: tuple[DriverSpec, ...],
-    make_metrics: MakeMetrics,
-    vehicles: int,
-    seed: int,
-    name: str,
-) -> EpisodeResult:
-    env, drivers = _equipped(config, specs)
-    return drive(env, drivers[name], name, seed, vehicles, make_metrics)
+def _drive(given: bytes, vehicles: int, seed: int, name: str) -> EpisodeResult:
+    return _cells(given).drive(vehicles, seed, name)

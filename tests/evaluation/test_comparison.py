@@ -19,12 +19,11 @@ from runs import SHORT, run_folder
 
 from drl_av import cli
 from drl_av.drivers.registry import find_drivers
-from drl_av.drivers.rules import IdmDriver, IdmSumoDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import ConfigError, RunError
 from drl_av.evaluation import comparison as module
-from drl_av.evaluation.comparison import Evaluation, drive_all
+from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.statistics import (
     Mean,
     mean_with_interval,
@@ -42,11 +41,11 @@ def env() -> Iterator[HighwayEnv]:
         yield env
 
 
-def test_rows_come_by_vehicles_then_seed_then_driver(env: HighwayEnv) -> None:
-    drivers = {"idm": IdmDriver(SHORT.safety), "idm-sumo": IdmSumoDriver(SHORT.safety)}
-    rows = drive_all(env, drivers, (3, 1), (8, 9))
+def test_rows_come_by_vehicles_then_seed_then_driver() -> None:
+    names = ["idm", "idm-sumo"]
+    rows = Evaluation(SHORT, find_drivers(names), (3, 1), range(8, 10)).rows()
     assert [(row.vehicles, row.seed, row.driver) for row in rows] == [
-        (number, seed, name) for number in (3, 1) for seed in (8, 9) for name in drivers
+        (number, seed, name) for number in (3, 1) for seed in (8, 9) for name in names
     ]
 
 
