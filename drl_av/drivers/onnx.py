@@ -286,12 +286,12 @@ class _Watched:
     """
 
     def __init__(self, path: Path, session: Any, options: Any) -> None:
-        self._path, self._session, self._options = path, session, options
+        self._path, self._options = path, options
         self._feeds: SimpleQueue[Feed | None] = SimpleQueue()
         self._results: SimpleQueue[Any] = SimpleQueue()
-        Thread(
-            target=_serve, args=(session, options, self._feeds, self._results), daemon=True
-        ).start()
+        given = session, options, self._feeds, self._results
+        self._thread = Thread(target=_serve, args=given, daemon=True)
+        self._thread.start()
 
     def __call__(self, feed: Feed) -> Any:
         """Return the network's first output, or raise what the session raises."""
