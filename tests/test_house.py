@@ -33,8 +33,8 @@ ROOMS = (
 """Each may import itself and those before it."""
 ONLY_IN = {
     "libsumo": {"simulation"},
-    "traci": {"simulation"},
-    "sumolib": {"scenarios"},
+    "traci": {"simulation", "sumo_programs"},
+    "sumolib": {"scenarios", "sumo_programs"},
     "torch": {"learning"},
     "safetensors": {"learning", "drivers"},
     "matplotlib": {"experiments"},
