@@ -91,7 +91,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--require-pass",
         action="store_true",
-        help="end with status 1 if a driver fails beside the rule-based ones; see below",
+        help="end with status 1 unless each driver passes beside the rule-based ones; see below",
     )
     parser.add_argument("--json", type=Path, metavar="FILE.json", help="write the summary")
     add_env_options(parser, "the first RUN's")
@@ -101,8 +101,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def evaluate(options: argparse.Namespace) -> int:
     """Drive all episodes, write one row for each, and print the summary; return the exit status.
 
-    The status is 1 if a driver fails and ``--require-pass`` is given, 130 after Ctrl-C, else 0. If
-    the file ``--out`` or ``--json`` exists, it is replaced only after the last episode.
+    The status is 1 if a driver does not pass and ``--require-pass`` is given, 130 after Ctrl-C,
+    else 0. If the file ``--out`` or ``--json`` exists, it is replaced only after the last episode.
     """
     from drl_av.cli.console import progress_bar
     from drl_av.cli.tables import (

@@ -4,12 +4,15 @@ DENSITIES = (1, 5, 10, 15, 20, 25, 30)
 """The numbers of vehicles around the ego in the published tables (docs/results)."""
 
 PASS_CRITERION = (
-    "A driver passes if, over all episodes, it is faster than the fastest rule-based driver beside "
-    "it (the 95 percent interval of the gain, paired by traffic, lies above 0), if its ego hits "
-    "something in no more episodes than with any rule-based driver, and if it brakes hard no more "
-    "often in a kilometre than the fastest one; with --criticality also only if no smaller a share "
-    "of its decisions is within nuPlan's bounds of comfort. If the road has an exit, or if the ego "
-    "starts in a lane that ends, it must also miss its exit, or fail to merge, in no more episodes "
-    "than any rule-based driver, and is compared with the fastest of those that miss or fail least."
+    "A driver passes if it passes each criterion over all episodes: speed (it is faster than the "
+    "fastest rule-based driver beside it: the 95 percent interval of the gain, paired by traffic, "
+    "lies above 0); collisions (its ego hits something in no more episodes than with the "
+    "rule-based driver that hits least, and the interval of the difference lies below 2 percent of "
+    "the episodes); hard brakes (in a kilometre, no more than the fastest one: the paired interval "
+    "has no part above 0); with --criticality, comfort (no smaller a share of its decisions is "
+    "within nuPlan's bounds). If the road has an exit, or if the ego starts in a lane that ends, "
+    "also exit or merge (it misses or fails in no more episodes), and it is compared with the "
+    "fastest of those that miss or fail least. It fails a criterion if the interval lies on the "
+    "wrong side; where the intervals overlap, the criterion is undecided: more episodes decide it."
 )
 """The criterion in words, for the help and the documentation."""

@@ -105,7 +105,7 @@ def evaluate(
     settings = driving_config(specs, config, traffic)
     settings = with_scenario(settings, scenario)
     own_check = safety_check
-    if safety_check is None:
+    if safety_check is None and not isinstance(config, Config):
         warn_of_checks(specs, settings.safety.check)
     elif isinstance(safety_check, str):
         settings = settings.updated("safety", check=safety_check)

@@ -137,7 +137,6 @@ def test_a_loaded_driver_drives_the_environment_as_its_evaluation_does() -> None
         ({"drivers": "nowhere/agent.zip"}, r"There is no file nowhere/agent\.zip"),
         ({"vehicles": None}, "vehicles is None, but must be a whole number"),
         ({"drivers": "idm", "own": {"idm": Brakes()}}, "Two drivers are called 'idm'"),
-        ({"own": {"mine": Brakes()}, "jobs": 2}, "drive in one process: name a factory"),
         ({"traffic": "calmm"}, "did you mean 'calm'"),
         ({"safety_check": "strickt"}, "did you mean 'strict'"),
         ({"config": {"trafic": {}}}, "did you mean 'traffic'"),
