@@ -226,6 +226,11 @@ def warn_of_checks(specs: Sequence[DriverSpec], check: str) -> None:
         )
 
 
+def is_complete(given: object) -> bool:
+    """Return whether an argument ``config`` replaces all settings: a Config or a preset's name."""
+    return isinstance(given, Config) or (isinstance(given, str) and given in PRESETS)
+
+
 def driving_config(
     specs: Sequence[DriverSpec],
     given: Config | Mapping[str, Any] | str | Path | None,
@@ -243,8 +248,8 @@ def driving_config(
     """
     own = default_config(specs)
     config = as_config(given, own if traffic is None else own.with_traffic(traffic))
-    is_complete = isinstance(given, Config) or (isinstance(given, str) and given in PRESETS)
-    margins = {name: getattr(own.learning, name) for name in MARGINS} if is_complete else {}
+    names = MARGINS if is_complete(given) else ()
+    margins = {name: getattr(own.learning, name) for name in names}
     return config.updated("learning", **margins)
 
 

@@ -11,7 +11,13 @@ from drl_av.config import Config
 from drl_av.config.functions import is_factory
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import is_driver, require_methods
-from drl_av.drivers.registry import DriverSpec, driving_config, find_drivers, warn_of_checks
+from drl_av.drivers.registry import (
+    DriverSpec,
+    driving_config,
+    find_drivers,
+    is_complete,
+    warn_of_checks,
+)
 from drl_av.env.custom import CustomParts
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.observation import ObservationFunction
@@ -105,7 +111,7 @@ def evaluate(
     settings = driving_config(specs, config, traffic)
     settings = with_scenario(settings, scenario)
     own_check = safety_check
-    if safety_check is None and not isinstance(config, Config):
+    if safety_check is None and not is_complete(config):
         warn_of_checks(specs, settings.safety.check)
     elif isinstance(safety_check, str):
         settings = settings.updated("safety", check=safety_check)

@@ -1,8 +1,10 @@
 """Each driver under its check; checks, rewards and observations of the user's own, everywhere."""
 
 import csv
+import sys
 import threading
 import warnings
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -65,10 +67,12 @@ def brakes(config):
 
 
 @pytest.fixture
-def mine(here: Path) -> str:
+def mine(here: Path) -> Iterator[str]:
+    """The name of a module in the working directory, which is imported for this test only."""
     (here / "mine_doors.py").write_text(MODULE)
     (here / "short.toml").write_text("[simulation]\ndecisions_per_episode = 6\n")
-    return "mine_doors"
+    yield "mine_doors"
+    sys.modules.pop("mine_doors", None)
 
 
 def checks(rows: list[EpisodeResult]) -> dict[str, str]:
@@ -129,7 +133,7 @@ def test_who_names_drivers_of_two_checks_is_told(
         printed = capsys.readouterr()
         assert printed.err == said
         assert printed.out.lstrip().startswith("safety check")
-    with pytest.warns(DrlAvWarning, match="ppo.zip by itself under paper"):
+    with pytest.warns(DrlAvWarning, match=r"ppo\.zip by itself under paper"):
         drl_av.evaluate(["ppo.zip", "pretrained"], vehicles=1, episodes=1, config=SHORT)
 
 
@@ -154,7 +158,7 @@ def test_own_parts_are_named_on_the_command_line(
         assert f"safety check: {mine}:{check}" in capsys.readouterr().out
         assert main([*words, "--out", "two.csv", "--jobs", "2"]) == 0
         assert Path("two.csv").read_text() == Path(f"{check}.csv").read_text()
-        rows = list(csv.DictReader(Path(f"{check}.csv").open()))
+        rows = list(csv.DictReader(Path(f"{check}.csv").read_text().splitlines()))
         assert {row["safety_check"] for row in rows} == {f"{mine}:{check}"}
         assert {row["mean_reward"] for row in rows} == {"-0.125"}
         assert {row["hard_brakes"] for row in rows} == {"6"}
@@ -197,7 +201,7 @@ def test_own_parts_are_objects_of_a_program_also_in_several_processes() -> None:
     assert checks(rows) == {"idm": "slow", "mine": "slow"}
     assert {row.mean_reward for row in rows} == {-0.5}
     lock.append(threading.Lock())
-    with pytest.raises(ConfigError, match="cannot be copied into another process .* jobs=1"):
+    with pytest.raises(ConfigError, match=r"cannot be copied into another process .* jobs=1"):
         drl_av.evaluate("idm", **given, jobs=2)
     assert len(drl_av.evaluate("idm", **given)) == 6
 
@@ -242,8 +246,6 @@ def test_a_file_that_names_a_function_runs_none_until_the_user_names_it(
     (here / "own.toml").write_text(f'[safety]\ncheck = "{mine}:slow"\n')
     (here / "imported").unlink()
     capsys.readouterr()
-    import sys
-
     del sys.modules[mine]
     for words in (
         ["replay", "a.npz", "--html", "b.html"],
@@ -264,7 +266,7 @@ def test_a_file_that_names_a_function_runs_none_until_the_user_names_it(
 def test_a_training_learns_from_the_reward_of_the_user(mine: str, here: Path) -> None:
     words = ["train", "--out", "run", "--episodes", "2", "--config", "short.toml"]
     assert main([*words, "--reward", f"{mine}:price"]) == 0
-    rows = list(csv.DictReader(Path("run/episodes.csv").open()))
+    rows = list(csv.DictReader(Path("run/episodes.csv").read_text().splitlines()))
     assert {row["mean_reward"] for row in rows} == {"-0.125"}
 
 
