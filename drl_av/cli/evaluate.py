@@ -177,12 +177,13 @@ def evaluate(options: argparse.Namespace) -> int:
         _write_provenance(options, config)
     if rows:
         print_summaries(summaries)
+    title = title_of((row.driver, row.safety_check) for row in rows)
     if status == 0:
         if found_gains := gains(rows, rules):
-            print_gains(found_gains, title_of(summaries))
-        print_overall(overalls, title_of(summaries))
+            print_gains(found_gains, title)
+        print_overall(overalls, title)
     if found_styles:
-        print_styles(found_styles, title_of(summaries))
+        print_styles(found_styles, title)
     for judgement in judgements:
         print(judgement)
     if status == 0 and not rules:

@@ -1,7 +1,7 @@
 """Prints the tables of ``drl-av evaluate``."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
@@ -16,16 +16,9 @@ if TYPE_CHECKING:
     from drl_av.evaluation.statistics import Mean, Overall, Summary
 
 
-def _table(title: str, caption: str, *headings: str) -> Table:
+def _table(*headings: str) -> Table:
     """Return a table; a column with the name of a driver may fold, one of numbers may not."""
-    table = Table(
-        box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        title=title,
-        title_justify="left",
-        caption=caption,
-        caption_justify="left",
-    )
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for heading in headings:
         if heading in ("driver", "fastest baseline"):
             table.add_column(heading, overflow="fold")
@@ -44,9 +37,7 @@ def print_summaries(summaries: Sequence["Summary"]) -> None:
         if any(getattr(summary, name) is not None for summary in summaries)
     }
     table = _table(
-        title_of(summaries),
-        _caption(summaries),
-        *("vehicles", "driver", *(["check"] if several_checks else [])),
+        *("vehi-\ncles", "driver", *(["check"] if several_checks else [])),
         *("speed\nm/s", "reward", "ego\nhit", "was\nhit", "safety\ntriggers", "lane\nchanges"),
         *ways,
     )
@@ -63,11 +54,12 @@ def print_summaries(summaries: Sequence["Summary"]) -> None:
             _cell(summary.reward, 3),
             str(summary.ego_hits),
             str(summary.collisions - summary.ego_hits),
-            _cell(summary.triggers),
-            _cell(summary.lane_changes),
+            _cell(summary.triggers, 1),
+            _cell(summary.lane_changes, 1),
             *(str(getattr(summary, name)) for name in ways.values()),
         )
-    make_console().print(table)
+    title = title_of((summary.driver, summary.safety_check) for summary in summaries)
+    _show(table, title, _caption(summaries))
 
 
 def _caption(summaries: Sequence["Summary"]) -> str:
@@ -77,14 +69,24 @@ def _caption(summaries: Sequence["Summary"]) -> str:
     return f"{number} {noun} each, ± half of the 95 % interval"
 
 
-def title_of(summaries: Sequence["Summary"]) -> str:
-    """Return the title of the tables of an evaluation: the check under which each driver drives."""
+def _show(table: Table, title: str, caption: str) -> None:
+    """Print a table between a title and a caption, which may be wider than the table."""
+    console = make_console()
+    console.print(title)
+    console.print(table)
+    console.print(f"{caption}\n")
+
+
+def title_of(checks: Iterable[tuple[str, str]]) -> str:
+    """Return the title of tables and figures: the check under which each driver drives.
+
+    ``checks`` holds each driver with its check; a pair may occur several times.
+    """
     drivers: dict[str, list[str]] = {}
-    for summary in summaries:
-        names = drivers.setdefault(summary.safety_check, [])
-        names += [] if summary.driver in names else [summary.driver]
+    for driver, check in dict.fromkeys(checks):
+        drivers.setdefault(check, []).append(driver)
     if len(drivers) == 1:
-        return f"safety check: {summaries[0].safety_check}"
+        return f"safety check: {next(iter(drivers))}"
     return "safety checks: " + "; ".join(f"{c}: {', '.join(names)}" for c, names in drivers.items())
 
 
@@ -94,27 +96,28 @@ def print_gains(gains: Sequence["PairedGain"], title: str) -> None:
     The table has one row for each driver and number of vehicles.
     """
     headings = ("vehicles", "driver", "fastest baseline", "gain in\nspeed, m/s")
-    table = _table(title, "paired by seed, ± half of the 95 % interval", *headings)
+    table = _table(*headings)
     for gain in gains:
         cells = (gain.driver, gain.baseline, _cell(gain.difference_m_s))
         table.add_row(str(gain.vehicles), *cells)
-    make_console().print(table)
+    _show(table, title, "paired by seed, ± half of the 95 % interval")
 
 
 def print_overall(overalls: Sequence["Overall"], title: str) -> None:
     """Print a table with the statistics of each driver over all numbers of vehicles."""
     best = next((each.over for each in overalls if each.over), None)
-    beside = "" if best is None else f", and the probability of being faster than {best}"
+    beside = "" if best is None else f", and the probability\nof being faster than {best}"
     table = _table(
-        title,
-        f"over all numbers of vehicles: interquartile mean{beside},\n"
-        "with 95 % intervals by the stratified bootstrap",
-        *("driver", "speed, m/s", *([] if best is None else ["probability of\nimprovement"])),
+        *("driver", "speed, m/s", *([] if best is None else ["probability of\nimprovement"]))
     )
     for each in overalls:
         improvement = "" if each.improvement is None else str(each.improvement)
         table.add_row(each.driver, str(each.speed_m_s), *([] if best is None else [improvement]))
-    make_console().print(table)
+    caption = (
+        f"over all numbers of vehicles: interquartile mean{beside}, "
+        "with 95 % intervals by the stratified bootstrap"
+    )
+    _show(table, title, caption)
 
 
 def print_styles(styles: Sequence["Style"], title: str) -> None:
@@ -129,15 +132,14 @@ def print_styles(styles: Sequence["Style"], title: str) -> None:
         "gap < 1 s\n%": "short_headways_percent",
         "forced\n/1000": "forced_brakes_per_1000",
     }
-    table = _table(
-        title,
-        "over all episodes; comfort: decisions within nuPlan's bounds;\n"
-        "TET: TTC of at most 3 s to the vehicle ahead",
-        *("driver", *headings),
-    )
+    table = _table("driver", *headings)
     for style in styles:
         table.add_row(style.driver, *(f"{getattr(style, name):.2f}" for name in headings.values()))
-    make_console().print(table)
+    caption = (
+        "over all episodes; comfort: decisions within nuPlan's bounds;\n"
+        "TET: TTC of at most 3 s to the vehicle ahead"
+    )
+    _show(table, title, caption)
 
 
 def _cell(mean: "Mean", digits: int = 2) -> str:

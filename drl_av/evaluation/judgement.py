@@ -27,7 +27,7 @@ class Interval(NamedTuple):
 
     def __str__(self) -> str:
         if math.isinf(self.low):
-            return f"{self.value:+.2f}; a single episode has no interval"
+            return f"{self.value:+.2f} [no interval of one episode]"
         return f"{self.value:+.2f} [{self.low:.2f}, {self.high:.2f}]"
 
 
@@ -47,12 +47,14 @@ class Criterion(NamedTuple):
     """Ours minus theirs, in the unit; for episodes, in percent of the episodes."""
 
     def __str__(self) -> str:
-        counts = self.unit == "episodes"
-        digits, percent = (0, " % of them") if counts else (2, "")
-        return (
-            f"{self.name}: {self.result}, {self.ours:.{digits}f} against "
-            f"{self.theirs:.{digits}f} {self.unit} ({self.over}), {self.difference}{percent}"
-        )
+        figures = f"{self.ours:.2f} against {self.theirs:.2f} {self.unit}, {self.difference}"
+        if self.unit == "episodes":
+            value, low, high = self.difference
+            figures = (
+                f"{self.ours:.0f} against {self.theirs:.0f} episodes of {self.over}, "
+                f"{value:+.1f} [{low:.1f}, {high:.1f}] %"
+            )
+        return f"{self.name}: {self.result}, {figures}"
 
 
 class CriterionResult(NamedTuple):
@@ -74,12 +76,12 @@ class CriterionResult(NamedTuple):
         return {criterion.name: criterion for criterion in self.criteria}[name]
 
     def __str__(self) -> str:
-        words = [f"FAIL ({', '.join(self.failures)})"] if self.failures else []
+        result = "PASS" if self.passed else "UNDECIDED"
+        if self.failures:
+            result = f"FAIL ({', '.join(self.failures)})"
+        lines = [f"{self.driver}: {result} against {self.over}", *map(str, self.criteria)]
         if self.undecided:
-            words.append(f"UNDECIDED ({', '.join(self.undecided)}; more episodes decide)")
-        result = ", ".join(words) or "PASS"
-        head = f"{self.driver}: {result} against {self.over}"
-        lines = [f"{head}, 95 % intervals of the differences", *map(str, self.criteria)]
+            lines.append("in brackets: 95 % intervals of the differences; more episodes decide")
         return "\n  ".join(lines)
 
 

@@ -57,8 +57,8 @@ def judged(rows: list[EpisodeResult], among: list[EpisodeResult]) -> module.Crit
 def test_a_driver_passes_that_is_surely_faster_and_no_less_safe_or_comfortable() -> None:
     mine = judged(drives("mine", *FASTER, times=ENOUGH, hard_brakes=1), rules(ENOUGH))
     assert (mine.passed, mine.over, mine.failures, mine.undecided) == (True, "sumo", (), ())
-    assert str(mine).startswith("mine: PASS against sumo, 95 % intervals of the dif")
-    assert "\n  speed: pass, 22.12 against 21.00 m/s (sumo), +1.12 [1.0" in str(mine)
+    assert str(mine).startswith("mine: PASS against sumo\n  speed: pass, 22.12 against")
+    assert "\n  speed: pass, 22.12 against 21.00 m/s, +1.12 [1.0" in str(mine)
     brakes = mine.criterion("hard brakes")
     assert brakes.ours == pytest.approx(4 / 8.85)  # 4 in 100 s at each of the four speeds
     assert brakes.theirs == pytest.approx(8 / 8.4)
@@ -70,7 +70,10 @@ def test_four_episodes_decide_speed_at_most() -> None:
     assert (mine.passed, mine.failures, mine.undecided) == (False, (), ("collisions",))
     gain = mine.criterion("speed").difference
     assert gain == pytest.approx((1.125, 1.125 - 0.398, 1.125 + 0.398), abs=1e-3)
-    assert str(mine).startswith("mine: UNDECIDED (collisions; more episodes decide) against sumo, ")
+    assert str(mine).startswith("mine: UNDECIDED against sumo\n")
+    assert str(mine).endswith(
+        "\n  in brackets: 95 % intervals of the differences; more episodes decide"
+    )
 
 
 def test_being_faster_by_chance_is_undecided_and_being_slower_is_a_failure() -> None:
@@ -178,8 +181,8 @@ def test_the_command_ends_with_the_judgement_and_its_status_is_1_only_if_asked(
     words += ["--json", str(tmp_path / "summary.json")]
     assert main([*words, "--config", str(tmp_path / "short.toml")]) == status
     last = capsys.readouterr().out.split("pretrained: ")[-1]  # one episode is never sure
-    assert last.startswith("UNDECIDED (speed, collisions, hard brakes; more episodes decide)")
-    assert "\n  collisions: undecided, 0 against 0 episodes (idm), +0.00 [" in last
+    assert last.startswith("UNDECIDED against idm\n  speed: undecided, ")
+    assert "\n  collisions: undecided, 0 against 0 episodes of idm, +0.0 [" in last
     [found] = json.loads((tmp_path / "summary.json").read_text())["judgements"]
     assert (found["passed"], found["failures"]) == (False, [])
     speed = found["criteria"][0]
@@ -197,5 +200,5 @@ def test_a_single_episode_has_no_interval_and_no_infinite_one_is_printed() -> No
     mine, theirs = episode("mine", 1, 25.0), episode("sumo", 1, 24.0)
     [judgement] = judge([mine, theirs])
     assert judgement.undecided == ("speed", "collisions", "hard brakes")
-    assert "(sumo), +1.00; a single episode has no interval\n" in str(judgement)
+    assert " m/s, +1.00 [no interval of one episode]\n" in str(judgement)
     assert "inf" not in str(judgement)
