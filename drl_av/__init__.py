@@ -14,7 +14,6 @@ The packages, each importing only from those before it:
     env              ``drl_av/Highway-v0``, the gymnasium environment, and its reward
     learning         Algorithm 1 of the paper; the only package that imports torch
     evaluation       drivers in the same traffic, statistics, recordings
-    experiments      the experiments of the paper
     cli              the ``drl-av`` command
 """
 
@@ -25,6 +24,7 @@ from gymnasium.envs.registration import register
 
 if TYPE_CHECKING:
     from drl_av.drivers.registry import load_driver as load_driver
+    from drl_av.env.attach import attach as attach
     from drl_av.env.video import RecordVideo as RecordVideo
     from drl_av.evaluation.evaluate import evaluate as evaluate
 
@@ -32,6 +32,7 @@ __version__ = "0.1.0"
 
 _NAMES = {
     "RecordVideo": "drl_av.env.video",
+    "attach": "drl_av.env.attach",
     "evaluate": "drl_av.evaluation.evaluate",
     "load_driver": "drl_av.drivers.registry",
 }

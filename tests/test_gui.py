@@ -13,7 +13,7 @@ from programs import python
 
 from drl_av.config import Config
 from drl_av.drawing.canvas import EGO_COLOR, speed_color
-from drl_av.drivers.rules import IdmSumoDriver
+from drl_av.drivers.rule_based import IdmSumoDriver
 from drl_av.evaluation.recording import Recording
 from drl_av.evaluation.replay import ReplaySession
 

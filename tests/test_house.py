@@ -12,6 +12,7 @@ from programs import python
 PACKAGE = Path(__file__).parent.parent / "drl_av"
 ROOMS = (
     "errors",
+    "compiled",
     "random_streams",
     "sumo_programs",
     "config",
@@ -26,7 +27,6 @@ ROOMS = (
     "env",
     "learning",
     "evaluation",
-    "experiments",
     "cli",
     "__main__",
 )
@@ -37,7 +37,7 @@ ONLY_IN = {
     "sumolib": {"scenarios", "sumo_programs"},
     "torch": {"learning"},
     "safetensors": {"learning", "drivers"},
-    "matplotlib": {"experiments"},
+    "matplotlib": {"evaluation"},
 }
 
 
@@ -86,7 +86,7 @@ def room(module: str) -> int:
 def test_the_graph_sees_what_is_there() -> None:
     # were it empty, every fence would stand
     assert "drl_av.simulation.simulation" in graph()["drl_av.env.kinds"]
-    assert "drl_av.safety.paper" in graph()["drl_av.drivers.rules"]
+    assert "drl_av.safety.paper" in graph()["drl_av.drivers.rule_based"]
     assert "drl_av.env.highway" in graph()["drl_av.cli.learning"]  # inside a function
     assert "torch" in imported(modules()["drl_av.learning.learner"])
     assert len(modules()) > 35
@@ -109,6 +109,7 @@ def test_the_package_itself_imports_rooms_for_its_public_names_only() -> None:
     # for type checkers at the top, and at the first use
     assert graph()["drl_av"] == {
         "drl_av.drivers.registry",
+        "drl_av.env.attach",
         "drl_av.env.video",
         "drl_av.evaluation.evaluate",
     }
@@ -225,7 +226,7 @@ def test_a_module_says_in_its_first_line_what_it_is(module: str) -> None:
         assert not re.search(r"\bprint\(", text)
 
 
-HEAVY = ("libsumo", "traci", "sumolib", "torch", "matplotlib", "stable_baselines3")
+HEAVY = ("libsumo", "traci", "sumolib", "torch", "matplotlib", "stable_baselines3", "numba")
 
 
 @pytest.mark.parametrize(
@@ -236,7 +237,7 @@ HEAVY = ("libsumo", "traci", "sumolib", "torch", "matplotlib", "stable_baselines
         "import drl_av.cli; drl_av.cli.main(['--help'])",
         "import drl_av.cli; drl_av.cli.main(['train', '--help'])",
         "import drl_av.env",
-        "import drl_av.safety.paper, drl_av.drivers.rules",
+        "import drl_av.safety.paper, drl_av.drivers.rule_based",
     ],
 )
 def test_importing_and_help_load_neither_sumo_nor_torch(statement: str) -> None:

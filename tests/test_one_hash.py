@@ -12,7 +12,7 @@ from programs import python
 
 import drl_av.simulation.sumo
 from drl_av.config import Config
-from drl_av.drivers.rules import IdmSumoDriver
+from drl_av.drivers.rule_based import IdmSumoDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.evaluation.recording import Recorder, Recording

@@ -25,7 +25,7 @@ import pytest
 import drl_av.simulation.sumo
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
+from drl_av.drivers.rule_based import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout

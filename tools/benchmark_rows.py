@@ -24,7 +24,7 @@ from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import load_learned, rule_driver
-from drl_av.drivers.rules import IdmDriver
+from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
 from drl_av.scenarios.highways import StraightDescription

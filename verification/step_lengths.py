@@ -13,10 +13,10 @@ from pathlib import Path
 from time import perf_counter as now
 
 from drl_av.config import Config
-from drl_av.drivers.rules import IdmDriver
+from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.experiments.provenance import provenance, write_sidecar
+from drl_av.evaluation.provenance import provenance, write_sidecar
 from drl_av.files import require_writable, write_table
 from verification.program import Program, run_program
 from verification.traffic_tally import TrafficTally

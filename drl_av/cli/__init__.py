@@ -6,7 +6,7 @@ from collections.abc import Callable, Container, Sequence
 from typing import NamedTuple
 
 from drl_av import __version__
-from drl_av.cli import evaluate, export, figures, learning, options, replay, reproduction, scenario
+from drl_av.cli import evaluate, export, figures, learning, options, replay, scenario
 from drl_av.cli.status import exit_status
 
 
@@ -40,11 +40,6 @@ VERBS = {
         "print all settings with their meaning", options.add_config_options, options.config
     ),
     "figures": Verb("draw the paper's figures as PNG files", figures.add_options, figures.figures),
-    "reproduce": Verb(
-        "reproduce the paper's results; continues where it stopped",
-        reproduction.add_options,
-        reproduction.reproduce,
-    ),
 }
 
 

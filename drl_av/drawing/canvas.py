@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw, ImageFont
 Color = tuple[int, int, int]
 Point = tuple[float, float]
 
-SHEET_SIZE = (1280, 720)
+CANVAS_SIZE = (1280, 720)
 """Width and height of the layout, px."""
 EGO_COLOR: Color = (233, 64, 200)
 ALARM: Color = (255, 106, 61)

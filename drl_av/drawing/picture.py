@@ -6,9 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageOps
 
-from drl_av.drawing.canvas import GROUND, OVERSAMPLING, SHEET_SIZE, Canvas
-from drl_av.drawing.loop_view import draw_ring, lay_ring
-from drl_av.drawing.open_view import draw_open_road, lay_open_road
+from drl_av.drawing.canvas import CANVAS_SIZE, GROUND, OVERSAMPLING, Canvas
+from drl_av.drawing.overview import draw_open_road, draw_ring, lay_open_road, lay_ring
 from drl_av.drawing.panels import (
     Caption,
     draw_decision,
@@ -18,7 +17,7 @@ from drl_av.drawing.panels import (
     lay_cards,
     lay_legend,
 )
-from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, draw_band, lay_asphalt, lay_marks
+from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, draw_strip, lay_asphalt, lay_marks
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 
@@ -26,26 +25,26 @@ Picture = npt.NDArray[np.uint8]
 
 
 def draw(
-    snapshot: Snapshot, road: Road, caption: Caption, size: tuple[int, int] = SHEET_SIZE
+    snapshot: Snapshot, road: Road, caption: Caption, size: tuple[int, int] = CANVAS_SIZE
 ) -> Picture:
     """Draw one scene and return the picture, uint8 of shape (height, width, 3).
 
     ``size`` is (width, height) in px. The layout is scaled to fit; if the aspect ratio differs, it
     gets bars at its sides.
     """
-    sheet = Canvas(_background(road).copy())
-    for band in (CLOSE_UP, OVERVIEW):
-        draw_band(sheet, band, snapshot, road)
+    canvas = Canvas(_background(road).copy())
+    for strip in (CLOSE_UP, OVERVIEW):
+        draw_strip(canvas, strip, snapshot, road)
     if road.is_loop:
-        draw_ring(sheet, snapshot, road)
+        draw_ring(canvas, snapshot, road)
     else:
-        draw_open_road(sheet, snapshot, road)
-    draw_header(sheet, snapshot, caption)
-    draw_decision(sheet, snapshot, caption)
-    draw_reward(sheet, caption)
-    draw_history(sheet, caption)
-    image = sheet.image.reduce(OVERSAMPLING)
-    if size != SHEET_SIZE:
+        draw_open_road(canvas, snapshot, road)
+    draw_header(canvas, snapshot, caption)
+    draw_decision(canvas, snapshot, caption)
+    draw_reward(canvas, caption)
+    draw_history(canvas, caption)
+    image = canvas.image.reduce(OVERSAMPLING)
+    if size != CANVAS_SIZE:
         image = ImageOps.pad(image, size, Image.Resampling.LANCZOS, color=GROUND)
     return np.array(image, dtype=np.uint8)
 
@@ -53,16 +52,16 @@ def draw(
 @lru_cache(maxsize=8)
 def _background(road: Road) -> Image.Image:
     """Return the image of the static parts. It is cached: copy it before drawing on it."""
-    width, height = SHEET_SIZE
+    width, height = CANVAS_SIZE
     size = (OVERSAMPLING * width, OVERSAMPLING * height)
-    sheet = Canvas(Image.new("RGB", size, GROUND))
-    for band in (CLOSE_UP, OVERVIEW):
-        lay_asphalt(sheet, band, road)
-    lay_marks(sheet)
-    lay_cards(sheet)
+    canvas = Canvas(Image.new("RGB", size, GROUND))
+    for strip in (CLOSE_UP, OVERVIEW):
+        lay_asphalt(canvas, strip, road)
+    lay_marks(canvas)
+    lay_cards(canvas)
     if road.is_loop:
-        lay_ring(sheet, road)
+        lay_ring(canvas, road)
     else:
-        lay_open_road(sheet, road)
-    lay_legend(sheet)
-    return sheet.image
+        lay_open_road(canvas, road)
+    lay_legend(canvas)
+    return canvas.image

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from drl_av.config.functions import require_function
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.sumo import SumoDriver
+from drl_av.drivers.rule_based import SumoDriver
 from drl_av.driving.actions import Action, action_of
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError

@@ -19,13 +19,18 @@ from drl_av.config.schema import did_you_mean
 from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory
-from drl_av.drivers.gap_mobil import GapMobilDriver
 from drl_av.drivers.learned import MARGINS, LearnedDriver, Margins, considerate, learned_driver
-from drl_av.drivers.mobil import MobilDriver
-from drl_av.drivers.passing import NoPassingOnTheRight
 from drl_av.drivers.planner.driver import PlannerDriver
-from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
-from drl_av.drivers.sumo import TUNED, SumoDriver
+from drl_av.drivers.rule_based import (
+    TUNED,
+    GapMobilDriver,
+    IdmDriver,
+    IdmSumoDriver,
+    MobilDriver,
+    NoPassingOnTheRight,
+    RandomDriver,
+    SumoDriver,
+)
 from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import ConfigError, DrlAvWarning, RunError, printable
 from drl_av.safety import CHECKS, named_check

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from drl_av.config import Config
 from drl_av.config.functions import import_function, is_factory, require_function
 from drl_av.env.observation import ObservationFunction
-from drl_av.env.reward import RewardFunction
+from drl_av.env.transition import RewardFunction
 from drl_av.safety.check import SafetyCheck
 
 

@@ -21,7 +21,7 @@ from drl_av.drivers.registry import (
 from drl_av.env.custom import CustomParts
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.observation import ObservationFunction
-from drl_av.env.reward import RewardFunction
+from drl_av.env.transition import RewardFunction
 from drl_av.errors import ConfigError, printable
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.criticality import CriticalityMetrics

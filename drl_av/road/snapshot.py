@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
+import numpy as np
+
 from drl_av.road.road import FloatArray
 
 EGO = 0
@@ -56,6 +58,15 @@ class Snapshot(NamedTuple):
     width_m: FloatArray
     sumo_lane_change: int = 0
     """The lane change that SUMO's model would make with the ego: +1 left, -1 right, 0 none."""
+
+    @property
+    def arrays(self) -> tuple[FloatArray, ...]:
+        """The six arrays, from ``s_m`` to ``width_m``, as the compiled functions take them."""
+        arrays = self[2:8]
+        for array in arrays:
+            if array.dtype != np.float64 or not array.flags.c_contiguous:
+                return tuple(np.ascontiguousarray(each, np.float64) for each in arrays)
+        return arrays
 
 
 class TrafficCommand(NamedTuple):

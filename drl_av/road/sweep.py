@@ -1,8 +1,9 @@
 """Collision detection by the motion of bodies within a SUMO step; pure geometry (ours).
 
 A body is a rectangle parallel to the road. In a SUMO step its centre moves on a straight line at a
-constant speed, as in SUMO's semi-implicit Euler integration and in eq. 5 of the paper. Two bodies
-can therefore touch within a step although they overlap neither before nor after it.
+constant speed, as in SUMO's semi-implicit Euler integration and in the paper's point mass (eq. 5
+and 6). Two bodies can therefore touch within a step although they overlap neither before nor after
+it.
 """
 
 import math
@@ -12,13 +13,18 @@ from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple
 
-from drl_av.road.road import Road
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.compiled import compiled
+from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import EGO, Collision, CollisionKind, Command, Snapshot
 
+IntArray = npt.NDArray[np.int64]
 BACKWARD_M = 1.0
 """Largest backward movement that counts as the rounding error of a standing vehicle, metres."""
 ACCELERATION_M_S2, LATERAL_SPEED_M_S = 10.0, 1.5
-"""Upper bounds of each vehicle's acceleration and lateral speed for ``Bodies.within_reach``."""
+"""Upper bounds of each vehicle's acceleration and lateral speed, for ``within_reach``."""
 
 Displacement = tuple[float, float, float, float]
 """The motion of a body's centre in one SUMO step, (s, y, forward, left), metres.
@@ -45,7 +51,14 @@ def displacement(
     The function assumes that the body moves backward by at most ``BACKWARD_M``, or forward by less
     than ``road.lap_m - BACKWARD_M``.
     """
-    forward_m = (to_s_m - from_s_m + BACKWARD_M) % road.lap_m - BACKWARD_M
+    return moved(from_s_m, from_y_m, to_s_m, to_y_m, road.lap_m)
+
+
+def moved(
+    from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, lap_m: float
+) -> Displacement:
+    """Return ``displacement`` on a road with this length of a lap."""
+    forward_m = (to_s_m - from_s_m + BACKWARD_M) % lap_m - BACKWARD_M
     return from_s_m, from_y_m, forward_m, to_y_m - from_y_m
 
 
@@ -59,43 +72,132 @@ def first_contact(
     slower one from behind. Otherwise they touch side by side: the ego hits the other body if the
     ego moves sideways towards it, and is hit if it does not.
     """
+    time, kind = contact(ego, other, length_m, width_m, road.lap_m)
+    return None if kind == NO_CONTACT else Contact(time, KINDS[kind])
+
+
+KINDS = tuple(CollisionKind)
+HIT_AHEAD, HIT_BESIDE, HIT_EDGE, HIT_FROM_BEHIND, HIT_FROM_BESIDE = range(len(KINDS))
+NO_CONTACT = -1
+"""The numbers of the kinds of collision, and of none, for compiled functions."""
+
+
+def contact(
+    ego: Displacement, other: Displacement, length_m: float, width_m: float, lap_m: float
+) -> tuple[float, int]:
+    """Return the fields of ``first_contact``, with the number of the kind or ``NO_CONTACT``."""
     left_m, moved_m = other[1] - ego[1], other[3] - ego[3]
-    if _stays_apart(left_m, moved_m, width_m):
-        return None
+    if stays_apart(left_m, moved_m, width_m):
+        return 1.0, NO_CONTACT
     ahead_m, faster_m = other[0] - ego[0], other[2] - ego[2]
     if faster_m < 0.0:  # on a loop the ego approaches the other body from behind
-        ahead_m = (ahead_m + length_m) % road.lap_m - length_m
+        ahead_m = (ahead_m + length_m) % lap_m - length_m
     else:
-        ahead_m = length_m - (length_m - ahead_m) % road.lap_m
-    if _stays_apart(ahead_m, faster_m, length_m):
-        return None
-    across, cleared = _overlap(left_m, moved_m, width_m)
-    along, parted = _overlap(ahead_m, faster_m, length_m)
+        ahead_m = length_m - (length_m - ahead_m) % lap_m
+    if stays_apart(ahead_m, faster_m, length_m):
+        return 1.0, NO_CONTACT
+    across, cleared = overlap(left_m, moved_m, width_m)
+    along, parted = overlap(ahead_m, faster_m, length_m)
     time = max(along, across, 0.0)
     if time >= min(parted, cleared, 1.0):
-        return None
+        return 1.0, NO_CONTACT
     if across > along:
-        moved_in = ego[3] * left_m > 0.0
-        kind = CollisionKind.HIT_BESIDE if moved_in else CollisionKind.HIT_FROM_BESIDE
-    else:
-        came_upon = faster_m < 0.0 or (faster_m == 0.0 and ahead_m >= 0.0)
-        kind = CollisionKind.HIT_AHEAD if came_upon else CollisionKind.HIT_FROM_BEHIND
-    return Contact(time, kind)
+        return time, HIT_BESIDE if ego[3] * left_m > 0.0 else HIT_FROM_BESIDE
+    came_upon = faster_m < 0.0 or (faster_m == 0.0 and ahead_m >= 0.0)
+    return time, HIT_AHEAD if came_upon else HIT_FROM_BEHIND
 
 
-def _stays_apart(distance_m: float, moved_m: float, size_m: float) -> bool:
+def stays_apart(distance_m: float, moved_m: float, size_m: float) -> bool:
     """Return whether a distance that changes by ``moved_m`` stays beyond ``size_m`` on one side."""
     if distance_m < 0.0:
         distance_m, moved_m = -distance_m, -moved_m
     return distance_m >= size_m and distance_m + moved_m >= size_m
 
 
-def _overlap(distance_m: float, moved_m: float, size_m: float) -> tuple[float, float]:
+def overlap(distance_m: float, moved_m: float, size_m: float) -> tuple[float, float]:
     """Return (start, end), in fractions of the step, in which the distance is below ``size_m``."""
     if moved_m == 0.0:
         return (-math.inf, math.inf) if abs(distance_m) < size_m else (math.inf, math.inf)
     edge_m = math.copysign(size_m, moved_m)
     return (-edge_m - distance_m) / moved_m, (edge_m - distance_m) / moved_m
+
+
+@compiled
+def swept_collision(
+    from_s_m: FloatArray,
+    from_y_m: FloatArray,
+    to_s_m: FloatArray,
+    to_y_m: FloatArray,
+    length_m: FloatArray,
+    width_m: FloatArray,
+    lap_m: float,
+) -> tuple[int, int, float]:
+    """Return the first collision of the ego, row 0, in a SUMO step.
+
+    The arrays have shape (1 + N,): the positions of all bodies before and after the step, and their
+    sizes.
+
+    Returns:
+        The row of the other body, the number of the kind of collision (an index of ``KINDS``), and
+        the fraction of the step until the contact; 0, ``NO_CONTACT`` and 1 without a collision.
+    """
+    first, row, kind = 1.0, 0, NO_CONTACT
+    ego = moved(from_s_m[0], from_y_m[0], to_s_m[0], to_y_m[0], lap_m)
+    for other in range(1, len(from_s_m)):
+        its_length_m = (length_m[0] + length_m[other]) / 2
+        its_width_m = (width_m[0] + width_m[other]) / 2
+        left_m = from_y_m[other] - from_y_m[0]
+        if stays_apart(left_m, to_y_m[other] - from_y_m[other] - ego[3], its_width_m):
+            continue
+        its = moved(from_s_m[other], from_y_m[other], to_s_m[other], to_y_m[other], lap_m)
+        time, found = contact(ego, its, its_length_m, its_width_m, lap_m)
+        if found != NO_CONTACT and time < first:
+            first, row, kind = time, other, found
+    return row, kind, first
+
+
+@compiled
+def rows_within_reach(
+    s_m: FloatArray,
+    y_m: FloatArray,
+    speed_m_s: FloatArray,
+    commands: FloatArray,
+    largest_m: tuple[float, float],
+    lateral_speed_m_s: float,
+    lap_m: float,
+    step_s: float,
+    rows: IntArray,
+) -> int:
+    """Find the vehicles that can touch the ego during its commands, as ``within_reach``.
+
+    The first three arrays, shape (1 + N,), hold each vehicle's state before the first command.
+    ``commands``, shape (steps, columns), begins with the ego's speed and lateral position after
+    each command. ``largest_m`` is the largest length and width of a vehicle. The function fills the
+    first elements of ``rows``, shape (N,) or longer, with row indices in ascending order.
+
+    Returns:
+        The number of rows.
+    """
+    steps, count = len(commands), 0
+    time_s, length_m = step_s * steps, largest_m[0]
+    aside_m = largest_m[1] + lateral_speed_m_s * time_s
+    lowest_m = highest_m = y_m[0]
+    rolled_m = 0.0
+    for step in range(steps):
+        rolled_m += step_s * commands[step, 0]
+        lowest_m = min(lowest_m, commands[step, 1])
+        highest_m = max(highest_m, commands[step, 1])
+    right_m, left_m = lowest_m - aside_m, highest_m + aside_m
+    gained_m = ACCELERATION_M_S2 * time_s * (time_s + step_s) / 2 - rolled_m
+    for row in range(1, len(s_m)):
+        if right_m < y_m[row] < left_m:
+            closer_m = speed_m_s[row] * time_s + gained_m
+            behind_m = length_m + closer_m if closer_m > 0.0 else length_m
+            ahead_m = (s_m[row] - s_m[0] + behind_m) % lap_m
+            if ahead_m < behind_m + length_m + rolled_m:
+                rows[count] = row
+                count += 1
+    return count
 
 
 @dataclass(frozen=True)
@@ -116,40 +218,27 @@ class VehicleRectangles:
 
     def within_reach(
         self,
-        s_m: Sequence[float],
-        y_m: Sequence[float],
-        speed_m_s: Sequence[float],
+        s_m: FloatArray,
+        y_m: FloatArray,
+        speed_m_s: FloatArray,
         commands: Sequence[Command],
         step_s: float,
     ) -> list[int]:
         """Return the rows of all vehicles that can touch the ego during its commands, ascending.
 
-        A row is an index into the sequences, which hold each vehicle's state before the first
-        command. The method assumes that a vehicle can stop at once, accelerate with
-        ``ACCELERATION_M_S2``, and move sideways at ``lateral_speed_m_s``. Each command takes one
-        SUMO step of ``step_s`` seconds.
+        A row is an index into the arrays, which hold each vehicle's state before the first command.
+        The method assumes that a vehicle can stop at once, accelerate with ``ACCELERATION_M_S2``,
+        and move sideways at ``lateral_speed_m_s``. Each command takes one SUMO step of ``step_s``
+        seconds.
         """
-        time_s, (length_m, aside_m) = step_s * len(commands), self._largest_m
-        aside_m += self.lateral_speed_m_s * time_s
-        lowest_m = highest_m = y_m[EGO]
-        rolled_m = 0.0
-        for speed, to_m, _ in commands:
-            rolled_m += step_s * speed
-            if to_m < lowest_m:
-                lowest_m = to_m
-            elif to_m > highest_m:
-                highest_m = to_m
-        right_m, left_m = lowest_m - aside_m, highest_m + aside_m
-        beside = [row for row, at_m in enumerate(y_m) if right_m < at_m < left_m]
-        gained_m = ACCELERATION_M_S2 * time_s * (time_s + step_s) / 2 - rolled_m
-        rows, ego_s_m, lap_m = [], s_m[EGO], self.road.lap_m
-        for row in beside[1:]:
-            closer_m = speed_m_s[row] * time_s + gained_m
-            behind_m = length_m + closer_m if closer_m > 0.0 else length_m
-            ahead_m = (s_m[row] - ego_s_m + behind_m) % lap_m
-            if ahead_m < behind_m + length_m + rolled_m:
-                rows.append(row)
-        return rows
+        rows, bound_m_s = np.empty(len(s_m), np.int64), self.lateral_speed_m_s
+        ways = np.array(commands, dtype=np.float64)
+        road = float(self.road.lap_m), float(step_s)
+        count = rows_within_reach(
+            s_m, y_m, speed_m_s, ways, self._largest_m, bound_m_s, *road, rows
+        )
+        found: list[int] = rows[:count].tolist()
+        return found
 
     def ego_collision(self, moves: Mapping[int, Displacement]) -> Collision | None:
         """Return the ego's first collision in a SUMO step with a vehicle in ``moves``, or None.

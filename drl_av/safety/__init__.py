@@ -1,7 +1,6 @@
 """The safety checks: creation of the check that a config names, and the action mask."""
 
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +14,8 @@ from drl_av.errors import ConfigError
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import AS_WRITTEN, VehicleTypes
 from drl_av.safety.assumptions import ROAD_AS_WRITTEN, require_assumptions
-from drl_av.safety.check import SafetyCheck, permit_all, permits
-from drl_av.safety.paper import paper
+from drl_av.safety.check import SafetyCheck, Verdicts, WholeCheck, permit_all, permits
+from drl_av.safety.paper import Paper
 from drl_av.safety.strict import Strict
 
 
@@ -29,7 +28,7 @@ def _strict(config: Config, vehicle_types: VehicleTypes, road: Road) -> SafetyCh
 
 CHECKS: dict[str, Callable[[Config, VehicleTypes, Road], SafetyCheck]] = {
     "permit_all": lambda config, vehicle_types, road: permit_all,
-    "paper": lambda config, vehicle_types, road: partial(paper, config=config.safety),
+    "paper": lambda config, vehicle_types, road: Paper(config.safety),
     "strict": _strict,
 }
 """The function that creates each safety check, by name.
@@ -81,4 +80,15 @@ def action_mask(check: SafetyCheck, scene: Scene) -> ActionMask:
     The argument ``mask`` of ``gymnasium.spaces.Discrete.sample`` accepts it. All entries are 0 if
     the check replaces every action.
     """
+    if isinstance(check, WholeCheck):
+        return mask_of(check.verdicts(scene))
     return np.array([permits(check, scene, action) for action in ACTIONS], np.int8)
+
+
+def mask_of(verdicts: Verdicts) -> ActionMask:
+    """Return the action mask that follows from the verdicts on all actions."""
+    mask: ActionMask = (verdicts.executed == NUMBERS).astype(np.int8)
+    return mask
+
+
+NUMBERS = np.arange(len(ACTIONS))

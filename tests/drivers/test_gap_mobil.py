@@ -4,8 +4,8 @@ import pytest
 from worlds import RIGHT, SLOW_LEADER, ahead, scene
 
 from drl_av.config import Config
-from drl_av.drivers.gap_mobil import GapMobilDriver
 from drl_av.drivers.registry import rule_driver
+from drl_av.drivers.rule_based import GapMobilDriver
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.car_following import time_gap_acceleration
 from drl_av.driving.scene import Scene

@@ -6,7 +6,7 @@ import pytest
 from worlds import BARRICADED_ROAD, LEFT, RIGHT, Car, ahead, behind, scene
 
 from drl_av.config import Config, MobilConfig
-from drl_av.drivers.mobil import MobilDriver, idm_acceleration
+from drl_av.drivers.rule_based import MobilDriver, idm_acceleration
 from drl_av.driving.actions import Lateral
 from drl_av.road.road import MandatoryChange
 

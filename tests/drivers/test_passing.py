@@ -8,9 +8,8 @@ from worlds import LEFT, RIGHT, Car, ahead, scene
 
 from drl_av.config import Config
 from drl_av.drivers.checked import PolicyDriver
-from drl_av.drivers.passing import NoPassingOnTheRight
 from drl_av.drivers.registry import RULE_DRIVERS, rule_driver
-from drl_av.drivers.sumo import TUNED, SumoDriver
+from drl_av.drivers.rule_based import TUNED, NoPassingOnTheRight, SumoDriver
 from drl_av.driving.actions import Lateral, Longitudinal
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv

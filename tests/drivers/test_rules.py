@@ -7,7 +7,7 @@ from worlds import ALONE, CENTER, LEFT, RIGHT, ahead, behind, changing, scene, s
 
 from drl_av.config import SafetyConfig
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.rules import IdmDriver, IdmSumoDriver, RandomDriver
+from drl_av.drivers.rule_based import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
 from drl_av.safety.check import Rule

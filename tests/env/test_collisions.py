@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from drl_av.config import Config
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import Action, Lateral
 from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene

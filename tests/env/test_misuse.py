@@ -13,7 +13,7 @@ import pytest
 import drl_av
 from drl_av.config import Config
 from drl_av.drivers.registry import find_drivers
-from drl_av.drivers.rules import IdmDriver
+from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.errors import ConfigError, DrlAvError, ScenarioError, SimulationError

@@ -5,7 +5,7 @@ from drives import Place
 from worlds import CENTER, LANE_M
 
 from drl_av.config import Config
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import LaneChange

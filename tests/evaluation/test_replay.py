@@ -15,7 +15,7 @@ from PIL import Image
 
 from drl_av.cli import main
 from drl_av.config import Config
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.errors import RecordingError
 from drl_av.evaluation.recording import Recording, load_recording
 from drl_av.evaluation.replay import Pacer, ReplaySession, replay_session

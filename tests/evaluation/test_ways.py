@@ -84,7 +84,7 @@ def test_the_command_shows_exits_and_fails_a_driver_that_misses_more(
 ) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "lazy_exit.py").write_text(
-        "from drl_av.drivers.rules import IdmDriver\n"
+        "from drl_av.drivers.rule_based import IdmDriver\n"
         "def lazy(config):\n"
         "    return IdmDriver(config.safety)\n"
     )

@@ -10,7 +10,7 @@ import pytest
 
 from drl_av.config import Config
 from drl_av.drivers.checked import CheckedDriver, PolicyDriver
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv

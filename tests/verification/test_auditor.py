@@ -10,7 +10,7 @@ import pytest
 from worlds import CENTER, LEFT, ROAD, Car, ahead, behind, snapshot
 
 from drl_av.config import Config
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.road.road import Road

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drl_av.config import Config
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.safety import named_check

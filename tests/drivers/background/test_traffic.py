@@ -13,7 +13,7 @@ from worlds import CENTER, LEFT, RIGHT
 from drl_av.config import Config
 from drl_av.drivers.background.level_k import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
-from drl_av.drivers.rules import RandomDriver
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.evaluation.replay import ReplaySession
 from drl_av.road.snapshot import Command, Snapshot, TrafficCommand
