@@ -167,7 +167,7 @@ def test_the_notebook_holds_what_it_prints_and_draws_when_it_is_executed(tmp_pat
 
     notebook = nbformat.read(ROOT / "examples" / "tour.ipynb", as_version=4)
     kept = [output for cell in notebook.cells for output in cell.get("outputs", [])]
-    NotebookClient(notebook, timeout=120, resources={"metadata": {"path": tmp_path}}).execute()
+    NotebookClient(notebook, timeout=1200, resources={"metadata": {"path": tmp_path}}).execute()
     fresh = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     for outputs in (kept, fresh):
         assert sum("image/png" in output.get("data", {}) for output in outputs) == 2

@@ -1,7 +1,9 @@
 """The traffic that an episode starts with."""
 
+from collections.abc import Callable
 from contextlib import closing
 from itertools import islice
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,10 +12,11 @@ from worlds import CENTER
 
 from drl_av.config import Config
 from drl_av.drivers.registry import rule_driver
-from drl_av.env.episode import TRAINING_SEED_RANGE
+from drl_av.env.episode import TRAINING_SEED_RANGE, traffic_seed
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError
+from drl_av.learning.training import draw_seed
 from drl_av.scenarios.folder import PlacedVehicle
 
 
@@ -127,3 +130,26 @@ def test_no_vehicle_brakes_behind_a_lane_change_of_the_episode_before(decisions:
             env.step(KEEP)
             speeds.append(env.scene.snapshot.speed_m_s)
     np.testing.assert_array_equal(*speeds)
+
+
+class Bounds:
+    """A generator whose numbers are the least or the greatest that it may draw."""
+
+    def __init__(self, least: bool) -> None:
+        self._least = least
+
+    def integers(self, low: int, high: int | None = None) -> int:
+        low, high = (0, low) if high is None else (low, high)
+        return low if self._least else high - 1
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [lambda rng: traffic_seed(7, {}, rng), lambda rng: draw_seed(rng, 1)],
+    ids=["reset", "training"],
+)
+def test_the_seeds_of_training_begin_where_those_of_evaluations_end(
+    draw: Callable[[Any], int],
+) -> None:
+    assert draw(Bounds(least=True)) == 1_000_000
+    assert draw(Bounds(least=False)) == 2**31 - 1

@@ -115,7 +115,7 @@ def test_rows_of_before_sumo_took_the_only_process_along_are_kept(tmp_path: Path
     tiny.write_text(SHORT.to_toml())
     words = ["evaluate", "idm", "--vehicles", "3", "--episodes", "9", "--config", str(tiny)]
     command = [sys.executable, "-c", ABORTED, *words, "--out", str(out)]
-    ended = subprocess.run(command, capture_output=True, check=False, timeout=120)
+    ended = subprocess.run(command, capture_output=True, check=False, timeout=1200)
     assert ended.returncode == -signal.SIGABRT
     assert len(out.read_text().splitlines()) == 1 + 3
 

@@ -24,7 +24,7 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
-from drl_av.env.reward import Transition
+from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.safety.check import Rule, Verdict
 
