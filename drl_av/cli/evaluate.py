@@ -16,6 +16,7 @@ from drl_av.cli.options import (
     custom_parts,
     driver_words,
     int_at_least,
+    int_list,
     with_command_line,
 )
 from drl_av.cli.status import INTERRUPTED
@@ -55,7 +56,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--vehicles",
         nargs="+",
-        type=int_at_least(0),
+        type=int_list(0),
         metavar="N",
         help=f"numbers of vehicles around the ego (default: {' '.join(map(str, DENSITIES))}; "
         "the scenario's number on an open road, or where it places the vehicles)",
@@ -134,7 +135,7 @@ def evaluate(options: argparse.Namespace) -> int:
         warn_of_checks(specs, config.safety.check)
     seeds = range(options.seed, options.seed + options.episodes)
     metrics = CriticalityMetrics if options.criticality else EpisodeMetrics
-    vehicles = tuple(options.vehicles or ())
+    vehicles = tuple(number for part in options.vehicles or () for number in part)
     evaluation = Evaluation(config, specs, vehicles, seeds, metrics, custom_parts(options))
     kept = _kept(options.out)
     rows, status, saved_s = [], 0, time.monotonic()

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from drl_av.config import TRAFFIC_PRESETS, Config, with_files
+from drl_av.config import SETTING, TRAFFIC_PRESETS, Config, with_files
 from drl_av.config.functions import is_factory
 from drl_av.config.presets import PRESETS, preset
 from drl_av.config.reference import SECTIONS, annotated_toml
@@ -37,6 +37,16 @@ def int_at_least(low: int) -> Callable[[str], int]:
         if number < low:
             raise argparse.ArgumentTypeError(f"{number} is less than {low}")
         return number
+
+    parse.__name__ = "whole number"
+    return parse
+
+
+def int_list(low: int) -> Callable[[str], list[int]]:
+    """Return the function that converts whole numbers, separated by commas, to a list."""
+
+    def parse(text: str) -> list[int]:
+        return [int_at_least(low)(part) for part in text.split(",")]
 
     parse.__name__ = "whole number"
     return parse
@@ -99,6 +109,22 @@ def config_files(parser: argparse.ArgumentParser, whose: str) -> None:
         metavar="FILE.toml",
         help=f"TOML settings that replace {whose}; given again, a file is laid over those before",
     )
+    parser.add_argument(
+        "-o",
+        dest="config",
+        action="append",
+        type=_setting,
+        metavar="SECTION.KEY=VALUE",
+        help="one setting, such as traffic.vehicles_max=10; as if it stood in the last --config",
+    )
+
+
+def _setting(text: str) -> str:
+    if not SETTING.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} does not have the form SECTION.KEY=VALUE, such as traffic.vehicles_max=10"
+        )
+    return text
 
 
 def with_command_line(config: Config, options: argparse.Namespace) -> Config:

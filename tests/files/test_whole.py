@@ -161,13 +161,16 @@ def test_what_a_dead_process_left_is_removed_and_what_a_living_one_writes_stays(
 
 
 @pytest.mark.parametrize("write", [lambda path: write_atomic(path, b"mine"), require_writable])
+@pytest.mark.parametrize("to_folder", [False, True])
 def test_a_link_planted_at_the_temporary_name_is_not_followed(
-    write: Callable[[Path], None], tmp_path: Path
+    write: Callable[[Path], None], to_folder: bool, tmp_path: Path
 ) -> None:
-    diary, path = tmp_path / "diary.txt", tmp_path / "rows.csv"
+    path, name = tmp_path / "rows.csv", f".rows.{os.getpid()}.unfinished.csv"
+    secrets, diary = tmp_path / "mine", tmp_path / "mine" / name
+    secrets.mkdir()
     diary.write_text("dear diary")
-    planted = tmp_path / f".rows.{os.getpid()}.unfinished.csv"
-    planted.symlink_to(diary)
+    planted = tmp_path / name
+    planted.symlink_to(secrets if to_folder else diary)
     write(path)
     assert diary.read_text() == "dear diary"
     assert not path.exists() or path.read_text() == "mine"
