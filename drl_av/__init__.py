@@ -20,21 +20,22 @@ The packages, each importing only from those before it:
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from gymnasium.envs.registration import register
-
 if TYPE_CHECKING:
     from drl_av.drivers.registry import load_driver as load_driver
     from drl_av.env.attach import attach as attach
     from drl_av.env.video import RecordVideo as RecordVideo
     from drl_av.evaluation.evaluate import evaluate as evaluate
+    from drl_av.learning.train import train as train
 
 __version__ = "0.1.0"
+__all__ = ["RecordVideo", "attach", "evaluate", "load_driver", "train"]
 
 _NAMES = {
     "RecordVideo": "drl_av.env.video",
     "attach": "drl_av.env.attach",
     "evaluate": "drl_av.evaluation.evaluate",
     "load_driver": "drl_av.drivers.registry",
+    "train": "drl_av.learning.train",
 }
 """The module of each public name; the first use imports it, and with it SUMO."""
 
@@ -44,22 +45,19 @@ _ON_OPEN_ROADS = (
 )
 """Groups of the observation on open roads, in the order of the setting ``observation.way``."""
 
-register(
-    id="drl_av/Highway-v0",
-    entry_point="drl_av.env:HighwayEnv",
-    kwargs={"action_mask": True},
-)
-for _name, _scenario in (
-    ("Straight", "straight"),
-    ("Merge", "merge"),
-    ("Exit", "exit"),
-    ("RampToRamp", "ramp_to_ramp"),
-):
-    register(
-        id=f"drl_av/{_name}-v0",
-        entry_point="drl_av.env:HighwayEnv",
-        kwargs={"action_mask": True, "scenario": _scenario, "observation": _ON_OPEN_ROADS},
-    )
+
+def _register_envs() -> None:
+    """Register the environments with gymnasium, if that has not been done yet."""
+    from gymnasium.envs.registration import register, registry
+
+    kinds: dict[str, dict[str, Any]] = {"drl_av/Highway-v0": {}}
+    for name in ("straight", "merge", "exit", "ramp_to_ramp"):
+        kind = {"scenario": name, "observation": _ON_OPEN_ROADS}
+        kinds[f"drl_av/{name.title().replace('_To_', 'To')}-v0"] = kind
+    for name, arguments in kinds.items():
+        if name not in registry:
+            entry_point = "drl_av.env:HighwayEnv"
+            register(name, entry_point, kwargs={"action_mask": True, **arguments})
 
 
 def __getattr__(name: str) -> Any:
@@ -69,4 +67,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_NAMES])
+    return [*__all__, "__version__"]
+
+
+_register_envs()

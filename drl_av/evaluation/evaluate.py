@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from contextlib import closing
+from html import escape
 from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
@@ -22,10 +23,11 @@ from drl_av.env.custom import CustomParts
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.observation import ObservationFunction
 from drl_av.env.transition import RewardFunction
-from drl_av.errors import ConfigError, printable
+from drl_av.errors import ConfigError, DrlAvError, printable
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.criticality import CriticalityMetrics
 from drl_av.evaluation.judgement import CriterionResult, judge
+from drl_av.evaluation.statistics import summarize
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import with_scenario
 
@@ -34,7 +36,34 @@ Word = str | Path
 
 
 class Results(list[EpisodeResult]):
-    """The results of an evaluation: a list of episodes."""
+    """The results of an evaluation: a list of episodes; a notebook shows them as a table."""
+
+    def to_pandas(self) -> Any:
+        """Return a pandas DataFrame with one row for each episode; its columns are those of --out.
+
+        Raises:
+            DrlAvError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise DrlAvError(
+                "to_pandas needs the package pandas, which is not installed: pip install pandas."
+            ) from error
+        return pandas.DataFrame([row.cells() for row in self])
+
+    def _repr_html_(self) -> str:
+        """Return the statistics of each driver, check and number of vehicles as an HTML table."""
+        headings = ("vehicles", "driver", "check", "episodes", "speed, m/s", "reward", "ego hits")
+        rows = [
+            (s.vehicles, s.driver, s.safety_check, s.episodes, s.speed_m_s, s.reward, s.ego_hits)
+            for s in summarize(self)
+        ]
+        lines = [
+            "".join(f"<{tag}>{escape(str(cell))}</{tag}>" for cell in row)
+            for tag, row in [("th", headings), *(("td", row) for row in rows)]
+        ]
+        return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
     @property
     def judgements(self) -> list[CriterionResult]:
