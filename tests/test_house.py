@@ -36,7 +36,7 @@ ONLY_IN = {
     "traci": {"simulation", "sumo_programs"},
     "sumolib": {"scenarios", "sumo_programs"},
     "torch": {"learning"},
-    "safetensors": {"learning", "drivers"},
+    "safetensors": {"drivers"},
     "matplotlib": {"evaluation"},
 }
 

@@ -1,8 +1,9 @@
-"""Reads policy files and checkpoints: safetensors with a checksum, so that no code can run."""
+"""Reads and writes policy files and checkpoints: safetensors with a checksum; no code can run."""
 
 import hashlib
 import json
 import os
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from drl_av.drivers.network import QNetwork
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import CheckpointError, ConfigError, RunError
+from drl_av.files import write_atomic
 
 State = dict[str, np.ndarray]
 """Arrays by name."""
@@ -99,13 +101,15 @@ def _header(path: Path) -> tuple[str, Shapes]:
         with path.open("rb") as file:
             held = os.fstat(file.fileno()).st_size
             size = int.from_bytes(file.read(8), "little")
-            found = dict(json.loads(file.read(size))) if size <= min(held, MAX_HEADER) else {}
+            if size > min(held, MAX_HEADER):
+                raise ValueError("it describes no arrays")
+            found = dict(json.loads(file.read(size)))
         header = found.pop("__metadata__", {}).get(FORMAT)
         shapes: Shapes = {
             name: (str(each["dtype"]), *map(int, each["shape"])) for name, each in found.items()
         }
         ends = [int(each["data_offsets"][1]) for each in found.values()]
-        if (not found and size) or held != 8 + size + max(ends, default=0):
+        if held != 8 + size + max(ends, default=0):
             raise ValueError("its size is not that of its contents")
     except OSError as error:
         raise CheckpointError(
@@ -189,6 +193,33 @@ def load_policy(path: Path) -> tuple[list[QNetwork], Config]:
         for name, view in network.tensors().items():
             view[...] = tensors[name][number] if axis else tensors[name]
     return networks, config
+
+
+def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
+    """Write named arrays, and metadata of JSON types, to the safetensors file ``path`` atomically.
+
+    An interruption at any moment leaves either the complete old file or the complete new one.
+
+    Raises:
+        CheckpointError: the disk is full, or the folder is missing or not writable.
+    """
+    tensors = {name: np.asarray(tensor, order="C") for name, tensor in tensors.items()}
+    text = json.dumps(metadata, sort_keys=True)
+    header = json.dumps({"metadata": text, "sha256": checksum(tensors, text)}, sort_keys=True)
+    write_atomic(path, safetensors.numpy.save(tensors, {FORMAT: header}), CheckpointError)
+
+
+def save_policy(path: Path, networks: Sequence[QNetwork], config: Config) -> None:
+    """Write a policy file: the weights of the networks, and their config.
+
+    The arrays of several networks have an additional first axis, the network. Raises
+    CheckpointError if the file cannot be written.
+    """
+    named = [network.tensors() for network in networks]
+    tensors = {name: np.stack([own[name] for own in named]) for name in named[0]}
+    if len(networks) == 1:
+        tensors = {name: tensor[0] for name, tensor in tensors.items()}
+    save(path, tensors, {"kind": "policy", "config": config.to_toml()})
 
 
 def find_policy(path: Path) -> Path:

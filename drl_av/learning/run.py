@@ -9,10 +9,9 @@ from typing import NamedTuple
 from drl_av.config import OLD_DEFAULTS, Config, from_toml
 from drl_av.config.reference import annotated_toml
 from drl_av.config.stored import load_stored
-from drl_av.drivers.policy_file import load
+from drl_av.drivers.policy_file import load, save, save_policy
 from drl_av.errors import CheckpointError, ConfigError, RunError
 from drl_av.files import replacing, table_bytes
-from drl_av.learning import checkpoint
 from drl_av.learning.training import EpisodeRow, EvaluationRow, Training
 
 
@@ -162,7 +161,7 @@ class Run:
             RunError: a table cannot be written.
             CheckpointError: the policy or the checkpoint cannot be written.
         """
-        checkpoint.save_policy(self.policy_file, training.networks, training.config)
+        save_policy(self.policy_file, training.networks, training.config)
         self._save_checkpoint(training)
 
     def _save_checkpoint(self, training: Training) -> None:
@@ -173,7 +172,7 @@ class Run:
                 sizes[file.name] = stream.tell()
         tensors, numbers = training.state()
         numbers |= {"kind": "training", "config": training.config.to_toml(), "sizes": sizes}
-        checkpoint.save(self.checkpoint_file, tensors, numbers)
+        save(self.checkpoint_file, tensors, numbers)
 
     def append(self, file: Path, row: EpisodeRow | EvaluationRow) -> None:
         """Add a row to one of the CSV files; raises RunError if it cannot be written."""

@@ -15,8 +15,8 @@ from drl_av.env.episode import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import drive, rollout
+from drl_av.errors import CheckpointError
 from drl_av.learning.buffers import Batch, Buffer, part_of
-from drl_av.learning.checkpoint import restore_rng, rng_to_json
 from drl_av.learning.experience import TransitionWriter
 from drl_av.learning.exploration import ExploringDriver, linear_epsilon
 from drl_av.learning.learner import Learner
@@ -89,6 +89,27 @@ def seed_of_episode(seed: int, episode: int) -> int:
     Trainings with the same seed then learn in the same traffic, for a fair comparison.
     """
     return draw_seed(np.random.default_rng([seed, episode]), episode)
+
+
+def rng_to_json(rng: np.random.Generator) -> dict[str, Any]:
+    """Return the state of a random generator as a dictionary that JSON can hold."""
+    state: dict[str, Any] = dict(rng.bit_generator.state)
+    return state
+
+
+def restore_rng(rng: np.random.Generator, state: dict[str, Any]) -> None:
+    """Set a random generator, in place, to the state that ``rng_to_json`` returned.
+
+    Raises:
+        CheckpointError: ``state`` belongs to another kind of generator.
+    """
+    try:
+        rng.bit_generator.state = state
+    except (ValueError, TypeError, KeyError) as error:
+        raise CheckpointError(
+            f"The stored state of a random generator is not one of {rng.bit_generator}: continue "
+            "with the version of numpy the run was started with."
+        ) from error
 
 
 def learner_names(count: int) -> list[str]:

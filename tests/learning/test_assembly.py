@@ -11,7 +11,7 @@ from worlds import ALONE
 
 from drl_av.config import Config
 from drl_av.drivers.learned import network_values
-from drl_av.drivers.policy_file import load
+from drl_av.drivers.policy_file import load, save_policy
 from drl_av.drivers.registry import find_drivers, load_learned, make_drivers
 from drl_av.driving.mirror import MIRROR, mirrored_observations
 from drl_av.env.episode import TRAINING_SEED_RANGE
@@ -19,7 +19,6 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import CheckpointError
 from drl_av.learning.builder import build_training, warm_start
-from drl_av.learning.checkpoint import save_policy
 from drl_av.learning.run import Run
 from drl_av.learning.training import Training, draw_seed, seed_of_episode
 

@@ -10,10 +10,10 @@ from drl_av.config import Config
 from drl_av.drivers.background.level_k import LEVEL_1, Level1, level_0, load_level_1
 from drl_av.drivers.background.surroundings import Surroundings, surroundings
 from drl_av.drivers.network import Layers, QNetwork, forward
+from drl_av.drivers.policy_file import save_policy
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import ObservationScale
 from drl_av.errors import CheckpointError
-from drl_av.learning.checkpoint import save_policy
 from drl_av.road.snapshot import Snapshot
 
 CONFIG = Config()
