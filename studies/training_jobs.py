@@ -113,8 +113,8 @@ def train_job(job: TrainingJob) -> None:
     """
     job.require_same_settings()
     from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.builder import build_training, warm_start
-    from drl_av.learning.run import Run, train
+    from drl_av.learning.run import Run, train, warm_start
+    from drl_av.learning.training import build_training
 
     run = Run(job.folder)
     with closing(HighwayEnv(config=job.config)) as env, ExitStack() as stack:

@@ -7,6 +7,9 @@ from functools import cached_property
 from drl_av.config.schema import Section, setting
 from drl_av.errors import ConfigError
 
+ONE_STRIP_M = 3.8
+"""From this ``lateral_resolution_m`` on, each lane is one strip (the lane width of Table I)."""
+
 
 @dataclass(frozen=True)
 class SimulationConfig(Section):
@@ -27,7 +30,8 @@ class SimulationConfig(Section):
     lateral_resolution_m: float = setting(
         3.8,
         "ours",
-        "width of a strip of SUMO's sublane model; the default is one strip per lane",
+        "width of a strip of SUMO's sublane model; from 3.8 m on, one strip per lane, also in "
+        "wider lanes",
         low=0.1,
         high=10.0,
     )
@@ -49,3 +53,8 @@ class SimulationConfig(Section):
     def steps_per_decision(self) -> int:
         """Number of SUMO steps in one decision."""
         return round(self.decision_interval_s / self.step_length_s)
+
+    def strip_width_m(self, lane_width_m: float) -> float:
+        """Return the width of a strip on a road with lanes of this width, metres."""
+        own_m = self.lateral_resolution_m
+        return own_m if own_m < ONE_STRIP_M else max(own_m, lane_width_m)

@@ -8,9 +8,10 @@ import os
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
+from dataclasses import dataclass, fields
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from drl_av.config import Config
 from drl_av.config.functions import is_factory
@@ -64,7 +65,8 @@ DRIVER_FILES = (".safetensors", *LOADERS)
 """Suffixes of the files from which a driver can be loaded."""
 
 
-class DriverSpec(NamedTuple):
+@dataclass(frozen=True)
+class DriverSpec:
     """A driver that the user requests: its name and its source."""
 
     name: str
@@ -87,6 +89,19 @@ class DriverSpec(NamedTuple):
     def config(self, config: Config) -> Config:
         """Return an evaluation's config with the safety check under which this driver drives."""
         return config if self.under is None else config.updated("safety", check=self.under)
+
+    @cached_property
+    def learned(self) -> "tuple[LearnedDriver, Config] | None":
+        """The driver and the config of its training, read once; None if drl-av did not train it.
+
+        Raises:
+            RunError, CheckpointError: as ``load_learned``.
+        """
+        return None if self.run is None or self.is_external else load_learned(self.run)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields for a worker process, which reads the driver itself."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 def driver_names() -> tuple[str, ...]:
@@ -201,9 +216,8 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
         CheckpointError: the policy file of that driver is damaged.
     """
     for spec in specs:
-        if spec.run and not spec.is_external:
-            config = load_learned(spec.run)[1]
-            check = spec.under or spec.check
+        if spec.learned:
+            config, check = spec.learned[1], spec.under or spec.check
             return config.updated("safety", check=check) if check else config
     return Config()
 
@@ -266,11 +280,10 @@ def make_drivers(
 ) -> dict[str, Driver]:
     """Load or build each driver for an environment with this config; the keys are their names.
 
-    ``check`` is the user's own safety check, and ``observed`` the number of values of the user's
-    own observation, if the environment has them.
-
     If ``config.learning`` has the margins of the first learned driver, each learned driver keeps
     its own. Otherwise all learned drivers use those of ``config.learning``, even if they are 0.
+    ``check`` is the environment's safety check; by default it is made if a driver asks it.
+    ``observed`` is the number of values of the environment's observation, if that is the user's.
 
     Raises:
         RunError: a run has no policy file; or a learned driver was trained with other settings of
@@ -280,19 +293,19 @@ def make_drivers(
         ConfigError: a factory does not work, or no rule-based driver has the name.
     """
     drivers: dict[str, Driver] = {}
-    learned = {
-        spec.name: load_learned(spec.run) for spec in specs if spec.run and not spec.is_external
-    }
-    trained = [Margins.of(own.learning) for _, own in learned.values()]
+    trained = [Margins.of(spec.learned[1].learning) for spec in specs if spec.learned]
     margins = Margins.of(config.learning)
+
+    def its_check(spec: DriverSpec) -> SafetyCheck:
+        return _check(spec.config(config)) if check is None or spec.under else check
+
     for spec in specs:
         name, driven_by = spec.name, spec.config(config)
-        if name in learned:
-            driver, own = learned[name]
+        if spec.learned is not None:
+            driver, own = spec.learned
             _require_same_observation(name, own, config)
             if own.learning.permitted_only:
-                permitted_by = _check(driven_by) if check is None or spec.under else check
-                driver = driver.limited_to(considerate(permitted_by, config.mobil))
+                driver = driver.limited_to(considerate(its_check(spec), config.mobil))
             drivers[name] = driver if margins == trained[0] else driver.with_margins(margins)
         elif spec.own is not None:
             drivers[name] = spec.own
@@ -302,10 +315,8 @@ def make_drivers(
         observed = len(observed_indicators(config.observation))
     for spec in specs:  # at the end: a zip file is not loaded if another driver is refused
         if spec.is_external and spec.run is not None:
-            masks_by = partial(_check, spec.config(config))
-            if check is not None and spec.under is None:
-                masks_by = partial(_same, check)
-            drivers[spec.name] = LOADERS[spec.run.suffix.lower()](spec.run, observed, masks_by)
+            load = LOADERS[spec.run.suffix.lower()]
+            drivers[spec.name] = load(spec.run, observed, partial(its_check, spec))
     return {spec.name: drivers[spec.name] for spec in specs}
 
 
@@ -318,10 +329,6 @@ def _require_same_observation(name: str, own: Config, config: Config) -> None:
             "ego.max_speed_m_s than it would drive with here: evaluate it alone, without "
             "settings that change them."
         )
-
-
-def _same(check: SafetyCheck) -> SafetyCheck:
-    return check
 
 
 def _check(config: Config) -> SafetyCheck:

@@ -147,22 +147,25 @@ class MobilDriver(Driver):
         )
         return own + self._mobil.politeness * others
 
-    def _idm(self, speed_m_s: float, gap_m: float, closing_m_s: float) -> float:
-        desired = self._ego.max_speed_m_s
+    def _idm(
+        self, affordances: Affordances, speed_m_s: float, gap_m: float, closing_m_s: float
+    ) -> float:
+        desired = min(self._ego.max_speed_m_s, affordances.allowed_speed_m_s)
         return idm_acceleration(speed_m_s, desired, gap_m, closing_m_s, self._mobil)
 
     def _ahead(self, affordances: Affordances, front: Neighbor | None) -> float:
         """Return the ego's IDM acceleration behind ``front``, m/s^2; None means a free road."""
         if front is None:
-            return self._idm(affordances.ego_speed_m_s, math.inf, 0.0)
-        return self._idm(affordances.ego_speed_m_s, front.gap_m, -front.relative_speed_m_s)
+            return self._idm(affordances, affordances.ego_speed_m_s, math.inf, 0.0)
+        closing_m_s = -front.relative_speed_m_s
+        return self._idm(affordances, affordances.ego_speed_m_s, front.gap_m, closing_m_s)
 
     def _behind(self, affordances: Affordances, rear: Neighbor | None) -> float:
         """Return the IDM acceleration of ``rear`` behind the ego, m/s^2; 0 if ``rear`` is None."""
         if rear is None:
             return 0.0
         speed = affordances.ego_speed_m_s + rear.relative_speed_m_s
-        return self._idm(speed, rear.gap_m, rear.relative_speed_m_s)
+        return self._idm(affordances, speed, rear.gap_m, rear.relative_speed_m_s)
 
     def _without_ego(
         self,
@@ -176,9 +179,10 @@ class MobilDriver(Driver):
             return 0.0
         speed = affordances.ego_speed_m_s + rear.relative_speed_m_s
         if front is None:
-            return self._idm(speed, math.inf, 0.0)
+            return self._idm(affordances, speed, math.inf, 0.0)
         gap_m = rear.gap_m + length_m + front.gap_m
-        return self._idm(speed, gap_m, rear.relative_speed_m_s - front.relative_speed_m_s)
+        closing_m_s = rear.relative_speed_m_s - front.relative_speed_m_s
+        return self._idm(affordances, speed, gap_m, closing_m_s)
 
 
 class GapMobilDriver(MobilDriver):

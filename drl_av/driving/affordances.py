@@ -7,14 +7,25 @@ import numpy.typing as npt
 
 from drl_av.compiled import compiled
 from drl_av.config import ObservationConfig
-from drl_av.road.road import NO_CHANGE, Barrier, FloatArray, MandatoryChange, Road
+from drl_av.road.road import (
+    LANE_CHANGE_S,
+    NO_CHANGE,
+    Barrier,
+    FloatArray,
+    MandatoryChange,
+    Road,
+    SpeedLimit,
+    allowed_speed,
+)
 from drl_av.road.road_numbers import (
     RoadNumbers,
+    allowed_speed_in,
     is_beside,
     is_open,
     lane_end_m,
     lane_of,
     mandatory_change,
+    may_cross,
     road_numbers,
 )
 from drl_av.road.snapshot import EGO, Snapshot
@@ -95,7 +106,8 @@ class Affordances(NamedTuple):
     left_rear: Neighbor | None
     right_lane: bool
     left_lane: bool
-    """Whether the lanes to the right and to the left exist and are open here."""
+    """Whether the lanes to the right and to the left exist, are open here, and may be entered: no
+    forbidden line lies between, neither here nor ahead, until the ego could have crossed it."""
     lane: int
     """Index of the lane that contains the ego's centre; 0 is the rightmost lane."""
     lane_center_m: float
@@ -113,6 +125,14 @@ class Affordances(NamedTuple):
     mandatory: MandatoryChange = NO_CHANGE
     """The lane changes that the ego must make to reach its exit or to leave a lane that ends. Their
     ``within_m`` is measured from the ego's front bumper."""
+    speed_limits: tuple[SpeedLimit, ...] = ()
+    """The speed limits of the ego's lane here and ahead, at their distances from its front bumper.
+    Empty if the road has one limit, which no setting may exceed."""
+
+    @property
+    def allowed_speed_m_s(self) -> float:
+        """The largest speed with which the ego keeps the limits here and ahead; inf without any."""
+        return allowed_speed(self.speed_limits)
 
     def front(self, sign: int) -> Neighbor | None:
         """Return the vehicle ahead in the ego's own (0), left (+1) or right (-1) lane, or None."""
@@ -158,10 +178,13 @@ class Affordances(NamedTuple):
         """Return the indicators as compiled functions take them."""
         rows = [NOBODY if slot is None else slot.vehicle for slot in self[:6]]
         lanes = self.lane, self.right_lane, self.left_lane, self.mandatory.lanes
-        values = np.append(self.vector(), self.mandatory.within_m)
+        values = np.append(self.vector(), (self.mandatory.within_m, self.allowed_speed_m_s))
         barriers = np.array(self.barriers, dtype=np.float64).reshape(-1, 3)
+        limits = [(self.lane, *limit) for limit in self.speed_limits]
+        numbers = np.array(limits, dtype=np.float64).reshape(-1, 4)
         ground = float(self.circumference_m), float(self.lane_width_m), barriers, 0.0
-        return Indicators(values, np.array([*rows, *lanes], np.int64), ground, self.range_m)
+        codes = np.array([*rows, *lanes], np.int64)
+        return Indicators(values, codes, ground, self.range_m, numbers)
 
 
 Ground = tuple[float, float, FloatArray, float]
@@ -174,20 +197,23 @@ class Indicators(NamedTuple):
     """The indicators as the function ``indicators`` writes them, in two arrays."""
 
     values: FloatArray
-    """Shape (28,), float64: the 27 indicators in SI units, in the order of INDICATORS; then the
-    distance ``MandatoryChange.within_m``."""
+    """Shape (29,), float64: the 27 indicators in SI units, in the order of INDICATORS; then the
+    distance ``MandatoryChange.within_m``, and the speed that the speed limits allow, m/s."""
     codes: IntArray
     """Shape (10,), int64: the row of the neighbour in each of the six SLOTS, ``NOBODY`` if there is
     none, and N + 1 for the end of a lane; then ``LANE`` to ``CHANGES``."""
     ground: Ground
     range_m: float
     """The largest gap that is observed."""
+    speed_limits: FloatArray
+    """``RoadNumbers.speed_limits``; positions are measured like that of the ego in ``ground``."""
 
 
-VALUES, CODES = 28, 10
+VALUES, CODES = 29, 10
 """Sizes of the two arrays that ``indicators`` fills."""
-WITHIN = 27
-"""Index of the distance ``MandatoryChange.within_m`` in the values, after the 27 indicators."""
+WITHIN, ALLOWED = 27, 28
+"""Indices in the values, after the 27 indicators: the distance ``MandatoryChange.within_m``, and
+``Affordances.allowed_speed_m_s``."""
 LANE, RIGHT_LANE, LEFT_LANE, CHANGES = 6, 7, 8, 9
 """Indices in the codes, after the neighbours' rows: the ego's lane, whether there is a lane to the
 right and to the left (1 or 0), and ``MandatoryChange.lanes``."""
@@ -211,7 +237,7 @@ def indicators(
     """Compute the indicators of one scene (Sec. III); ``compute_affordances`` has the rules.
 
     The first six arrays are those of a snapshot, shape (1 + N,), the ego first. The function fills
-    ``values``, shape (28,), and ``codes``, shape (10,), which ``Indicators`` describes.
+    ``values``, shape (29,), and ``codes``, shape (10,), which ``Indicators`` describes.
     """
     vehicles, lane = len(s_m), lane_of(y_m[EGO], road.lane_width_m)
     own_m = lane * road.lane_width_m
@@ -250,6 +276,13 @@ def indicators(
             if gap_m < values[4 * slot] and has_lane(codes, sign):
                 values[4 * slot], codes[slot] = gap_m, vehicles
         codes[CHANGES], values[WITHIN] = mandatory_change(lane, front_m, road)
+    values[ALLOWED] = allowed_speed_in(road.speed_limits, lane, front_m, 0.0)
+    if len(road.forbidden_lines) > 0:
+        for side in (-1, 1):
+            share = 1 - side * (y_m[EGO] - own_m) / road.lane_width_m
+            to_m = front_m + speed_m_s[EGO] * share * LANE_CHANGE_S
+            if not may_cross(lane, side, ego_s_m, to_m, road):
+                codes[RIGHT_LANE if side < 0 else LEFT_LANE] = 0
     for slot in range(6):
         _complete(slot, s_m, y_m, speed_m_s, lateral_speed_m_s, road, range_m, values, codes)
     values[24], values[25], values[26] = speed_m_s[EGO], y_m[EGO], lateral_speed_m_s[EGO]
@@ -311,7 +344,7 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     numbers = road_numbers(road)
     indicators.fast(*snapshot.arrays, numbers, float(range_m), values, codes)
     ground = ground_of(numbers, snapshot)
-    return affordances_of(Indicators(values, codes, ground, range_m), road)
+    return affordances_of(Indicators(values, codes, ground, range_m, numbers.speed_limits), road)
 
 
 def ground_of(road: RoadNumbers, snapshot: Snapshot) -> Ground:
@@ -323,7 +356,7 @@ def ground_of(road: RoadNumbers, snapshot: Snapshot) -> Ground:
 
 def affordances_of(indicators: Indicators, road: Road) -> Affordances:
     """Return the indicators by name from the arrays that ``indicators`` has filled."""
-    values, codes, (circumference_m, lane_width_m, _, front_m), range_m = indicators
+    values, codes, (circumference_m, lane_width_m, _, front_m), range_m, _ = indicators
     number, code = values.tolist(), codes.tolist()
     lane, partial = code[LANE], road.partial_lanes
     own_front, own_rear, right_front, right_rear, left_front, left_rear = (
@@ -349,6 +382,18 @@ def affordances_of(indicators: Indicators, road: Road) -> Affordances:
         circumference_m=circumference_m,
         barriers=_ahead(road, front_m) if partial else (),
         mandatory=MandatoryChange(code[CHANGES], number[WITHIN]) if partial else NO_CHANGE,
+        speed_limits=_limits_ahead(road, lane, front_m) if road.speed_limits else (),
+    )
+
+
+def _limits_ahead(road: Road, lane: int, front_m: float) -> tuple[SpeedLimit, ...]:
+    """Return a lane's speed limits here and ahead, at their distances from the ego's front."""
+    if not 0 <= lane < len(road.speed_limits):
+        return ()
+    return tuple(
+        SpeedLimit(begin_m - front_m, end_m - front_m, limit_m_s)
+        for begin_m, end_m, limit_m_s in road.speed_limits[lane]
+        if end_m > front_m
     )
 
 
@@ -375,6 +420,7 @@ class ObservationScale:
         )
         self.lanes = len(road.open_lanes)
         """Number of lanes of the road."""
+        self.max_speed_m_s = max_speed_m_s
         middle_m = road.lane_width_m * (self.lanes - 1) / 2
         half_speed = max_speed_m_s / 2
         self.offset = np.array([0.0] * 24 + [half_speed, middle_m, 0.0])

@@ -16,6 +16,7 @@ from drl_av.config import EgoConfig, MobilConfig, SimulationConfig
 from drl_av.driving.actions import ACCELERATE, BRAKE, EgoNumbers, Longitudinal, acceleration_of
 from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.road.road import FloatArray
+from drl_av.road.road_numbers import allowed_speed_in
 
 Number = TypeVar("Number", float, FloatArray)
 
@@ -102,7 +103,8 @@ def reference_speeds(
 
     A model (IDM or ACC) computes a new acceleration at each SUMO step, and assumes that the vehicle
     ahead keeps its speed. This acceleration is limited to the range of the ego's actions. The ego
-    is never faster than it would be with the constant acceleration of the same action.
+    is never faster than it would be with the constant acceleration of the same action. On a road
+    whose speed limit varies it keeps the limits here and ahead, as far as hard braking permits.
     """
     speed, front = affordances.ego_speed_m_s, affordances.own_front
     gap_m, front_m_s = (
@@ -110,7 +112,29 @@ def reference_speeds(
     )
     speeds = [0.0] * simulation.steps_per_decision
     set_speeds(speeds, speed, gap_m, front_m_s, action, ego, simulation.step_length_s)
+    limits = affordances.arrays().speed_limits
+    keep_limits(speeds, speed, limits, affordances.lane, 0.0, ego, simulation.step_length_s)
     return speeds
+
+
+def keep_limits(
+    speeds: Any,
+    speed_m_s: float,
+    limits: FloatArray,
+    lane: int,
+    front_m: float,
+    ego: EgoConfig | EgoNumbers,
+    step_s: float,
+) -> None:
+    """Reduce ``speeds`` to what the speed limits of a lane allow, as far as hard braking permits.
+
+    ``limits`` are ``RoadNumbers.speed_limits``, and the ego's front is at ``front_m``.
+    """
+    for step in range(len(speeds) if len(limits) > 0 else 0):
+        allowed = allowed_speed_in(limits, lane, front_m, step_s)
+        speed_m_s = min(speeds[step], max(allowed, speed_m_s - ego.hard_brake_m_s2 * step_s, 0.0))
+        front_m += speed_m_s * step_s
+        speeds[step] = speed_m_s
 
 
 def set_speeds(

@@ -20,8 +20,13 @@ from drl_av.driving.maneuver import plan_with
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.custom import custom_check, custom_observation_of, custom_reward_of
 from drl_av.env.docstring import DOCSTRING
-from drl_av.env.episode import number_of_vehicles, reset_options, traffic_seed
-from drl_av.env.kinds import drawn_traffic, traffic_setups
+from drl_av.env.episode_start import (
+    drawn_traffic,
+    number_of_vehicles,
+    reset_options,
+    traffic_seed,
+    traffic_setups,
+)
 from drl_av.env.observation import ObservationFunction, default_groups, observation_function
 from drl_av.env.renderer import renderer_of
 from drl_av.env.reward import Rewards
@@ -86,8 +91,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             each_kind = config.of_each_kind
             self.safety_check, *_ = (named_check(each, types, self.road) for each in each_kind)
             self._check_name = config.safety.check
-        self._kinds = traffic_setups(config, loaded, gui=render_mode == "human")
-        self.simulation, self.traffic_drivers = self._kinds[0]
+        self._setups = traffic_setups(config, loaded, gui=render_mode == "human")
+        self.simulation, self.traffic_drivers = self._setups[0]
         self._own_reward = None if reward is None else custom_reward_of(reward)
         self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
         groups = default_groups(config.observation) if observation is None else observation
@@ -120,15 +125,26 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         """Name of the safety check; ``none`` while SUMO drives the ego, as none applies then."""
         return self._check_name if self.ego_model is None else "none"
 
-    def require_room(self) -> None:
-        """Raise ConfigError if ``traffic.vehicles_max`` vehicles do not fit on the road."""
-        most = min(simulation.fleet.capacity for simulation, _ in self._kinds)
-        if (
-            self.config.traffic.vehicles_max > most
-            and self.simulation.fleet.default_vehicle_count is None
-        ):
+    def require_room(self, vehicles: int | None = None) -> None:
+        """Raise an error unless the vehicles fit on the road; do not call it within an episode.
+
+        ``vehicles`` is the number of other vehicles; None stands for ``traffic.vehicles_max``.
+
+        Raises:
+            ConfigError: ``traffic.vehicles_max`` vehicles do not fit, or the scenario places
+                another number.
+            ScenarioError: ``vehicles`` vehicles do not fit.
+        """
+        traffic, fleets = self.config.traffic, [each.simulation.fleet for each in self._setups]
+        if vehicles is not None:
+            number_of_vehicles({"vehicles": vehicles}, 0, traffic, fleets[0].placed)
+            for fleet in fleets:
+                fleet.draw(0, vehicles)
+            return
+        most = min(fleet.capacity for fleet in fleets)
+        if traffic.vehicles_max > most and fleets[0].default_vehicle_count is None:
             raise ConfigError(
-                f"traffic.vehicles_max is {self.config.traffic.vehicles_max}, but this road takes "
+                f"traffic.vehicles_max is {traffic.vehicles_max}, but this road takes "
                 f"{pluralize(most, 'vehicle')} besides the ego: ask for fewer or make the loop "
                 "longer."
             )
@@ -155,7 +171,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         given = reset_options(options)
         self.seed = traffic_seed(seed, given, self.np_random)
         self.simulation, self.traffic_drivers = drawn_traffic(
-            self._kinds, self.seed, self.simulation
+            self._setups, self.seed, self.simulation
         )
         fleet, traffic = self.simulation.fleet, self.config.traffic
         if "vehicles" not in given:
@@ -173,7 +189,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self._route = RouteOutcome(self.road, self.scene)
         info = self._info(self._route.outcome(self.scene, over=False))
         info["unsafe_start"] = starts_unsafe(self.safety_check, self.scene)
-        self._renderer.reset(snapshot, self.seed)
+        if self._renderer is not None:
+            self._renderer.reset(snapshot, self.seed)
         self._over = False
         return self.observation, info
 
@@ -258,7 +275,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             reward = custom_reward(self._own_reward, self.transition)
             self.transition = self.transition._replace(reward=reward)
         self._over = over
-        self._renderer.step(self.transition)
+        if self._renderer is not None:
+            self._renderer.step(self.transition)
         return self.transition
 
     def render(self) -> npt.NDArray[np.uint8] | None:
@@ -266,7 +284,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
         The result is None without a render mode, and in the mode ``human`` (sumo-gui).
         """
-        return self._renderer.render()
+        return None if self._renderer is None else self._renderer.render()
 
     def action_masks(self) -> ActionMask:
         """Return the action mask of the present scene, shape (12,), int8, for sb3-contrib.

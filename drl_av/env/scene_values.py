@@ -49,7 +49,8 @@ class SceneValues:
             codes,
             observation,
         )
-        found = Indicators(values, codes, ground_of(self._numbers, snapshot), self._range_m)
+        ground, limits = ground_of(self._numbers, snapshot), self._numbers.speed_limits
+        found = Indicators(values, codes, ground, self._range_m, limits)
         scene = Scene.of(snapshot, found, lane_change, self._road)
         return scene, observation, Rewards(*terms)
 

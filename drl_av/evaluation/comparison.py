@@ -9,9 +9,10 @@ from itertools import product
 import cloudpickle
 
 from drl_av.config import Config
+from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, make_drivers
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
-from drl_av.env.episode import TRAINING_SEED_RANGE
+from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import drive
@@ -52,15 +53,15 @@ class Evaluation:
                 f"{TRAINING_SEED_RANGE[0]} on belong to training: begin with a smaller one."
             )
         self._given = config, tuple(specs), make_metrics, custom
-        self._names = [spec.name for spec in specs]
-        with closing(HighwayEnv(config=config, **custom._asdict())) as env:
-            implied = env.simulation.fleet.default_vehicle_count
-            default = DENSITIES if implied is None else (implied,)
-            self._vehicles = tuple(dict.fromkeys(vehicles)) or default
-            for number in {min(self._vehicles), max(self._vehicles)}:
-                env.reset(seed=0, options={"vehicles": number})
+        self._names, self._seeds = [spec.name for spec in specs], seeds
         self._cells = _Cells(*self._given)
-        self._seeds = seeds
+        env = self._cells.env(config, custom)
+        implied = env.simulation.fleet.default_vehicle_count
+        default = DENSITIES if implied is None else (implied,)
+        self._vehicles = tuple(dict.fromkeys(vehicles)) or default
+        for number in self._vehicles:
+            env.require_room(number)
+        self._cells.make_drivers()
 
     def __len__(self) -> int:
         return len(self._names) * len(self._vehicles) * len(self._seeds)
@@ -118,33 +119,36 @@ class _Cells:
         make_metrics: MakeMetrics,
         custom: CustomParts,
     ) -> None:
+        self._config, self._specs, self._custom = config, specs, custom
         self._make_metrics = make_metrics
-        self._custom = {
+        self._parts = {
             spec.name: (spec.config(config), custom._replace(safety_check=None))
             if spec.under
             else (config, custom)
             for spec in specs
         }
         self._envs: dict[Config, HighwayEnv] = {}
-        with closing(self):
-            for config_of_driver, parts in self._custom.values():
-                self._env(config_of_driver, parts)
-            check = self._env(config, custom).safety_check if custom.safety_check else None
-            observed = None
-            if custom.observation is not None:
-                shape = self._env(config, custom).observation_space.shape or ()
-                observed = shape[0] if len(shape) == 1 else 0
-        # after the environments: making drivers may run code of a file, which must not be in vain
-        self._drivers = make_drivers(specs, config, check, observed)
+        self._drivers: dict[str, Driver] = {}
 
-    def _env(self, config: Config, custom: CustomParts) -> HighwayEnv:
+    def env(self, config: Config, custom: CustomParts) -> HighwayEnv:
+        """Return the environment with these settings, which starts SUMO at its first reset."""
         if config not in self._envs:
             self._envs[config] = HighwayEnv(config=config, **custom._asdict())
         return self._envs[config]
 
+    def make_drivers(self) -> None:
+        """Make the environments and then the drivers, as a driver's file may run its code."""
+        for config, custom in self._parts.values():
+            self.env(config, custom)
+        env, observed = self.env(self._config, self._custom), None
+        if self._custom.observation is not None:
+            shape = env.observation_space.shape or ()
+            observed = shape[0] if len(shape) == 1 else 0
+        self._drivers = make_drivers(self._specs, self._config, env.safety_check, observed)
+
     def drive(self, vehicles: int, seed: int, name: str) -> EpisodeResult:
         """Drive one episode with the driver of this name, under its safety check."""
-        env = self._env(*self._custom[name])
+        env = self.env(*self._parts[name])
         return drive(env, self._drivers[name], name, seed, vehicles, self._make_metrics)
 
     def close(self) -> None:
@@ -158,7 +162,9 @@ def _cells(given: bytes) -> _Cells:
     """Make the environments and drivers of a worker process; cached for its next episodes."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DrlAvWarning)  # the first process has warned
-        return _Cells(*cloudpickle.loads(given))
+        cells = _Cells(*cloudpickle.loads(given))
+        cells.make_drivers()
+        return cells
 
 
 def _drive(given: bytes, vehicles: int, seed: int, name: str) -> EpisodeResult:

@@ -10,9 +10,9 @@ from drl_av.config.functions import is_factory
 from drl_av.config.presets import as_config
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.transition import RewardFunction
-from drl_av.learning.builder import build_training
 from drl_av.learning.run import Run
 from drl_av.learning.run import train as train_run
+from drl_av.learning.training import build_training
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import with_scenario
 

@@ -118,7 +118,8 @@ def _require_model(name: str, found: VehicleType, written: VehicleType) -> None:
 
 def _require_one_vehicle_abreast(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
     """Raise ConfigError if two vehicles can drive beside each other in one lane."""
-    resolution_m, lane_m = config.simulation.lateral_resolution_m, road.lane_width_m
+    lane_m = road.lane_width_m
+    resolution_m = config.simulation.strip_width_m(lane_m)
     if resolution_m < lane_m:
         raise _refusal(
             "simulation.lateral_resolution_m",

@@ -113,6 +113,7 @@ from drl_av.driving.maneuver import next_change
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 from drl_av.road.road import FloatArray
+from drl_av.road.road_numbers import allowed_speed_in
 from drl_av.road.snapshot import EGO
 from drl_av.safety.assumptions import FALLBACK_CHECK
 from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdicts, WholeCheck
@@ -154,7 +155,31 @@ class Strict(WholeCheck):
         """
         found = Verdicts(np.empty(12, np.int64), np.empty(12, np.int64))
         strict_verdicts.fast(*self._arguments(scene), *found)
+        if len(scene.indicators.speed_limits) and self._ego.has_constant_acceleration:
+            self._expect_limits(scene, found)
         return found
+
+    def _expect_limits(self, scene: Scene, found: Verdicts) -> None:
+        """Change the verdicts where a speed limit may make the ego slower than its action.
+
+        A lane change is then permitted only if it is also permitted with the fastest action that
+        keeps the limit, or with hard brake.
+        """
+        ego, (values, codes, ground, _, limits) = self._ego, scene.indicators
+        speed, decision_s = values[24], ego.decision_interval_s
+        ahead_m = ground[3] + speed * decision_s
+        allowed = allowed_speed_in(limits, codes[LANE], ahead_m, ego.step_length_s)
+        keeps = [
+            speed + acceleration_of(how, ego) * decision_s <= allowed for how in range(len(ORDER))
+        ]
+        permitted = found.executed.copy() // 4
+        for number, (lateral, safe) in enumerate(zip(permitted, found.executed % 4, strict=True)):
+            order = ORDER[ORDER.index(safe) :]
+            slowest = next((how for how in order if keeps[how]), HARD_BRAKE)
+            instead = permitted[4 * lateral + slowest]
+            if lateral == number // 4 and instead != lateral:
+                found.executed[number] = 4 * instead + safe
+                found.rules[number] |= LANE_CHANGE
 
     def fallback_is_free(self, scene: Scene) -> bool:
         """Whether the invariant holds: the ego hits no vehicle ahead in its fallback maneuver."""

@@ -99,4 +99,4 @@ def draw_types(seed: int, own: Sequence[CustomVehicleType]) -> Iterator[str]:
     rng = generator(seed, Stream.OWN_VEHICLE_TYPES)
     yield "ego"
     while True:
-        yield names[np.searchsorted(limits, rng.random(), side="right")] if own else "traffic"
+        yield names[np.searchsorted(limits, rng.random(), side="right")]

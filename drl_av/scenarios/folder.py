@@ -3,7 +3,6 @@
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from drl_av.config import Config
 from drl_av.config.schema import did_you_mean
@@ -15,7 +14,12 @@ from drl_av.scenarios import folder_files
 from drl_av.scenarios.description_file import from_toml
 from drl_av.scenarios.layout import Layout
 from drl_av.scenarios.netconvert import NETWORK_FILE
-from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription, require_ego
+from drl_av.scenarios.road_description import (
+    PlacedVehicle,
+    RoadDescription,
+    ScenarioDescription,
+    require_ego,
+)
 from drl_av.scenarios.road_types import ROAD_TYPES, road_type_of
 from drl_av.scenarios.safe_xml import (
     ADDITIONAL,
@@ -45,7 +49,7 @@ class Scenario:
     """A scenario folder that has been read and verified."""
 
     folder: Path
-    description: Any
+    description: RoadDescription
     """The settings of the scenario; their class is the ``description`` of its ``ScenarioKind``."""
     layout: Layout
     additional_files: tuple[Path, ...]
@@ -71,7 +75,7 @@ class Scenario:
         return self.folder / folder_files.VIEW_FILE
 
 
-def write_scenario(folder: str | Path, description: Any) -> None:
+def write_scenario(folder: str | Path, description: RoadDescription) -> None:
     """Write a scenario folder atomically; equal descriptions give equal bytes.
 
     Raises:
@@ -140,7 +144,7 @@ def load_scenario(folder: str | Path) -> Scenario:
     )
 
 
-def read_description(path: Path, remedy: str = WRITE_AGAIN) -> Any:
+def read_description(path: Path, remedy: str = WRITE_AGAIN) -> RoadDescription:
     """Return the description of a scenario in a TOML file.
 
     Raises:
@@ -151,7 +155,7 @@ def read_description(path: Path, remedy: str = WRITE_AGAIN) -> Any:
     return from_toml(_text(path, remedy), str(path), described)
 
 
-def _with_sizes(description: Any, types: VehicleTypes, name: str) -> Any:
+def _with_sizes(description: RoadDescription, types: VehicleTypes, name: str) -> RoadDescription:
     """Return the description with the vehicle types' sizes, which the user may have changed."""
     try:
         return replace(

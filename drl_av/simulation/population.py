@@ -13,7 +13,7 @@ from drl_av.errors import ConfigError, ScenarioError, pluralize
 from drl_av.random_streams import Stream, generator
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import EGO_ID
-from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription, require_ego
+from drl_av.scenarios.road_description import PlacedVehicle, RoadDescription, require_ego
 from drl_av.simulation.start_positions import StartPositions, random_lanes, ring_places, safe_speeds
 
 SPREAD_M = 250.0
@@ -64,27 +64,26 @@ ARRAYS = attrgetter(*(item.name for item in fields(Population)[1:]))
 """Returns the arrays of a population, in the order of its fields."""
 
 
-def require_speed_limit(config: Config, description: ScenarioDescription) -> None:
+def require_speed_limit(config: Config, description: RoadDescription, road: Road) -> None:
     """Raise ConfigError if a setting permits a speed above the road's speed limit.
 
     It also raises ConfigError if the scenario starts the ego faster than ``ego.max_speed_m_s``. On
-    a road whose limits vary, the speeds of the other vehicles may be higher: SUMO limits them.
+    a road with limits along it the settings may be higher: the ego and SUMO keep the limits.
     """
     fastest = {"ego.max_speed_m_s": config.ego.max_speed_m_s}
-    if not description.vehicles and not description.limits_vary:
+    if not description.vehicles:
         fastest["traffic.desired_speed_max_m_s"] = config.traffic.desired_speed_max_m_s
         if config.traffic.truck_share:
             fastest["traffic.truck_speed_max_m_s"] = config.traffic.truck_speed_max_m_s
         if config.traffic.fast_share:
             fastest["traffic.fast_speed_m_s"] = config.traffic.fast_speed_m_s
-    option = " by --lowest-limit-m-s" if description.limits_vary else ""
-    for name, speed in fastest.items():
+    for name, speed in () if road.speed_limits else fastest.items():
         other = " choose another traffic.kind," if name.startswith("traffic.") else ""
         if speed > description.speed_limit_m_s:
             raise ConfigError(
                 f"{name} is {speed:g}, but the scenario's speed_limit_m_s is "
                 f"{description.speed_limit_m_s:g}: lower the setting,{other} "
-                f"or write a scenario with a higher limit{option}."
+                "or write a scenario with a higher limit."
             )
     for vehicle in description.vehicles:
         if vehicle.id == EGO_ID and vehicle.speed_m_s > config.ego.max_speed_m_s:
@@ -95,7 +94,7 @@ def require_speed_limit(config: Config, description: ScenarioDescription) -> Non
             )
 
 
-def require_truck_width(config: Config, description: ScenarioDescription) -> None:
+def require_truck_width(config: Config, description: RoadDescription) -> None:
     """Raise ConfigError if trucks can occur and are wider than a lane."""
     width_m, lane_m = config.traffic.truck_width_m, description.lane_width_m
     if config.traffic.truck_share and width_m > lane_m:

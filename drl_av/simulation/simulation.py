@@ -38,6 +38,8 @@ from drl_av.simulation.vehicle_calls import (
     spawn,
 )
 
+CROSSES_LINES = "ignoring"
+"""SUMO's class of an ego that we drive: the safety check obeys forbidden lines, SUMO does not."""
 LANE_CHANGE_S = 5.0
 """Time for which SUMO tries to execute a lane change, a random one or one of the scenario."""
 
@@ -99,7 +101,6 @@ class Simulation:
         self._steps = 0
         self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
-        self._states = StateReader(self._sumo, self.scenario)
         self._watch()
         self._read()
         return self._snapshot()
@@ -207,10 +208,13 @@ class Simulation:
         self._release = weakref.finalize(self, instance.release)
         self._release.atexit = False
         self._sumo = instance.sumo
+        self._states = StateReader(self._sumo, self.scenario)
         files = (self.scenario.network_file, *self.scenario.additional_files)
         view = self.scenario.view_file if self._gui else None
-        start(self._sumo, files, seed, self._config, view)
         timing, limit_m_s = self._config.simulation, self.scenario.description.speed_limit_m_s
+        strip_m = timing.strip_width_m(self.road.lane_width_m)
+        config = self._config.updated("simulation", lateral_resolution_m=strip_m)
+        start(self._sumo, files, seed, config, view)
         longest_s = timing.decisions_per_episode * timing.decision_interval_s
         for name in self.scenario.layout.routes:
             self._sumo.route.add(name, self.scenario.layout.route(name, longest_s * limit_m_s))
@@ -222,6 +226,8 @@ class Simulation:
         for number, name in enumerate(population.ids):
             type_id = fleet.type_ids[first + number]
             spawn(self._sumo.vehicle, population, number, type_id, layout, traffic)
+            if name == EGO_ID and self.road.forbidden_lines:
+                self._sumo.vehicle.setVehicleClass(name, CROSSES_LINES)
             if fleet.driver_models[first + number] != DriverModel.SUMO:
                 leave_to_commands(self._sumo.vehicle, name)
 

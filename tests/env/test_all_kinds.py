@@ -15,7 +15,7 @@ SEEDS = range(800_000, 800_020)
 
 
 def kind_of(env: HighwayEnv) -> str:
-    simulations = [simulation for simulation, _ in env._kinds]
+    simulations = [simulation for simulation, _ in env._setups]
     return SINGLE_PRESETS[simulations.index(env.simulation)]
 
 

@@ -1,8 +1,8 @@
 """The traffic that an episode starts with."""
 
-from collections.abc import Callable
 from contextlib import closing
 from itertools import islice
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,11 @@ from worlds import CENTER
 
 from drl_av.config import Config
 from drl_av.drivers.registry import rule_driver
-from drl_av.env.episode import TRAINING_SEED_RANGE, traffic_seed
+from drl_av.env.episode_start import TRAINING_SEED_RANGE, traffic_seed
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError
-from drl_av.learning.training import draw_seed
+from drl_av.learning.training import Training, seed_of_episode
 from drl_av.scenarios.folder import PlacedVehicle
 
 
@@ -143,13 +143,14 @@ class Bounds:
         return low if self._least else high - 1
 
 
-@pytest.mark.parametrize(
-    "draw",
-    [lambda rng: traffic_seed(7, {}, rng), lambda rng: draw_seed(rng, 1)],
-    ids=["reset", "training"],
-)
 def test_the_seeds_of_training_begin_where_those_of_evaluations_end(
-    draw: Callable[[Any], int],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    assert draw(Bounds(least=True)) == 1_000_000
-    assert draw(Bounds(least=False)) == 2**31 - 1
+    for least, wanted in ((True, 1_000_000), (False, 2**31 - 1)):
+        bounds: Any = Bounds(least)
+        by_itself: Any = SimpleNamespace(_rng=bounds, _config=Config().learning)
+        assert traffic_seed(7, {}, bounds) == wanted
+        assert Training._draw_seed(by_itself) == wanted
+        monkeypatch.setattr(np.random, "default_rng", lambda seed, made=bounds: made)
+        assert seed_of_episode(5, 1) == wanted
+        monkeypatch.undo()

@@ -44,9 +44,10 @@ class TrafficDrivers:
         speed. Both have shape (1 + N,), and the ego comes first. ``seed`` is that of the random
         hard braking.
         """
-        self._hard_braking = HardBraking(seed, len(driver_models), self._config)
         rows = {kind: np.flatnonzero(driver_models == kind) for kind in self._drivers}
         self._rows = {kind: found for kind, found in rows.items() if len(found)}
+        if DriverModel.HARD_BRAKING in self._rows:
+            self._hard_braking = HardBraking(seed, len(driver_models), self._config)
         self._desired_m_s = desired_m_s
         self._states = np.full(len(driver_models), State.CRUISE, dtype=np.intp)
 

@@ -1,13 +1,17 @@
-"""The choice of an episode at a reset: the seed of its traffic, and the number of vehicles."""
+"""The choice of an episode at a reset: the seed, the traffic and the number of vehicles."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from drl_av.config import TrafficConfig
+from drl_av.config import Config, TrafficConfig
+from drl_av.drivers.background.level_k import load_level_1
+from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.errors import ConfigError
 from drl_av.random_streams import Stream, generator
+from drl_av.scenarios.folder import Scenario
+from drl_av.simulation.simulation import Simulation
 
 TRAINING_SEED_RANGE = (1_000_000, 2**31)
 """Range [low, high) of the traffic seeds that a reset draws; evaluations use smaller seeds."""
@@ -82,3 +86,38 @@ def number_of_vehicles(
     if isinstance(vehicles, bool) or not isinstance(vehicles, int | np.integer) or vehicles < 0:
         raise ConfigError(f"vehicles is {vehicles!r}, but must be a whole number from 0 on.")
     return int(vehicles)
+
+
+class TrafficSetup(NamedTuple):
+    """The traffic of one kind."""
+
+    simulation: Simulation
+    drivers: TrafficDrivers
+
+
+def traffic_setups(config: Config, scenario: Scenario, gui: bool) -> list[TrafficSetup]:
+    """Return the traffic of each kind that an episode may have; often there is only one.
+
+    Raises the errors of ``Simulation``.
+    """
+    found = []
+    for each in config.of_each_kind:
+        level_1 = load_level_1(scenario.road) if each.traffic.level_1_share else None
+        drivers = TrafficDrivers(each, scenario.road, scenario.vehicle_types, level_1)
+        found.append(TrafficSetup(Simulation(scenario, each, gui), drivers))
+    return found
+
+
+def drawn_traffic(setups: Sequence[TrafficSetup], seed: int, before: Simulation) -> TrafficSetup:
+    """Draw the traffic of an episode from its seed, and return it.
+
+    ``before`` is the simulation of the previous episode. If the episode has another simulation,
+    ``before`` is closed, and the new one calls the same ``after_step``.
+    """
+    if len(setups) == 1:
+        return setups[0]
+    drawn = setups[int(generator(seed, Stream.KIND_OF_TRAFFIC).integers(len(setups)))]
+    if drawn.simulation is not before:
+        before.close()
+        drawn.simulation.after_step = before.after_step
+    return drawn
