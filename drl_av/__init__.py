@@ -21,21 +21,22 @@ The packages, each importing only from those before it:
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from gymnasium.envs.registration import register
-
 if TYPE_CHECKING:
     from drl_av.drivers.registry import load_driver as load_driver
     from drl_av.env.attach import attach as attach
     from drl_av.env.video import RecordVideo as RecordVideo
     from drl_av.evaluation.evaluate import evaluate as evaluate
+    from drl_av.learning.train import train as train
 
 __version__ = "0.1.0"
+__all__ = ["RecordVideo", "attach", "evaluate", "load_driver", "train"]
 
 _NAMES = {
     "RecordVideo": "drl_av.env.video",
     "attach": "drl_av.env.attach",
     "evaluate": "drl_av.evaluation.evaluate",
     "load_driver": "drl_av.drivers.registry",
+    "train": "drl_av.learning.train",
 }
 """The module of each public name; the first use imports it, and with it SUMO."""
 
@@ -49,25 +50,25 @@ _CHECKED: dict[str, Any] = {"disable_env_checker": True, "order_enforce": False}
 """The environment itself refuses wrong actions and a step before a reset, so gymnasium does not
 wrap it, which saves 6 % of a step with few vehicles."""
 
-register(
-    id="drl_av/Highway-v0",
-    entry_point="drl_av.env:HighwayEnv",
-    vector_entry_point="drl_av.env.vector:TwinVectorEnv",
-    kwargs={"action_mask": True},
-    **_CHECKED,
-)
-for _name, _scenario in (
-    ("Straight", "straight"),
-    ("Merge", "merge"),
-    ("Exit", "exit"),
-    ("RampToRamp", "ramp_to_ramp"),
-):
-    register(
-        id=f"drl_av/{_name}-v0",
-        entry_point="drl_av.env:HighwayEnv",
-        kwargs={"action_mask": True, "scenario": _scenario, "observation": _ON_OPEN_ROADS},
-        **_CHECKED,
-    )
+
+def _register_envs() -> None:
+    """Register the environments with gymnasium, if that has not been done yet."""
+    from gymnasium.envs.registration import register, registry
+
+    kinds: dict[str, dict[str, Any]] = {"drl_av/Highway-v0": {}}
+    for name in ("straight", "merge", "exit", "ramp_to_ramp"):
+        kind = {"scenario": name, "observation": _ON_OPEN_ROADS}
+        kinds[f"drl_av/{name.title().replace('_To_', 'To')}-v0"] = kind
+    for name, arguments in kinds.items():
+        if name not in registry:
+            on_the_loop = name == "drl_av/Highway-v0"
+            register(
+                name,
+                "drl_av.env:HighwayEnv",
+                vector_entry_point="drl_av.env.vector:TwinVectorEnv" if on_the_loop else None,
+                kwargs={"action_mask": True, **arguments},
+                **_CHECKED,
+            )
 
 
 def __getattr__(name: str) -> Any:
@@ -77,4 +78,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_NAMES])
+    return [*__all__, "__version__"]
+
+
+_register_envs()

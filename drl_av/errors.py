@@ -1,9 +1,19 @@
 """The errors that the package raises; each message is one sentence: what, where, what to do."""
 
+import unicodedata
+
 
 def pluralize(number: int, noun: str) -> str:
     """Return a number with its noun, which gets an "s" unless the number is 1."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def printable(text: str) -> str:
+    """Return a text with escapes for control characters, so that no terminal obeys them."""
+    return "".join(
+        each if unicodedata.category(each) not in ("Cc", "Cf", "Cs") else ascii(each)[1:-1]
+        for each in text
+    )
 
 
 class DrlAvError(Exception):
@@ -11,6 +21,10 @@ class DrlAvError(Exception):
 
     The command ``drl-av`` prints the message and exits with status 1.
     """
+
+
+class DrlAvWarning(UserWarning):
+    """What a user should know before believing a result; ``drl-av`` prints it in one line."""
 
 
 class ConfigError(DrlAvError):

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
-from drl_av.cli.arguments import int_at_least
 from drl_av.cli.console import Bar, progress_bar
-from drl_av.cli.settings import config_files
+from drl_av.cli.options import config_files, int_at_least
 from drl_av.cli.status import exit_status
 from drl_av.config import Config
 from drl_av.config.schema import did_you_mean

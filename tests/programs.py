@@ -5,6 +5,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+HANG_S = 1200
+"""A program that has not ended by then hangs; the longest needs a tenth of it on a busy machine."""
+
 
 def python(
     *words: object, cwd: Path | None = None, **environment: str
@@ -17,5 +20,5 @@ def python(
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=HANG_S,
     )

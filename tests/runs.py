@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from programs import HANG_S
 
 from drl_av.cli import main
 from drl_av.config import Config
@@ -72,7 +73,7 @@ def interrupted(
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=HANG_S,
     )
 
 

@@ -5,8 +5,10 @@ Inputs damaged at random are in ``verification.fuzz``; these are the worst by na
 
 import contextlib
 import io
+import json
 import pickle
 import shutil
+import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -19,7 +21,7 @@ from runs import error_message
 
 from drl_av.cli import main
 from drl_av.config import from_toml, load_config
-from drl_av.drivers.policy_file import load, save
+from drl_av.drivers.policy_file import load, load_policy, save
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, ScenarioError, SimulationError
 from drl_av.learning.run import Run
@@ -244,3 +246,43 @@ def test_a_policy_of_another_run_is_not_taken_for_this_run_s(
     assert "belongs to other settings" in capsys.readouterr().err
     policy = str(mixed / "policy.safetensors")
     assert main(["evaluate", policy, "--vehicles", "1", "--episodes", "1"]) == 0
+
+
+def test_a_small_policy_file_that_asks_for_huge_networks_gets_none(tmp_path: Path) -> None:
+    path = tmp_path / "policy.safetensors"
+    config = SMALL.updated("learning", networks=100, hidden_units=10_000)
+    save(path, {"a": np.zeros(3, np.float32)}, {"kind": "policy", "config": config.to_toml()})
+    tracemalloc.start()
+    with pytest.raises(
+        CheckpointError, match="does not fit a network of 27 -> 10000 -> 10000"
+    ) as e:
+        load_policy(path)
+    sentence(e.value, str(path))
+    assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    tracemalloc.stop()
+
+
+def test_a_sparse_checkpoint_is_refused_unread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "checkpoint.safetensors"
+    save(path, {"a": np.zeros(3, np.float32)}, {"kind": "training"})
+    load(path)
+    data = path.read_bytes()
+    size = int.from_bytes(data[:8], "little")
+    header = json.loads(data[8 : 8 + size])
+    header["a"] = {"dtype": "U8", "shape": [10**11], "data_offsets": [0, 10**11]}
+    text = json.dumps(header).encode()
+    with path.open("wb") as file:
+        file.write(len(text).to_bytes(8, "little") + text)
+        file.truncate(8 + len(text) + 10**11)
+    monkeypatch.setattr(Path, "read_bytes", lambda path: pytest.fail("it was read"))
+    monkeypatch.setattr("drl_av.drivers.policy_file._memory_bytes", lambda: 10**11)
+    with pytest.raises(CheckpointError, match=r"93\.1 GiB, which is more than half of this") as e:
+        load(path)
+    sentence(e.value, str(path))
+    with path.open("r+b") as file:
+        file.truncate(10**10)
+    with pytest.raises(CheckpointError, match="size is not that of its contents") as e:
+        load(path)
+    sentence(e.value, str(path))

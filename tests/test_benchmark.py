@@ -1,6 +1,9 @@
 import importlib
+import json
 from contextlib import closing
 from pathlib import Path
+
+from programs import python
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
@@ -61,3 +64,28 @@ def test_bare_libsumo_repeats_the_commands_of_the_environment_beside_another_one
         driven = positions(env)
         assert drives.step_bare(env, calls) > 0
         assert positions(env) == driven
+
+
+def test_what_cannot_be_measured_says_what_it_needs_and_the_rest_is_measured():
+    program = f"""
+import json, sys
+sys.path.insert(0, {str(TOOLS)!r})
+class Without:
+    def find_spec(self, name, path=None, target=None):
+        if name in ("highway_env", "torch", "stable_baselines3"):
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Without())
+import benchmark, benchmark_rows
+benchmark.ROWS["env"] = lambda seeds, stack: [benchmark_rows.Row("mine", lambda: 2.0, lambda: 1.0)]
+sys.argv[1:] = ["env", "highway-env", "step", "train", "--rounds", "1", "--episodes", "1", "--json"]
+benchmark.main()
+"""
+    done = python("-c", program)
+    assert done.returncode == 0, done.stderr
+    assert [row["name"] for row in json.loads(done.stdout)] == ["mine"]
+    for line in (
+        "highway-env: not measured, it needs highway_env: pip install 'drl-av[benchmark]'",
+        "step: not measured, it needs torch: pip install 'drl-av[train]'",
+        "train: not measured, it needs torch: pip install 'drl-av[train]'",
+    ):
+        assert line in done.stderr.splitlines()

@@ -17,7 +17,7 @@ from shown import ROOT, fenced, read, run, run_commands
 from drl_av.cli import VERBS
 from drl_av.config import Config, from_toml
 from drl_av.config.reference import SECTIONS, settings
-from drl_av.drivers.onnx_interface import INPUTS, OUTPUTS
+from drl_av.drivers.onnx import INPUTS, OUTPUTS
 from drl_av.driving.affordances import INDICATORS
 from studies.study import with_check
 
@@ -193,7 +193,7 @@ def test_the_notebook_holds_what_it_prints_and_draws_when_it_is_executed(tmp_pat
 
     notebook = nbformat.read(ROOT / "examples" / "tour.ipynb", as_version=4)
     kept = [output for cell in notebook.cells for output in cell.get("outputs", [])]
-    NotebookClient(notebook, timeout=120, resources={"metadata": {"path": tmp_path}}).execute()
+    NotebookClient(notebook, timeout=1200, resources={"metadata": {"path": tmp_path}}).execute()
     fresh = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     for outputs in (kept, fresh):
         assert sum("image/png" in output.get("data", {}) for output in outputs) == 2

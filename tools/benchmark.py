@@ -37,8 +37,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from typing import NamedTuple
 
-import torch
-from benchmark_learning import step_rows, train_rows
 from benchmark_rows import (
     NUMBERS,
     Row,
@@ -53,6 +51,23 @@ from benchmark_rows import (
 
 from drl_av.evaluation.provenance import made_by
 
+
+def step_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Return the row of a training step; torch is loaded only for it and for ``train``."""
+    import benchmark_learning
+
+    return benchmark_learning.step_rows(seeds, stack)
+
+
+def train_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Return the rows of Algorithm 1 beside stable-baselines3."""
+    import benchmark_learning
+
+    return benchmark_learning.train_rows(seeds, stack)
+
+
+EXTRAS = {"highway_env": "benchmark", "torch": "train", "stable_baselines3": "dev"}
+"""The extra of drl-av with which each package is installed that only some rows need."""
 ROWS: dict[str, Callable[[Sequence[int], ExitStack], list[Row]]] = {
     "env": env_rows,
     "traffic": traffic_rows,
@@ -94,11 +109,10 @@ def main() -> None:
     options = parser.parse_args()
     if unknown := set(options.rows) - set(ROWS):
         parser.error(f"there is no row {unknown.pop()!r}; the rows are: {', '.join(ROWS)}")
-    torch.set_num_threads(1)
     begun_s = time.monotonic()
     seeds = range(SEEDS, SEEDS + options.episodes)
     with ExitStack() as stack:
-        rows = [row for name in options.rows or ROWS for row in ROWS[name](seeds, stack)]
+        rows = [row for name in options.rows or ROWS for row in measurable(name, seeds, stack)]
         if hasattr(os, "sched_setaffinity"):
             os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
         results = list(in_turn(rows, options.rounds))
@@ -107,6 +121,18 @@ def main() -> None:
     else:
         print(table(results))
         print(made_by(time.monotonic() - begun_s))
+
+
+def measurable(name: str, seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Return the rows ``name``; none if a package is missing, which a line on stderr names."""
+    try:
+        return ROWS[name](seeds, stack)
+    except ModuleNotFoundError as error:
+        if error.name not in EXTRAS:
+            raise
+        needed = f"pip install 'drl-av[{EXTRAS[error.name]}]'"
+        print(f"{name}: not measured, it needs {error.name}: {needed}", file=sys.stderr)
+        return []
 
 
 def in_turn(rows: Sequence[Row], rounds: int) -> Iterator[Result]:

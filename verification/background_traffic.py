@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from itertools import product
 
-from drl_av.cli.arguments import int_at_least
+from drl_av.cli.options import int_at_least
 from drl_av.config import TRAFFIC_PRESETS, Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import driver_names, driving_config, find_drivers, make_drivers

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.cli.arguments import int_at_least
+from drl_av.cli.options import int_at_least
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import driving_config, find_drivers, make_drivers

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from drl_av.cli.arguments import int_at_least
+from drl_av.cli.options import int_at_least
 from drl_av.config import Config
 from drl_av.errors import ScenarioError
 from drl_av.road.snapshot import Collision

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from drl_av.cli.arguments import int_at_least
+from drl_av.cli.options import int_at_least
 from drl_av.cli.status import exit_status
 from drl_av.evaluation.provenance import made_by
 

@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean
 
-from drl_av.cli.arguments import int_at_least
+from drl_av.cli.options import int_at_least
 from drl_av.config import Config, MobilConfig
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, default_config, find_drivers, make_drivers

@@ -15,7 +15,7 @@ from contextlib import closing
 
 import numpy as np
 
-from drl_av.cli.arguments import int_at_least
+from drl_av.cli.options import int_at_least
 from drl_av.config import TRAFFIC_PRESETS, Config
 from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv

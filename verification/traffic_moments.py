@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.cli.arguments import int_at_least
+from drl_av.cli.options import int_at_least
 from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.drivers.background.level_k import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers

@@ -6,8 +6,9 @@ from collections.abc import Callable, Container, Sequence
 from typing import NamedTuple
 
 from drl_av import __version__
-from drl_av.cli import config, evaluate, export, figures, learning, replay, scenario
+from drl_av.cli import evaluate, export, figures, learning, options, replay, scenario
 from drl_av.cli.status import exit_status
+from drl_av.config.schema import did_you_mean
 
 
 class Verb(NamedTuple):
@@ -36,7 +37,9 @@ VERBS = {
     ),
     "replay": Verb("show a driver or a recorded episode", replay.add_options, replay.replay),
     "export": Verb("write a trained driver as an ONNX file", export.add_options, export.export),
-    "config": Verb("print all settings with their meaning", config.add_options, config.config),
+    "config": Verb(
+        "print all settings with their meaning", options.add_config_options, options.config
+    ),
     "figures": Verb("draw the paper's figures as PNG files", figures.add_options, figures.figures),
 }
 
@@ -50,9 +53,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
 
     def run() -> int:
-        options = command_line(words).parse_args(words)
-        verb: Verb = options.verb
-        return verb.run(options)
+        parser = command_line(words)
+        if not words:
+            parser.print_help()
+            return 0
+        if not words[0].startswith("-") and words[0] not in VERBS:
+            parser.error(
+                f"there is no verb {words[0]!r}{did_you_mean(words[0], VERBS)}; the verbs are: "
+                f"{', '.join(VERBS)}"
+            )
+        given = parser.parse_args(words)
+        verb: Verb = given.verb
+        return verb.run(given)
 
     return exit_status("drl-av", run)
 
@@ -68,6 +80,7 @@ def command_line(verbs: Container[str] = VERBS) -> argparse.ArgumentParser:
         description="Learn to drive on a highway, safely, in SUMO.",
         epilog="Every verb has its own --help.",
         formatter_class=_Verbs,
+        allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"drl-av {__version__}")
     parsers = parser.add_subparsers(required=True, metavar="VERB")
@@ -77,6 +90,7 @@ def command_line(verbs: Container[str] = VERBS) -> argparse.ArgumentParser:
             help=verb.meaning,
             description=f"{verb.meaning[0].upper()}{verb.meaning[1:]}.",
             formatter_class=_Help,
+            allow_abbrev=False,
         )
         own.set_defaults(verb=verb)
         if name in verbs:

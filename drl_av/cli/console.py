@@ -35,6 +35,15 @@ def make_console() -> Console:
     return console if console.is_terminal else Console(width=WIDTH, highlight=False, markup=False)
 
 
+def plus_minus() -> str:
+    """Return the sign between a value and its interval, which the output can show."""
+    try:
+        "±".encode(sys.stdout.encoding or "ascii")
+    except UnicodeEncodeError:
+        return "+-"
+    return "±"
+
+
 class Bar:
     """A progress bar with the remaining time; without a terminal it prints a line every minute."""
 

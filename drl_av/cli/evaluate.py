@@ -8,10 +8,17 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drl_av.cli.arguments import int_at_least
-from drl_av.cli.settings import add_env_options, driver_words, with_command_line
+from drl_av.cli.options import (
+    add_env_options,
+    add_observation,
+    custom_parts,
+    driver_words,
+    int_at_least,
+    int_list,
+    with_command_line,
+)
 from drl_av.cli.status import INTERRUPTED
-from drl_av.drivers.registry import baselines, default_config, find_drivers
+from drl_av.drivers.registry import baselines, default_config, find_drivers, warn_of_checks
 from drl_av.errors import ConfigError, pluralize
 from drl_av.evaluation import DENSITIES, LOKY, PASS_CRITERION, RAY
 
@@ -49,7 +56,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--vehicles",
         nargs="+",
-        type=int_at_least(0),
+        type=int_list(0),
         metavar="N",
         help=f"numbers of vehicles around the ego (default: {' '.join(map(str, DENSITIES))}; "
         "the scenario's number on an open road, or where it places the vehicles)",
@@ -92,21 +99,28 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--require-pass",
         action="store_true",
-        help="end with status 1 if a driver fails beside the rule-based ones; see below",
+        help="end with status 1 unless each driver passes beside the rule-based ones; see below",
     )
     parser.add_argument("--json", type=Path, metavar="FILE.json", help="write the summary")
     add_env_options(parser, "the first RUN's")
+    add_observation(parser)
 
 
 def evaluate(options: argparse.Namespace) -> int:
     """Drive the episodes, write one row for each, and print the summary; return the exit status.
 
-    Episodes that the table ``--out`` has already are not driven. The status is 1 if a driver fails
-    and ``--require-pass`` is given, 130 after Ctrl-C, else 0.
+    Episodes that the table ``--out`` has already are not driven. The status is 1 if a driver does
+    not pass and ``--require-pass`` is given, 130 after Ctrl-C, else 0.
 
     Raises DrlAvError if the table exists and was made with other settings or drivers.
     """
-    from drl_av.cli.tables import print_gains, print_overall, print_styles, print_summaries
+    from drl_av.cli.tables import (
+        print_gains,
+        print_overall,
+        print_styles,
+        print_summaries,
+        title_of,
+    )
     from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
     from drl_av.evaluation.comparison import Evaluation
     from drl_av.evaluation.criterion import judge
@@ -134,9 +148,12 @@ def evaluate(options: argparse.Namespace) -> int:
     if options.require_pass:
         _require_rivals([spec.name for spec in specs])
     config = with_command_line(default_config(specs), options)
+    if options.safety_check is None:
+        warn_of_checks(specs, config.safety.check)
     seeds = range(options.seed, options.seed + options.episodes)
     metrics = CriticalityMetrics if options.criticality else EpisodeMetrics
-    evaluation = Evaluation(config, specs, tuple(options.vehicles or ()), seeds, metrics)
+    vehicles = tuple(number for part in options.vehicles or () for number in part)
+    evaluation = Evaluation(config, specs, vehicles, seeds, metrics, custom_parts(options))
     table = _table(options.out, evaluation) if options.out else None
     driven, status = dict[tuple[int, int, str], EpisodeResult](), 0
     try:
@@ -161,12 +178,13 @@ def evaluate(options: argparse.Namespace) -> int:
         write_summaries(options.json, parts)
     if rows:
         print_summaries(summaries)
+    title = title_of((row.driver, row.safety_check) for row in rows)
     if status == 0:
         if found_gains := gains_over_fastest(rows, rules):
-            print_gains(found_gains)
-        print_overall(overalls)
+            print_gains(found_gains, title)
+        print_overall(overalls, title)
     if found_styles:
-        print_styles(found_styles)
+        print_styles(found_styles, title)
     for judgement in judgements:
         print(judgement)
     if status == 0 and not rules:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av export`` to its parser."""
-    from drl_av.drivers.onnx_interface import described
+    from drl_av.drivers.onnx import described
 
     parser.add_argument(
         "run",
@@ -19,9 +19,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def export(options: argparse.Namespace) -> int:
     """Write the ONNX file, and describe its inputs and outputs; return the exit status 0."""
-    from drl_av.drivers.external import is_factory
-    from drl_av.drivers.onnx_export import export as write
-    from drl_av.drivers.onnx_interface import INPUTS, OUTPUTS
+    from drl_av.config.functions import is_factory
+    from drl_av.drivers.onnx import INPUTS, OUTPUTS
+    from drl_av.drivers.onnx import export as write
     from drl_av.drivers.policy_file import SHIPPED, load_run
     from drl_av.drivers.registry import RULE_DRIVERS
     from drl_av.driving.observation_scale import ObservationScale

@@ -2,11 +2,16 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
-from drl_av.config import Config
+from drl_av.cli.tables import title_of
+from drl_av.config import Config, load_config
 from drl_av.errors import ConfigError, pluralize
+
+UNASKED = ("reward", "lane_change")
+"""Figures that do not depend on the sources."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -19,7 +24,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="tables of evaluate, and folders of runs",
     )
     parser.add_argument(
-        "--out", type=Path, default=Path(), metavar="DIR", help="folder for the figures"
+        "--out",
+        type=Path,
+        default=Path(),
+        metavar="DIR | FILE",
+        help="folder for the figures, as PNG files; or a file that ends in .pdf (a page for each "
+        "figure of the sources), .svg or .png",
     )
 
 
@@ -28,7 +38,7 @@ def figures(options: argparse.Namespace) -> int:
 
     Raises ConfigError if a folder is not a run, or tables have an episode of a driver twice.
     """
-    from drl_av.evaluation.figure_style import save_figure
+    from drl_av.evaluation.figure_style import add_title
     from drl_av.evaluation.figures import (
         EPISODE_COLUMNS,
         learning_figure,
@@ -49,14 +59,48 @@ def figures(options: argparse.Namespace) -> int:
     if tables:
         rows = [row for table in tables for row in read_table(table, EPISODE_COLUMNS)]
         _require_distinct(tables)
-        figures["mean_speed"] = speed_figure(rows)
-        figures["speed_profile"] = profile_figure(rows)
+        title = _checks_of(tables)
+        for name, draw in (("mean_speed", speed_figure), ("speed_profile", profile_figure)):
+            figures[name] = draw(rows)
+            add_title(figures[name], title)
     if runs:
         figures["learning"] = learning_figure(runs)
-    for name, figure in figures.items():
-        save_figure(figure, options.out / f"{name}.png")
-        print(options.out / f"{name}.png")
+        checks = {run.name: load_config(run / "config.toml").safety.check for run in runs}
+        add_title(figures["learning"], title_of(checks.items()))
+    _save(figures, options.out)
     return 0
+
+
+def _save(figures: Mapping[str, Any], out: Path) -> None:
+    """Write the figures into a folder, or those of the sources to a file, by its suffix."""
+    from drl_av.evaluation.figure_style import FORMATS, save_figure, save_pages
+
+    if out.suffix.lower() not in FORMATS or out.is_dir():
+        files = {out / f"{name}.png": figure for name, figure in figures.items()}
+    else:
+        asked = {name: each for name, each in figures.items() if name not in UNASKED} or figures
+        if out.suffix.lower() == ".pdf":
+            save_pages(asked.values(), out)
+            print(f"{out}: {', '.join(asked)}")
+            return
+        one = len(asked) == 1
+        files = {
+            out if one else out.with_stem(f"{out.stem}_{name}"): figure
+            for name, figure in asked.items()
+        }
+    for file, figure in files.items():
+        save_figure(figure, file)
+        print(file)
+
+
+def _checks_of(tables: Iterable[Path]) -> str:
+    """Return the title with the safety checks of tables, if they have this column."""
+    from drl_av.files import read_table
+
+    pairs: dict[tuple[str, str], None] = {}
+    for row in (row for table in tables for row in read_table(table)):
+        pairs[row["driver"], row.get("safety_check", "unknown")] = None
+    return title_of(pairs)
 
 
 def _require_distinct(tables: Iterable[Path]) -> None:

@@ -8,8 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drl_av.cli.arguments import int_at_least
-from drl_av.cli.settings import add_env_options, with_command_line
+from drl_av.cli.options import add_env_options, custom_parts, int_at_least, with_command_line
 from drl_av.cli.status import INTERRUPTED
 from drl_av.config import REPLAYS, Config
 from drl_av.config.presets import PRESETS, adaptation, preset
@@ -42,7 +41,7 @@ def add_train_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--replay", metavar="KIND", help=f"one of: {', '.join(REPLAYS)} (default: the preset's)"
     )
-    add_env_options(parser, "the preset's")
+    add_env_options(parser, "the preset's", zips=False)
     parser.add_argument("--resume", action="store_true", help="continue a run that was stopped")
     parser.add_argument(
         "--tensorboard", action="store_true", help="also write TensorBoard events into the folder"
@@ -75,7 +74,7 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=int_at_least(0), metavar="S", help="random seed (default: the RUN's)"
     )
-    add_env_options(parser, "the RUN's")
+    add_env_options(parser, "the RUN's", zips=False)
     parser.add_argument(
         "--resume", action="store_true", help="continue RUN2 where it was stopped, without RUN"
     )
@@ -94,7 +93,7 @@ def train(options: argparse.Namespace) -> int:
         require_tensorboard()
     run = Run(options.out)
     config = _training_config(options, run)
-    with closing(HighwayEnv(config=config)) as env:
+    with closing(HighwayEnv(config=config, **custom_parts(options)._asdict())) as env:
         training = build_training(env)
         if not options.resume:
             run.create(training)
@@ -126,11 +125,12 @@ def adapt(options: argparse.Namespace) -> int:
             f"{word} is not a driver that drl-av trained: give a run's folder, "
             "or leave it out for the driver that ships with drl-av."
         )
+    policy = find_policy(spec.run)
     config = _adaptation_config(options, run, spec)
-    with closing(HighwayEnv(config=config)) as env:
+    with closing(HighwayEnv(config=config, **custom_parts(options)._asdict())) as env:
         training = build_training(env)
         if not options.resume:
-            experienced = warm_start(training, find_policy(spec.run))
+            experienced = warm_start(training, policy)
             run.create(training)
             run.save(training)
             if not experienced and config.learning.learning_rate > 0:

@@ -1,10 +1,18 @@
 """The verb ``replay``: shows a driver or a recorded episode in sumo-gui, as a video or a page."""
 
 import argparse
+from contextlib import closing
 from pathlib import Path
 
-from drl_av.cli.arguments import int_at_least, rate
-from drl_av.cli.settings import add_env_options, driver_words, with_command_line
+from drl_av.cli.options import (
+    add_env_options,
+    custom_parts,
+    driver_words,
+    int_at_least,
+    rate,
+    with_command_line,
+)
+from drl_av.config.functions import is_factory
 from drl_av.drivers.registry import (
     DRIVER_FILES,
     default_config,
@@ -60,9 +68,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def replay(options: argparse.Namespace) -> int:
     """Drive one episode, and show it or write it to a file; return the exit status 0."""
     from drl_av.drawing.film import require_film
+    from drl_av.env.highway import HighwayEnv
     from drl_av.env.video import Film
     from drl_av.evaluation.recording import load_recording
-    from drl_av.evaluation.replay import Pacer, Page, ReplaySession, replay_session
+    from drl_av.evaluation.replay import USUAL_VEHICLES, Pacer, Page, ReplaySession, replay_session
     from drl_av.files import require_suffix, require_writable
 
     if options.html and options.rate is not None:
@@ -78,17 +87,28 @@ def replay(options: argparse.Namespace) -> int:
         require_film(options.video, pace)
     given = (options.source, options.driver, "pretrained")
     source = next(word for word in given if word is not None)
+    custom = custom_parts(options)
     if Path(source).is_file() and Path(source).suffix not in (*DRIVER_FILES, ".toml"):
         recording = load_recording(Path(source))
-        _refuse_settings(options, source)
-        session = replay_session(recording)
+        _refuse_settings(options, source, recording.config.safety.check)
+        session = replay_session(recording, custom)
     else:
         specs = find_drivers([source])
         config = with_command_line(default_config(specs), options)
         if options.decisions:
             config = config.updated("simulation", decisions_per_episode=options.decisions)
-        [(name, driver)] = make_drivers(specs, config).items()
-        session = ReplaySession(config, driver, name, options.seed or 0, options.vehicles)
+        seed = options.seed or 0
+        config = specs[0].config(config)
+        if specs[0].under:
+            custom = custom._replace(safety_check=None)
+        with closing(HighwayEnv(config=config, **custom._asdict())) as env:
+            implied = env.simulation.fleet.default_vehicle_count
+            usual = USUAL_VEHICLES if implied is None else implied
+            vehicles = usual if options.vehicles is None else options.vehicles
+            env.reset(seed=seed, options={"vehicles": vehicles})
+            check = env.safety_check if custom.safety_check else None
+        [(name, driver)] = make_drivers(specs, config, check).items()
+        session = ReplaySession(config, driver, name, seed, vehicles, custom=custom)
     if options.video:
         film = Film(session.name, session.road, session.seed)
         recording, result = session.drive(None, film.add)
@@ -104,7 +124,8 @@ def replay(options: argparse.Namespace) -> int:
         recording.save(options.record)
         print(f"{options.record}: recorded")
     print(
-        f"{session.name}, {pluralize(result.vehicles, 'vehicle')}, seed {result.seed}: "
+        f"{session.name}, check {result.safety_check}, "
+        f"{pluralize(result.vehicles, 'vehicle')}, seed {result.seed}: "
         f"{'exactly as recorded, ' if session.recording else ''}"
         f"{pluralize(result.decisions, 'decision')}, {result.mean_speed_m_s:.2f} m/s, "
         f"reward {result.mean_reward:.3f}, "
@@ -115,9 +136,15 @@ def replay(options: argparse.Namespace) -> int:
     return 0
 
 
-def _refuse_settings(options: argparse.Namespace, recording: str) -> None:
+def _refuse_settings(options: argparse.Namespace, recording: str, check: str) -> None:
+    """Raise RecordingError if an option would change a recording made under this check.
+
+    Only a check of the user's own has to be named again, as a recording may run no code.
+    """
     names = ("seed", "vehicles", "decisions", "scenario", "safety_check", "traffic", "config")
     given = [name for name in names if getattr(options, name) not in (None, [])]
+    if is_factory(check) and options.safety_check == check:
+        given.remove("safety_check")
     if given:
         raise RecordingError(
             f"--{given[0].replace('_', '-')} cannot be changed in {recording}: "

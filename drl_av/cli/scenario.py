@@ -8,7 +8,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from drl_av.cli.arguments import int_at_least
+from drl_av.cli.options import int_at_least
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.road_description import RoadDescription
 from drl_av.scenarios.road_types import ROAD_TYPES, road_type_name

@@ -3,15 +3,18 @@
 The status is 0 for success, 1 after an error, 2 after bad usage and 130 after Ctrl-C.
 """
 
+import codecs
 import io
 import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
-from drl_av.errors import DrlAvError
+from drl_av.errors import DrlAvError, DrlAvWarning, printable
 
 INTERRUPTED = 130
 """The status after Ctrl-C, as shells report it."""
@@ -24,20 +27,20 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
     begins with the name of the program.
     """
     try:
-        with _printable(), _terminated_as_interrupted():
+        with _printable(), _terminated_as_interrupted(), _warnings_in_one_line(program):
             return run()
     except BrokenPipeError:
         return 1
     except DrlAvError as error:
-        print(f"{program}:", *str(error).split(), file=sys.stderr)
+        print(printable(" ".join([f"{program}:", *str(error).split()])), file=sys.stderr)
         return 1
     except OSError as error:
         where, why = error.filename or "the output", error.strerror or error
-        print(
+        sentence = (
             f"{program}: {where} cannot be read or written ({why}): correct the path, or free some "
-            "space.",
-            file=sys.stderr,
+            "space."
         )
+        print(printable(sentence), file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print(f"{program}: interrupted.", file=sys.stderr)
@@ -62,11 +65,50 @@ def _terminated_as_interrupted() -> Iterator[None]:
 
 
 @contextmanager
+def _warnings_in_one_line(program: str) -> Iterator[None]:
+    """Print each DrlAvWarning once, as one line on stderr that begins with the program's name."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("default", DrlAvWarning)
+        show = warnings.showwarning
+
+        def show_in_one_line(
+            message: Warning | str, category: type[Warning], *rest: Any, **named: Any
+        ) -> None:
+            if not issubclass(category, DrlAvWarning):
+                show(message, category, *rest, **named)
+                return
+            text = " ".join(str(message).split())
+            print(printable(f"{program}: {text}"), file=sys.stderr, flush=True)
+
+        warnings.showwarning = show_in_one_line
+        yield
+
+
+PLAIN = {"±": "+-", "…": "...", "→": "->", "≤": "<=", "≥": ">=", "²": "^2", "³": "^3", "─": "-"}
+"""What is printed in place of a character that the output cannot show."""
+
+
+def _plainly(error: UnicodeError) -> tuple[str, int]:
+    """Replace characters that cannot be encoded by plain ones; a handler for ``codecs``."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    found = error.object[error.start : error.end]
+    return "".join(PLAIN.get(each, ascii(each)[1:-1]) for each in found), error.end
+
+
+codecs.register_error("drl_av.plain", _plainly)
+
+
+@contextmanager
 def _printable() -> Iterator[None]:
-    """Escape characters that stdout cannot encode, and flush it; raise DrlAvError if that fails."""
+    """Replace characters that the output cannot encode, and flush it.
+
+    Raises DrlAvError if the output cannot be written.
+    """
     out = sys.stdout
-    if isinstance(out, io.TextIOWrapper) and out.errors == "strict":
-        out.reconfigure(errors="backslashreplace")
+    for stream in (out, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="drl_av.plain")
     try:
         yield
     finally:

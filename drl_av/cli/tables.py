@@ -1,23 +1,23 @@
 """Prints the tables of ``drl-av evaluate``."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
 from rich.console import JustifyMethod
 from rich.table import Table
 
-from drl_av.cli.console import make_console
+from drl_av.cli.console import make_console, plus_minus
 
 if TYPE_CHECKING:
     from drl_av.evaluation.criticality import Style
     from drl_av.evaluation.statistics import Mean, Overall, PairedGain, Summary
 
 
-def _table(caption: str, *headings: str) -> Table:
+def _table(*headings: str) -> Table:
     """Return a table; a column with the name of a driver may fold, one of numbers may not."""
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), caption=caption, caption_justify="left")
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for heading in headings:
         if heading in ("driver", "fastest baseline"):
             table.add_column(heading, overflow="fold")
@@ -36,8 +36,7 @@ def print_summaries(summaries: Sequence["Summary"]) -> None:
         if any(getattr(summary, name) is not None for summary in summaries)
     }
     table = _table(
-        _caption(summaries, several_checks),
-        *("vehicles", "driver", *(["check"] if several_checks else [])),
+        *("vehi-\ncles", "driver", *(["check"] if several_checks else [])),
         *("speed\nm/s", "reward", "ego\nhit", "was\nhit", "safety\ntriggers", "lane\nchanges"),
         *ways,
     )
@@ -54,50 +53,73 @@ def print_summaries(summaries: Sequence["Summary"]) -> None:
             _cell(summary.reward, 3),
             str(summary.ego_hits),
             str(summary.collisions - summary.ego_hits),
-            _cell(summary.triggers),
-            _cell(summary.lane_changes),
+            _cell(summary.triggers, 1),
+            _cell(summary.lane_changes, 1),
             *(str(getattr(summary, name)) for name in ways.values()),
         )
-    make_console().print(table)
+    title = title_of((summary.driver, summary.safety_check) for summary in summaries)
+    _show(table, title, _caption(summaries))
 
 
-def _caption(summaries: Sequence["Summary"], several_checks: bool) -> str:
+def _caption(summaries: Sequence["Summary"]) -> str:
     fewest, most = (pick(summary.episodes for summary in summaries) for pick in (min, max))
     number = str(most) if fewest == most else f"{fewest} to {most}"
-    check = "" if several_checks else f", check {summaries[0].safety_check}"
     noun = "episode" if number == "1" else "episodes"
-    return f"{number} {noun} each, ± half of the 95 % interval{check}"
+    return f"{number} {noun} each, ± half of the 95 % interval"
 
 
-def print_gains(gains: Sequence["PairedGain"]) -> None:
+def _show(table: Table, title: str, caption: str) -> None:
+    """Print a table between a title and a caption, which may be wider than the table."""
+    console = make_console()
+    console.print(title)
+    console.print(table)
+    console.print(f"{caption}\n")
+
+
+def title_of(checks: Iterable[tuple[str, str]]) -> str:
+    """Return the title of tables and figures: the check under which each driver drives.
+
+    ``checks`` holds each driver with its check; a pair may occur several times.
+    """
+    drivers: dict[str, list[str]] = {}
+    for driver, check in dict.fromkeys(checks):
+        drivers.setdefault(check, []).append(driver)
+    if len(drivers) == 1:
+        return f"safety check: {next(iter(drivers))}"
+    return "safety checks: " + "; ".join(f"{c}: {', '.join(names)}" for c, names in drivers.items())
+
+
+def print_gains(gains: Sequence["PairedGain"], title: str) -> None:
     """Print each driver's gain in mean speed, m/s, over the fastest rule-based driver.
 
     The table has one row for each driver and number of vehicles.
     """
     headings = ("vehicles", "driver", "fastest baseline", "gain in\nspeed, m/s")
-    table = _table("paired by seed, ± half of the 95 % interval", *headings)
+    table = _table(*headings)
     for gain in gains:
         cells = (gain.driver, gain.baseline, _cell(gain.difference_m_s))
         table.add_row(str(gain.vehicles), *cells)
-    make_console().print(table)
+    _show(table, title, "paired by seed, ± half of the 95 % interval")
 
 
-def print_overall(overalls: Sequence["Overall"]) -> None:
+def print_overall(overalls: Sequence["Overall"], title: str) -> None:
     """Print a table with the statistics of each driver over all numbers of vehicles."""
     best = next((each.over for each in overalls if each.over), None)
-    beside = "" if best is None else f", and the probability of being faster than {best}"
+    beside = "" if best is None else f", and the probability\nof being faster than {best}"
     table = _table(
-        f"over all numbers of vehicles: interquartile mean{beside},\n"
-        "with 95 % intervals by the stratified bootstrap",
-        *("driver", "speed, m/s", *([] if best is None else ["probability of\nimprovement"])),
+        *("driver", "speed, m/s", *([] if best is None else ["probability of\nimprovement"]))
     )
     for each in overalls:
         improvement = "" if each.improvement is None else str(each.improvement)
         table.add_row(each.driver, str(each.speed_m_s), *([] if best is None else [improvement]))
-    make_console().print(table)
+    caption = (
+        f"over all numbers of vehicles: interquartile mean{beside}, "
+        "with 95 % intervals by the stratified bootstrap"
+    )
+    _show(table, title, caption)
 
 
-def print_styles(styles: Sequence["Style"]) -> None:
+def print_styles(styles: Sequence["Style"], title: str) -> None:
     """Print a table of the comfort and the criticality of each driver."""
     headings = {
         "reversals\n/km": "reversals_per_km",
@@ -109,17 +131,17 @@ def print_styles(styles: Sequence["Style"]) -> None:
         "gap < 1 s\n%": "short_headways_percent",
         "forced\n/1000": "forced_brakes_per_1000",
     }
-    table = _table(
-        "over all episodes; comfort: decisions within nuPlan's bounds;\n"
-        "TET: TTC of at most 3 s to the vehicle ahead",
-        *("driver", *headings),
-    )
+    table = _table("driver", *headings)
     for style in styles:
         table.add_row(style.driver, *(f"{getattr(style, name):.2f}" for name in headings.values()))
-    make_console().print(table)
+    caption = (
+        "over all episodes; comfort: decisions within nuPlan's bounds;\n"
+        "TET: TTC of at most 3 s to the vehicle ahead"
+    )
+    _show(table, title, caption)
 
 
 def _cell(mean: "Mean", digits: int = 2) -> str:
     if math.isinf(mean.half_width):
         return f"{mean.value:.{digits}f}"
-    return f"{mean.value:.{digits}f}±{mean.half_width:.{digits}f}"
+    return f"{mean.value:.{digits}f}{plus_minus()}{mean.half_width:.{digits}f}"

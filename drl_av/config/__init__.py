@@ -6,6 +6,8 @@ paper ("Table I", "Sec. IV-B"), another publication, or "ours" if the paper does
 it. A setting's name ends with its unit, as in ``headway_s``; lower and upper bounds are inclusive.
 """
 
+import contextlib
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
@@ -159,11 +161,31 @@ def from_sections(
 def with_files(config: Config, paths: Iterable[str | Path]) -> Config:
     """Return the config with the settings of TOML files, each laid over those before it.
 
-    Raises ConfigError as ``load_config`` does.
+    A path may be a single setting instead, such as ``traffic.vehicles_max=10``. Raises ConfigError
+    as ``load_config`` does.
     """
     for path in paths:
-        config = load_config(path, config)
+        is_setting = isinstance(path, str) and SETTING.match(path) and not Path(path).exists()
+        config = _with_setting(str(path), config) if is_setting else load_config(path, config)
     return config
+
+
+SETTING = re.compile(r"(\w+)\.(\w+)=(.*)", re.DOTALL)
+"""The form of a single setting: SECTION.KEY=VALUE, where VALUE is TOML or a text."""
+
+
+def _with_setting(word: str, config: Config) -> Config:
+    """Return the config with one setting; raise ConfigError if it is wrong."""
+    found = SETTING.fullmatch(word)
+    assert found is not None
+    section, key, text = found.groups()
+    value: object = text
+    with contextlib.suppress(ValueError, RecursionError):
+        value = tomllib.loads(f"value = {text}")["value"]
+    try:
+        return from_sections({section: {key: value}}, config, word)
+    except ConfigError as error:
+        raise ConfigError(str(error) if word in str(error) else f"In {word}: {error}") from error
 
 
 MOST_CHARACTERS = 1_000_000

@@ -1,9 +1,51 @@
-"""Checks that functions of the user, such as a reward, can be called with the right arguments."""
+"""Imports functions of the user, such as a reward, and checks which arguments they take."""
 
+import importlib
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from inspect import signature
+from pathlib import Path
 from typing import Any
 
 from drl_av.errors import ConfigError
+
+_NAME = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
+
+
+def is_factory(word: str) -> bool:
+    """Return whether a word has the form ``module:factory``, which names a function of the user."""
+    return _NAME.fullmatch(word) is not None
+
+
+def import_function(word: str, what: str) -> Any:
+    """Import the function ``module:name``; Python searches the working directory first.
+
+    ``what`` says for the error message what the function makes or is, such as "driver".
+
+    Raises:
+        ConfigError: the module or the function does not exist, or the module cannot be imported.
+    """
+    module, _, name = word.partition(":")
+    try:
+        with _working_directory_first():
+            return getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, SyntaxError) as error:
+        raise ConfigError(
+            f"The {what} {word!r} cannot be imported ({error}): write it as module:factory, with "
+            "a module in the working directory or an installed one that can be imported."
+        ) from error
+
+
+@contextmanager
+def _working_directory_first() -> Iterator[None]:
+    folder = str(Path.cwd())
+    sys.path.insert(0, folder)
+    try:
+        yield
+    finally:
+        sys.path.remove(folder)
 
 
 def require_function(function: Any, what: str, *arguments: str) -> None:

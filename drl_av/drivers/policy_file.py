@@ -1,8 +1,10 @@
-"""Policy files and checkpoints: safetensors with a checksum, so that no code can run."""
+"""Reads and writes policy files and checkpoints: safetensors with a checksum; no code can run."""
 
 import hashlib
 import json
+import os
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from safetensors import SafetensorError
 
 from drl_av.config import Config, from_toml, load_config
 from drl_av.drivers.network import QNetwork
+from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import CheckpointError, ConfigError, RunError
 from drl_av.files import write_atomic
@@ -40,6 +43,8 @@ OTHER_FILES = {
     ".toml": ("a file of settings", "pass it as config, or after --config"),
 }
 """What a file other than a policy file holds, and how to use it, by suffix."""
+MAX_HEADER = 10_000_000
+"""The largest size, bytes, of the part of a file that describes its arrays."""
 LARGEST_WEIGHT = 1e6
 """The largest absolute value of a weight; the values of actions overflow with much larger ones."""
 _DAMAGE = (SafetensorError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
@@ -59,42 +64,135 @@ def checksum(tensors: State, text: str) -> str:
     return digest.hexdigest()
 
 
+Shapes = dict[str, tuple[str | int, ...]]
+"""The safetensors name of the type, such as F32, and the shape of each array, by its name."""
+
+
 def load(path: Path) -> tuple[State, dict[str, Any]]:
     """Read a policy or checkpoint file; return its arrays by name and its metadata.
 
     Raises:
-        CheckpointError: the file does not exist, is unreadable, incomplete or damaged, or is not a
-            file of this package.
+        CheckpointError: the file does not exist, is unreadable, incomplete, damaged or larger than
+            half of this machine's memory, or is not a file of this package.
     """
+    header, _ = _header(path)
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise CheckpointError(
-            f"The checkpoint {path} cannot be read ({error.strerror or error}): check the path."
-        ) from error
-    try:
-        tensors = safetensors.numpy.load(data)
-        size = int.from_bytes(data[:8], "little")
-        header = json.loads(data[8 : 8 + size]).get("__metadata__", {}).get(FORMAT)
-        stored = {"metadata": "", "sha256": ""} if header is None else json.loads(header)
+        stored = json.loads(header)
         text, expected = str(stored["metadata"]), stored["sha256"]
         metadata: dict[str, Any] = dict(json.loads(text or "{}"))
-    except _DAMAGE as error:
-        raise CheckpointError(
-            f"{path} is cut short, damaged, or no checkpoint at all ({error}): take an older copy "
-            "or train again."
-        ) from error
-    if header is None:
-        raise CheckpointError(
-            f"{path} is a safetensors file, but not one of this version of drl-av, whose format "
-            f"is {FORMAT!r}: train again, or read it with the version that wrote it."
-        )
+        tensors = safetensors.numpy.load(path.read_bytes())
+    except (*_DAMAGE, OSError) as error:
+        raise _damaged(path, error) from error
     if checksum(tensors, text) != expected:
         raise CheckpointError(
             f"{path} is damaged, its checksum does not match its contents: take an older copy or "
             "train again."
         )
     return tensors, metadata
+
+
+def _header(path: Path) -> tuple[str, Shapes]:
+    """Read only the header of a file: return its metadata, and the shapes of its arrays.
+
+    Raises:
+        CheckpointError: as ``load``, except that the arrays are not read.
+    """
+    try:
+        with path.open("rb") as file:
+            held = os.fstat(file.fileno()).st_size
+            size = int.from_bytes(file.read(8), "little")
+            if size > min(held, MAX_HEADER):
+                raise ValueError("it describes no arrays")
+            found = dict(json.loads(file.read(size)))
+        header = found.pop("__metadata__", {}).get(FORMAT)
+        shapes: Shapes = {
+            name: (str(each["dtype"]), *map(int, each["shape"])) for name, each in found.items()
+        }
+        ends = [int(each["data_offsets"][1]) for each in found.values()]
+        if held != 8 + size + max(ends, default=0):
+            raise ValueError("its size is not that of its contents")
+    except OSError as error:
+        raise CheckpointError(
+            f"The checkpoint {path} cannot be read ({error.strerror or error}): check the path."
+        ) from error
+    except _DAMAGE as error:
+        raise _damaged(path, error) from error
+    if header is None:
+        raise CheckpointError(
+            f"{path} is a safetensors file, but not one of this version of drl-av, whose format "
+            f"is {FORMAT!r}: train again, or read it with the version that wrote it."
+        )
+    if held > _memory_bytes() // 2:
+        raise CheckpointError(
+            f"{path} has {held / 2**30:.1f} GiB, which is more than half of this machine's memory: "
+            "read it on a larger machine."
+        )
+    return str(header), shapes
+
+
+def _damaged(path: Path, error: Exception) -> CheckpointError:
+    return CheckpointError(
+        f"{path} is cut short, damaged, or no checkpoint at all ({error}): take an older copy "
+        "or train again."
+    )
+
+
+def _memory_bytes() -> int:
+    """Return the size of this machine's memory; 16 GiB where the system does not say."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return 16 * 2**30
+
+
+def load_policy(path: Path) -> tuple[list[QNetwork], Config]:
+    """Read a policy file; return its networks (more than one for an ensemble) and its config.
+
+    The arrays are read only if their shapes are those of the config's networks.
+
+    Raises:
+        CheckpointError: the file is missing or damaged or holds no policy, the shapes of its
+            networks differ from its config, or a weight is not finite or too large.
+    """
+    header, found = _header(path)
+    try:
+        metadata = dict(json.loads(str(json.loads(header)["metadata"])))
+    except _DAMAGE as error:
+        raise _damaged(path, error) from error
+    if metadata.get("kind") != "policy":
+        raise CheckpointError(
+            f"{path} is a checkpoint, but holds no policy: give the policy.safetensors of a run."
+        )
+    try:
+        config = from_toml(str(metadata.get("config")), name=f"the config in {path}")
+    except ConfigError as error:
+        raise CheckpointError(
+            f"{path} was written with other settings than this version knows: {error}"
+        ) from error
+    hidden, count = (config.learning.hidden_units,) * 2, config.learning.networks
+    sizes = (len(observed_indicators(config.observation)), *hidden, len(ACTIONS))
+    axis = (count,) if count > 1 else ()
+    expected: Shapes = {}
+    for number, (inputs, outputs) in enumerate(pairwise(sizes)):
+        expected[f"layers.{number}.weight"] = ("F32", *axis, outputs, inputs)
+        expected[f"layers.{number}.bias"] = ("F32", *axis, outputs)
+    if found != expected:
+        raise CheckpointError(
+            f"{path} does not fit a network of {' -> '.join(map(str, sizes))}: its "
+            f"tensors are {found}, not {expected}; take a policy trained for this observation."
+        )
+    tensors, _ = load(path)
+    if not all((np.abs(tensor) <= LARGEST_WEIGHT).all() for tensor in tensors.values()):
+        raise CheckpointError(
+            f"{path} has weights that are no finite numbers or above {LARGEST_WEIGHT:g}: take an "
+            "older copy or train again."
+        )
+    rng = np.random.default_rng(0)
+    networks = [QNetwork(rng, sizes[0], hidden=hidden) for _ in range(count)]
+    for number, network in enumerate(networks):
+        for name, view in network.tensors().items():
+            view[...] = tensors[name][number] if axis else tensors[name]
+    return networks, config
 
 
 def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
@@ -122,49 +220,6 @@ def save_policy(path: Path, networks: Sequence[QNetwork], config: Config) -> Non
     if len(networks) == 1:
         tensors = {name: tensor[0] for name, tensor in tensors.items()}
     save(path, tensors, {"kind": "policy", "config": config.to_toml()})
-
-
-def load_policy(path: Path) -> tuple[list[QNetwork], Config]:
-    """Read a policy file; return its networks (more than one for an ensemble) and its config.
-
-    Raises:
-        CheckpointError: the file is missing or damaged or holds no policy, the shapes of its
-            networks differ from its config, or a weight is not finite or too large.
-    """
-    tensors, metadata = load(path)
-    if metadata.get("kind") != "policy":
-        raise CheckpointError(
-            f"{path} is a checkpoint, but holds no policy: give the policy.safetensors of a run."
-        )
-    try:
-        config = from_toml(str(metadata.get("config")), name=f"the config in {path}")
-    except ConfigError as error:
-        raise CheckpointError(
-            f"{path} was written with other settings than this version knows: {error}"
-        ) from error
-    hidden, count = (config.learning.hidden_units,) * 2, config.learning.networks
-    rng = np.random.default_rng(0)
-    observation_size = len(observed_indicators(config.observation))
-    networks = [QNetwork(rng, observation_size, hidden=hidden) for _ in range(count)]
-    axis = (count,) if count > 1 else ()
-    expected = {
-        name: ("float32", *axis, *tensor.shape) for name, tensor in networks[0].tensors().items()
-    }
-    found = {name: (str(tensor.dtype), *tensor.shape) for name, tensor in tensors.items()}
-    if found != expected:
-        raise CheckpointError(
-            f"{path} does not fit a network of {' -> '.join(map(str, networks[0].sizes))}: its "
-            f"tensors are {found}, not {expected}; take a policy trained for this observation."
-        )
-    if not all((np.abs(tensor) <= LARGEST_WEIGHT).all() for tensor in tensors.values()):
-        raise CheckpointError(
-            f"{path} has weights that are no finite numbers or above {LARGEST_WEIGHT:g}: take an "
-            "older copy or train again."
-        )
-    for number, network in enumerate(networks):
-        for name, view in network.tensors().items():
-            view[...] = tensors[name][number] if axis else tensors[name]
-    return networks, config
 
 
 def find_policy(path: Path) -> Path:

@@ -5,19 +5,21 @@ then lists it.
 """
 
 import os
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 from drl_av.config import Config
+from drl_av.config.functions import is_factory
 from drl_av.config.presets import PRESETS, as_config
 from drl_av.config.schema import did_you_mean
 from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.external import LOADERS, driver_of_factory, is_factory
+from drl_av.drivers.external import LOADERS, driver_of_factory
 from drl_av.drivers.learned import MARGINS, LearnedDriver, Margins, learned_driver, respects_mobil
 from drl_av.drivers.planner.driver import PlannerDriver
 from drl_av.drivers.rule_based import (
@@ -31,8 +33,8 @@ from drl_av.drivers.rule_based import (
     SumoDriver,
 )
 from drl_av.driving.affordances import observed_indicators
-from drl_av.errors import ConfigError, RunError
-from drl_av.safety import named_check
+from drl_av.errors import ConfigError, DrlAvWarning, RunError, printable
+from drl_av.safety import CHECKS, named_check
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.simulation.vehicle_calls import EgoModel
@@ -75,11 +77,18 @@ class DriverSpec:
     """The driver object that the user's program passes; None if ``name`` is to be loaded."""
     check: str | None = None
     """The safety check under which it drives by default; None for that of its training."""
+    under: str | None = None
+    """The safety check that the user names with it, as in ``pretrained@paper``; None for that of
+    the evaluation."""
 
     @property
     def is_external(self) -> bool:
         """Whether the driver's file is a zip or ONNX file, which holds no config of drl-av."""
         return self.run is not None and self.run.suffix.lower() in LOADERS
+
+    def config(self, config: Config) -> Config:
+        """Return an evaluation's config with the safety check under which this driver drives."""
+        return config if self.under is None else config.updated("safety", check=self.under)
 
     @cached_property
     def learned(self) -> "tuple[LearnedDriver, Config] | None":
@@ -105,7 +114,14 @@ def baselines(names: Iterable[str]) -> list[str]:
 
     The baselines are the rule-based drivers except ``planner``, which searches among plans.
     """
-    return [name for name in dict.fromkeys(names) if name in RULE_DRIVERS and name != "planner"]
+    rules = {*RULE_DRIVERS} - {"planner"}
+    return [name for name in dict.fromkeys(names) if _without_check(name) in rules]
+
+
+def _without_check(name: str) -> str:
+    """Return a driver's name without the check that may follow an @."""
+    own, _, check = name.rpartition("@")
+    return own if check in CHECKS else name
 
 
 MAX_BYTES = 1_000_000_000
@@ -115,35 +131,52 @@ MAX_BYTES = 1_000_000_000
 def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
     """Find the driver that each word names; a repeated word counts once.
 
-    A word is one of ``driver_names``, a path, or a factory, as for ``load_driver``. A driver with a
-    path is named after the last part of it, or after the whole path if another has that name.
+    A word is one of ``driver_names``, a path, or a factory, as for ``load_driver``; ``@`` and the
+    name of a safety check may follow, such as ``pretrained@paper``. A driver with a path is named
+    after the last part of it, or after the whole path if another has that name. A name shows
+    control characters as escapes.
 
     Raises:
-        ConfigError: a word names no driver, or a zip or ONNX file larger than ``MAX_BYTES``.
+        ConfigError: a word names no driver or check, or a zip or ONNX file larger than
+            ``MAX_BYTES``.
     """
     runs: dict[str, Path | None] = {}
     given = (str(word.absolute()) if isinstance(word, Path) else word for word in words)
     for word in dict.fromkeys(given):
-        if word in RULE_DRIVERS:
+        own, _ = _with_check(word)
+        if own in RULE_DRIVERS:
             runs[word] = None
-        elif word in policy_file.SHIPPED:
-            runs[word] = policy_file.SHIPPED[word]
-        elif os.path.exists(word):
-            runs[word] = _existing(Path(word))
-        elif is_factory(word):
+        elif own in policy_file.SHIPPED:
+            runs[word] = policy_file.SHIPPED[own]
+        elif os.path.exists(own):
+            runs[word] = _existing(Path(own))
+        elif is_factory(own):
             runs[word] = None
         else:
-            raise _unknown(word)
+            raise _unknown(own)
     named = {*driver_names(), *filter(is_factory, runs)}
     last = {word: Path(word).absolute().name for word in runs}
     short = {word: word if {word, last[word]} & named else last[word] for word in runs}
     count = Counter(short.values())
-    return tuple(
-        DriverSpec(
-            short[word] if count[short[word]] == 1 else word, run, check=DRIVES_UNDER.get(word)
+    specs = []
+    for word, run in runs.items():
+        own, under = _with_check(word)
+        name = printable(short[word] if count[short[word]] == 1 else word)
+        specs.append(DriverSpec(name, run, check=DRIVES_UNDER.get(own), under=under))
+    return tuple(specs)
+
+
+def _with_check(word: str) -> tuple[str, str | None]:
+    """Return a driver's word without the check that may follow an @, and this check or None."""
+    own, at, check = word.rpartition("@")
+    if not at or os.path.exists(word):
+        return word, None
+    if check not in CHECKS:
+        raise ConfigError(
+            f"{word!r} names the safety check {check!r}{did_you_mean(check, CHECKS)}, but must "
+            f"name one of: {', '.join(CHECKS)}."
         )
-        for word, run in runs.items()
-    )
+    return own, check
 
 
 def _existing(path: Path) -> Path:
@@ -184,9 +217,37 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
     """
     for spec in specs:
         if spec.learned:
-            config = spec.learned[1]
-            return config.updated("safety", check=spec.check) if spec.check else config
+            config, check = spec.learned[1], spec.under or spec.check
+            return config.updated("safety", check=check) if check else config
     return Config()
+
+
+def warn_of_checks(specs: Sequence[DriverSpec], check: str) -> None:
+    """Warn if some drivers without a named check would by themselves drive under another one.
+
+    ``check`` is that of the evaluation. Rule-based drivers and factories have no check of their
+    own; a zip or ONNX file alone would drive under that of the default config.
+    """
+    own = {}
+    for spec in specs:
+        if spec.run is not None and spec.under is None:
+            config = Config() if spec.is_external else default_config([spec])
+            own[spec.name] = config.safety.check
+    others = {name: each for name, each in own.items() if each != check}
+    if others:
+        named = ", ".join(f"{name} by itself under {each}" for name, each in others.items())
+        example = "@".join(next(iter(others.items())))
+        warnings.warn(
+            f"All drivers without a named check drive under {check}, but {named}: name one check "
+            f"with --safety-check (safety_check=), or a driver's own, such as {example}.",
+            DrlAvWarning,
+            stacklevel=2,
+        )
+
+
+def is_complete(given: object) -> bool:
+    """Return whether an argument ``config`` replaces all settings: a Config or a preset's name."""
+    return isinstance(given, Config) or (isinstance(given, str) and given in PRESETS)
 
 
 def driving_config(
@@ -206,19 +267,23 @@ def driving_config(
     """
     own = default_config(specs)
     config = as_config(given, own if traffic is None else own.with_traffic(traffic))
-    is_complete = isinstance(given, Config) or (isinstance(given, str) and given in PRESETS)
-    margins = {name: getattr(own.learning, name) for name in MARGINS} if is_complete else {}
+    names = MARGINS if is_complete(given) else ()
+    margins = {name: getattr(own.learning, name) for name in names}
     return config.updated("learning", **margins)
 
 
 def make_drivers(
-    specs: Sequence[DriverSpec], config: Config, check: SafetyCheck | None = None
+    specs: Sequence[DriverSpec],
+    config: Config,
+    check: SafetyCheck | None = None,
+    observed: int | None = None,
 ) -> dict[str, Driver]:
     """Load or build each driver for an environment with this config; the keys are their names.
 
     If ``config.learning`` has the margins of the first learned driver, each learned driver keeps
     its own. Otherwise all learned drivers use those of ``config.learning``, even if they are 0.
     ``check`` is the environment's safety check; by default it is made if a driver asks it.
+    ``observed`` is the number of values of the environment's observation, if that is the user's.
 
     Raises:
         RunError: a run has no policy file; or a learned driver was trained with other settings of
@@ -231,30 +296,39 @@ def make_drivers(
     trained = [Margins.of(spec.learned[1].learning) for spec in specs if spec.learned]
     margins = Margins.of(config.learning)
 
-    def its_check() -> SafetyCheck:
-        return _check(config) if check is None else check
+    def its_check(spec: DriverSpec) -> SafetyCheck:
+        return _check(spec.config(config)) if check is None or spec.under else check
 
     for spec in specs:
-        name, run = spec.name, spec.run
-        if run is None:
-            drivers[name] = rule_driver(name, config) if spec.own is None else spec.own
-            continue
-        if spec.learned is None:
-            observed = len(observed_indicators(config.observation))
-            drivers[name] = LOADERS[run.suffix.lower()](run, observed, its_check)
-            continue
-        driver, own = spec.learned
-        if own.learning.permitted_only:
-            driver = driver.limited_to(respects_mobil(its_check(), config.mobil))
-        drivers[name] = driver if margins == trained[0] else driver.with_margins(margins)
-        same_scale = own.ego.max_speed_m_s == config.ego.max_speed_m_s
-        if own.observation != config.observation or not same_scale:
-            raise RunError(
-                f"{name} was trained with other [observation] settings or another "
-                "ego.max_speed_m_s than it would drive with here: evaluate it alone, without "
-                "settings that change them."
-            )
-    return drivers
+        name, driven_by = spec.name, spec.config(config)
+        if spec.learned is not None:
+            driver, own = spec.learned
+            _require_same_observation(name, own, config)
+            if own.learning.permitted_only:
+                driver = driver.limited_to(respects_mobil(its_check(spec), config.mobil))
+            drivers[name] = driver if margins == trained[0] else driver.with_margins(margins)
+        elif spec.own is not None:
+            drivers[name] = spec.own
+        elif not spec.is_external:
+            drivers[name] = rule_driver(_without_check(name), driven_by)
+    if observed is None:
+        observed = len(observed_indicators(config.observation))
+    for spec in specs:  # at the end: a zip file is not loaded if another driver is refused
+        if spec.is_external and spec.run is not None:
+            load = LOADERS[spec.run.suffix.lower()]
+            drivers[spec.name] = load(spec.run, observed, partial(its_check, spec))
+    return {spec.name: drivers[spec.name] for spec in specs}
+
+
+def _require_same_observation(name: str, own: Config, config: Config) -> None:
+    """Raise RunError unless a learned driver observes here what it observed in its training."""
+    same_scale = own.ego.max_speed_m_s == config.ego.max_speed_m_s
+    if own.observation != config.observation or not same_scale:
+        raise RunError(
+            f"{name} was trained with other [observation] settings or another "
+            "ego.max_speed_m_s than it would drive with here: evaluate it alone, without "
+            "settings that change them."
+        )
 
 
 def _check(config: Config) -> SafetyCheck:
@@ -307,7 +381,8 @@ def load_driver(
             "'module:function'; a driver object needs no loading."
         )
     specs = find_drivers([driver])
-    return make_drivers(specs, driving_config(specs, config))[specs[0].name]
+    [driver_made] = make_drivers(specs, driving_config(specs, config)).values()
+    return driver_made
 
 
 def load_learned(path: Path) -> tuple[LearnedDriver, Config]:

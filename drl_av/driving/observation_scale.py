@@ -7,6 +7,21 @@ from drl_av.compiled import compiled
 from drl_av.config import ObservationConfig
 from drl_av.road.road import FloatArray, Road
 
+_MEANINGS = {
+    "d_x": "net gap, bumper to bumper, m",
+    "v_x": "relative velocity, m/s; negative for a vehicle ahead that comes nearer",
+    "d_y": "relative lateral position, m; left positive",
+    "v_y": "relative lateral velocity, m/s; left positive",
+    "ego_v_x": "speed of the ego, m/s",
+    "ego_d_y": "lateral position of the ego from the centre of the rightmost lane, m",
+    "ego_v_y": "lateral velocity of the ego, m/s; left positive",
+}
+
+
+def indicator_meaning(name: str) -> str:
+    """Return what an indicator means, with its unit."""
+    return _MEANINGS[name if name in _MEANINGS else name[-3:]]
+
 
 class ObservationScale:
     """Scales the 27 indicators to about [-1, 1] for the input of the network (ours).

@@ -11,13 +11,14 @@ import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
 from drl_av.config import Config
-from drl_av.config.functions import require_function
+from drl_av.config.functions import is_factory
 from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS, Action, ego_numbers
 from drl_av.driving.infer_action import infer_action
 from drl_av.driving.maneuver import plan_with
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
+from drl_av.env.custom import custom_check, custom_observation_of, custom_reward_of
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode_start import (
     drawn_traffic,
@@ -57,7 +58,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         config: Config | Mapping[str, Any] | str | Path | None = None,
         render_mode: str | None = None,
         action_mask: bool = False,
-        reward: RewardFunction | None = None,
+        reward: str | RewardFunction | None = None,
         observation: str | Iterable[str] | ObservationFunction | None = None,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
@@ -73,10 +74,10 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
                     "the name of a shipped scenario; settings are the argument config."
                 )
             config = with_scenario(config, scenario)
-        if callable(safety_check):
-            require_function(safety_check, "safety_check", "scene", "proposed")
-        elif safety_check is not None:
+        own_check = safety_check
+        if isinstance(safety_check, str):
             config = config.updated("safety", check=safety_check)
+            own_check = safety_check if is_factory(safety_check) else None
         config = with_scenario(config)  # a copy may be made in another working directory
         given = None, safety_check, config, render_mode, action_mask, reward, observation
         gymnasium.utils.EzPickle.__init__(self, *given)
@@ -85,21 +86,20 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         types, self.road = loaded.vehicle_types, loaded.road
         self._most_decisions = most_decisions(config, loaded.layout)
         self.safety_check: SafetyCheck
-        if callable(safety_check):
-            self.safety_check = safety_check
-            self._check_name = getattr(safety_check, "__name__", "custom")
+        if own_check is not None:
+            self.safety_check = custom_check(own_check, config)
+            named = isinstance(own_check, str)
+            self._check_name = str(own_check if named else getattr(own_check, "__name__", "custom"))
         else:  # equal for each, but each may break an assumption
             presets = config.per_traffic_preset
             self.safety_check, *_ = (named_check(each, types, self.road) for each in presets)
             self._check_name = config.safety.check
         self._setups = traffic_setups(config, loaded, gui=render_mode == "human")
         self.simulation, self.traffic_drivers = self._setups[0]
-        if reward is not None:
-            require_function(reward, "reward", "transition")
-        self._own_reward = reward
+        self._own_reward = None if reward is None else custom_reward_of(reward)
         self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
         groups = default_groups(config.observation) if observation is None else observation
-        self.observe = observation_function(groups, self.scale)
+        self.observe = observation_function(custom_observation_of(groups), self.scale)
         self._values_of = SceneValues(config, self.road, self.scale)
         self._ego = ego_numbers(config.ego, config.simulation)
         self._verdicts: Verdicts | None = None

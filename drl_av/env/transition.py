@@ -29,8 +29,9 @@ class Transition(NamedTuple):
     """The driver's action. While SUMO drives the ego, the action nearest to the ego's motion."""
     executed: Action
     """The action after the safety check."""
-    rule: Rule
-    """The rules of the safety check that changed the action, or ``Rule.NONE``."""
+    rule: Rule | str
+    """The rules of the safety check that changed the action, or ``Rule.NONE``; a check of the user
+    may name them by any text."""
     next_scene: Scene
     """The scene after the decision."""
     next_observation: Observation

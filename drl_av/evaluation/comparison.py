@@ -1,22 +1,25 @@
 """Drives several drivers through the same seeded traffic, for comparison."""
 
+import warnings
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from itertools import product
 from typing import NamedTuple
 
+import cloudpickle
+
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, make_drivers
+from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import drive
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.evaluation import DENSITIES, LOKY
 from drl_av.evaluation.engines import ENGINES
 
-Equipment = tuple[HighwayEnv, dict[str, Driver]]
 MakeMetrics = Callable[[], EpisodeMetrics]
 """A function that makes the metrics of one episode; worker processes must be able to import it."""
 
@@ -31,6 +34,7 @@ class EpisodeJob(NamedTuple):
     vehicles: int
     seed: int
     driver: str
+    custom: CustomParts = NOTHING_CUSTOM
 
     @property
     def key(self) -> tuple[int, int, str]:
@@ -43,7 +47,8 @@ class Evaluation:
 
     If ``vehicles`` is empty, the numbers are those of the published tables, or the number that the
     scenario places. ``make_metrics`` makes the metrics of each episode, which compute its row of
-    the results. ``len`` returns the number of episodes.
+    the results. ``custom`` holds the user's own check, reward and observation. ``len`` returns the
+    number of episodes.
 
     Raises:
         RunError, CheckpointError: a learned driver cannot be read.
@@ -58,31 +63,24 @@ class Evaluation:
         vehicles: Sequence[int],
         seeds: range,
         make_metrics: MakeMetrics = EpisodeMetrics,
+        custom: CustomParts = NOTHING_CUSTOM,
     ) -> None:
-        self._make_metrics = make_metrics
-        self._config, self._specs, self._seeds = config, tuple(specs), seeds
         if seeds[-1] >= TRAINING_SEED_RANGE[0]:
             raise ConfigError(
                 f"The last episode's seed would be {seeds[-1]}, but those from "
                 f"{TRAINING_SEED_RANGE[0]} on belong to training: begin with a smaller one."
             )
+        self.config, self.specs, self._seeds = config, tuple(specs), seeds
+        self._make_metrics, self._custom = make_metrics, custom
         _close()  # a driver may have been trained since
-        env, _ = _equipment(config, self._specs)
+        equipment = _equipment(config, self.specs, custom)
+        env = equipment.env(config, custom)
         implied = env.simulation.fleet.default_vehicle_count
         default = DENSITIES if implied is None else (implied,)
         self._vehicles = tuple(dict.fromkeys(vehicles)) or default
         for number in self._vehicles:
             env.require_room(number)
-
-    @property
-    def config(self) -> Config:
-        """The settings with which the drivers drive."""
-        return self._config
-
-    @property
-    def specs(self) -> tuple[DriverSpec, ...]:
-        """The drivers."""
-        return self._specs
+        equipment.make_drivers()
 
     def __len__(self) -> int:
         return len(self.jobs)
@@ -90,9 +88,9 @@ class Evaluation:
     @property
     def jobs(self) -> list[EpisodeJob]:
         """The episodes in their order: by number of vehicles, then seed, then driver."""
-        names = [spec.name for spec in self._specs]
+        names = [spec.name for spec in self.specs]
         return [
-            EpisodeJob(self._config, self._specs, self._make_metrics, *episode)
+            EpisodeJob(self.config, self.specs, self._make_metrics, *episode, self._custom)
             for episode in product(self._vehicles, self._seeds, names)
         ]
 
@@ -102,6 +100,7 @@ class Evaluation:
         The results do not depend on ``jobs``.
 
         Raises:
+            ConfigError: an object of the user cannot be copied into another process.
             SimulationError: SUMO ended unexpectedly, or ended its worker process.
         """
         yield from drive_episodes(self.jobs, jobs)
@@ -115,18 +114,20 @@ def drive_episodes(
     One process on this machine is this process. ``engine`` is a name in ``engines.ENGINES``.
 
     Raises:
+        ConfigError: an object of the user cannot be copied into another process.
         SimulationError: SUMO ended unexpectedly, or ended its worker process again and again.
     """
     if processes == 1 and engine == LOKY:
         try:
-            for episode in episodes:
-                yield _drive(episode)
+            for job in episodes:
+                equipment = _equipment(job.config, job.specs, job.custom)
+                yield equipment.drive(job.driver, job.seed, job.vehicles, job.make_metrics)
         finally:
             _close()
         return
     done: dict[int, EpisodeResult] = {}
     place = 0
-    with closing(ENGINES[engine](_drive, episodes, processes)) as running:
+    with closing(ENGINES[engine](_drive, _packed(episodes), processes)) as running:
         for ended in running:
             done.update(ended)
             while place in done:
@@ -134,29 +135,105 @@ def drive_episodes(
                 place += 1
 
 
-_latest: list[tuple[tuple[Config, tuple[DriverSpec, ...]], Equipment]] = []
-"""The environment and drivers of the latest episode of this process; empty at first."""
+class _Packed(NamedTuple):
+    """A job for another process: the same drivers and settings are the same bytes."""
+
+    given: bytes
+    driver: str
+    seed: int
+    vehicles: int
 
 
-def _equipment(config: Config, specs: tuple[DriverSpec, ...]) -> Equipment:
-    """Return the environment, which starts SUMO at its first reset, and the drivers.
+def _packed(episodes: Sequence[EpisodeJob]) -> list[_Packed]:
+    """Return the jobs as bytes, which objects of the user become by cloudpickle."""
+    made: list[tuple[tuple[object, ...], bytes]] = []
+    packed = []
+    for job in episodes:
+        given = job.config, job.specs, job.custom, job.make_metrics
+        if not made or made[-1][0] != given:
+            try:
+                made.append((given, cloudpickle.dumps(given)))
+            except Exception as error:  # the user's objects may raise anything
+                raise ConfigError(
+                    f"An object of yours cannot be copied into another process ({error}): use "
+                    "jobs=1, or name it as 'module:name'."
+                ) from error
+        packed.append(_Packed(made[-1][1], job.driver, job.seed, job.vehicles))
+    return packed
 
-    They are kept for the next episodes of this process with the same config and drivers.
-    """
-    if not _latest or _latest[0][0] != (config, specs):
+
+class _Equipment:
+    """The environments of an evaluation, one for each safety check, and its drivers."""
+
+    def __init__(self, config: Config, specs: tuple[DriverSpec, ...], custom: CustomParts) -> None:
+        self.given = config, specs, custom
+        self._parts = {
+            spec.name: (spec.config(config), custom._replace(safety_check=None))
+            if spec.under
+            else (config, custom)
+            for spec in specs
+        }
+        self._envs: dict[Config, HighwayEnv] = {}
+        self._drivers: dict[str, Driver] = {}
+
+    def env(self, config: Config, custom: CustomParts) -> HighwayEnv:
+        """Return the environment with these settings, which starts SUMO at its first reset."""
+        if config not in self._envs:
+            self._envs[config] = HighwayEnv(config=config, **custom._asdict())
+        return self._envs[config]
+
+    def make_drivers(self) -> None:
+        """Make the environments and then the drivers, as a driver's file may run its code."""
+        config, specs, custom = self.given
+        for parts in self._parts.values():
+            self.env(*parts)
+        env, observed = self.env(config, custom), None
+        if custom.observation is not None:
+            shape = env.observation_space.shape or ()
+            observed = shape[0] if len(shape) == 1 else 0
+        self._drivers = make_drivers(specs, config, env.safety_check, observed)
+
+    def drive(
+        self, name: str, seed: int, vehicles: int, make_metrics: MakeMetrics
+    ) -> EpisodeResult:
+        """Drive one episode with the driver of this name, under its safety check."""
+        if not self._drivers:
+            self.make_drivers()
+        env = self.env(*self._parts[name])
+        return drive(env, self._drivers[name], name, seed, vehicles, make_metrics)
+
+    def close(self) -> None:
+        """Close all environments."""
+        while self._envs:
+            self._envs.popitem()[1].close()
+
+
+_latest: list[_Equipment] = []
+"""The environments and drivers of the latest episode of this process; empty at first."""
+_latest_bytes: list[tuple[bytes, MakeMetrics]] = []
+"""The bytes of which they were made, in another process."""
+
+
+def _equipment(config: Config, specs: tuple[DriverSpec, ...], custom: CustomParts) -> _Equipment:
+    """Return the environments and drivers, kept for the next episodes that need the same."""
+    if not _latest or _latest[0].given != (config, specs, custom):
         _close()
-        env = HighwayEnv(config=config)
-        drivers = make_drivers(specs, config, env.safety_check)
-        _latest.append(((config, specs), (env, drivers)))
-    return _latest[0][1]
+        _latest.append(_Equipment(config, specs, custom))
+    return _latest[0]
 
 
-def _drive(job: EpisodeJob) -> EpisodeResult:
-    env, drivers = _equipment(job.config, job.specs)
-    driver = drivers[job.driver]
-    return drive(env, driver, job.driver, job.seed, job.vehicles, job.make_metrics)
+def _drive(job: _Packed) -> EpisodeResult:
+    if not _latest_bytes or _latest_bytes[0][0] != job.given:
+        _close()
+        config, specs, custom, make_metrics = cloudpickle.loads(job.given)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DrlAvWarning)  # the first process has warned
+            _equipment(config, specs, custom).make_drivers()
+        _latest_bytes.append((job.given, make_metrics))
+    return _latest[0].drive(job.driver, job.seed, job.vehicles, _latest_bytes[0][1])
 
 
 def _close() -> None:
+    _latest_bytes.clear()
     while _latest:
-        _latest.pop()[1][0].close()
+        _latest.pop().close()

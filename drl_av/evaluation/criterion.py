@@ -1,13 +1,59 @@
 """The criterion for "trained": whether a driver passes beside the rule-based drivers (ours)."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 from drl_av.drivers.registry import baselines
 from drl_av.env.metrics import EpisodeResult
-from drl_av.evaluation.criticality import styles
+from drl_av.evaluation.criticality import CriticalityResult
 from drl_av.evaluation.statistics import Mean, fastest, gain, grouped, require_distinct
+
+PASS, FAIL, UNDECIDED = "pass", "fail", "undecided"
+SHARE_MARGIN = 0.02
+"""A share of episodes counts as no larger than another if the 95 % interval of their difference
+lies below this (ours): with no hit at all, 190 episodes of each driver are enough."""
+Z_95 = 1.959964
+"""The quantile of the normal distribution for 95 % intervals."""
+
+
+class Interval(NamedTuple):
+    """A difference, ours minus theirs, with its 95 % confidence interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        if math.isinf(self.low):
+            return f"{self.value:+.2f} [no interval of one episode]"
+        return f"{self.value:+.2f} [{self.low:.2f}, {self.high:.2f}]"
+
+
+class Criterion(NamedTuple):
+    """One condition of the comparison: its result, and the figures of both drivers."""
+
+    name: str
+    """``speed``, ``collisions``, ``exit or merge``, ``hard brakes`` or ``comfort``."""
+    unit: str
+    result: str
+    """``pass``, ``fail``, or ``undecided`` where the intervals overlap."""
+    ours: float
+    theirs: float
+    over: str
+    """The rule-based driver of the other figure."""
+    difference: Interval
+    """Ours minus theirs, in the unit; for episodes, in percent of the episodes."""
+
+    def __str__(self) -> str:
+        figures = f"{self.ours:.2f} against {self.theirs:.2f} {self.unit}, {self.difference}"
+        if self.unit == "episodes":
+            value, low, high = self.difference
+            figures = (
+                f"{self.ours:.0f} against {self.theirs:.0f} episodes of {self.over}, "
+                f"{value:+.1f} [{low:.1f}, {high:.1f}] %"
+            )
+        return f"{self.name}: {self.result}, {figures}"
 
 
 class CriterionResult(NamedTuple):
@@ -16,63 +62,26 @@ class CriterionResult(NamedTuple):
     driver: str
     over: str
     """The fastest of the rule-based drivers that miss their exit, or fail to merge, least often."""
-    gain_m_s: Mean
-    """Gain in mean speed over the driver ``over``, paired by traffic."""
-    ego_hits: int
-    """Number of episodes in which the ego hit something."""
-    fewest_ego_hits: int
-    """Smallest ``ego_hits`` of the rule-based drivers."""
-    hard_brakes_per_km: float
-    their_hard_brakes_per_km: float
-    """Number of hard brakes per kilometre of the driver ``over``."""
-    comfortable_percent: float | None
-    """Share of decisions within nuPlan's bounds of comfort; None without ``--criticality``."""
-    their_comfortable_percent: float | None
-    """Share of the decisions of the driver ``over`` within nuPlan's bounds of comfort, or None."""
+    criteria: tuple[Criterion, ...]
     failures: tuple[str, ...]
-    """The conditions that the driver does not meet: ``speed``, ``collisions``, ``way``,
-    ``comfort``."""
+    """The names of the criteria that the driver fails."""
+    undecided: tuple[str, ...]
+    """The names of the criteria that these episodes do not decide."""
     passed: bool
-    """Whether the driver meets all conditions."""
-    missed: int | None = None
-    """Number of episodes in which the ego missed its exit or did not merge; None on a road without
-    an exit or a merge."""
-    fewest_missed: int | None = None
-    """Smallest ``missed`` of the rule-based drivers; None if ``missed`` is None."""
+    """Whether the driver passes each criterion."""
+
+    def criterion(self, name: str) -> Criterion:
+        """Return the criterion of this name; raise KeyError if it does not apply."""
+        return {criterion.name: criterion for criterion in self.criteria}[name]
 
     def __str__(self) -> str:
-        speed = f"{self.gain_m_s} m/s"
-        if math.isinf(self.gain_m_s.half_width):
-            speed = f"{self.gain_m_s.value:.2f} m/s; a single episode has no interval"
-        result = "PASS" if self.passed else f"FAIL ({', '.join(self.failures)})"
-        comfort = ""
-        if self.comfortable_percent is not None:
-            comfort = (
-                f"\n  comfortable decisions {self.comfortable_percent:.1f} % "
-                f"({self.their_comfortable_percent:.1f} %)"
-            )
-        route = ""
-        if self.missed is not None:
-            route = (
-                "\n  episodes in which the ego missed its exit or did not merge "
-                f"{self.missed} (rule-based: {self.fewest_missed})"
-            )
-        return (
-            f"{self.driver}: {result} against {self.over}\n"
-            f"  gain in speed {speed}\n"
-            f"  episodes in which the ego hit something {self.ego_hits} (rule-based: "
-            f"{self.fewest_ego_hits}){route}\n"
-            f"  hard brakes in a kilometre {self.hard_brakes_per_km:.2f} "
-            f"({self.their_hard_brakes_per_km:.2f})"
-            f"{comfort}"
-        )
-
-
-class _Fewest(NamedTuple):
-    """The smallest numbers of episodes of any rule-based driver."""
-
-    ego_hits: int
-    missed: int
+        result = "PASS" if self.passed else "UNDECIDED"
+        if self.failures:
+            result = f"FAIL ({', '.join(self.failures)})"
+        lines = [f"{self.driver}: {result} against {self.over}", *map(str, self.criteria)]
+        if self.undecided:
+            lines.append("in brackets: 95 % intervals of the differences; more episodes decide")
+        return "\n  ".join(lines)
 
 
 def judge(rows: Iterable[EpisodeResult]) -> list[CriterionResult]:
@@ -91,9 +100,9 @@ def judge(rows: Iterable[EpisodeResult]) -> list[CriterionResult]:
     best = fastest(rows, rules)
     if best is None:
         return []
-    fewest = _Fewest(min(_hits(drives[name]) for name in rules), _missed(drives[best]))
+    safest = min(rules, key=lambda name: sum(row.ego_hit for row in drives[name]))
     return [
-        _judgement(name, own, best, drives[best], fewest)
+        _judgement(name, own, best, drives[best], safest, drives[safest])
         for name, own in drives.items()
         if name not in rules
     ]
@@ -104,54 +113,100 @@ def _judgement(
     ours: Sequence[EpisodeResult],
     best: str,
     theirs: Sequence[EpisodeResult],
-    fewest: _Fewest,
+    safest: str,
+    safe: Sequence[EpisodeResult],
 ) -> CriterionResult:
-    speed = gain(_speeds(ours), _speeds(theirs), f"{name} and {best}")
-    brakes, their_brakes = _hard_brakes_per_km(ours), _hard_brakes_per_km(theirs)
-    comfort, their_comfort = _comfortable_percent(ours), _comfortable_percent(theirs)
-    missed, has_route = _missed(ours), any(row.way for row in ours)
-    conditions = {
-        "speed": speed.value - speed.half_width > 0,
-        "collisions": _hits(ours) <= fewest.ego_hits,
-        "way": missed <= fewest.missed,
-        "comfort": brakes <= their_brakes and (comfort or 0.0) >= (their_comfort or 0.0),
-    }
-    failures = tuple(condition for condition, holds in conditions.items() if not holds)
-    return CriterionResult(
-        driver=name,
-        over=best,
-        gain_m_s=speed,
-        ego_hits=_hits(ours),
-        fewest_ego_hits=fewest.ego_hits,
-        hard_brakes_per_km=brakes,
-        their_hard_brakes_per_km=their_brakes,
-        comfortable_percent=comfort,
-        their_comfortable_percent=their_comfort,
-        failures=failures,
-        passed=not failures,
-        missed=missed if has_route else None,
-        fewest_missed=fewest.missed if has_route else None,
+    drivers = f"{name} and {best}"
+
+    def paired(measure: Callable[[EpisodeResult], float]) -> Interval:
+        mine, other = (
+            {(row.vehicles, row.seed): measure(row) for row in rows} for rows in (ours, theirs)
+        )
+        return _interval(gain(mine, other, drivers))
+
+    speed = paired(lambda row: row.mean_speed_m_s)
+    speeds = _mean(ours, lambda row: row.mean_speed_m_s), _mean(theirs, lambda r: r.mean_speed_m_s)
+    criteria = [
+        Criterion("speed", "m/s", _decided(speed.low > 0, speed.high <= 0), *speeds, best, speed),
+        _no_more_episodes("collisions", ours, safe, safest, lambda row: row.ego_hit),
+    ]
+    if any(row.way for row in ours):
+        criteria.append(
+            _no_more_episodes("exit or merge", ours, theirs, best, lambda row: row.missed)
+        )
+    brakes = paired(lambda row: 1000 * row.hard_brakes / _driven_m(row))
+    per_km = _brakes_per_km(ours), _brakes_per_km(theirs)
+    fewer = _decided(brakes.high <= 0, brakes.low > 0)
+    criteria.append(Criterion("hard brakes", "per km", fewer, *per_km, best, brakes))
+    if all(isinstance(row, CriticalityResult) for row in (*ours, *theirs)):
+        share = paired(_comfortable_percent)
+        more = _decided(share.low >= 0, share.high < 0)
+        shares = _mean(ours, _comfortable_percent), _mean(theirs, _comfortable_percent)
+        criteria.append(Criterion("comfort", "% of decisions", more, *shares, best, share))
+    results = {criterion.name: criterion.result for criterion in criteria}
+    failures, undecided = (
+        tuple(each for each, result in results.items() if result == which)
+        for which in (FAIL, UNDECIDED)
     )
+    passed = not (failures or undecided)
+    return CriterionResult(name, best, tuple(criteria), failures, undecided, passed)
 
 
-def _speeds(rows: Iterable[EpisodeResult]) -> dict[tuple[int, int], float]:
-    """Return the mean speeds by number of vehicles and traffic seed, m/s."""
-    return {(row.vehicles, row.seed): row.mean_speed_m_s for row in rows}
+def _decided(passes: bool, fails: bool) -> str:
+    return PASS if passes else FAIL if fails else UNDECIDED
 
 
-def _hits(rows: Iterable[EpisodeResult]) -> int:
-    return sum(row.ego_hit for row in rows)
+def _interval(mean: Mean) -> Interval:
+    return Interval(mean.value, mean.value - mean.half_width, mean.value + mean.half_width)
 
 
-def _missed(rows: Iterable[EpisodeResult]) -> int:
-    return sum(row.missed for row in rows)
+def _no_more_episodes(
+    name: str,
+    ours: Sequence[EpisodeResult],
+    theirs: Sequence[EpisodeResult],
+    over: str,
+    happens: Callable[[EpisodeResult], bool],
+) -> Criterion:
+    """Return the criterion that something happens in no larger share of our episodes."""
+    counts = [(sum(map(happens, rows)), len(rows)) for rows in (ours, theirs)]
+    difference = share_difference(*counts)
+    passes = difference.value <= 0 and difference.high < SHARE_MARGIN
+    percent = Interval(*(100 * part for part in difference))
+    result = _decided(passes, difference.low > 0)
+    return Criterion(name, "episodes", result, counts[0][0], counts[1][0], over, percent)
 
 
-def _hard_brakes_per_km(rows: Sequence[EpisodeResult]) -> float:
-    driven_m = sum(row.mean_speed_m_s * row.decisions for row in rows)  # a decision takes 1 s
-    return 1000 * sum(row.hard_brakes for row in rows) / max(driven_m, 1.0)
+def share_difference(ours: tuple[int, int], theirs: tuple[int, int]) -> Interval:
+    """Return the difference of two shares with its 95 % interval (Newcombe 1998, method 10).
+
+    Each argument is a number of episodes with an event and the number of all episodes.
+    """
+    (p, low, high), (q, their_low, their_high) = (_wilson(*count) for count in (ours, theirs))
+    below = math.hypot(p - low, their_high - q)
+    above = math.hypot(high - p, q - their_low)
+    return Interval(p - q, p - q - below, p - q + above)
 
 
-def _comfortable_percent(rows: Sequence[EpisodeResult]) -> float | None:
-    measured = styles(rows)
-    return measured[0].comfortable_percent if measured else None
+def _wilson(events: int, number: int) -> tuple[float, float, float]:
+    """Return a share and the ends of its 95 % interval (Wilson 1927)."""
+    p, z2 = events / number, Z_95**2
+    center = (p + z2 / (2 * number)) / (1 + z2 / number)
+    half = Z_95 / (1 + z2 / number) * math.sqrt(p * (1 - p) / number + z2 / (4 * number**2))
+    return p, center - half, center + half
+
+
+def _mean(rows: Sequence[EpisodeResult], measure: Callable[[EpisodeResult], float]) -> float:
+    return sum(map(measure, rows)) / len(rows)
+
+
+def _brakes_per_km(rows: Sequence[EpisodeResult]) -> float:
+    return 1000 * sum(row.hard_brakes for row in rows) / sum(map(_driven_m, rows))
+
+
+def _driven_m(row: EpisodeResult) -> float:
+    return max(row.mean_speed_m_s * row.decisions, 1.0)  # a decision takes 1 s
+
+
+def _comfortable_percent(row: EpisodeResult) -> float:
+    assert isinstance(row, CriticalityResult)
+    return 100 * row.comfortable_decisions / row.decisions

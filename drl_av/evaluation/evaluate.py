@@ -2,20 +2,33 @@
 
 from collections.abc import Iterable, Mapping
 from contextlib import closing
+from html import escape
 from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeGuard
 
 from drl_av.config import Config
+from drl_av.config.functions import is_factory
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import is_driver, require_methods
-from drl_av.drivers.registry import DriverSpec, driving_config, find_drivers
+from drl_av.drivers.registry import (
+    DriverSpec,
+    driving_config,
+    find_drivers,
+    is_complete,
+    warn_of_checks,
+)
+from drl_av.env.custom import CustomParts
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
-from drl_av.errors import ConfigError
+from drl_av.env.observation import ObservationFunction
+from drl_av.env.transition import RewardFunction
+from drl_av.errors import ConfigError, DrlAvError, printable
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.criterion import CriterionResult, judge
 from drl_av.evaluation.criticality import CriticalityMetrics
+from drl_av.evaluation.statistics import summarize
+from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import with_scenario
 
 Word = str | Path
@@ -23,7 +36,34 @@ Word = str | Path
 
 
 class Results(list[EpisodeResult]):
-    """The results of an evaluation: a list of episodes."""
+    """The results of an evaluation: a list of episodes; a notebook shows them as a table."""
+
+    def to_pandas(self) -> Any:
+        """Return a pandas DataFrame with one row for each episode; its columns are those of --out.
+
+        Raises:
+            DrlAvError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise DrlAvError(
+                "to_pandas needs the package pandas, which is not installed: pip install pandas."
+            ) from error
+        return pandas.DataFrame([row.cells() for row in self])
+
+    def _repr_html_(self) -> str:
+        """Return the statistics of each driver, check and number of vehicles as an HTML table."""
+        headings = ("vehicles", "driver", "check", "episodes", "speed, m/s", "reward", "ego hits")
+        rows = [
+            (s.vehicles, s.driver, s.safety_check, s.episodes, s.speed_m_s, s.reward, s.ego_hits)
+            for s in summarize(self)
+        ]
+        lines = [
+            "".join(f"<{tag}>{escape(str(cell))}</{tag}>" for cell in row)
+            for tag, row in [("th", headings), *(("td", row) for row in rows)]
+        ]
+        return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
     @property
     def judgements(self) -> list[CriterionResult]:
@@ -41,9 +81,11 @@ def evaluate(
     jobs: int = 1,
     config: Config | Mapping[str, Any] | str | Path | None = None,
     scenario: str | Path | None = None,
-    safety_check: str | None = None,
+    safety_check: str | SafetyCheck | None = None,
     traffic: str | None = None,
     criticality: bool = False,
+    reward: str | RewardFunction | None = None,
+    observation: str | Iterable[str] | ObservationFunction | None = None,
 ) -> Results:
     """Evaluate all drivers in the same traffic, as ``drl-av evaluate`` does.
 
@@ -58,16 +100,22 @@ def evaluate(
         episodes: Number of episodes for each driver and number of vehicles.
         seed: Traffic seed of the first episode; the following episodes have the next seeds, which
             must be below 1,000,000.
-        jobs: Number of processes; it must be 1 with ``own``. The results do not depend on it.
+        jobs: Number of processes. The results do not depend on it. With more than one, each process
+            gets copies of your own objects, by cloudpickle.
         config: Settings. A dictionary or a TOML file changes settings of the default config, which
             is that of the first learned driver's training; ``pretrained`` and ``pretrained-smooth``
             drive under ``strict``. Without a learned driver, the default is the paper's settings. A
             Config or a preset replaces all settings but the margins of learned drivers.
         scenario: Folder of a scenario, or the name of a shipped one.
-        safety_check: ``"permit_all"``, ``"paper"`` or ``"strict"``.
+        safety_check: ``"permit_all"``, ``"paper"`` or ``"strict"``, or your own: a function, or its
+            name as ``"module:function"``. A driver's name may name another one for this driver
+            alone, such as ``"pretrained@paper"``.
         traffic: The name of a kind of traffic, whose settings ``config`` may change.
         criticality: Whether to return each row as a CriticalityResult, with the columns of
             ``--criticality``.
+        reward: Your own reward, a function or its name as ``"module:function"``.
+        observation: Your own observation for all drivers, as in ``gymnasium.make``, or its name as
+            ``"module:name"``. Learned drivers need the observation of their training.
 
     Returns:
         A list with one EpisodeResult for each episode, ordered by number of vehicles, then seed,
@@ -88,19 +136,19 @@ def evaluate(
             f"own is a {type(own).__name__}, but must be a dictionary of drivers by name: write "
             "own={'mine': driver}."
         )
-    if own and jobs > 1:
-        raise ConfigError(
-            "The drivers in own are objects and drive in one process: name a factory as "
-            "'module:factory' among the drivers instead, or use jobs=1."
-        )
     specs = _specs(drivers if _is_several(drivers) else [drivers], own)
     settings = driving_config(specs, config, traffic)
     settings = with_scenario(settings, scenario)
-    if safety_check is not None:
+    own_check = safety_check
+    if safety_check is None and not is_complete(config):
+        warn_of_checks(specs, settings.safety.check)
+    elif isinstance(safety_check, str):
         settings = settings.updated("safety", check=safety_check)
+        own_check = safety_check if is_factory(safety_check) else None
     metrics = CriticalityMetrics if criticality else EpisodeMetrics
     seeds = range(seed, seed + episodes)
-    evaluation = Evaluation(settings, specs, numbers, seeds, metrics)
+    custom = CustomParts(own_check, reward, observation)
+    evaluation = Evaluation(settings, specs, numbers, seeds, metrics, custom)
     with closing(evaluation.rows(jobs)) as rows:
         return Results(rows)
 
@@ -131,7 +179,7 @@ def _specs(drivers: Iterable[Any], own: Mapping[str, Driver]) -> list[DriverSpec
         require_methods(driver, name)
         if name in [spec.name for spec in specs]:
             raise ConfigError(f"Two drivers are called {name!r}: rename the one in own.")
-        specs.append(DriverSpec(name, None, driver))
+        specs.append(DriverSpec(printable(name), None, driver))
     return specs
 
 

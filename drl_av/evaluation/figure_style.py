@@ -1,7 +1,7 @@
 """Makes the panels of figures and writes PNG files; the only module that imports matplotlib."""
 
 import io
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,9 +53,40 @@ def legend_of_names(axes: "Axes | Figure", curves: Mapping[str, Any], **options:
         text.set(text=shown, parse_math=False)
 
 
+FORMATS: dict[str, dict[str, None]] = {
+    ".png": {"Software": None},
+    ".pdf": {"CreationDate": None},
+    ".svg": {"Date": None},
+}
+"""The metadata of a figure by its file's suffix: none that would change from run to run."""
+
+
 def save_figure(figure: "Figure", path: Path) -> None:
-    """Write a figure as a PNG file atomically; raises DrlAvError if the write fails."""
+    """Write a figure atomically, as PNG, PDF or SVG by the suffix of ``path``.
+
+    Raises DrlAvError if the write fails.
+    """
+    from matplotlib import rc_context
+
+    make_folder(path.parent, "--out")
+    data, suffix = io.BytesIO(), path.suffix.lower()
+    with rc_context({"svg.hashsalt": "drl-av", "svg.fonttype": "none"}):
+        figure.savefig(data, format=suffix[1:], dpi=150, metadata=FORMATS[suffix])
+    write_atomic(path, data.getvalue())
+
+
+def save_pages(figures: "Iterable[Figure]", path: Path) -> None:
+    """Write figures as the pages of one PDF file; raises DrlAvError if the write fails."""
+    from matplotlib.backends.backend_pdf import PdfPages
+
     make_folder(path.parent, "--out")
     data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=150, metadata={"Software": None})
+    with PdfPages(data, metadata=FORMATS[".pdf"]) as pages:
+        for figure in figures:
+            pages.savefig(figure)
     write_atomic(path, data.getvalue())
+
+
+def add_title(figure: "Figure", title: str) -> None:
+    """Write a title above a figure, literally."""
+    figure.suptitle(title, fontsize="medium").set_parse_math(False)

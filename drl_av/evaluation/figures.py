@@ -1,7 +1,7 @@
 """Draws the reward functions of a config, learning curves, speeds and speed profiles."""
 
+import zlib
 from collections.abc import Mapping, Sequence
-from itertools import cycle
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,7 +40,8 @@ STYLES = {
     "random": ("#999999", "x"),
 }
 """Colour and marker of each driver's curve; colour-blind readers can distinguish them."""
-OTHER_COLORS = ("#e69f00", "#999933", "#aa4499", "#44aa99")
+OTHER_COLORS = ("#e69f00", "#f0e442", "#999933", "#aa4499", "#44aa99", "#117733", "#661100")
+OTHER_MARKS = ("D", "P", "X", "*", "p", "h")
 BESIDE = 0.15
 """Horizontal offset between two drivers' markers, in vehicles, so that error bars stay apart."""
 
@@ -107,7 +108,8 @@ def profile_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
     for driver, own in grouped(rows, itemgetter("driver")).items():
         speeds = np.array([row["mean_speed_m_s"] for row in own])
         profile = performance_profile([speeds], thresholds)
-        [curves[driver]] = axes.step(thresholds, profile, where="post")
+        color, _ = style_of(driver)
+        [curves[driver]] = axes.step(thresholds, profile, where="post", color=color)
     legend_of_names(axes, curves)
     return figure
 
@@ -139,6 +141,21 @@ def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
     return figure
 
 
+def style_of(driver: str) -> tuple[str, str]:
+    """Return the colour and marker of a driver, the same in every figure; @CHECK has no effect."""
+    name = driver.partition("@")[0]
+    if name in STYLES:
+        return STYLES[name]
+    number = zlib.crc32(name.encode())
+    return OTHER_COLORS[number % len(OTHER_COLORS)], OTHER_MARKS[number // 7 % len(OTHER_MARKS)]
+
+
+def _ends(mean: Mean) -> tuple[float, float]:
+    """Return how far an interval of a speed reaches down, at most to 0 m/s, and up."""
+    half = mean.half_width if np.isfinite(mean.half_width) else 0.0
+    return min(half, max(mean.value, 0.0)), half
+
+
 def curves_by_density(
     axes: "Axes", means: Mapping[str, Mapping[int, Mean]], joined: bool = True
 ) -> dict[str, Any]:
@@ -148,15 +165,15 @@ def curves_by_density(
     out. A driver has one colour; its curve under another check, such as "idm, strict", is dashed.
     With ``joined`` false there are only points.
     """
-    other_colors, curves = cycle(OTHER_COLORS), dict[str, Any]()
+    curves = dict[str, Any]()
     for place, (driver, own) in enumerate(means.items()):
         name, _, check = driver.partition(", ")
-        color, mark = STYLES[name] if name in STYLES else (next(other_colors), "D")
+        color, mark = style_of(name)
         aside = BESIDE * (place - (len(means) - 1) / 2)
         curves[driver] = axes.errorbar(
             [number + aside for number in own],
             [mean.value for mean in own.values()],
-            yerr=[m.half_width if np.isfinite(m.half_width) else 0.0 for m in own.values()],
+            yerr=np.array([_ends(mean) for mean in own.values()]).T,
             color=color,
             marker=mark,
             markersize=4,

@@ -2,11 +2,12 @@
 
 import hashlib
 import io
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import is_zipfile
+from zipfile import ZipFile, is_zipfile
 
 import numpy as np
 import numpy.typing as npt
@@ -15,11 +16,14 @@ from drl_av.config import Config, from_toml
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.env.transition import Transition
-from drl_av.errors import RecordingError
+from drl_av.errors import RecordingError, printable
 from drl_av.files import write_atomic
 from drl_av.road.road import FloatArray
 from drl_av.road.snapshot import Snapshot
 from drl_av.simulation.vehicle_calls import EgoModel
+
+MAX_UNPACKED = 1_000_000_000
+"""The largest size, bytes, of all arrays of a recording together."""
 
 
 @dataclass(frozen=True)
@@ -85,18 +89,18 @@ def load_recording(path: Path) -> Recording:
             "wrote."
         )
     try:
-        with np.load(path, allow_pickle=False) as data:
-            parts = dict(data)
+        parts = _parts(path)
         expected = str(parts.pop("sha256"))
         recording = Recording(
             from_toml(str(parts["config"]), name="its config"),
-            str(parts["driver"]),
+            printable(str(parts["driver"])),
             int(parts["seed"]),
             int(parts["vehicles"]),
             parts["proposed"],
             parts["states"],
             _ego_model(parts["ego_model"]) if "ego_model" in parts else None,
         )
+        _require_episode(recording)
     except Exception as error:  # the readers of zip, zlib and npy raise many classes
         raise RecordingError(
             f"{path} is no recording of this version, or is damaged "
@@ -108,6 +112,44 @@ def load_recording(path: Path) -> Recording:
             "record the episode again."
         )
     return recording
+
+
+def _parts(path: Path) -> dict[str, npt.NDArray[Any]]:
+    """Read the arrays of a .npz file by name; raise ValueError before one is too large."""
+    parts = {}
+    with ZipFile(path) as archive:
+        members = archive.infolist()
+        if sum(member.file_size for member in members) > MAX_UNPACKED:
+            raise ValueError(f"it unpacks to more than {MAX_UNPACKED // 10**6} MB")
+        for member in members:
+            with archive.open(member) as file:
+                version = np.lib.format.read_magic(file)
+                read = {
+                    (1, 0): np.lib.format.read_array_header_1_0,
+                    (2, 0): np.lib.format.read_array_header_2_0,
+                }[version]
+                shape, _, kind = read(file)
+                if math.prod(shape) * max(kind.itemsize, 1) > member.file_size:
+                    raise ValueError(f"{member.filename} is smaller than it says")
+            with archive.open(member) as file:
+                name = member.filename.removesuffix(".npy")
+                parts[name] = np.lib.format.read_array(file, allow_pickle=False)
+    return parts
+
+
+def _require_episode(recording: Recording) -> None:
+    """Raise ValueError unless the arrays of a recording have the types and shapes of an episode."""
+    proposed, states = recording.proposed, recording.states
+    if recording.seed < 0 or recording.vehicles < 0:
+        raise ValueError("its seed or number of vehicles is negative")
+    if proposed.ndim != 1 or proposed.dtype.kind not in "iu":
+        raise ValueError("its actions are no row of whole numbers")
+    if not ((proposed >= 0) & (proposed < len(ACTIONS))).all():
+        raise ValueError(f"an action is not a number from 0 to {len(ACTIONS) - 1}")
+    if states.ndim != 3 or states.shape[2] != 4 or states.dtype.kind != "f":
+        raise ValueError("its states do not have the shape (decisions + 1, vehicles, 4)")
+    if len(states) != len(proposed) + 1 or not states.shape[1]:
+        raise ValueError("its numbers of actions and of states differ")
 
 
 class RecordedDriver:

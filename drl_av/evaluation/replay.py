@@ -11,6 +11,7 @@ from drl_av.drawing.page import PageDecision, write_page
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import LearnedDriver
 from drl_av.drivers.rule_based import SumoDriver
+from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import rollout
@@ -83,6 +84,8 @@ class ReplaySession:
     """Number of vehicles around the ego; None for the scenario's number, or 15 if it has none."""
     recording: Recording | None = None
     """The recording that the episode must repeat exactly; None for a new episode."""
+    custom: CustomParts = NOTHING_CUSTOM
+    """The user's own check, reward and observation."""
 
     @property
     def road(self) -> Road:
@@ -101,7 +104,8 @@ class ReplaySession:
         recorder, metrics = Recorder(), EpisodeMetrics()
         follower = None if self.recording is None else Follower(self.recording)
         following = [] if follower is None else [follower.add]
-        with closing(HighwayEnv(config=self.config, render_mode=render_mode)) as env:
+        made = HighwayEnv(config=self.config, render_mode=render_mode, **self.custom._asdict())
+        with closing(made) as env:
             implied = env.simulation.fleet.default_vehicle_count
             usual = USUAL_VEHICLES if implied is None else implied
             vehicles = usual if self.vehicles is None else self.vehicles
@@ -115,10 +119,16 @@ class ReplaySession:
             return recording, result
 
 
-def replay_session(recording: Recording) -> ReplaySession:
+def replay_session(recording: Recording, custom: CustomParts = NOTHING_CUSTOM) -> ReplaySession:
     """Return the session that repeats a recorded episode exactly."""
     model = recording.ego_model
     driver = RecordedDriver(recording) if model is None else SumoDriver(model)
     return ReplaySession(
-        recording.config, driver, recording.driver, recording.seed, recording.vehicles, recording
+        recording.config,
+        driver,
+        recording.driver,
+        recording.seed,
+        recording.vehicles,
+        recording,
+        custom,
     )

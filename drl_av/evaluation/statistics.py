@@ -21,7 +21,7 @@ from drl_av.evaluation.aggregates import (
 from drl_av.files import Row, write_atomic
 from drl_av.road.road import FloatArray
 
-OF_A_WAY = ("exits_taken", "merged", "missed", "fewest_missed")
+OF_A_WAY = ("exits_taken", "merged")
 """Fields that are None on a road on which the ego neither has an exit nor starts in a lane that
 ends."""
 
@@ -343,7 +343,11 @@ def write_summaries(path: Path, parts: Mapping[str, Iterable[Any]]) -> None:
 
 
 def _plain(value: object) -> object:
-    """Convert a value for JSON: a Mean or an Estimate becomes an object, infinity becomes null."""
+    """Convert a value for JSON: a NamedTuple becomes an object, and infinity becomes null."""
+    if isinstance(value, tuple) and not isinstance(value, Mean | Estimate):
+        if hasattr(value, "_asdict"):
+            return {name: _plain(part) for name, part in value._asdict().items()}
+        return [_plain(part) for part in value]
     if isinstance(value, Mean):
         known = math.isfinite(value.half_width)
         return {"mean": value.value, "ci95_half_width": value.half_width if known else None}

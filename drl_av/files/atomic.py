@@ -4,6 +4,7 @@ import contextlib
 import glob
 import os
 import re
+import secrets
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -24,27 +25,25 @@ LEAST_BYTES = 4096
 def replacing(path: Path, error: type[DrlAvError] = DrlAvError) -> Iterator[Path]:
     """Replace a file or folder atomically: the ``with`` block writes to the temporary path it gets.
 
-    The temporary path is beside ``path`` and has the same suffix. If the block succeeds, the
-    written data is synced to the disk and then replaces ``path``. A new folder can replace only an
-    empty folder. If the block raises, the data is removed. If ``path`` is a link, its target is
-    replaced. Temporary files of processes that have died are removed first.
+    The temporary path has the same suffix, in a new folder beside ``path`` that only this user may
+    enter, so that no link of another user is followed. If the block succeeds, the written data is
+    synced to the disk and then replaces ``path``. A new folder can replace only an empty folder. If
+    the block raises, the data is removed. If ``path`` is a link, its target is replaced. Temporary
+    files of processes that have died are removed first.
 
     Raises:
         error: the disk is full, or the folder is missing or not writable; ``error`` is its class.
     """
     path = _target(path)
-    temporary = _unfinished(path)
     _remove_abandoned(path)
     try:
-        try:
+        with _unfinished(path) as temporary:
             yield temporary
             _sync(temporary)
             if temporary.is_dir() and path.is_dir():
                 path.rmdir()
             os.replace(temporary, path)
             _sync_folder(path.parent)
-        finally:
-            _remove(temporary)
     except OSError as refusal:
         raise _refused(path, refusal, error) from refusal
 
@@ -141,13 +140,10 @@ def _try(path: Path) -> None:
     target = _target(path)
     if target.name in OF_A_RUN and target.exists() and target.with_name("config.toml").exists():
         raise DrlAvError(f"{path} belongs to the run in that folder: name another file.")
-    probe = _unfinished(target)
     try:
-        try:
+        with _unfinished(target) as probe:
             held = target.stat().st_size if target.exists() else 0
             probe.write_bytes(bytes(max(held, LEAST_BYTES)))
-        finally:
-            probe.unlink(missing_ok=True)
     except OSError as error:
         raise _refused(path, error, DrlAvError) from error
 
@@ -166,9 +162,25 @@ def _target(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
-def _unfinished(path: Path) -> Path:
-    """Return the temporary path beside ``path``, which contains the id of this process."""
-    return path.with_name(f".{path.stem}.{os.getpid()}.unfinished{path.suffix}")
+@contextmanager
+def _unfinished(path: Path) -> Iterator[Path]:
+    """Yield a temporary path in a new private folder beside ``path``; remove the folder at the end.
+
+    The folder's name contains the id of this process. Making a folder follows no link and fails if
+    the name is taken; then a random word makes another name.
+    """
+    name = f".{path.stem}.{os.getpid()}.unfinished{path.suffix}"
+    folder = path.with_name(name)
+    try:
+        folder.mkdir(mode=0o700)
+    except FileExistsError:
+        word = secrets.token_hex(8)
+        folder = path.with_name(f".{path.stem}.{os.getpid()}.{word}.unfinished{path.suffix}")
+        folder.mkdir(mode=0o700)
+    try:
+        yield folder / name
+    finally:
+        _remove(folder)
 
 
 def _remove_abandoned(path: Path) -> None:
@@ -177,7 +189,9 @@ def _remove_abandoned(path: Path) -> None:
         return
     stem, suffix = re.escape(path.stem), re.escape(path.suffix)
     for other in path.parent.glob(f".{glob.escape(path.stem)}.*"):
-        match = re.fullmatch(rf"\.{stem}\.(\d+)\.unfinished{suffix}", other.name)
+        match = re.fullmatch(
+            rf"\.{stem}\.(\d+)(?:\.[0-9a-f]{{16}})?\.unfinished{suffix}", other.name
+        )
         if match and not _runs(int(match[1])):
             with contextlib.suppress(OSError):
                 _remove(other)

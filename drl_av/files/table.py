@@ -2,12 +2,14 @@
 
 The columns of a table are the fields of a dataclass or NamedTuple, or are given with their types. A
 table is UTF-8 text with a header, commas and line feeds. All digits of a float are written, so
-reading returns exactly the float that was written.
+reading returns exactly the float that was written. A text that a spreadsheet would take for a
+formula, such as =1+1, is written after an apostrophe, which reading removes.
 """
 
 import csv
 import io
 import math
+import re
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, is_dataclass
@@ -142,11 +144,32 @@ def read_table(
 
 
 def _cells(row: Any) -> Mapping[str, object]:
-    """Return the values of a row (a dataclass, NamedTuple or mapping) by column."""
+    """Return the values of a row (a dataclass, NamedTuple or mapping) by column, as written."""
+    cells: Mapping[str, object]
     if is_dataclass(row) and not isinstance(row, type):
-        return asdict(row)
-    cells: Mapping[str, object] = row if isinstance(row, Mapping) else row._asdict()
-    return cells
+        cells = asdict(row)
+    else:
+        cells = row if isinstance(row, Mapping) else row._asdict()
+    return {name: _quoted(cell) if isinstance(cell, str) else cell for name, cell in cells.items()}
+
+
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+"""How a text begins that a spreadsheet would take for a formula, or that stands for such a text."""
+
+
+def _quoted(text: str) -> str:
+    """Return a text as it is written: with an apostrophe before what looks like a formula."""
+    if not _FORMULA.match(text):
+        return text
+    try:
+        float(text)
+    except ValueError:
+        return f"'{text}"
+    return text
+
+
+def _unquoted(text: str) -> str:
+    return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
 
 
 def _data(path: Path) -> bytes:
@@ -227,8 +250,10 @@ def parse_cell(cell: str, kind: Any) -> Any:
     value: Any
     if kind is bool:
         value = {"True": True, "False": False}.get(cell)
-    elif kind is str or kind is int:
-        value = kind(cell)
+    elif kind is str:
+        value = _unquoted(cell)
+    elif kind is int:
+        value = int(cell)
     else:
         number = float(cell)
         largest = {float: sys.float_info.max, PlainNumber: LARGEST}.get(kind, math.inf)

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
+from drl_av.config.functions import is_factory
 from drl_av.config.schema import did_you_mean
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.scene import Scene
@@ -47,6 +48,11 @@ def named_check(
             safety proof (docs/safety.md) does not hold.
     """
     name = config.safety.check
+    if is_factory(name):
+        raise ConfigError(
+            f"safety.check is {name!r}, a function of a user, which no file may run: name it with "
+            f"--safety-check {name} (safety_check=) if you trust it."
+        )
     if name not in CHECKS:
         raise ConfigError(
             f"safety.check is {name!r}{did_you_mean(name, CHECKS)}, but must be one of: "

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, printable
 
 
 class Rule(Flag):
@@ -33,11 +33,12 @@ class Rule(Flag):
 class Verdict(NamedTuple):
     """The action that the ego executes, and the rules that changed the proposed action.
 
-    ``rule`` is ``Rule.NONE`` if no rule changed it.
+    ``rule`` is ``Rule.NONE`` if no rule changed it. A check of the user may name rules of its own
+    by any text.
     """
 
     action: Action
-    rule: Rule
+    rule: Rule | str
 
 
 RULES = tuple(map(Rule, range(8)))
@@ -79,29 +80,32 @@ SafetyCheck = Callable[[Scene, Action], Verdict]
 def apply_check(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
     """Call a check, which the user may have written, and return its verdict.
 
+    A verdict that keeps the proposed action has the rule ``Rule.NONE``, whatever the check named.
+
     Raises:
-        ConfigError: the check did not return a Verdict with one of the 12 actions and a Rule,
-            replaced the action and named no rule, or named a rule and replaced nothing.
+        ConfigError: the check did not return a Verdict with one of the 12 actions and a Rule or a
+            text, or replaced the action and named no rule.
     """
     verdict = check(scene, proposed)
-    is_verdict = isinstance(verdict, Verdict) and isinstance(verdict.rule, Rule)
+    is_verdict = isinstance(verdict, Verdict) and isinstance(verdict.rule, Rule | str)
     is_action = is_verdict and isinstance(verdict.action, Action)
     if not is_action or verdict.action not in ACTIONS:
         raise ConfigError(
             f"The safety check returned {verdict!r}, but must return a Verdict: "
             "Verdict(proposed, Rule.NONE) permits the action."
         )
-    if not verdict.rule and verdict.action != proposed:
+    action, rule = ACTIONS[ACTIONS.index(verdict.action)], verdict.rule
+    if action == proposed:
+        return Verdict(action, Rule.NONE)
+    if isinstance(rule, str):
+        rule = printable(rule.strip())
+    if str(rule) in ("", str(Rule.NONE)):
         raise ConfigError(
-            f"The safety check replaced the action {proposed} by {verdict.action}, but named no "
-            "rule: return Rule.IN_LANE, Rule.OFF_ROAD or Rule.LANE_CHANGE in the Verdict."
+            f"The safety check replaced the action {proposed} by {action}, but named no "
+            "rule: return Rule.IN_LANE, Rule.OFF_ROAD, Rule.LANE_CHANGE or a text of yours in the "
+            "Verdict."
         )
-    if verdict.rule and verdict.action == proposed:
-        raise ConfigError(
-            f"The safety check named the rule {verdict.rule}, but did not replace the action "
-            f"{proposed}: return Rule.NONE in the Verdict."
-        )
-    return Verdict(ACTIONS[ACTIONS.index(verdict.action)], verdict.rule)
+    return Verdict(action, rule)
 
 
 def permits(check: SafetyCheck, scene: Scene, proposed: Action) -> bool:

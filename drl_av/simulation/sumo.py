@@ -1,8 +1,6 @@
 """Functions that start SUMO, and error messages that name the missing software."""
 
 import ctypes
-import importlib
-import importlib.util
 import io
 import platform
 import subprocess
@@ -13,8 +11,8 @@ from types import ModuleType
 from typing import Any
 
 from drl_av.config import Config
-from drl_av.errors import DisplayError, SimulationError
-from drl_av.sumo_programs import missing_library, program
+from drl_av.errors import DisplayError
+from drl_av.sumo_programs import program, require_plain_numbers, sumo_module
 
 GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "1280,800")
 
@@ -50,13 +48,9 @@ def connection(gui: bool) -> ModuleType:
     closed.
 
     Raises:
-        SimulationError: the module cannot be imported; the message names the missing library.
+        SimulationError: the module cannot be imported, or only an older version of it.
     """
-    name = "traci" if gui else "libsumo"
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise SimulationError(missing_library(name, str(error))) from error
+    return sumo_module("traci" if gui else "libsumo")
 
 
 def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[..., Any]]:
@@ -120,6 +114,7 @@ def start(
     ``sumo`` is the module libsumo or traci, in which SUMO must not be running yet. ``view`` is the
     path of the view settings. The first of ``files`` is the network file.
     """
+    require_plain_numbers()
     if view is None:
         with short_names(files) as names:
             sumo.start(["sumo", *start_arguments(names, seed, config)])

@@ -1,5 +1,6 @@
 """The command line: its help, and every bad input reported in one sentence without a traceback."""
 
+import csv
 import json
 import os
 import re
@@ -72,8 +73,11 @@ def test_help_names_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        [],
         ["trian"],
+        ["evaluate", "--epi", "3"],
+        ["evaluate", "-o", "traffic.vehicles_max"],
+        ["evaluate", "--vehicles", "10,-1"],
+        ["evaluate", "--vehicles", "10,"],
         ["train"],
         ["train", "--out", "run", "--episodes", "none"],
         ["train", "--out", "run", "--episodes", "0"],
@@ -234,7 +238,7 @@ def test_output_without_a_terminal_has_no_bar_and_a_table_of_whole_words(
     assert "…" not in ended.stdout
     assert "\x1b" not in ended.stdout
     assert max(map(len, ended.stdout.splitlines())) <= 80
-    for word in ("vehicles", "triggers", "changes", "±", "2 episodes each"):
+    for word in ("cles", "triggers", "changes", "±", "2 episodes each"):
         assert word in ended.stdout
     assert re.search(r"run +\d+\.\d\d±\S+ +-\d\.\d{3}±\d+\.\d{3} ", ended.stdout)
     line = r"^ +(\d+) +run +idm +-?\d+\.\d\d±\d+\.\d\d *$"
@@ -312,7 +316,7 @@ def test_a_terminal_without_the_character_shows_its_number(settings: Path) -> No
     words = ("evaluate", "idm", "--vehicles", "1", "--episodes", "1", "--config", str(settings))
     ended = program("", *words, PYTHONIOENCODING="ascii")
     assert ended.returncode == 0
-    assert r"1 episode each, \xb1 half" in ended.stdout
+    assert r"1 episode each, +- half" in ended.stdout
     assert ended.stderr == ""
 
 
@@ -362,3 +366,59 @@ def test_several_config_files_are_laid_over_each_other(
     used = json.loads(out.with_suffix(".provenance.json").read_text())["settings"]["traffic"]
     for settings in (printed, used):
         assert (settings["vehicles_min"], settings["vehicles_max"]) == (2, 9)
+
+
+def test_the_command_alone_prints_its_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    assert "write a scenario folder" in capsys.readouterr().out
+
+
+def test_a_verb_that_is_misspelt_is_corrected(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["evalaute", "idm"])
+    assert "no verb 'evalaute' (did you mean 'evaluate'?); the verbs are: scen" in (
+        " ".join(capsys.readouterr().err.split())
+    )
+
+
+def test_a_setting_of_the_command_line_is_one_of_a_file(
+    settings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.toml").write_text("[traffic]\nvehicles_max = 20\nvehicles_min = 2\n")
+    words = ["config", "traffic", "-o", "traffic.vehicles_max=30"]
+    for more, found in (
+        (["--config", str(tmp_path / "a.toml")], (2, 20)),
+        (["--config", str(tmp_path / "a.toml"), "-o", "traffic.vehicles_min=3"], (3, 20)),
+        (["-o", "traffic.kind=overtaking", "-o", "traffic.headway_min_s=1.25"], (1, 30)),
+    ):
+        assert main([*words, *more]) == 0
+        printed = tomllib.loads(capsys.readouterr().out)["traffic"]
+        assert (printed["vehicles_min"], printed["vehicles_max"]) == found
+    assert printed["headway_min_s"] == 1.25
+    out = tmp_path / "rows.csv"
+    words = ["evaluate", "idm", "--vehicles", "1,2", "3", "--episodes", "1", "--out", str(out)]
+    assert main([*words, "-o", "simulation.decisions_per_episode=2"]) == 0
+    rows = list(csv.DictReader(out.read_text().splitlines()))
+    assert [(row["vehicles"], row["decisions"]) for row in rows] == [
+        ("1", "2"),
+        ("2", "2"),
+        ("3", "2"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("word", "sentence"),
+    [
+        ("traffic.vehicles_mx=3", "has no key 'vehicles_mx' (did you mean 'vehicles_max'?)"),
+        ("trafic.vehicles_max=3", "has no section [trafic] (did you mean 'traffic'?)"),
+        ("traffic.vehicles_max=many", "traffic.vehicles_max is 'many', but must be of type int"),
+        ("safety.check=papr", "safety.check is 'papr' (did you mean 'paper'?)"),
+        ("learning.discount=7", "In learning.discount=7: learning.discount is 7.0, but must be"),
+    ],
+)
+@pytest.mark.parametrize("verb", ["train --out run", "evaluate idm", "replay --html x.html"])
+def test_a_wrong_setting_of_the_command_line_is_one_sentence(
+    verb: str, word: str, sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*verb.split(), "-o", word]) == 1
+    assert sentence in error_message(capsys)

@@ -34,7 +34,7 @@ def browser(page: Path, moment_s: float, *options: str) -> str:
     quiet += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
     profile = f"--user-data-dir={page.parent / 'profile'}"
     command = [program, *quiet, profile, *options, f"{page.as_uri()}#t={moment_s}"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=1200)
     return done.stdout
 
 

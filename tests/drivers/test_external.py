@@ -10,12 +10,16 @@ import numpy as np
 import onnx
 import pytest
 from onnx import TensorProto, helper
+from programs import python
 from stable_baselines3 import DQN, PPO
 from worlds import ALONE
 
 from drl_av.cli import main
 from drl_av.config import Config
-from drl_av.drivers.external import OnnxDriver, driver_of_agent, driver_of_factory, is_factory
+from drl_av.config.functions import is_factory
+from drl_av.drivers.agent import driver_of_agent
+from drl_av.drivers.external import driver_of_factory
+from drl_av.drivers.onnx import OnnxDriver
 from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import find_drivers, make_drivers
 from drl_av.driving.actions import ACTIONS, Action
@@ -266,3 +270,101 @@ def test_a_network_that_cannot_run_on_one_observation_is_refused_when_it_is_read
     path = network(tmp_path / "own.onnx", 27, rows=rows, kind=kind)
     with pytest.raises(CheckpointError, match=r"does not run on one observation, float32 of shape"):
         OnnxDriver(path)
+
+
+def test_weights_in_another_file_are_those_beside_the_network(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for folder, best in (("model", 4), ("elsewhere", 9)):
+        (tmp_path / folder).mkdir()
+        bias = onnx.numpy_helper.from_array(np.eye(12, dtype=np.float32)[best], "bias")
+        zeros = onnx.numpy_helper.from_array(np.zeros((27, 12), np.float32), "zeros")
+        node = helper.make_node("Gemm", ["s", "zeros", "bias"], ["q"])
+        given = [helper.make_tensor_value_info("s", TensorProto.FLOAT, ["rows", 27])]
+        values = [helper.make_tensor_value_info("q", TensorProto.FLOAT, ["rows", 12])]
+        graph = helper.make_graph([node], "g", given, values, [bias, zeros])
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+        onnx.save(
+            model,
+            str(tmp_path / folder / "own.onnx"),
+            save_as_external_data=True,
+            location="weights",
+            size_threshold=0,
+        )
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    driver = OnnxDriver(Path("../model/own.onnx"))
+    assert driver.act(ALONE, OBSERVATION).number == 4
+
+
+def saved(path: Path, node: onnx.NodeProto, given: onnx.ValueInfoProto, kind: int) -> Path:
+    """An ONNX file of one node."""
+    made = [helper.make_tensor_value_info("q", kind, ["rows", 12])]
+    true = onnx.numpy_helper.from_array(np.array(True), "true")
+    most = onnx.numpy_helper.from_array(np.array(2**62), "most")
+    text = onnx.numpy_helper.from_array(np.array([["a"] * 12], dtype=object), "text")
+    graph = helper.make_graph([node], "g", [given], made, [true, most, text])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    onnx.save(model, str(path))
+    return path
+
+
+SCENE = helper.make_tensor_value_info("s", TensorProto.FLOAT, ["rows", 27])
+
+
+def endless(path: Path) -> Path:
+    """A network that adds 1 without an end."""
+    some = [
+        helper.make_tensor_value_info(name, kind, shape)
+        for name, kind, shape in (
+            ("i", TensorProto.INT64, []),
+            ("go", TensorProto.BOOL, []),
+            ("x", TensorProto.FLOAT, ["rows", 27]),
+        )
+    ]
+    body = helper.make_graph(
+        [
+            helper.make_node("Identity", ["go"], ["go_on"]),
+            helper.make_node("Tanh", ["x"], ["y"]),
+        ],
+        "body",
+        some,
+        [
+            helper.make_tensor_value_info("go_on", TensorProto.BOOL, []),
+            helper.make_tensor_value_info("y", TensorProto.FLOAT, ["rows", 27]),
+        ],
+    )
+    node = helper.make_node("Loop", ["most", "true", "s"], ["q"], body=body)
+    return saved(path, node, SCENE, TensorProto.FLOAT)
+
+
+def test_a_network_without_an_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drl_av.drivers.onnx.LONGEST_RUN_S", 0.5)
+    with pytest.raises(CheckpointError, match=r"has not decided within 0\.5 s: export"):
+        OnnxDriver(endless(tmp_path / "own.onnx"))
+
+
+def test_a_network_without_an_end_can_be_interrupted(tmp_path: Path) -> None:
+    path = endless(tmp_path / "own.onnx")
+    program = (
+        "import os, signal, sys, threading\nfrom drl_av.cli import main\n"
+        "import drl_av.drivers.onnx as module\nmodule.LONGEST_RUN_S = 1000.0\n"
+        "wait = module._Watched.__call__\n"
+        "def watched(self, feed):\n"
+        "    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+        "    return wait(self, feed)\n"
+        "module._Watched.__call__ = watched\n"
+        f"sys.exit(main(['evaluate', {str(path)!r}, '--vehicles', '1', '--episodes', '1']))"
+    )
+    done = python("-c", program)
+    assert done.returncode == 130
+    assert done.stderr == "drl-av: interrupted.\n"
+
+
+def test_a_network_of_text_or_without_rows_is_one_sentence(tmp_path: Path) -> None:
+    node = helper.make_node("Identity", ["text"], ["q"])
+    with pytest.raises(CheckpointError, match="must return one row of numbers: export"):
+        OnnxDriver(saved(tmp_path / "text.onnx", node, SCENE, TensorProto.STRING))
+    scalar = helper.make_tensor_value_info("s", TensorProto.FLOAT, [])
+    node = helper.make_node("Identity", ["s"], ["q"])
+    with pytest.raises(CheckpointError, match="takes the inputs s: give a network of one input"):
+        OnnxDriver(saved(tmp_path / "scalar.onnx", node, scalar, TensorProto.FLOAT))

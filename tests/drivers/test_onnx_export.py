@@ -12,8 +12,7 @@ from worlds import ROAD, scene
 
 from drl_av.cli import main
 from drl_av.config import from_toml
-from drl_av.drivers.onnx_export import export
-from drl_av.drivers.onnx_interface import described
+from drl_av.drivers.onnx import described, export
 from drl_av.drivers.policy_file import PRETRAINED, load_run
 from drl_av.drivers.registry import find_drivers, load_learned, make_drivers
 from drl_av.driving.actions import ACTIONS

@@ -12,6 +12,7 @@ from drl_av.driving.affordances import INDICATORS, Affordances
 from drl_av.driving.counterfactual import Motion, affordances_after, motion
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
+from drl_av.road.road import Barrier, MandatoryChange
 
 CONFIG = Config()
 MAINTAIN = Action(Lateral.KEEP, Longitudinal.MAINTAIN)
@@ -49,6 +50,21 @@ def test_had_it_accelerated_the_vehicle_ahead_is_1_m_50_nearer_and_the_one_behin
         None,
         None,
     )
+
+
+def test_had_it_accelerated_what_lies_ahead_on_the_road_would_be_nearer_too() -> None:
+    now = scene()
+    ahead_m = (Barrier(100.0, 0.0, 3.8), Barrier(40.0, 3.8, 7.6))
+    seen = now.affordances._replace(barriers=ahead_m, mandatory=MandatoryChange(1, 60.0))
+    for other, places, within_m in (
+        (ACCELERATE, (98.5, 38.5), 58.5),
+        (HARD_BRAKE, (103.0, 43.0), 63.0),  # two steps at 18 and 16 m/s take it 17 m
+        (MAINTAIN, (100.0, 40.0), 60.0),
+    ):
+        affordances = had_it(other, now._replace(affordances=seen))
+        assert affordances is not None
+        assert [barrier.s_m for barrier in affordances.barriers] == pytest.approx(places)
+        assert affordances.mandatory.within_m == pytest.approx(within_m)
 
 
 def test_had_it_begun_a_lane_change_all_others_are_0_76_m_further_right() -> None:

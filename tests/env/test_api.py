@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from drives import HARD_BRAKE, ID, start
 from gymnasium.utils.env_checker import check_env
+from programs import python
 
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
@@ -85,3 +86,11 @@ def test_info_and_observation_of_a_step_are_not_overwritten_by_the_next(env: Hig
     env.step(HARD_BRAKE)
     assert np.array_equal(observation, kept[0])
     assert np.array_equal(info["indicators"], kept[1])
+
+
+def test_gymnasium_imports_the_package_that_an_id_names() -> None:
+    program = (
+        "import gymnasium, sys\nassert 'drl_av' not in sys.modules\n"
+        "print(type(gymnasium.make('drl_av:drl_av/RampToRamp-v0').unwrapped).__name__)"
+    )
+    assert python("-c", program).stdout == "HighwayEnv\n"

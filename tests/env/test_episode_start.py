@@ -2,6 +2,8 @@
 
 from contextlib import closing
 from itertools import islice
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,10 +12,11 @@ from worlds import CENTER
 
 from drl_av.config import Config
 from drl_av.drivers.registry import rule_driver
-from drl_av.env.episode_start import TRAINING_SEED_RANGE
+from drl_av.env.episode_start import TRAINING_SEED_RANGE, traffic_seed
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError
+from drl_av.learning.training import Training, seed_of_episode
 from drl_av.scenarios.folder import PlacedVehicle
 
 
@@ -127,3 +130,27 @@ def test_no_vehicle_brakes_behind_a_lane_change_of_the_episode_before(decisions:
             env.step(KEEP)
             speeds.append(env.scene.snapshot.speed_m_s)
     np.testing.assert_array_equal(*speeds)
+
+
+class Bounds:
+    """A generator whose numbers are the least or the greatest that it may draw."""
+
+    def __init__(self, least: bool) -> None:
+        self._least = least
+
+    def integers(self, low: int, high: int | None = None) -> int:
+        low, high = (0, low) if high is None else (low, high)
+        return low if self._least else high - 1
+
+
+def test_the_seeds_of_training_begin_where_those_of_evaluations_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for least, wanted in ((True, 1_000_000), (False, 2**31 - 1)):
+        bounds: Any = Bounds(least)
+        by_itself: Any = SimpleNamespace(_rng=bounds, _config=Config().learning)
+        assert traffic_seed(7, {}, bounds) == wanted
+        assert Training._draw_seed(by_itself) == wanted
+        monkeypatch.setattr(np.random, "default_rng", lambda seed, made=bounds: made)
+        assert seed_of_episode(5, 1) == wanted
+        monkeypatch.undo()

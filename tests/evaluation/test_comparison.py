@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -39,11 +40,17 @@ from drl_av.simulation.simulation import Simulation
 KEEP, LEFT = 0, 8
 
 
+@pytest.fixture
+def env() -> Iterator[HighwayEnv]:
+    with closing(HighwayEnv(config=SHORT)) as env:
+        yield env
+
+
 def test_rows_come_by_vehicles_then_seed_then_driver() -> None:
-    evaluation = Evaluation(SHORT, find_drivers(["idm", "idm-sumo"]), (3, 1), range(8, 10))
-    rows = list(evaluation.rows())
+    names = ["idm", "idm-sumo"]
+    rows = Evaluation(SHORT, find_drivers(names), (3, 1), range(8, 10)).rows()
     assert [(row.vehicles, row.seed, row.driver) for row in rows] == [
-        (number, seed, name) for number in (3, 1) for seed in (8, 9) for name in ("idm", "idm-sumo")
+        (number, seed, name) for number in (3, 1) for seed in (8, 9) for name in names
     ]
 
 
@@ -139,7 +146,7 @@ def test_rows_of_before_sumo_took_the_only_process_along_are_kept(tmp_path: Path
     tiny.write_text(SHORT.to_toml())
     words = ["evaluate", "idm", "--vehicles", "3", "--episodes", "9", "--config", str(tiny)]
     command = [sys.executable, "-c", ABORTED, *words, "--out", str(out)]
-    ended = subprocess.run(command, capture_output=True, check=False, timeout=120)
+    ended = subprocess.run(command, capture_output=True, check=False, timeout=1200)
     assert ended.returncode == -signal.SIGABRT
     assert len(out.read_text().splitlines()) == 1 + 3
 

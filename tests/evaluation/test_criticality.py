@@ -85,6 +85,43 @@ def test_the_time_below_three_seconds_to_a_collision_is_exposed() -> None:
     assert row.min_ttc_s == 2.5
 
 
+@pytest.mark.parametrize(
+    ("gap_m", "speed_m_s", "short"),
+    [
+        (19.9, 20.0, 1),
+        (20.0, 20.0, 0),  # a second exactly
+        (20.1, 20.0, 0),
+        (5.0, 5.1, 1),
+        (5.2, 5.1, 0),
+        (4.0, 5.0, 0),  # it crawls
+        (4.0, 4.9, 0),
+        (0.0, 0.0, 0),
+    ],
+)
+def test_a_headway_is_short_below_a_second_above_5_m_s(
+    gap_m: float, speed_m_s: float, short: int
+) -> None:
+    look = scene(ahead(gap_m), speed_m_s=speed_m_s)
+    assert measured(scene(), look).short_headways == short
+
+
+def test_the_lateral_jerk_is_the_change_of_the_lateral_acceleration() -> None:
+    metrics = CriticalityMetrics()
+    moments = [
+        scene(speed_m_s=20.0),
+        scene(speed_m_s=23.0, v_y=0.5),
+        scene(speed_m_s=25.0, v_y=0.7),
+        scene(speed_m_s=25.0, v_y=0.1),
+    ]
+    timed = [at(float(second), each) for second, each in enumerate(moments)]
+    for before, after in pairwise(timed):
+        metrics.add(decided(before, after))
+    # forwards 3, 2, 0 m/s^2; sideways 0.5, 0.2, -0.6 m/s^2
+    found = [(motion.a_y_m_s2, motion.j_x_m_s3, motion.j_y_m_s3) for motion in metrics.motions]
+    wanted = [(0.5, 0.0, 0.0), (0.2, -1.0, -0.3), (-0.6, -2.0, -0.8)]
+    assert found == [pytest.approx(each) for each in wanted]
+
+
 def test_a_short_headway_is_below_a_second_at_the_speed_afterwards() -> None:
     looks = [scene(ahead(21.9), speed_m_s=22.0), scene(ahead(20.1)), scene(ahead(2.0), speed_m_s=4)]
     assert measured(scene(), *looks).short_headways == 1  # the last is a queue that crawls

@@ -137,7 +137,6 @@ def test_a_loaded_driver_drives_the_environment_as_its_evaluation_does() -> None
         ({"drivers": "nowhere/agent.zip"}, r"There is no file nowhere/agent\.zip"),
         ({"vehicles": None}, "vehicles is None, but must be a whole number"),
         ({"drivers": "idm", "own": {"idm": Brakes()}}, "Two drivers are called 'idm'"),
-        ({"own": {"mine": Brakes()}, "jobs": 2}, "drive in one process: name a factory"),
         ({"traffic": "calmm"}, "did you mean 'calm'"),
         ({"safety_check": "strickt"}, "did you mean 'strict'"),
         ({"config": {"trafic": {}}}, "did you mean 'traffic'"),
@@ -192,3 +191,39 @@ def test_a_policy_of_an_open_road_drives_with_the_observation_of_its_environment
     assert all(observation in space for observation in seen)
     # the ego starts on the leftmost of three lanes: three changes to the right, of three possible
     assert seen[0][observe.names.index("way_changes")] == -1
+
+
+def test_results_are_a_data_frame_and_a_table_in_a_notebook() -> None:
+    rows = drl_av.evaluate(["idm", "gap-mobil"], vehicles=[1, 2], episodes=2, config=SHORT)
+    frame = rows.to_pandas()
+    assert frame.shape == (8, 20)
+    assert frame.groupby("driver").mean_speed_m_s.mean()["idm"] == pytest.approx(
+        sum(row.mean_speed_m_s for row in rows if row.driver == "idm") / 4
+    )
+    assert [*frame.columns[:3]] == ["driver", "safety_check", "vehicles"]
+    shown = rows._repr_html_()
+    assert shown.count("<tr>") == 5
+    assert "<td>idm</td><td>paper</td><td>2</td>" in shown
+    named = drl_av.evaluate([], own={"<b>": Brakes()}, vehicles=1, episodes=1, config=SHORT)
+    assert "&lt;b&gt;" in named._repr_html_()
+
+
+def test_the_package_shows_its_public_names_and_nothing_else() -> None:
+    assert dir(drl_av) == sorted([*drl_av.__all__, "__version__"])
+    assert all(callable(getattr(drl_av, name)) for name in drl_av.__all__)
+
+
+def test_a_driver_is_trained_by_a_program_and_evaluated(tmp_path: Path) -> None:
+    def price(transition: Any) -> float:
+        return -0.25
+
+    config = {**SHORT, "learning": {"hidden_units": 4, "evaluation_episodes": 1}}
+    run = drl_av.train(
+        tmp_path / "run", config=config, episodes=2, seed=5, reward=price, safety_check="strict"
+    )
+    rows = list(csv.DictReader((run / "episodes.csv").read_text().splitlines()))
+    assert [row["mean_reward"] for row in rows] == ["-0.25", "-0.25"]
+    [row] = drl_av.evaluate(run, vehicles=1, episodes=1)
+    assert (row.driver, row.safety_check) == ("run", "strict")
+    with pytest.raises(RunError, match="exists already"):
+        drl_av.train(run)

@@ -172,3 +172,57 @@ def test_a_folder_that_is_no_run_is_refused(
     assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
     assert "is not a run, it has no evaluations.csv: name the folder" in error_message(capsys)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_driver_has_one_colour_and_no_interval_reaches_below_a_standstill() -> None:
+    rows = [
+        {"driver": driver, "vehicles": 5, "mean_speed_m_s": speed}
+        for driver, speeds in (("mine", (1.0, 9.0)), ("idm", (20.0, 21.0)), ("run.zip", (5.0, 6.0)))
+        for speed in speeds
+    ]
+    colors = []
+    for some in (rows, rows[::-1], rows[:2] + rows[4:]):
+        for draw in (speed_figure, profile_figure):
+            axes = draw(some).axes[0]
+            names = [text.get_text() for text in axes.get_legend().get_texts()]
+            lines = [
+                line
+                for line in axes.lines
+                if len(line.get_xdata()) == 1 or draw is not speed_figure
+            ]
+            if draw is speed_figure:
+                lines = [bar.lines[0] for bar in axes.containers]
+                ends = [bar.lines[2][0].get_segments()[0][:, 1] for bar in axes.containers]
+                assert min(end.min() for end in ends) == 0.0  # 5 +- 51 m/s
+            colors.append({name: line.get_color() for name, line in zip(names, lines, strict=True)})
+    assert all(found.items() <= colors[0].items() for found in colors)
+    assert len({*colors[0].values()}) == 3
+
+
+@pytest.mark.parametrize("suffix", [".pdf", ".svg", ".PNG"])
+def test_a_file_is_drawn_by_its_suffix_and_says_the_check(
+    suffix: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("rows.csv").write_text(
+        "driver,safety_check,vehicles,mean_speed_m_s\nidm,strict,5,20\nidm,strict,5,21\n"
+    )
+    for _ in range(2):
+        assert main(["figures", "rows.csv", "--out", f"f{suffix}"]) == 0
+        made = {path.name: path.read_bytes() for path in here.glob(f"f*{suffix}")}
+    printed = capsys.readouterr().out.splitlines()[-len(made) :]
+    if suffix == ".pdf":
+        assert [*made] == ["f.pdf"]
+        assert made["f.pdf"].count(b"/Type /Page\n") + made["f.pdf"].count(b"/Type /Page ") == 2
+        assert printed == ["f.pdf: mean_speed, speed_profile"]
+        return
+    assert sorted(made) == [f"f_mean_speed{suffix}", f"f_speed_profile{suffix}"]
+    if suffix == ".svg":
+        assert all(b"safety check: strict" in data for data in made.values())
+
+
+def test_a_figure_of_runs_says_their_check(here: Path) -> None:
+    (here / "short.toml").write_text("[simulation]\ndecisions_per_episode = 2\n")
+    words = ["train", "--out", "run", "--episodes", "1", "--config", "short.toml"]
+    assert main([*words, "--safety-check", "permit_all"]) == 0
+    assert main(["figures", "run", "--out", "learning.svg"]) == 0
+    assert "safety check: permit_all" in Path("learning.svg").read_text()

@@ -1,7 +1,10 @@
 """A recorded episode comes back to the last bit, or says why it does not."""
 
+import io
 import json
 import re
+import tracemalloc
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -166,3 +169,59 @@ def test_the_page_of_a_learned_driver_shows_the_values_that_it_chose_by(tmp_path
     for decision in page_data(page)["decisions"]:
         assert len(decision["q"]) == 12
         assert max(decision["q"]) - decision["q"][decision["proposed"]] <= 0.04  # its margin
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({"states": np.zeros(12)}, "states do not have the shape"),
+        ({"states": np.zeros((5, 15, 4))}, "numbers of actions and of states differ"),
+        ({"proposed": np.array(["keep"] * 12)}, "actions are no row of whole numbers"),
+        ({"proposed": np.full(12, 12)}, "an action is not a number from 0 to 11"),
+        ({"seed": -1}, "seed or number of vehicles is negative"),
+    ],
+)
+def test_a_recording_of_other_shapes_is_one_sentence(
+    changed: dict[str, Any],
+    why: str,
+    recording: Recording,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    replace(recording, **changed).save(tmp_path / "odd.npz")  # with a right checksum
+    assert main(["replay", str(tmp_path / "odd.npz"), "--html", str(tmp_path / "x.html")]) == 1
+    said = capsys.readouterr().err
+    assert why in said
+    assert said.count("\n") == 1
+
+
+def test_a_recording_that_expands_without_end_is_refused_before(tmp_path: Path) -> None:
+    with (
+        zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("states.npy", "w") as part,
+    ):
+        for _ in range(1001):
+            part.write(bytes(10**6))
+    tracemalloc.start()
+    with pytest.raises(RecordingError, match="it unpacks to more than 1000 MB"):
+        load_recording(tmp_path / "bomb.npz")
+    header = io.BytesIO()
+    shape = {"descr": "<f8", "fortran_order": False, "shape": (10**10,)}
+    np.lib.format.write_array_header_1_0(header, shape)
+    with zipfile.ZipFile(tmp_path / "liar.npz", "w") as archive:
+        archive.writestr("states.npy", header.getvalue() + bytes(80))
+    with pytest.raises(RecordingError, match=r"states\.npy is smaller than it says"):
+        load_recording(tmp_path / "liar.npz")
+    assert tracemalloc.get_traced_memory()[1] < 50_000_000
+    tracemalloc.stop()
+
+
+def test_a_name_with_terminal_codes_is_shown_and_not_obeyed(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    replace(recording, driver="idm\x1b[2J\x9b31m").save(tmp_path / "episode.npz")
+    words = ["replay", str(tmp_path / "episode.npz"), "--html", str(tmp_path / "x.html")]
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert r"idm\x1b[2J\x9b31m, check paper, 14 vehicles" in printed
+    assert not {"\x1b", "\x9b"} & {*printed}

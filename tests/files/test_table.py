@@ -213,3 +213,23 @@ def test_a_row_of_the_results_may_be_infinite_only_where_no_vehicle_was_ahead() 
     infinite = [name for name, kind in column_types(EpisodeResult).items() if kind is not float]
     assert {"min_ttc_s", "min_headway_s"} < set(infinite)
     assert "mean_speed_m_s" not in infinite
+
+
+def test_a_formula_in_a_text_is_written_harmlessly_and_read_back(tmp_path: Path) -> None:
+    names = [
+        "=1+1",
+        "+cmd",
+        "-2+3",
+        "@SUM(A1)",
+        "\tx",
+        "'=1",
+        "''@",
+        "'quoted'",
+        "idm",
+        "-",
+        "-0.5",
+    ]
+    write_table(tmp_path / "t.csv", ["driver"], [{"driver": name} for name in names])
+    cells = [line.split(",")[0].strip('"') for line in (tmp_path / "t.csv").read_text().split("\n")]
+    assert not [cell for cell in cells if cell[:1] in {*"=+-@\t"} and cell != "-0.5"]
+    assert [row["driver"] for row in read_table(tmp_path / "t.csv", {"driver": str})] == names

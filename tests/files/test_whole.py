@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -159,8 +160,35 @@ def test_what_a_dead_process_left_is_removed_and_what_a_living_one_writes_stays(
     assert set(tmp_path.iterdir()) == {tmp_path / "rows.csv", tmp_path / "run", *kept}
 
 
+@pytest.mark.parametrize("write", [lambda path: write_atomic(path, b"mine"), require_writable])
+@pytest.mark.parametrize("to_folder", [False, True])
+def test_a_link_planted_at_the_temporary_name_is_not_followed(
+    write: Callable[[Path], None], to_folder: bool, tmp_path: Path
+) -> None:
+    path, name = tmp_path / "rows.csv", f".rows.{os.getpid()}.unfinished.csv"
+    secrets, diary = tmp_path / "mine", tmp_path / "mine" / name
+    secrets.mkdir()
+    diary.write_text("dear diary")
+    planted = tmp_path / name
+    planted.symlink_to(secrets if to_folder else diary)
+    write(path)
+    assert diary.read_text() == "dear diary"
+    assert not path.exists() or path.read_text() == "mine"
+    assert planted.is_symlink()  # it is another user's
+
+
+def test_what_is_unfinished_is_for_its_user_alone_and_the_file_for_all(tmp_path: Path) -> None:
+    usual = tmp_path / "usual"
+    usual.touch()
+    with replacing(tmp_path / "rows.csv") as unfinished:
+        unfinished.write_text("x")
+        assert unfinished.parent.stat().st_mode & 0o777 == 0o700
+    assert (tmp_path / "rows.csv").stat().st_mode == usual.stat().st_mode
+
+
 KILLED = """
 import os, signal, sys
+from collections.abc import Callable
 from pathlib import Path
 from drl_av.files import replacing
 with replacing(Path(sys.argv[1])) as unfinished:

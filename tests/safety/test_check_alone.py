@@ -69,7 +69,7 @@ def test_only_who_asks_for_the_mask_pays_for_it() -> None:
 
 
 @pytest.mark.parametrize(
-    "returned", [None, ACTIONS[0], 3, Verdict(3, Rule.NONE), Verdict(ACTIONS[0], "x")]
+    "returned", [None, ACTIONS[0], 3, Verdict(3, Rule.NONE), Verdict(ACTIONS[0], 7)]
 )  # type: ignore[arg-type]
 def test_a_check_that_returns_no_verdict_is_refused_in_one_sentence(returned: Any) -> None:
     with closing(HighwayEnv(config=SHORT, safety_check=lambda scene, proposed: returned)) as env:
@@ -86,6 +86,26 @@ def test_a_check_that_replaces_an_action_and_names_no_rule_is_refused() -> None:
         assert env.step(3)[-1]["rule"] == "none"
         with pytest.raises(ConfigError, match=r"replaced the action .*, but named no rule: return"):
             env.step(0)
+
+
+def test_a_check_that_names_a_rule_and_keeps_the_action_has_permitted_it() -> None:
+    kept = Verdict(ACTIONS[3], Rule.IN_LANE)
+    with closing(HighwayEnv(config=SHORT, safety_check=lambda scene, proposed: kept)) as env:
+        env.reset(seed=1)
+        info = env.step(3)[-1]
+        assert (info["rule"], info["executed_action"]) == ("none", 3)
+        assert (env.step(0)[-1]["rule"], env.action_masks().tolist()) == ("in_lane", MASK_OF_3)
+
+
+def test_a_rule_may_have_any_name() -> None:
+    named = Verdict(ACTIONS[3], " too close \x1b[31m")
+    with closing(HighwayEnv(config=SHORT, safety_check=lambda scene, proposed: named)) as env:
+        env.reset(seed=1)
+        assert env.step(0)[-1]["rule"] == r"too close \x1b[31m"
+        assert env.step(3)[-1]["rule"] == "none"
+
+
+MASK_OF_3 = [0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0]
 
 
 def test_workers_tell_their_masks_together() -> None:

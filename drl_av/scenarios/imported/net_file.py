@@ -1,12 +1,12 @@
 """Reads the user's network file, by means of sumolib; SUMO itself never opens the file."""
 
-import importlib
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from drl_av.scenarios.safe_xml import MAX_DEPTH, parse_xml
+from drl_av.sumo_programs import sumo_module
 
 REMEDY = "name a network file that netedit or netconvert has written"
 CUT_OUT = "cut out the part with your route by netconvert -s FILE --keep-edges.in-boundary"
@@ -39,9 +39,7 @@ class _Elements:
     """A parser's target that passes the elements of a network file on to sumolib."""
 
     def __init__(self) -> None:
-        self._reader = importlib.import_module("sumolib.net").NetReader(
-            withInternal=True, withFoes=False
-        )
+        self._reader = sumo_module("sumolib.net").NetReader(withInternal=True, withFoes=False)
         self._open: list[tuple[str, Attributes]] = []
         self._found = NetFile(None, {}, {}, {}, {}, {}, False)
 

@@ -1,0 +1,180 @@
+"""Options that several verbs share, the conversion of their words, and the verb ``config``."""
+
+import argparse
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from drl_av.config import SETTING, TRAFFIC_PRESETS, Config, with_files
+from drl_av.config.functions import is_factory
+from drl_av.config.presets import PRESETS, preset
+from drl_av.config.reference import SECTIONS, annotated_toml
+from drl_av.drivers.agent import UNPICKLED
+from drl_av.drivers.registry import driver_names
+from drl_av.errors import ConfigError
+from drl_av.safety import CHECKS
+from drl_av.scenarios.folder import with_scenario
+
+if TYPE_CHECKING:
+    from drl_av.env.custom import CustomParts
+
+
+def rate(text: str) -> float:
+    """Convert a word to a multiple of real time, from 0.01 to 1000."""
+    number = float(text)
+    if not 0.01 <= number <= 1000:
+        raise argparse.ArgumentTypeError(f"{text} is not from 0.01 to 1000")
+    return number
+
+
+rate.__name__ = "number"
+
+
+def int_at_least(low: int) -> Callable[[str], int]:
+    """Return the function that converts a word to a whole number of at least ``low``."""
+
+    def parse(text: str) -> int:
+        number = int(text)
+        if number < low:
+            raise argparse.ArgumentTypeError(f"{number} is less than {low}")
+        return number
+
+    parse.__name__ = "whole number"
+    return parse
+
+
+def int_list(low: int) -> Callable[[str], list[int]]:
+    """Return the function that converts whole numbers, separated by commas, to a list."""
+
+    def parse(text: str) -> list[int]:
+        return [int_at_least(low)(part) for part in text.split(",")]
+
+    parse.__name__ = "whole number"
+    return parse
+
+
+def driver_words() -> str:
+    """Return the help text of an option for a driver: all forms that the option accepts."""
+    return (
+        f"{', '.join(driver_names())} (each pretrained one ships with drl-av), the folder of a "
+        "run, a policy's .safetensors file, a stable-baselines3 .zip file, an .onnx file, or your "
+        "own factory as module:factory; @CHECK after it names its safety check, as in "
+        "pretrained@paper"
+    )
+
+
+def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = True) -> None:
+    """Add the options of an environment to a parser: scenario, traffic, check, reward, settings.
+
+    ``whose`` names the source of the defaults in the help, for example "the RUN's"; ``zips`` says
+    whether the verb loads zip files.
+    """
+    if zips:
+        parser.epilog = " ".join(filter(None, [parser.epilog, UNPICKLED]))
+    parser.add_argument(
+        "--scenario",
+        metavar="DIR",
+        help=f"scenario folder, or the name of a shipped one (default: {whose})",
+    )
+    parser.add_argument(
+        "--safety-check",
+        metavar="NAME",
+        help=f"one of: {', '.join(CHECKS)}, or your own as module:function (default: {whose})",
+    )
+    parser.add_argument(
+        "--traffic",
+        metavar="KIND",
+        help=f"one of: {', '.join(TRAFFIC_PRESETS)} (default: {whose} [traffic])",
+    )
+    parser.add_argument(
+        "--reward", metavar="NAME", help="your own reward as module:function (default: the paper's)"
+    )
+    config_files(parser, whose)
+
+
+def add_observation(parser: argparse.ArgumentParser) -> None:
+    """Add --observation to a parser."""
+    parser.add_argument(
+        "--observation",
+        metavar="NAME",
+        help="your own observation as module:name (default: the 27 indicators)",
+    )
+
+
+def config_files(parser: argparse.ArgumentParser, whose: str) -> None:
+    """Add --config; the help says that the files replace ``whose`` settings."""
+    parser.add_argument(
+        "--config",
+        action="append",
+        default=[],
+        metavar="FILE.toml",
+        help=f"TOML settings that replace {whose}; given again, a file is laid over those before",
+    )
+    parser.add_argument(
+        "-o",
+        dest="config",
+        action="append",
+        type=_setting,
+        metavar="SECTION.KEY=VALUE",
+        help="one setting, such as traffic.vehicles_max=10; as if it stood in the last --config",
+    )
+
+
+def _setting(text: str) -> str:
+    if not SETTING.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} does not have the form SECTION.KEY=VALUE, such as traffic.vehicles_max=10"
+        )
+    return text
+
+
+def with_command_line(config: Config, options: argparse.Namespace) -> Config:
+    """Return ``config``, changed by --traffic, --config, --scenario and --safety-check in turn.
+
+    Raises ConfigError if the TOML file or a setting is wrong.
+    """
+    if options.traffic is not None:
+        config = config.with_traffic(options.traffic)
+    config = with_files(config, options.config)
+    if options.safety_check is not None:
+        config = config.updated("safety", check=options.safety_check)
+    return with_scenario(config, options.scenario)
+
+
+def custom_parts(options: argparse.Namespace) -> "CustomParts":
+    """Return the user's own check, reward and observation of the command line.
+
+    Raises ConfigError if one of them does not have the form ``module:name``.
+    """
+    from drl_av.env.custom import CustomParts
+
+    check = options.safety_check
+    custom = CustomParts(
+        check if check is not None and is_factory(check) else None,
+        options.reward,
+        getattr(options, "observation", None),
+    )
+    for option, word in zip(("--reward", "--observation"), custom[1:], strict=True):
+        if word is not None and not is_factory(str(word)):
+            raise ConfigError(f"{option} is {word!r}, but must have the form module:name.")
+    return custom
+
+
+def add_config_options(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``drl-av config`` to its parser."""
+    parser.add_argument(
+        "section",
+        nargs="?",
+        metavar="SECTION",
+        help=f"one of: {', '.join(SECTIONS)} (default: all)",
+    )
+    parser.add_argument(
+        "--preset", default="paper", metavar="NAME", help=f"one of: {', '.join(PRESETS)}"
+    )
+    config_files(parser, "the preset's")
+
+
+def config(options: argparse.Namespace) -> int:
+    """Print the settings as TOML with comments; return the exit status 0."""
+    settings = with_files(preset(options.preset), options.config)
+    print(annotated_toml(settings, options.section), end="")
+    return 0

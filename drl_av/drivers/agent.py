@@ -1,0 +1,346 @@
+"""Loads agents of stable-baselines3 and sb3-contrib from zip files; as a rule no code in them runs.
+
+These libraries pickle a part of an agent, and a pickle can run any code. This module unpickles only
+the classes of these libraries, torch, numpy and gymnasium that an agent consists of.
+"""
+
+import base64
+import importlib
+import io
+import json
+import pickle
+import re
+import warnings
+import zipfile
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.drivers.checked import PolicyDriver
+from drl_av.drivers.driver import Driver
+from drl_av.driving.actions import ACTIONS, Action, action_of
+from drl_av.driving.scene import Scene
+from drl_av.errors import CheckpointError, DrlAvWarning
+from drl_av.safety import action_mask
+from drl_av.safety.check import SafetyCheck
+
+MAX_UNPACKED = 500_000_000
+"""The largest size, bytes, of all parts of a zip file together, and of the parts of one of them."""
+UNPICKLED = (
+    "A stable-baselines3 zip file holds pickles: drl-av runs no code in them, except for agents "
+    "with classes of their own, before which it warns. Load only files that you trust."
+)
+"""What every verb that can load such a file says in its help."""
+_ON_POLICY = "stable_baselines3.common.policies"
+_LIBRARIES = {
+    _ON_POLICY: "stable_baselines3",
+    "stable_baselines3.dqn.policies": "stable_baselines3",
+    "sb3_contrib.qrdqn.policies": "sb3_contrib",
+    "sb3_contrib.common.maskable.policies": "sb3_contrib",
+}
+"""The library of an agent, by the module of the policy class in its zip file."""
+_CLASSES = re.compile(
+    r"gymnasium\.spaces\.\w+:(Box|Discrete|Dict)"
+    r"|torch\.nn\.modules\.activation:\w+|torch\.optim\.\w+:(Adam|AdamW|RMSprop|SGD)"
+    r"|stable_baselines3\.(common|dqn)\.policies:\w+"
+    r"|stable_baselines3\.common\.torch_layers:\w+"
+    r"|stable_baselines3\.common\.sb2_compat\.rmsprop_tf_like:RMSpropTFLike"
+    r"|stable_baselines3\.common\.vec_env\.vec_normalize:VecNormalize"
+    r"|stable_baselines3\.common\.running_mean_std:RunningMeanStd"
+    r"|sb3_contrib\.(qrdqn|common\.maskable)\.policies:\w+"
+    r"|numpy:(dtype|ndarray)|numpy\.random\._pcg64:PCG64|collections:OrderedDict"
+    r"|numpy\.random\.bit_generator:SeedSequence"
+)
+_FUNCTIONS = re.compile(
+    r"numpy\.(_core|core)\.(multiarray:(_reconstruct|scalar)|numeric:_frombuffer)"
+    r"|numpy\.random\._pickle:(__generator_ctor|__bit_generator_ctor)"
+    r"|numpy\.random\.bit_generator:__pyx_unpickle_SeedSequence"
+)
+"""What a pickle may name, as ``module:name``: these classes, and these functions of numpy."""
+
+
+class _Foreign(pickle.UnpicklingError):
+    """A pickle names something that no agent of these libraries needs."""
+
+
+class _Unpickler(pickle.Unpickler):
+    """Unpickles the classes and functions that an agent consists of, and nothing else."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Return the class or function of this name; raise _Foreign if it is not a known one."""
+        word = f"{module}:{name}"
+        if _CLASSES.fullmatch(word) or _FUNCTIONS.fullmatch(word):
+            found = getattr(importlib.import_module(module), name)
+            if isinstance(found, type) or _FUNCTIONS.fullmatch(word):
+                return found
+        raise _Foreign(f"it needs {module}.{name}")
+
+
+class MaskedAgent(Driver):
+    """An agent of MaskablePPO: it chooses among the actions that ``check`` permits."""
+
+    def __init__(self, policy: Any, check: SafetyCheck) -> None:
+        self._policy, self._check = policy, check
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """Return the agent's most probable action under the mask of the scene."""
+        mask = action_mask(self._check, scene)
+        chosen, _ = self._policy.predict(observation, action_masks=mask, deterministic=True)
+        return action_of(chosen)
+
+
+class NormalizedDriver(Driver):
+    """A driver that observes what ``normalize`` makes of an observation."""
+
+    def __init__(self, driver: Driver, normalize: Callable[[Any], Any]) -> None:
+        self._driver, self._normalize = driver, normalize
+
+    def start(self, seed: int) -> None:
+        """Start the inner driver."""
+        self._driver.start(seed)
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """Return the inner driver's action for the normalized observation."""
+        return self._driver.act(scene, self._normalize(observation))
+
+
+def driver_of_agent(path: Path, observed: int, check: Callable[[], SafetyCheck]) -> Driver:
+    """Load an agent that stable-baselines3 or sb3-contrib saved; the driver acts deterministically.
+
+    If its training normalized observations with VecNormalize, the statistics are read from
+    ``vecnormalize.pkl`` beside the file. A DrlAvWarning comes before any code of the file runs.
+
+    Args:
+        path: The zip file.
+        observed: Number of indicators in an observation.
+        check: Returns the safety check of the environment, of which MaskablePPO gets the mask.
+
+    Raises:
+        CheckpointError: the file holds no such agent or is too large, its library is not installed,
+            or the agent was trained with other observations or actions.
+    """
+    data = _data(path)
+    module = _policy_module(path, data)
+    library = _library(path, _LIBRARIES[module])
+    observes, acts = (_safe(path, data, name) for name in ("observation_space", "action_space"))
+    _require_spaces(path, observes, acts, observed)
+    normalize = _normalization(path, data, observes)
+    policy_class, kwargs = _own_parts(path, data)
+    _require_size(path, kwargs, observed)
+    try:
+        stored = {name: None for name, value in data.items() if _is_pickled(value)}
+        _, tensors, _ = library.load_from_zip_file(path, custom_objects=stored, device="cpu")
+        policy = policy_class(observes, acts, _no_learning, **kwargs)
+        policy.load_state_dict(tensors["policy"])
+        policy.set_training_mode(False)
+    except Exception as error:  # of torch, of the library, or of the file's own classes
+        raise CheckpointError(
+            f"{path} cannot be loaded as an agent ({_squeezed(error)}): save it again."
+        ) from error
+    if "maskable" in module:
+        driver: Driver = MaskedAgent(policy, check())
+    else:
+        driver = PolicyDriver(lambda seen: policy.predict(seen, deterministic=True)[0])
+    return driver if normalize is None else NormalizedDriver(driver, normalize)
+
+
+def _no_learning(progress: float) -> float:
+    return 0.0
+
+
+def _squeezed(error: Exception) -> str:
+    return " ".join(str(error).split()).rstrip(".")[:200] or type(error).__name__
+
+
+def _data(path: Path) -> dict[str, Any]:
+    """Read the JSON description in an agent's zip file; raise CheckpointError if there is none."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            _require_unpackable(archive)
+            for name in archive.namelist():
+                if name.endswith(".pth"):
+                    with archive.open(name) as part:
+                        if zipfile.is_zipfile(part):
+                            _require_unpackable(zipfile.ZipFile(part))
+            found = json.loads(archive.read("data"))
+        return dict(found)
+    except (OSError, zipfile.BadZipFile, LookupError, ValueError, TypeError, RuntimeError) as error:
+        raise CheckpointError(
+            f"{path} is no agent that stable-baselines3 saved ({_squeezed(error)}): give the file "
+            "of its save method."
+        ) from error
+
+
+def _require_unpackable(archive: zipfile.ZipFile) -> None:
+    """Raise ValueError if an archive is encrypted, or larger than ``MAX_UNPACKED`` if unpacked."""
+    members = archive.infolist()
+    if any(member.flag_bits & 1 for member in members):
+        raise ValueError("it is encrypted")
+    if sum(member.file_size for member in members) > MAX_UNPACKED:
+        raise ValueError(f"it unpacks to more than {MAX_UNPACKED // 10**6} MB")
+
+
+def _policy_module(path: Path, data: Mapping[str, Any]) -> str:
+    """Return the module of an agent's policy class; raise CheckpointError if it is not known."""
+    described = data.get("policy_class")
+    module = described.get("__module__") if isinstance(described, dict) else None
+    if module is None:
+        raise CheckpointError(
+            f"{path} is no agent that stable-baselines3 saved (it names no policy class): give the "
+            "file of its save method."
+        )
+    if module not in _LIBRARIES:
+        raise CheckpointError(
+            f"{path} holds an agent with a policy of {module}, which is not known here: wrap it "
+            "in a factory and give it as module:factory."
+        )
+    return str(module)
+
+
+def _library(path: Path, library: str) -> Any:
+    """Import an agent's library; return the module of stable-baselines3 that reads zip files."""
+    try:
+        importlib.import_module(library)
+        return importlib.import_module("stable_baselines3.common.save_util")
+    except ImportError as error:
+        package = library.replace("_", "-")
+        raise CheckpointError(
+            f"{path} needs the package {package}, which is not installed: pip install {package}."
+        ) from error
+
+
+def _is_pickled(value: object) -> bool:
+    return isinstance(value, dict) and ":serialized:" in value
+
+
+def _part(data: Mapping[str, Any], name: str, loads: Callable[[bytes], Any]) -> Any:
+    """Return a part of an agent, unpickled by ``loads`` if it is pickled."""
+    value = data[name]
+    return loads(base64.b64decode(value[":serialized:"])) if _is_pickled(value) else value
+
+
+def _known(pickled: bytes) -> Any:
+    return _Unpickler(io.BytesIO(pickled)).load()
+
+
+def _safe(path: Path, data: Mapping[str, Any], name: str) -> Any:
+    """Return a part of an agent of known classes; raise CheckpointError if it has others."""
+    try:
+        return _part(data, name, _known)
+    except Exception as error:  # a damaged pickle raises anything
+        raise CheckpointError(
+            f"{path} has no readable {name} ({_squeezed(error)}): save the agent again with the "
+            "installed stable-baselines3."
+        ) from error
+
+
+def _own_parts(path: Path, data: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """Return the class of the policy and its arguments; warn before code of the file can run."""
+    names = ("policy_class", "policy_kwargs")
+    try:
+        policy_class, kwargs = (_part(data, name, _known) for name in names)
+    except _Foreign as foreign:
+        warnings.warn(
+            f"{path} is loaded by running code that it names ({foreign}): stop here with Ctrl-C "
+            "unless you trust the file.",
+            DrlAvWarning,
+            stacklevel=2,
+        )
+        try:
+            policy_class, kwargs = (_part(data, name, pickle.loads) for name in names)
+        except Exception as error:  # the file's own code
+            raise CheckpointError(
+                f"{path} cannot be loaded ({_squeezed(error)}): put the module with its classes "
+                "on PYTHONPATH, or save it again."
+            ) from error
+    except Exception as error:  # a damaged pickle raises anything
+        raise CheckpointError(f"{path} is damaged ({_squeezed(error)}): save it again.") from error
+    return policy_class, dict(kwargs or {})
+
+
+def _require_spaces(path: Path, observes: Any, acts: Any, observed: int) -> None:
+    """Raise CheckpointError unless an agent has the environment's observations and actions."""
+    spaces = observes.shape, getattr(acts, "n", None)
+    if spaces == ((observed,), len(ACTIONS)):
+        return
+    remedy = "use PolicyDriver(policy, observe) in Python"
+    if spaces[0] and int(np.prod(spaces[0])) % observed == 0 and int(np.prod(spaces[0])) > observed:
+        frames = int(np.prod(spaces[0])) // observed
+        remedy = (
+            f"these are {frames} stacked observations, so give a factory module:function whose "
+            f"driver stacks the last {frames}"
+        )
+    elif spaces[1] == len(ACTIONS):
+        remedy = f"set observation.way as in its training, or {remedy}"
+    raise CheckpointError(
+        f"{path} was trained with observations of shape {spaces[0]} and {spaces[1]} actions, "
+        f"but drives with ({observed},) and {len(ACTIONS)} here: {remedy}."
+    )
+
+
+def _require_size(path: Path, kwargs: Mapping[str, Any], observed: int) -> None:
+    """Raise CheckpointError if the policy asks for layers larger than ``MAX_UNPACKED``."""
+    words = re.findall(r"\d+", repr(kwargs.get("net_arch")))
+    sizes = [observed, *map(int, words)]
+    if any(4 * a * b > MAX_UNPACKED for a, b in pairwise(sizes)):
+        raise CheckpointError(
+            f"{path} asks for layers of {', '.join(words)} units, which need more than "
+            f"{MAX_UNPACKED // 10**6} MB: give an agent with a smaller network."
+        )
+
+
+def _normalization(
+    path: Path, data: Mapping[str, Any], observes: Any
+) -> Callable[[Any], Any] | None:
+    """Return the normalization with which an agent was trained by VecNormalize, or None.
+
+    Raises:
+        CheckpointError: its statistics are missing or damaged, or another wrapper has changed the
+            observations of the training.
+    """
+    by_library = data.get("_last_original_obs") is not None
+    last = "_last_original_obs" if by_library else "_last_obs"
+    seen = None if data.get(last) is None else np.asarray(_safe(path, data, last))
+    raw = bool(np.isfinite(observes.low).all() and np.isfinite(observes.high).all())
+    if seen is not None and seen.shape[-1:] == observes.shape and raw:
+        raw = bool(((seen >= observes.low - 1e-4) & (seen <= observes.high + 1e-4)).all())
+    if not raw:
+        raise CheckpointError(
+            f"{path} was trained on observations outside the bounds of this environment, as "
+            "gymnasium's NormalizeObservation makes them, and does not hold the statistics: give a "
+            "factory module:function whose driver applies the same normalization."
+        )
+    if not by_library:
+        return None
+    return _vec_normalize(path, observes.shape)
+
+
+def _vec_normalize(path: Path, shape: tuple[int, ...]) -> Callable[[Any], Any]:
+    """Read the statistics of VecNormalize beside an agent's file; return the normalization."""
+    steps = re.fullmatch(r"(.+)_(\d+_steps)", path.stem)  # of a CheckpointCallback
+    named = [path.with_name(f"{steps[1]}_vecnormalize_{steps[2]}.pkl")] if steps else []
+    places = [*named, path.with_name("vecnormalize.pkl"), path.with_suffix("") / "vecnormalize.pkl"]
+    file = next((place for place in places if place.is_file()), None)
+    if file is None:
+        raise CheckpointError(
+            f"{path} was trained with VecNormalize, whose statistics are not in it: put them "
+            f"beside it as {path.with_name('vecnormalize.pkl')}, by env.save('vecnormalize.pkl')."
+        )
+    try:
+        if file.stat().st_size > MAX_UNPACKED:
+            raise ValueError(f"it is larger than {MAX_UNPACKED // 10**6} MB")
+        found = _known(file.read_bytes())
+        normalize: Callable[[Any], Any] = found.normalize_obs
+        made = normalize(np.zeros(shape, np.float32))
+        if made.shape != shape or not np.isfinite(made).all():
+            raise ValueError(f"it normalizes observations of another shape than {shape}")
+    except Exception as error:  # a damaged or foreign pickle raises anything
+        raise CheckpointError(
+            f"{file} holds no statistics of VecNormalize for {path.name} ({_squeezed(error)}): "
+            "save them again by env.save('vecnormalize.pkl')."
+        ) from error
+    return normalize

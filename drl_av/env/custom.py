@@ -1,0 +1,76 @@
+"""Functions of the user that an environment gets beside its settings: check, reward, observation.
+
+Each is an object, or its name as ``module:name``. A file of settings, a run and a recording may
+hold such a name, but only an argument imports it: opening a file never runs the code of others.
+"""
+
+from collections.abc import Iterable
+from inspect import signature
+from typing import Any, NamedTuple
+
+from drl_av.config import Config
+from drl_av.config.functions import import_function, is_factory, require_function
+from drl_av.env.observation import ObservationFunction
+from drl_av.env.transition import RewardFunction
+from drl_av.safety.check import SafetyCheck
+
+
+class CustomParts(NamedTuple):
+    """The arguments of HighwayEnv that may be functions of the user; None for the settings' own."""
+
+    safety_check: str | SafetyCheck | None = None
+    reward: str | RewardFunction | None = None
+    observation: str | Iterable[str] | ObservationFunction | None = None
+
+
+def custom_check(given: str | SafetyCheck, config: Config) -> SafetyCheck:
+    """Return the user's safety check: an object, a function ``module:name``, or what it makes.
+
+    A function of one argument is a factory, which gets the config and returns the check.
+
+    Raises:
+        ConfigError: the function does not exist, or what it is or makes is not a check.
+    """
+    if not isinstance(given, str):
+        require_function(given, "safety_check", "scene", "proposed")
+        return given
+    found = import_function(given, "safety check")
+    if _takes_one(found):
+        found = found(config)
+    require_function(found, f"The safety check {given!r}", "scene", "proposed")
+    check: SafetyCheck = found
+    return check
+
+
+def _takes_one(function: Any) -> bool:
+    try:
+        signature(function).bind("config")
+    except (TypeError, ValueError):
+        return False
+    return True
+
+
+def custom_reward_of(given: str | RewardFunction) -> RewardFunction:
+    """Return the user's reward: an object, or a function ``module:name``.
+
+    Raises:
+        ConfigError: the function does not exist, or does not take a transition.
+    """
+    found = import_function(given, "reward") if isinstance(given, str) else given
+    require_function(found, "reward" if found is given else f"The reward {given!r}", "transition")
+    reward: RewardFunction = found
+    return reward
+
+
+def custom_observation_of(given: Any) -> Any:
+    """Return the argument ``observation`` itself, or what it names as ``module:name``.
+
+    A class is called without arguments. Raises ConfigError if there is no such object.
+    """
+    if not (isinstance(given, str) and is_factory(given)):
+        return given
+    found = import_function(given, "observation")
+    return found() if isinstance(found, type) else found
+
+
+NOTHING_CUSTOM = CustomParts()

@@ -1,0 +1,70 @@
+"""Trains a driver from a user's program: ``drl_av.train``."""
+
+from collections.abc import Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from drl_av.config import Config
+from drl_av.config.functions import is_factory
+from drl_av.config.presets import as_config
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.transition import RewardFunction
+from drl_av.learning.run import Run
+from drl_av.learning.run import train as train_run
+from drl_av.learning.training import build_training
+from drl_av.safety.check import SafetyCheck
+from drl_av.scenarios.folder import with_scenario
+
+
+def train(
+    out: str | Path,
+    *,
+    config: Config | Mapping[str, Any] | str | Path | None = None,
+    episodes: int | None = None,
+    seed: int | None = None,
+    scenario: str | Path | None = None,
+    safety_check: str | SafetyCheck | None = None,
+    traffic: str | None = None,
+    reward: str | RewardFunction | None = None,
+) -> Path:
+    """Train a driver by Algorithm 1 of the paper, as ``drl-av train`` does.
+
+    Args:
+        out: The run's folder, which must be new.
+        config: Settings: a preset such as "fast", a TOML file, a dictionary or a Config.
+        episodes: Number of episodes; by default that of the settings.
+        seed: Random seed; by default that of the settings.
+        scenario: Folder of a scenario, or the name of a shipped one.
+        safety_check: The name of a check, or your own: a function, or its name as
+            ``"module:function"``.
+        traffic: The name of a kind of traffic, whose settings ``config`` may change.
+        reward: Your own reward, a function or its name as ``"module:function"``.
+
+    Returns:
+        The run's folder, which ``evaluate`` and ``load_driver`` accept as a driver.
+
+    Raises:
+        ConfigError, ScenarioError: an argument is wrong.
+        RunError, CheckpointError: the folder is not new, or cannot be written.
+        SimulationError: SUMO ended unexpectedly; ``drl-av train --resume`` continues.
+    """
+    base = Config() if traffic is None else Config().with_traffic(traffic)
+    settings = with_scenario(as_config(config, base), scenario)
+    own_check: str | SafetyCheck | None = None
+    if isinstance(safety_check, str):
+        settings = settings.updated("safety", check=safety_check)
+        own_check = safety_check if is_factory(safety_check) else None
+    elif safety_check is not None:
+        own_check = safety_check
+    given = {"episodes": episodes, "seed": seed}
+    given = {name: value for name, value in given.items() if value is not None}
+    settings = settings.updated("learning", **given)
+    run = Run(Path(out))
+    with closing(HighwayEnv(config=settings, safety_check=own_check, reward=reward)) as env:
+        training = build_training(env)
+        run.create(training)
+        with run.locked():
+            for _ in train_run(run, training):
+                pass
+    return run.folder

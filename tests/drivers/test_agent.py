@@ -1,0 +1,261 @@
+"""Agents of stable-baselines3: no code of a zip runs unseen, and preprocessing is never lost."""
+
+import base64
+import io
+import json
+import pickle
+import warnings
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.wrappers import NormalizeObservation
+from programs import python
+from runs import error_message
+from stable_baselines3 import A2C, DQN, PPO
+from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
+from worlds import ALONE
+
+from drl_av.cli import main
+from drl_av.config import Config
+from drl_av.drivers import agent as module
+from drl_av.drivers.agent import driver_of_agent
+from drl_av.env.highway import HighwayEnv
+from drl_av.errors import CheckpointError, DrlAvWarning
+from drl_av.safety.check import permit_all
+
+SHORT = Config().updated("simulation", decisions_per_episode=8)
+RNG = np.random.default_rng(5)
+
+
+class Bomb:
+    """Leaves a mark where it is unpickled."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Path.touch, (self.mark,)
+
+
+def loaded(path: Path) -> Any:
+    return driver_of_agent(path, 27, lambda: permit_all)
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("agents") / "agent.zip"
+    with HighwayEnv(config=SHORT) as env:
+        PPO("MlpPolicy", env, device="cpu").save(path)
+    return path
+
+
+def changed(source: Path, target: Path, change: Callable[[dict[str, Any]], None]) -> Path:
+    """A copy of an agent's file with another description."""
+    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
+        for name in old.namelist():
+            data = old.read(name)
+            if name == "data":
+                described = json.loads(data)
+                change(described)
+                data = json.dumps(described).encode()
+            new.writestr(name, data)
+    return target
+
+
+def pickled(value: object) -> dict[str, str]:
+    return {":type:": "x", ":serialized:": base64.b64encode(pickle.dumps(value)).decode()}
+
+
+@pytest.mark.parametrize("part", ["observation_space", "action_space", "lr_schedule", "clip_range"])
+def test_a_bomb_in_a_part_that_needs_no_code_never_explodes(
+    part: str, saved: Path, tmp_path: Path
+) -> None:
+    mark = tmp_path / "exploded"
+    path = changed(saved, tmp_path / "a.zip", lambda data: data.update({part: pickled(Bomb(mark))}))
+    if part.endswith("space"):
+        with pytest.raises(CheckpointError, match=f"has no readable {part} "):
+            loaded(path)
+    else:
+        loaded(path).act(ALONE, np.zeros(27, np.float32))
+    assert not mark.exists()
+
+
+def test_who_loads_classes_of_the_file_is_warned_before(saved: Path, tmp_path: Path) -> None:
+    mark = tmp_path / "exploded"
+    path = changed(
+        saved, tmp_path / "a.zip", lambda data: data.update({"policy_kwargs": pickled(Bomb(mark))})
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DrlAvWarning)
+        with pytest.raises(DrlAvWarning, match=r"loaded by running code that it names .*Ctrl-C"):
+            loaded(path)
+    assert not mark.exists()
+    with pytest.warns(DrlAvWarning):
+        loaded(path)
+    assert mark.exists(), "the bomb is a dud"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "adapt {zip} --out new",
+        "export {zip} new.onnx",
+        "evaluate {zip} --vehicles 100000 --episodes 1",
+        "evaluate {zip} idm --safety-check strict --scenario {dir}",
+        "evaluate {zip} --driver {dir} --vehicles 1 --episodes 1",
+        "replay {zip} --vehicles 100000 --video v.gif",
+        "figures {zip}",
+        "train --out new --config {zip}",
+    ],
+)
+def test_no_verb_unpickles_what_it_refuses(
+    words: str, saved: Path, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mark = here / "exploded"
+    path = changed(
+        saved, here / "a.zip", lambda data: data.update({"policy_kwargs": pickled(Bomb(mark))})
+    )
+    (here / "empty").mkdir()
+    assert main(words.format(zip=path, dir=here / "empty").split()) == 1
+    error_message(capsys)
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize("verb", ["evaluate", "replay"])
+def test_the_help_says_what_a_zip_can_do(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([verb, "--help"])
+    assert "runs no code in them, except for" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("agent", [A2C, DQN, PPO])
+def test_an_agent_without_code_of_its_own_is_read_without_any(
+    agent: type[PPO], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import torch
+
+    kwargs = {"net_arch": [32, 16], "activation_fn": torch.nn.ELU}
+    with HighwayEnv(config=SHORT) as env:
+        model = agent("MlpPolicy", env, device="cpu", policy_kwargs=kwargs)
+        model.save(tmp_path / "a.zip")
+
+    def never(*arguments: object, **named: object) -> None:
+        raise AssertionError("this can run any code")
+
+    monkeypatch.setattr("cloudpickle.loads", never)
+    monkeypatch.setattr(pickle, "loads", never)
+    driver = loaded(tmp_path / "a.zip")
+    for observation in RNG.uniform(-1, 1, (9, 27)).astype(np.float32):
+        wanted = int(model.predict(observation, deterministic=True)[0])
+        assert driver.act(ALONE, observation).number == wanted
+
+
+@pytest.mark.parametrize("word", ["os:system", "builtins:exec", "torch.optim.adam:Adam.__init__"])
+def test_a_pickle_may_not_name_other_things(word: str) -> None:
+    found, name = word.split(":")
+    with pytest.raises(pickle.UnpicklingError):
+        module._Unpickler(io.BytesIO()).find_class(found, name)
+
+
+def test_an_encrypted_zip_and_a_bomb_are_one_sentence(saved: Path, tmp_path: Path) -> None:
+    data = bytearray(saved.read_bytes())
+    for signature, offset in ((b"PK\x01\x02", 8), (b"PK\x03\x04", 6)):
+        place = -1
+        while (place := data.find(signature, place + 1)) >= 0:
+            data[place + offset] |= 1
+    (tmp_path / "encrypted.zip").write_bytes(data)
+    with pytest.raises(CheckpointError, match=r"\(it is encrypted\): give the file"):
+        loaded(tmp_path / "encrypted.zip")
+    with zipfile.ZipFile(tmp_path / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("data", "{}")
+        with archive.open("policy.pth", "w") as part:
+            for _ in range(501):
+                part.write(bytes(10**6))
+    with pytest.raises(CheckpointError, match="it unpacks to more than 500 MB"):
+        loaded(tmp_path / "bomb.zip")
+
+
+def test_a_small_file_that_asks_for_a_huge_network_gets_none(saved: Path, tmp_path: Path) -> None:
+    huge = {"policy_kwargs": {"net_arch": [100_000, 100_000]}}
+    path = changed(saved, tmp_path / "a.zip", lambda data: data.update(huge))
+    with pytest.raises(CheckpointError, match="layers of 100000, 100000 units, which need more"):
+        loaded(path)
+
+
+def trained(wrap: Callable[[Any], Any], path: Path) -> tuple[PPO, Any]:
+    env = wrap(HighwayEnv(config=SHORT))
+    model = PPO("MlpPolicy", env, device="cpu", n_steps=16, batch_size=8, n_epochs=1, seed=1)
+    model.learn(16)
+    model.save(path)
+    env.close()
+    return model, env
+
+
+def test_statistics_beside_the_zip_are_used_and_missing_ones_are_asked_for(tmp_path: Path) -> None:
+    model, env = trained(lambda e: VecNormalize(DummyVecEnv([lambda: e])), tmp_path / "a.zip")
+    with pytest.raises(CheckpointError, match=r"with VecNormalize, .* beside it as .*vecnormalize"):
+        loaded(tmp_path / "a.zip")
+    env.save(tmp_path / "vecnormalize.pkl")
+    driver, differ = loaded(tmp_path / "a.zip"), 0
+    for observation in RNG.uniform(-1, 1, (200, 27)).astype(np.float32):
+        wanted = int(model.predict(env.normalize_obs(observation), deterministic=True)[0])
+        assert driver.act(ALONE, observation).number == wanted
+        differ += wanted != int(model.predict(observation, deterministic=True)[0])
+    assert differ > 0, "raw observations would do as well"
+
+
+def test_statistics_that_run_code_are_refused(tmp_path: Path) -> None:
+    trained(lambda e: VecNormalize(DummyVecEnv([lambda: e])), tmp_path / "a.zip")
+    mark = tmp_path / "exploded"
+    (tmp_path / "vecnormalize.pkl").write_bytes(pickle.dumps(Bomb(mark)))
+    with pytest.raises(
+        CheckpointError, match=r"vecnormalize\.pkl holds no statistics of VecNormali"
+    ):
+        loaded(tmp_path / "a.zip")
+    assert not mark.exists()
+
+
+def test_statistics_of_another_agent_are_left_alone(tmp_path: Path) -> None:
+    trained(lambda e: e, tmp_path / "raw.zip")
+    (tmp_path / "vecnormalize.pkl").write_bytes(b"of another agent")
+    loaded(tmp_path / "raw.zip")
+
+
+def test_an_agent_of_normalized_observations_without_statistics_is_refused(tmp_path: Path) -> None:
+    trained(NormalizeObservation, tmp_path / "a.zip")
+    with pytest.raises(CheckpointError, match=r"outside the bounds .* NormalizeObservation makes"):
+        loaded(tmp_path / "a.zip")
+
+
+def test_stacked_frames_have_a_remedy_that_helps(tmp_path: Path) -> None:
+    trained(lambda e: VecFrameStack(DummyVecEnv([lambda: e]), 4), tmp_path / "a.zip")
+    with pytest.raises(CheckpointError) as error:
+        loaded(tmp_path / "a.zip")
+    assert "4 stacked observations, so give a factory module:function" in str(error.value)
+    assert "observation.way" not in str(error.value)
+
+
+def test_gymnasium_stacks_frames_in_another_shape(tmp_path: Path) -> None:
+    def stacked(env: HighwayEnv) -> Any:
+        return gymnasium.wrappers.FlattenObservation(
+            gymnasium.wrappers.FrameStackObservation(env, 3)
+        )
+
+    trained(stacked, tmp_path / "a.zip")
+    with pytest.raises(CheckpointError, match="these are 3 stacked observations"):
+        loaded(tmp_path / "a.zip")
+
+
+def test_a_warning_is_one_line_of_the_command(here: Path) -> None:
+    program = (
+        "import warnings, sys\nfrom drl_av.cli.status import exit_status\n"
+        "from drl_av.errors import DrlAvWarning\n"
+        "sys.exit(exit_status('drl-av', lambda: warnings.warn('a\\x1bb.', DrlAvWarning) or 0))"
+    )
+    done = python("-c", program)
+    assert (done.returncode, done.stderr) == (0, "drl-av: a\\x1bb.\n")

@@ -1,0 +1,288 @@
+"""Each driver under its check; checks, rewards and observations of the user's own, everywhere."""
+
+import csv
+import sys
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from runs import error_message, run_folder
+from stable_baselines3 import PPO
+
+import drl_av
+from drl_av.cli import main
+from drl_av.config import Config
+from drl_av.drivers.registry import find_drivers
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.scene import Scene
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.metrics import EpisodeResult
+from drl_av.env.transition import Transition
+from drl_av.errors import ConfigError, DrlAvWarning
+from drl_av.safety.check import Rule, Verdict
+
+SHORT = {"simulation": {"decisions_per_episode": 6}}
+MODULE = """
+import gymnasium
+import numpy as np
+from pathlib import Path
+from drl_av.driving.actions import ACTIONS
+from drl_av.safety.check import Rule, Verdict
+
+Path("imported").touch()
+
+def slow(scene, proposed):
+    if proposed.number == 3:
+        return Verdict(proposed, Rule.IN_LANE)  # names a rule, and changes nothing
+    return Verdict(ACTIONS[3], "always slow")
+
+def factory(config):
+    assert config.simulation.decisions_per_episode == 6
+    return slow
+
+def price(transition):
+    return -0.125
+
+class Speed:
+    space = gymnasium.spaces.Box(0.0, 1.0, (1,), np.float32)
+    def __call__(self, scene):
+        return np.array([scene.affordances.ego_speed_m_s / 50], np.float32)
+
+class Brakes:
+    def start(self, seed):
+        pass
+    def act(self, scene, observation):
+        return ACTIONS[2 if observation.shape == (1,) else 0]
+
+def brakes(config):
+    return Brakes()
+"""
+
+
+@pytest.fixture
+def mine(here: Path) -> Iterator[str]:
+    """The name of a module in the working directory, which is imported for this test only."""
+    (here / "mine_doors.py").write_text(MODULE)
+    (here / "short.toml").write_text("[simulation]\ndecisions_per_episode = 6\n")
+    yield "mine_doors"
+    sys.modules.pop("mine_doors", None)
+
+
+def checks(rows: list[EpisodeResult]) -> dict[str, str]:
+    return {row.driver: row.safety_check for row in rows}
+
+
+def test_a_driver_named_with_its_check_drives_under_it_whoever_is_beside_it() -> None:
+    words = ["pretrained@paper", "idm@strict", "idm@permit_all", "gap-mobil"]
+    rows = drl_av.evaluate(words, vehicles=20, episodes=2, config=SHORT, safety_check="strict")
+    assert checks(rows) == {
+        "pretrained@paper": "paper",
+        "idm@strict": "strict",
+        "idm@permit_all": "permit_all",
+        "gap-mobil": "strict",
+    }
+    for word in words:
+        alone = drl_av.evaluate(
+            [word], vehicles=20, episodes=2, config=SHORT, safety_check="strict"
+        )
+        assert [row for row in rows if row.driver == word] == alone
+    assert [each.over for each in rows.judgements] != []  # idm@strict is rule-based, too
+    in_two = drl_av.evaluate(
+        words, vehicles=20, episodes=2, config=SHORT, safety_check="strict", jobs=2
+    )
+    assert in_two == rows
+
+
+def test_an_unknown_check_behind_a_name_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"the safety check 'papr' \(did you mean 'paper'"):
+        find_drivers(["idm@papr"])
+
+
+def test_a_file_with_an_at_in_its_name_is_itself(tmp_path: Path) -> None:
+    run = run_folder(tmp_path / "run@paper")
+    [spec] = find_drivers([str(run)])
+    assert (spec.name, spec.under) == ("run@paper", None)
+
+
+def test_who_names_drivers_of_two_checks_is_told(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with HighwayEnv(config=SHORT) as env:
+        PPO("MlpPolicy", env, device="cpu").save("ppo.zip")
+    (here / "short.toml").write_text("[simulation]\ndecisions_per_episode = 3\n")
+    words = ["--vehicles", "1", "--episodes", "1", "--config", "short.toml"]
+    told = (
+        "drl-av: All drivers without a named check drive under strict, but ppo.zip by itself "
+        "under paper: name one check with --safety-check (safety_check=), or a driver's own, such "
+        "as ppo.zip@paper.\n"
+    )
+    for drivers, said in (
+        (["ppo.zip", "idm", "pretrained"], told),
+        (["ppo.zip", "idm"], ""),
+        (["ppo.zip@paper", "idm", "pretrained"], ""),
+        (["ppo.zip", "pretrained", "--safety-check", "paper"], ""),
+    ):
+        assert main(["evaluate", *drivers, *words]) == 0
+        printed = capsys.readouterr()
+        assert printed.err == said
+        assert printed.out.lstrip().startswith("safety check")
+    with pytest.warns(DrlAvWarning, match=r"ppo\.zip by itself under paper"):
+        drl_av.evaluate(["ppo.zip", "pretrained"], vehicles=1, episodes=1, config=SHORT)
+
+
+def test_every_table_says_under_which_check(capsys: pytest.CaptureFixture[str], here: Path) -> None:
+    (here / "short.toml").write_text("[simulation]\ndecisions_per_episode = 3\n")
+    words = ["--vehicles", "1", "--episodes", "2", "--config", "short.toml", "--criticality"]
+    assert main(["evaluate", "pretrained", "idm", *words]) == 0
+    assert capsys.readouterr().out.count("safety check: strict") == 4
+    assert main(["evaluate", "pretrained@paper", "idm@strict", *words]) == 0
+    title = "safety checks: paper: pretrained@paper; strict: idm@strict"
+    assert " ".join(capsys.readouterr().out.split()).count(title) == 4
+
+
+def test_own_parts_are_named_on_the_command_line(
+    mine: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for check in ("slow", "factory"):
+        words = ["evaluate", "idm", f"{mine}:brakes", "--vehicles", "2", "--episodes", "2"]
+        words += ["--safety-check", f"{mine}:{check}", "--reward", f"{mine}:price"]
+        words += ["--observation", f"{mine}:Speed", "--config", "short.toml"]
+        assert main([*words, "--out", f"{check}.csv"]) == 0
+        assert f"safety check: {mine}:{check}" in capsys.readouterr().out
+        assert main([*words, "--out", "two.csv", "--jobs", "2"]) == 0
+        assert Path("two.csv").read_text() == Path(f"{check}.csv").read_text()
+        rows = list(csv.DictReader(Path(f"{check}.csv").read_text().splitlines()))
+        assert {row["safety_check"] for row in rows} == {f"{mine}:{check}"}
+        assert {row["mean_reward"] for row in rows} == {"-0.125"}
+        assert {row["hard_brakes"] for row in rows} == {"6"}
+
+
+def test_own_parts_are_objects_of_a_program_also_in_several_processes() -> None:
+    lock: list[Any] = []
+
+    def slow(scene: Scene, proposed: Action) -> Verdict:
+        return Verdict(ACTIONS[3], Rule.IN_LANE if proposed.number != 3 else Rule.NONE)
+
+    def price(transition: Transition) -> float:
+        return -0.5
+
+    class Speed:
+        space = gymnasium.spaces.Box(0.0, 1.0, (1,), np.float32)
+
+        def __call__(self, scene: Scene) -> Any:
+            return np.array([scene.affordances.ego_speed_m_s / 50], np.float32)
+
+    class Own:
+        def start(self, seed: int) -> None:
+            lock and lock.append(seed)
+
+        def act(self, scene: Scene, observation: Any) -> Action:
+            assert observation.shape == (1,)
+            return ACTIONS[0]
+
+    given: dict[str, Any] = {
+        "own": {"mine": Own()},
+        "vehicles": 2,
+        "episodes": 3,
+        "config": SHORT,
+        "safety_check": slow,
+        "reward": price,
+        "observation": Speed(),
+    }
+    rows = drl_av.evaluate("idm", **given)
+    assert drl_av.evaluate("idm", **given, jobs=2) == rows
+    assert checks(rows) == {"idm": "slow", "mine": "slow"}
+    assert {row.mean_reward for row in rows} == {-0.5}
+    lock.append(threading.Lock())
+    with pytest.raises(ConfigError, match=r"cannot be copied into another process .* jobs=1"):
+        drl_av.evaluate("idm", **given, jobs=2)
+    assert len(drl_av.evaluate("idm", **given)) == 6
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--safety-check", "mine_doors:missing"], "safety check 'mine_doors:missing' cannot be"),
+        (["--safety-check", "mine_doors:price"], "'mine_doors:price' is -0.125, but must be a fun"),
+        (["--reward", "price"], "--reward is 'price', but must have the form module:name"),
+        (["--reward", "mine_doors:slow"], "is called with (transition), which slow(scene, pro"),
+        (["--observation", "mine_doors:slow"], "but must be names of groups"),
+    ],
+)
+def test_own_parts_that_are_none_are_one_sentence(
+    words: list[str], message: str, mine: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["evaluate", "idm", "--vehicles", "1", "--episodes", "1", *words]) == 1
+    assert message in error_message(capsys)
+
+
+def test_an_own_check_is_filmed_recorded_and_repeated_when_it_is_named(
+    mine: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    check = ["--safety-check", f"{mine}:slow"]
+    words = ["replay", "--driver", "idm", "--vehicles", "2", "--config", "short.toml"]
+    assert main([*words, *check, "--video", "a.gif", "--record", "a.npz"]) == 0
+    assert f"idm, check {mine}:slow, 2 vehicles, seed 0: 6 decisions" in capsys.readouterr().out
+    assert main(["replay", "a.npz", *check, "--html", "a.html"]) == 0
+    assert "exactly as recorded" in capsys.readouterr().out
+    assert '"rule":"always slow"' in Path("a.html").read_text()
+
+
+def test_a_file_that_names_a_function_runs_none_until_the_user_names_it(
+    mine: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    check = ["--safety-check", f"{mine}:slow"]
+    short = ["--config", "short.toml"]
+    words = ["replay", "--driver", "idm", "--vehicles", "2", *short, *check]
+    assert main([*words, "--html", "a.html", "--record", "a.npz"]) == 0
+    assert main(["train", "--out", "run", "--episodes", "1", *short, *check]) == 0
+    (here / "own.toml").write_text(f'[safety]\ncheck = "{mine}:slow"\n')
+    (here / "imported").unlink()
+    capsys.readouterr()
+    del sys.modules[mine]
+    for words in (
+        ["replay", "a.npz", "--html", "b.html"],
+        ["evaluate", "run", "--vehicles", "1", "--episodes", "1"],
+        ["replay", "run", "--html", "b.html"],
+        ["train", "--out", "run", "--resume"],
+        ["adapt", "run", "--out", "adapted"],
+        ["evaluate", "idm", "--config", "own.toml", "--vehicles", "1", "--episodes", "1"],
+        ["train", "--out", "other", "--config", "own.toml"],
+    ):
+        assert main(words) == 1, words
+        assert f"name it with --safety-check {mine}:slow" in error_message(capsys)
+    assert not (here / "imported").exists()
+    again = ["evaluate", "run", "--vehicles", "1", "--episodes", "1", *check]
+    assert main(again) == 0
+
+
+def test_a_training_learns_from_the_reward_of_the_user(mine: str, here: Path) -> None:
+    words = ["train", "--out", "run", "--episodes", "2", "--config", "short.toml"]
+    assert main([*words, "--reward", f"{mine}:price"]) == 0
+    rows = list(csv.DictReader(Path("run/episodes.csv").read_text().splitlines()))
+    assert {row["mean_reward"] for row in rows} == {"-0.125"}
+
+
+def test_the_environment_takes_the_names_too(mine: str) -> None:
+    parts = {"safety_check": f"{mine}:slow", "reward": f"{mine}:price"}
+    env = gymnasium.make("drl_av/Highway-v0", observation=f"{mine}:Speed", config=SHORT, **parts)
+    with closing(env):
+        assert env.reset(seed=1)[0].shape == (1,)
+        _, reward, *_, info = env.step(0)
+        assert (reward, info["rule"]) == (-0.125, "always slow")
+
+
+def test_a_complete_config_needs_no_warning() -> None:
+    config = Config().updated("simulation", decisions_per_episode=2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        [row] = drl_av.evaluate("pretrained", vehicles=1, episodes=1, config=config)
+    assert row.safety_check == "paper"
+    assert replace(row, driver="x").driver == "x"
