@@ -5,6 +5,7 @@
 
     env          the environment at 30 vehicles, with resets, beside bare libsumo, which executes
                  the same commands step by step, without observations and decisions
+    worlds       256 worlds of the twin with 30 vehicles each, on one thread, beside the environment
     step         a training step (sampled batch, double Q target, gradient, Adam) beside a bare
                  gradient step of PyTorch on one batch: autograd and fused Adam
     train        Algorithm 1 of the paper beside stable-baselines3's DQN on the same environment
@@ -45,12 +46,14 @@ from benchmark_rows import (
     roads_rows,
     scaling_rows,
     straight_rows,
+    worlds_rows,
 )
 
 from drl_av.evaluation.provenance import made_by
 
 ROWS: dict[str, Callable[[Sequence[int], ExitStack], list[Row]]] = {
     "env": env_rows,
+    "worlds": worlds_rows,
     "step": step_rows,
     "train": train_rows,
     "highway-env": highway_env_rows,
