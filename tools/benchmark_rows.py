@@ -35,8 +35,8 @@ from drl_av.scenarios.road_types import ROAD_TYPES
 VEHICLES = 30
 ON_STRAIGHT = 500
 WORLDS, DECISIONS = 256, 40
-KEEP, BRAKE = 1, 2
-"""Actions by which the worlds of the twin are driven: keep the speed where it is permitted."""
+ACCELERATE, BRAKE = 1, 2
+"""Actions of the twin's ego: it accelerates where that is permitted, and brakes otherwise."""
 NUMBERS = (5, 10, 30, 60, 120, 240)
 Rate = Callable[[], float]
 
@@ -91,7 +91,7 @@ def worlds_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
         worlds.reset(seed=seeds[0], options={"vehicles": VEHICLES})
         begun = time.perf_counter()
         for _ in range(DECISIONS):
-            worlds.step(np.where(worlds.action_masks()[:, KEEP], KEEP, BRAKE))
+            worlds.step(np.where(worlds.action_masks()[:, ACCELERATE], ACCELERATE, BRAKE))
         return WORLDS * DECISIONS / (time.perf_counter() - begun)
 
     return [Row(f"{WORLDS} worlds of the twin | environment", ours, partial(drive, env, actions))]
