@@ -8,6 +8,7 @@
                  commands step by step, without observations and decisions
     traffic      the environment in traffic of our own drivers (paper, hazards) beside traffic that
                  SUMO drives (calm)
+    worlds       256 worlds of the twin with 30 vehicles each, on one thread, beside the environment
     step         a training step (sampled batch, double Q target, gradient, Adam) beside a bare
                  gradient step of PyTorch on one batch: autograd and fused Adam
     train        Algorithm 1 of the paper beside stable-baselines3's DQN on the same environment
@@ -47,6 +48,7 @@ from benchmark_rows import (
     scaling_rows,
     straight_rows,
     traffic_rows,
+    worlds_rows,
 )
 
 from drl_av.evaluation.provenance import made_by
@@ -71,6 +73,7 @@ EXTRAS = {"highway_env": "benchmark", "torch": "train", "stable_baselines3": "de
 ROWS: dict[str, Callable[[Sequence[int], ExitStack], list[Row]]] = {
     "env": env_rows,
     "traffic": traffic_rows,
+    "worlds": worlds_rows,
     "step": step_rows,
     "train": train_rows,
     "highway-env": highway_env_rows,

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium
+import numpy as np
 from benchmark_drives import drive, mean_vehicles, recorded_actions, recorded_calls, step_bare
 
 from drl_av.config import Config
@@ -27,12 +28,16 @@ from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import load_learned, rule_driver
 from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
+from drl_av.env.vector import TwinVectorEnv
 from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
 from drl_av.scenarios.highways import StraightDescription
 from drl_av.scenarios.road_types import ROAD_TYPES
 
 VEHICLES = 30
 ON_STRAIGHT = 500
+WORLDS, DECISIONS = 256, 40
+ACCELERATE, BRAKE = 1, 2
+"""Actions of the twin's ego: it accelerates where that is permitted, and brakes otherwise."""
 NUMBERS = (5, 10, 30, 60, 120, 240)
 FEW_RATIO = 0.7
 """The least ratio to bare libsumo that we want at 5 vehicles."""
@@ -105,6 +110,22 @@ def made(config: Config) -> HighwayEnv:
 def measurements(env: HighwayEnv, actions: dict[int, list[int]]) -> tuple[Rate, Rate]:
     """Return two measurements of episodes: with the environment, with bare libsumo."""
     return partial(drive, env, actions), partial(step_bare, env, recorded_calls(env, actions))
+
+
+def worlds_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Return the row of decisions per second of many worlds of the twin beside the environment."""
+    env = stack.enter_context(closing(HighwayEnv(config=crowded())))
+    actions = recorded_actions(env, IdmDriver(env.config.safety), seeds)
+    worlds = stack.enter_context(closing(TwinVectorEnv(WORLDS, config=crowded(), threads=1)))
+
+    def ours() -> float:
+        worlds.reset(seed=seeds[0], options={"vehicles": VEHICLES})
+        begun = time.perf_counter()
+        for _ in range(DECISIONS):
+            worlds.step(np.where(worlds.action_masks()[:, ACCELERATE], ACCELERATE, BRAKE))
+        return WORLDS * DECISIONS / (time.perf_counter() - begun)
+
+    return [Row(f"{WORLDS} worlds of the twin | environment", ours, partial(drive, env, actions))]
 
 
 def highway_env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
