@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import OLD_DEFAULTS, Config, load_config
+from drl_av.config import Config, load_config
 from drl_av.drivers import policy_file
 from drl_av.errors import DrlAvError, RunError, pluralize
 from drl_av.files import Row, read_table
@@ -69,7 +69,7 @@ class TrainingJob:
         """Raise RunError if the training's folder, or that of its origin, has other settings."""
         if self.origin:
             self.origin.require_same_settings()
-        if self.begun and load_config(self.folder / "config.toml", OLD_DEFAULTS) != self.config:
+        if self.begun and load_config(self.folder / "config.toml") != self.config:
             raise RunError(
                 f"{self.folder} was begun with other settings: choose another folder with --runs, "
                 "or move it away."

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 from drl_av.config.schema import Section, setting
 from drl_av.errors import ConfigError
@@ -15,14 +16,13 @@ ONE_STRIP_M = 3.8
 class SimulationConfig(Section):
     """The scenario, and the time steps of SUMO and of the decisions."""
 
+    decision_interval_s: ClassVar[float] = 1.0
+    """Time between two decisions (Table I); it cannot be set."""
     scenario: str = setting(
         "circular_three_lane", "ours", "path of a scenario folder, or name of a shipped scenario"
     )
     step_length_s: float = setting(
         0.5, "ours", "length of a SUMO step; must divide one second", low=0.01, high=1.0
-    )
-    decision_interval_s: float = setting(
-        1.0, "Table I", "time between two decisions; always 1 s", low=1.0, high=1.0
     )
     decisions_per_episode: int = setting(
         200, "Sec. IV-C", "N_s, largest number of decisions in an episode", low=1, high=100_000

@@ -10,7 +10,7 @@ import numpy as np
 import safetensors.numpy
 from safetensors import SafetensorError
 
-from drl_av.config import OLD_DEFAULTS, Config, from_toml, load_config
+from drl_av.config import Config, from_toml, load_config
 from drl_av.drivers.network import QNetwork
 from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import CheckpointError, ConfigError, RunError
@@ -137,7 +137,7 @@ def load_policy(path: Path) -> tuple[list[QNetwork], Config]:
             f"{path} is a checkpoint, but holds no policy: give the policy.safetensors of a run."
         )
     try:
-        config = from_toml(str(metadata.get("config")), OLD_DEFAULTS, f"the config in {path}")
+        config = from_toml(str(metadata.get("config")), name=f"the config in {path}")
     except ConfigError as error:
         raise CheckpointError(
             f"{path} was written with other settings than this version knows: {error}"
@@ -202,7 +202,7 @@ def load_run(path: Path) -> tuple[list[QNetwork], Config]:
     file = find_policy(path)
     networks, config = load_policy(file)
     settings = file.with_name("config.toml")
-    if path.is_dir() and settings.is_file() and load_config(settings, OLD_DEFAULTS) != config:
+    if path.is_dir() and settings.is_file() and load_config(settings) != config:
         raise CheckpointError(
             f"{file} belongs to other settings than {settings}: put back the policy of that run, "
             "or name the policy file itself."

@@ -18,7 +18,7 @@ from drl_av.config.schema import did_you_mean
 from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory, is_factory
-from drl_av.drivers.learned import MARGINS, LearnedDriver, Margins, considerate, learned_driver
+from drl_av.drivers.learned import MARGINS, LearnedDriver, Margins, learned_driver, respects_mobil
 from drl_av.drivers.planner.driver import PlannerDriver
 from drl_av.drivers.rule_based import (
     TUNED,
@@ -245,7 +245,7 @@ def make_drivers(
             continue
         driver, own = spec.learned
         if own.learning.permitted_only:
-            driver = driver.limited_to(considerate(its_check(), config.mobil))
+            driver = driver.limited_to(respects_mobil(its_check(), config.mobil))
         drivers[name] = driver if margins == trained[0] else driver.with_margins(margins)
         same_scale = own.ego.max_speed_m_s == config.ego.max_speed_m_s
         if own.observation != config.observation or not same_scale:

@@ -30,12 +30,24 @@ class Idm(NamedTuple):
     comfortable_braking_m_s2: float
 
 
+class MobilNumbers(NamedTuple):
+    """The settings of the section ``mobil``, for compiled functions."""
+
+    politeness: float
+    threshold_m_s2: float
+    safe_braking_m_s2: float
+    headway_s: float
+    standstill_gap_m: float
+    acceleration_m_s2: float
+    comfortable_braking_m_s2: float
+
+
 def idm_acceleration(
     speed_m_s: float,
     desired_m_s: float,
     gap_m: float,
     closing_m_s: float,
-    config: Idm | MobilConfig,
+    config: Idm | MobilConfig | MobilNumbers,
 ) -> float:
     """Return the acceleration of the intelligent driver model (Treiber et al. 2000), m/s^2.
 
@@ -54,7 +66,7 @@ def idm_acceleration(
 
 
 def acceleration_behind_ego(
-    affordances: Affordances, rear: Neighbor, config: Idm | MobilConfig
+    affordances: Affordances, rear: Neighbor, config: Idm | MobilConfig | MobilNumbers
 ) -> float:
     """Return the IDM acceleration of ``rear`` behind the ego, m/s^2; its desired speed is inf."""
     speed_m_s = affordances.ego_speed_m_s + rear.relative_speed_m_s

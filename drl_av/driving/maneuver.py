@@ -8,7 +8,7 @@ import numpy as np
 from drl_av.compiled import compiled
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import SIGNS, Action, EgoNumbers, Lateral, ego_numbers
-from drl_av.driving.affordances import LANE, NOBODY, IntArray
+from drl_av.driving.affordances import FRONT, LANE, NOBODY, IntArray
 from drl_av.driving.car_following import keep_limits, set_speeds
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.driving.steering import Pose, settled, steer
@@ -65,10 +65,10 @@ def plan_with(scene: Scene, action: Action, ego: EgoNumbers) -> Plan:
     """Return ``plan`` with the settings as numbers."""
     values, codes, ground, _, limits = scene.indicators
     change, steps = scene.lane_change, np.empty((3, ego.steps_per_decision))
-    heading_rad = 0.0 if change is None else change.heading_rad
+    heading_rad = 0.0 if change is None else float(change.heading_rad)
     now = values, codes, action.number, *scene.lanes, heading_rad
-    road = ground[1], limits, ground[3]
-    origin, target, heading_rad = plan_into.fast(*now, *road, ego, *steps)
+    road = ground[1], limits, float(values[FRONT])
+    origin, target, heading_rad = plan_rows.fast(*now, *road, ego, steps)
     after = None if origin == target else LaneChange(origin, target, heading_rad)
     return Plan([*map(Command, *steps.tolist())], after)
 
@@ -201,3 +201,30 @@ def plan_into(
         ego.step_length_s,
     )
     return (target, target, 0.0) if over else (origin, target, heading_rad)
+
+
+@compiled
+def plan_rows(
+    values: FloatArray,
+    codes: IntArray,
+    action: int,
+    origin: int,
+    target: int,
+    heading_rad: float,
+    lane_width_m: float,
+    limits: FloatArray,
+    front_m: float,
+    ego: EgoNumbers,
+    steps: FloatArray,
+) -> tuple[int, int, float]:
+    """Call ``plan_into`` with the three rows of ``steps``, shape (3, steps)."""
+    change, road = (origin, target, heading_rad), (lane_width_m, limits, front_m)
+    after: tuple[int, int, float] = plan_into(
+        values, codes, action, *change, *road, ego, *rows_of(steps)
+    )
+    return after
+
+
+def rows_of(steps: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the three rows of an array."""
+    return steps[0], steps[1], steps[2]

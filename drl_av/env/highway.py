@@ -14,13 +14,14 @@ from drl_av.config import Config
 from drl_av.config.functions import require_function
 from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS, Action, ego_numbers
-from drl_av.driving.affordances import ObservationScale
 from drl_av.driving.infer_action import infer_action
 from drl_av.driving.maneuver import plan_with
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode_start import (
     drawn_traffic,
+    most_decisions,
     number_of_vehicles,
     reset_options,
     traffic_seed,
@@ -59,8 +60,6 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         reward: RewardFunction | None = None,
         observation: str | Iterable[str] | ObservationFunction | None = None,
     ) -> None:
-        given = scenario, safety_check, config, render_mode, action_mask, reward, observation
-        gymnasium.utils.EzPickle.__init__(self, *given)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(
                 f"render_mode is {render_mode!r}, but must be None, 'human' or 'rgb_array'."
@@ -78,16 +77,20 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             require_function(safety_check, "safety_check", "scene", "proposed")
         elif safety_check is not None:
             config = config.updated("safety", check=safety_check)
+        config = with_scenario(config)  # a copy may be made in another working directory
+        given = None, safety_check, config, render_mode, action_mask, reward, observation
+        gymnasium.utils.EzPickle.__init__(self, *given)
         self.config = config
         loaded = load_scenario(find_scenario(config.simulation.scenario))
         types, self.road = loaded.vehicle_types, loaded.road
+        self._most_decisions = most_decisions(config, loaded.layout)
         self.safety_check: SafetyCheck
         if callable(safety_check):
             self.safety_check = safety_check
             self._check_name = getattr(safety_check, "__name__", "custom")
-        else:  # equal for each kind, but each may break an assumption
-            each_kind = config.of_each_kind
-            self.safety_check, *_ = (named_check(each, types, self.road) for each in each_kind)
+        else:  # equal for each, but each may break an assumption
+            presets = config.per_traffic_preset
+            self.safety_check, *_ = (named_check(each, types, self.road) for each in presets)
             self._check_name = config.safety.check
         self._setups = traffic_setups(config, loaded, gui=render_mode == "human")
         self.simulation, self.traffic_drivers = self._setups[0]
@@ -117,7 +120,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        most = self.config.simulation.decisions_per_episode
+        most = self._most_decisions
         self._spec = None if spec is None else replace(spec, max_episode_steps=most)
 
     @property
@@ -253,7 +256,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         terms = self._observe(snapshot, lane_change)
         terminated = collision is not None
         at_the_end = not self.road.is_loop and bool(self.road.end_m <= snapshot.s_m[EGO])
-        truncated = self.decisions >= config.simulation.decisions_per_episode or at_the_end
+        truncated = self.decisions >= self._most_decisions or at_the_end
         over = terminated or truncated
         self.transition = Transition(
             scene,

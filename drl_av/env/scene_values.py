@@ -5,15 +5,8 @@ import numpy.typing as npt
 
 from drl_av.compiled import compiled, numbers
 from drl_av.config import Config
-from drl_av.driving.affordances import (
-    CODES,
-    VALUES,
-    Indicators,
-    IntArray,
-    ObservationScale,
-    ground_of,
-    indicators,
-)
+from drl_av.driving.affordances import CODES, VALUES, Indicators, IntArray, ground_of, indicators
+from drl_av.driving.observation_scale import ObservationScale, scale_into
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.reward import RewardNumbers, Rewards, reward_numbers, reward_terms
 from drl_av.road.road import FloatArray, Road
@@ -30,6 +23,7 @@ class SceneValues:
     def __init__(self, config: Config, road: Road, scale: ObservationScale) -> None:
         self._road, self._range_m = road, float(config.observation.range_m)
         self._numbers = road_numbers(road)
+        self._ground = ground_of(self._numbers)
         self._scale = scale.offset, scale.scale, scale.bounds
         self._rewards = reward_numbers(config.reward), numbers(SafetyNumbers, config.safety)
 
@@ -49,8 +43,8 @@ class SceneValues:
             codes,
             observation,
         )
-        ground, limits = ground_of(self._numbers, snapshot), self._numbers.speed_limits
-        found = Indicators(values, codes, ground, self._range_m, limits)
+        limits = self._numbers.speed_limits
+        found = Indicators(values, codes, self._ground, self._range_m, limits)
         scene = Scene.of(snapshot, found, lane_change, self._road)
         return scene, observation, Rewards(*terms)
 
@@ -95,17 +89,3 @@ def compute_values(
         values, codes, road.lane_width_m, reward, safety
     )
     return terms
-
-
-@compiled
-def scale_into(
-    values: FloatArray,
-    offset: FloatArray,
-    scale: FloatArray,
-    bounds: Observation,
-    observation: Observation,
-) -> None:
-    """Scale the 27 indicators like ``ObservationScale``, into ``observation``, shape (27,)."""
-    for row in range(len(observation)):
-        scaled = np.float32((values[row] - offset[row]) / scale[row])
-        observation[row] = min(max(scaled, -bounds[row]), bounds[row])

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from drl_av.config import OLD_DEFAULTS, Config, from_toml
+from drl_av.config import Config, from_toml
 from drl_av.drivers.policy_file import find_policy
 from drl_av.drivers.registry import DriverSpec
 from drl_av.env.metrics import EpisodeResult
@@ -233,7 +233,7 @@ def stored_config(settings: dict[str, Any], name: str) -> Config:
     Raises:
         ConfigError: this version does not know a setting in ``settings``.
     """
-    return from_toml(tomli_w.dumps(settings), OLD_DEFAULTS, name)
+    return from_toml(tomli_w.dumps(settings), name=name)
 
 
 @contextmanager

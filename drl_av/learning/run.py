@@ -3,15 +3,15 @@
 import importlib.util
 import os
 import threading
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from drl_av.config import OLD_DEFAULTS, Config, from_toml
-from drl_av.config.reference import annotated_toml
-from drl_av.config.stored import load_stored
+from drl_av.config import Config, from_toml, load_config
+from drl_av.config.reference import annotated_toml, settings
 from drl_av.drivers.policy_file import load, load_policy, save, save_policy
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
 from drl_av.files import replacing, table_bytes
@@ -183,10 +183,35 @@ class Run:
             stream.write(table_bytes(type(row), [row], header=False))
 
 
+def load_stored(path: Path) -> Config:
+    """Return the config in a run's ``config.toml``, which holds all settings.
+
+    Raises:
+        ConfigError: the file cannot be read, is not a valid config, is truncated, or lacks a
+            setting.
+    """
+    config, text = load_config(path), path.read_text(encoding="utf-8-sig")
+    document: dict[str, Any] = tomllib.loads(text)
+    for each in settings(config):
+        if each.key not in document.get(each.section, {}):
+            raise _not_whole(path, f"it lacks {each.section}.{each.key}")
+    if not text.endswith("\n"):
+        raise _not_whole(path, "its last line has no end")
+    return config
+
+
+def _not_whole(path: Path, reason: str) -> ConfigError:
+    """Return the error for an incomplete ``config.toml``; ``reason`` says how it is incomplete."""
+    return ConfigError(
+        f"{path} is not whole, {reason}: put back the config.toml that the run was begun with, "
+        "or begin a new run."
+    )
+
+
 def _fits(stored: str, config: Config) -> bool:
-    """Return whether TOML settings equal ``config``; a missing setting has its former default."""
+    """Return whether TOML settings equal ``config``."""
     try:
-        return from_toml(stored, OLD_DEFAULTS) == config
+        return from_toml(stored) == config
     except ConfigError:
         return False
 
@@ -242,7 +267,7 @@ def warm_start(training: Training, policy_file: Path) -> bool:
         if found.get("kind") != "training":
             raise CheckpointError(f"{checkpoint_file} is not a training's: put back the run's own.")
         source = f"the config in {checkpoint_file}"
-        trained_with = from_toml(str(found.get("config")), OLD_DEFAULTS, source)
+        trained_with = from_toml(str(found.get("config")), name=source)
     else:
         networks, trained_with = load_policy(policy_file)
         for name, network in zip(learner_names(len(networks)), networks, strict=True):

@@ -10,7 +10,7 @@ import numpy as np
 
 from drl_av.config import LearningConfig
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.learned import LearnedDriver, considerate, learned_driver
+from drl_av.drivers.learned import LearnedDriver, learned_driver, respects_mobil
 from drl_av.drivers.network import Float32Array, QNetwork
 from drl_av.drivers.policy_file import State
 from drl_av.driving.actions import ACTIONS, Action
@@ -332,7 +332,7 @@ def build_training(env: HighwayEnv) -> Training:
     learners = [Learner(network, config.learning_rate) for network in networks]
     driver = learned_driver(networks, env.config)
     if config.permitted_only:
-        driver = driver.limited_to(considerate(env.safety_check, env.config.mobil))
+        driver = driver.limited_to(respects_mobil(env.safety_check, env.config.mobil))
     return Training(env, driver, learners, make_buffer(config, size), rng)
 
 

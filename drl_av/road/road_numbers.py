@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled
+from drl_av.compiled import compiled, squared
 from drl_av.road.road import LIMIT_BRAKING_M_S2, ROUNDING, FloatArray, Road
 
 
@@ -119,7 +119,8 @@ def allowed_speed_in(limits: FloatArray, lane: int, front_m: float, step_s: floa
         if limits[row, 0] != lane:
             continue
         if left_m > 0.0:
-            square = slack_m_s**2 + 2 * LIMIT_BRAKING_M_S2 * left_m + limit_m_s**2
+            rest = squared(limit_m_s) if limit_m_s < np.inf else np.inf
+            square = squared(slack_m_s) + 2 * LIMIT_BRAKING_M_S2 * left_m + rest
             most_m_s = min(most_m_s, max(limit_m_s, math.sqrt(square) - slack_m_s))
         elif front_m < limits[row, 2]:
             most_m_s = min(most_m_s, limit_m_s)

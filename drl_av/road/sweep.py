@@ -158,42 +158,41 @@ def swept_collision(
 
 @compiled
 def rows_within_reach(
-    s_m: FloatArray,
-    y_m: FloatArray,
-    speed_m_s: FloatArray,
-    commands: FloatArray,
-    largest_m: tuple[float, float],
-    lateral_speed_m_s: float,
-    lap_m: float,
+    state: FloatArray,
+    rolled_m: float,
+    lowest_m: float,
+    highest_m: float,
+    time_s: float,
     step_s: float,
+    bounds: FloatArray,
     rows: IntArray,
 ) -> int:
     """Find the vehicles that can touch the ego during its commands, as ``within_reach``.
 
-    The first three arrays, shape (1 + N,), hold each vehicle's state before the first command.
-    ``commands``, shape (steps, columns), begins with the ego's speed and lateral position after
-    each command. ``largest_m`` is the largest length and width of a vehicle. The function fills the
-    first elements of ``rows``, shape (N,) or longer, with row indices in ascending order.
+    Args:
+        state: The rows s, y and speed of all vehicles before the first command; the ego first.
+        rolled_m: The distance that the ego covers.
+        lowest_m: Its rightmost lateral position.
+        highest_m: Its leftmost lateral position.
+        time_s: The time that the commands take.
+        step_s: The length of a SUMO step.
+        bounds: The largest length and width of a vehicle, metres, its largest lateral speed, m/s,
+            and the length of a lap of the road, metres.
+        rows: An array of shape (N,) or longer, whose first elements the function sets to row
+            indices, in ascending order.
 
     Returns:
         The number of rows.
     """
-    steps, count = len(commands), 0
-    time_s, length_m = step_s * steps, largest_m[0]
-    aside_m = largest_m[1] + lateral_speed_m_s * time_s
-    lowest_m = highest_m = y_m[0]
-    rolled_m = 0.0
-    for step in range(steps):
-        rolled_m += step_s * commands[step, 0]
-        lowest_m = min(lowest_m, commands[step, 1])
-        highest_m = max(highest_m, commands[step, 1])
+    count, (length_m, width_m, lateral_m_s, lap_m) = 0, bounds
+    aside_m = width_m + lateral_m_s * time_s
     right_m, left_m = lowest_m - aside_m, highest_m + aside_m
     gained_m = ACCELERATION_M_S2 * time_s * (time_s + step_s) / 2 - rolled_m
-    for row in range(1, len(s_m)):
-        if right_m < y_m[row] < left_m:
-            closer_m = speed_m_s[row] * time_s + gained_m
+    for row in range(1, state.shape[1]):
+        if right_m < state[1, row] < left_m:
+            closer_m = state[2, row] * time_s + gained_m
             behind_m = length_m + closer_m if closer_m > 0.0 else length_m
-            ahead_m = (s_m[row] - s_m[0] + behind_m) % lap_m
+            ahead_m = (state[0, row] - state[0, 0] + behind_m) % lap_m
             if ahead_m < behind_m + length_m + rolled_m:
                 rows[count] = row
                 count += 1
@@ -212,32 +211,34 @@ class VehicleRectangles:
     """Upper bound of the lateral speed of each vehicle."""
 
     @cached_property
-    def _largest_m(self) -> tuple[float, float]:
-        """The largest length and the largest width of a vehicle."""
-        return max(self.length_m), max(self.width_m)
+    def _bounds(self) -> FloatArray:
+        """The largest length, width and lateral speed of a vehicle, and the length of a lap."""
+        largest_m = max(self.length_m), max(self.width_m)
+        return np.array((*largest_m, self.lateral_speed_m_s, self.road.lap_m), np.float64)
 
     def within_reach(
-        self,
-        s_m: FloatArray,
-        y_m: FloatArray,
-        speed_m_s: FloatArray,
-        commands: Sequence[Command],
-        step_s: float,
+        self, state: FloatArray, commands: Sequence[Command], step_s: float
     ) -> list[int]:
         """Return the rows of all vehicles that can touch the ego during its commands, ascending.
 
-        A row is an index into the arrays, which hold each vehicle's state before the first command.
-        The method assumes that a vehicle can stop at once, accelerate with ``ACCELERATION_M_S2``,
-        and move sideways at ``lateral_speed_m_s``. Each command takes one SUMO step of ``step_s``
-        seconds.
+        A row is an index into each of the arrays of ``state``: s, y and the speed of each vehicle
+        before the first command. The method assumes that a vehicle can stop at once, accelerate
+        with ``ACCELERATION_M_S2``, and move sideways at ``lateral_speed_m_s``. Each command takes
+        one SUMO step of ``step_s`` seconds.
         """
-        rows, bound_m_s = np.empty(len(s_m), np.int64), self.lateral_speed_m_s
-        ways = np.array(commands, dtype=np.float64)
-        road = float(self.road.lap_m), float(step_s)
-        count = rows_within_reach(
-            s_m, y_m, speed_m_s, ways, self._largest_m, bound_m_s, *road, rows
-        )
-        found: list[int] = rows[:count].tolist()
+        rolled_m, lowest_m = 0.0, float(state[1, EGO])
+        highest_m = lowest_m
+        for speed, to_m, _ in commands:
+            rolled_m += step_s * speed
+            if to_m < lowest_m:
+                lowest_m = to_m
+            elif to_m > highest_m:
+                highest_m = to_m
+        rows, way_m = np.empty(state.shape[1], np.int64), (rolled_m, lowest_m, highest_m)
+        times_s = float(step_s * len(commands)), float(step_s)
+        near = np.ascontiguousarray(state, np.float64)
+        count = rows_within_reach.fast(near, *way_m, *times_s, self._bounds, rows)
+        found: list[int] = rows[:count].tolist() if count else []
         return found
 
     def ego_collision(self, moves: Mapping[int, Displacement]) -> Collision | None:

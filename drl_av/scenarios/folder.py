@@ -41,6 +41,8 @@ __all__ = [
 ]
 
 DEFAULT_SCENARIO = "circular_three_lane"
+SUMO_FILES = (".sumocfg", ".xml", ".xml.gz")
+"""The endings of SUMO's files."""
 WRITE_AGAIN = "write the scenario again with: drl-av scenario DIR"
 
 
@@ -223,10 +225,24 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
         return shipped[name]
     if os.path.isdir(name):
         return Path(name)
+    if name.endswith(SUMO_FILES) and os.path.isfile(name):
+        raise ScenarioError(
+            f"{name} is a file of SUMO, not a scenario of drl-av: make one of a route through its "
+            "network with: drl-av scenario DIR --kind imported --net FILE.net.xml --from-edge EDGE "
+            "--to-edge EDGE."
+        )
     hint = did_you_mean(name, shipped)
     raise ScenarioError(
         f"There is no scenario {name!r}{hint}: name a folder, or one of: {', '.join(shipped)}."
     )
+
+
+def summary_of(name_or_path: str) -> str:
+    """Return what was made of the user's own files in a scenario; "" if there are none.
+
+    Raises ScenarioError as ``find_scenario`` and ``read_description`` do.
+    """
+    return read_description(find_scenario(name_or_path) / folder_files.DESCRIPTION_FILE).summary
 
 
 def find_description(name_or_path: str) -> Path:

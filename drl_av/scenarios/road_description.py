@@ -39,6 +39,8 @@ MOST_VEHICLES = 3000
 The time of a SUMO step grows with the square of the number of vehicles in a lane, because the
 sublane model looks for followers among all of them."""
 TYPES = "vehicle_types"
+REQUIRED = ("id", "share", "length_m", "width_m", "car_following_model")
+"""The keys of a vehicle type that a description always states."""
 VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]+")
 TimedChange = tuple[float, int]
 """The time since the start of the episode, seconds, and the lane to which the vehicle changes."""
@@ -194,6 +196,11 @@ def toml_text(description: RoadDescription, **changed: str | float) -> str:
     for vehicle in values["vehicles"]:
         if not vehicle["lane_changes"]:
             del vehicle["lane_changes"]
+    usual = CustomVehicleType("usual", 0.0, LENGTHS_M[0], WIDTHS_M[0])
+    values[TYPES] = [
+        {key: value for key, value in kind.items() if key in REQUIRED or value != vars(usual)[key]}
+        for kind in values[TYPES]
+    ]
     return tomli_w.dumps({key: values[key] for key in values if key != TYPES or values[key]})
 
 

@@ -30,6 +30,7 @@ from drl_av.simulation.population import (
     random_lane_changes,
     require_speed_limit,
     require_truck_width,
+    with_stated_values,
 )
 
 
@@ -54,7 +55,7 @@ class Fleet:
     width_m: FloatArray
 
     def __init__(self, scenario: Scenario, config: Config) -> None:
-        require_speed_limit(config, scenario.description, scenario.road)
+        require_speed_limit(config, scenario.description, bool(scenario.road.speed_limits))
         require_truck_width(config, scenario.description)
         self.scenario, self._config, self._start = scenario, config, scenario.layout.start
         self._road, self._size_of = scenario.road, scenario.vehicle_types.by_id
@@ -207,6 +208,10 @@ class Fleet:
             return None
         new_types = [*islice(self._types, len(entering))]
         new_sizes_m = self._sizes_m(new_types, [bool(one.is_truck[0]) for one in entering])
+        entering = [
+            self._with_stated(one, [name], new_sizes_m[0, [row]])
+            for row, (one, name) in enumerate(zip(entering, new_types, strict=True))
+        ]
         self.ids = (*(self.ids[row] for row in kept), *(one.ids[0] for one in entering))
         self.type_ids = [*(self.type_ids[row] for row in kept), *new_types]
         sizes_m = np.array((self.length_m, self.width_m))[:, kept]
@@ -241,9 +246,18 @@ class Fleet:
 
     def _describe(self, population: Population) -> None:
         """Set the vehicles at the start of an episode, their types and their sizes."""
-        self.population, self.ids = population, population.ids
+        self.ids = population.ids
         self.type_ids = [*islice(self._types, len(self.ids))]
         self.length_m, self.width_m = self._sizes_m(self.type_ids, population.is_truck)
+        self.population = self._with_stated(population, self.type_ids, self.length_m)
+
+    def _with_stated(
+        self, population: Population, type_ids: Sequence[str], length_m: FloatArray
+    ) -> Population:
+        """Return a population whose vehicles have what the user's own types state for them."""
+        own = {each.id: each.stated for each in self.scenario.description.vehicle_types}
+        stated = [own.get(name, {}) for name in type_ids]
+        return with_stated_values(population, stated, length_m, self.scenario.road.lap_m)
 
     def _sizes_m(self, type_ids: Sequence[str], is_truck: Iterable[bool]) -> FloatArray:
         """Return the lengths and the widths of vehicles, metres, shape (2, n)."""

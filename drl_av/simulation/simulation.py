@@ -28,9 +28,9 @@ from drl_av.simulation.population import DriverModel, Population
 from drl_av.simulation.sumo import connection, require_display, start
 from drl_av.simulation.vehicle_calls import (
     EgoModel,
+    SpeedRequests,
     StateReader,
     ask_for_lane_changes,
-    ask_for_speeds,
     clear_the_road,
     hand_over,
     is_centered,
@@ -101,6 +101,7 @@ class Simulation:
         self._steps = 0
         self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
+        self._requests = SpeedRequests(self._sumo, self._config.simulation.step_length_s)
         self._watch()
         self._read()
         return self._snapshot()
@@ -109,6 +110,7 @@ class Simulation:
         """Prepare to read the vehicles that are on the road now, and to find their collisions."""
         fleet = self.fleet
         self._states.watch(fleet.ids, fleet.length_m)
+        self._requests.watch(fleet.ids)
         sizes_m = fleet.length_m.tolist(), fleet.width_m.tolist()
         self._bodies = VehicleRectangles(fleet.ids, *sizes_m, self.road, self._fastest_aside_m_s)
 
@@ -151,11 +153,10 @@ class Simulation:
             asks = traffic_commands or self._config.traffic.keep_stopping_distance
             near: Sequence[int] = range(EGO + 1, len(ids))
             if self._ego_lateral_speed_m_s is not None:
-                s_m, y_m, speed, _ = self._state
-                near = self._bodies.within_reach(s_m, y_m, speed, commands, timing.step_length_s)
+                near = self._bodies.within_reach(self._state, commands, timing.step_length_s)
             for command in commands:
                 if asks:
-                    ask_for_speeds(vehicle, ids, traffic_commands, self._config)
+                    self._requests(traffic_commands)
                 collision = self._step(command, near)
                 if collision is not None:
                     break
@@ -193,7 +194,7 @@ class Simulation:
             self._populate(vehicle, first)
         self._watch()
         entered = self._states.state(len(kept))
-        self._state = np.concatenate((self._state[:, kept], entered), axis=1)
+        self._state = np.ascontiguousarray(np.hstack((self._state[:, kept], entered)))
         self._moved = {}
 
     def _put_on_the_road(self, seed: int) -> None:
@@ -301,15 +302,7 @@ class Simulation:
 
     def _snapshot(self) -> Snapshot:
         """Return the state that ``_read`` has read as a snapshot."""
+        fleet, wanted = self.fleet, self._states.lane_change(EGO)
         s_m, y_m, speed, lateral = self._state
-        return Snapshot(
-            time_s=self._time_s,
-            ids=self.fleet.ids,
-            s_m=s_m,
-            y_m=y_m,
-            speed_m_s=speed,
-            lateral_speed_m_s=lateral,
-            length_m=self.fleet.length_m,
-            width_m=self.fleet.width_m,
-            sumo_lane_change=self._states.lane_change(EGO),
-        )
+        sizes_m = fleet.length_m, fleet.width_m
+        return Snapshot(self._time_s, fleet.ids, s_m, y_m, speed, lateral, *sizes_m, wanted)

@@ -12,8 +12,9 @@ from worlds import LEAVE, LEFT, RIGHT, ROAD, ahead, scene
 from drl_av.config import Config
 from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
-from drl_av.driving.affordances import INDICATORS, ObservationScale
+from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.mirror import Mirror
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout

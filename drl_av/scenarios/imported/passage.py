@@ -138,8 +138,13 @@ def _right_of_way(file: NetFile, passage: Any) -> Iterator[str]:
         return
     if passage.getState() in PRIORITY:
         return
-    ramps = [other for other in passage.getJunction().getIncoming() if other is not edge]
-    cars = [other for other in ramps if any(_ways(other, to) for to in other.getOutgoing())]
+    cars = [
+        other
+        for other in passage.getJunction().getIncoming()
+        if other is not edge
+        and other.getFunction() != "internal"
+        and any(_ways(other, to) for to in other.getOutgoing())
+    ]
     if passage.getState() not in YIELDING or not all(_joins(other, passage) for other in cars):
         raise ScenarioError(
             f"the route gives way at {where}, but traffic from elsewhere is left out: choose a "
