@@ -217,9 +217,6 @@ def test_a_page_shows_the_example(example: Path) -> None:
     assert f'example("{example.name}")' in pages
 
 
-"""A room that the picture shows and that is not built yet."""
-
-
 def test_the_picture_of_the_packages_names_them_all() -> None:
     picture = ET.parse(ROOT / "docs" / "assets" / "packages.svg").getroot()
     bold = [str(text.text) for text in picture.iter() if text.get("font-weight") == "bold"]
