@@ -1,0 +1,29 @@
+"""Settings of the training at scale, proximal policy optimization in the compiled twin."""
+
+from dataclasses import dataclass
+
+from drl_av.config.schema import Section, setting
+
+
+@dataclass(frozen=True)
+class PpoConfig(Section):
+    """Proximal policy optimization (PPO) with masked actions."""
+
+    decisions: int = setting(
+        10_000_000, "ours", "decisions of the training, in all worlds together", low=1, high=10**10
+    )
+    worlds: int = setting(256, "ours", "number of worlds that are driven at once", low=1, high=10**5)
+    batch_size: int = setting(16_384, "ours", "decisions in an update", low=1, high=10**7)
+    minibatch_size: int = setting(4_096, "ours", "decisions in a gradient step", low=1, high=10**7)
+    epochs: int = setting(3, "ours", "passes over the decisions of an update", low=1, high=100)
+    hidden_1: int = setting(192, "ours", "units of the first hidden layer", low=1, high=10_000)
+    hidden_2: int = setting(128, "ours", "units of the second hidden layer", low=1, high=10_000)
+    learning_rate: float = setting(
+        5e-4, "ours", "first step size of Adam; it falls linearly to 0", low=0, high=1
+    )
+    discount: float = setting(0.99, "ours", "discount of a reward a second later", low=0, high=1)
+    gae_lambda: float = setting(0.95, "PPO", "trace decay of the advantages", low=0, high=1)
+    clip: float = setting(0.2, "PPO", "largest change of a probability ratio", low=0, high=10)
+    entropy: float = setting(0.002, "ours", "weight of the entropy", low=0, high=10)
+    value_weight: float = setting(0.5, "PPO", "weight of the critic's loss", low=0, high=100)
+    max_gradient_norm: float = setting(0.5, "CleanRL", "largest gradient norm", low=0, high=1000)
