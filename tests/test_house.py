@@ -12,6 +12,7 @@ from programs import python
 PACKAGE = Path(__file__).parent.parent / "drl_av"
 ROOMS = (
     "errors",
+    "compiled",
     "random_streams",
     "sumo_programs",
     "config",
@@ -225,7 +226,7 @@ def test_a_module_says_in_its_first_line_what_it_is(module: str) -> None:
         assert not re.search(r"\bprint\(", text)
 
 
-HEAVY = ("libsumo", "traci", "sumolib", "torch", "matplotlib", "stable_baselines3")
+HEAVY = ("libsumo", "traci", "sumolib", "torch", "matplotlib", "stable_baselines3", "numba")
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.compiled import compiled
 from drl_av.config import Config
 from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.scene import LaneChange, Scene
@@ -26,7 +27,7 @@ from verification.separation import barrier_separation, first_collision, swept_s
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 ROAD = Road(10_000.0, 3.8, (True, True, True))
-LENGTH_M, WIDTH_M = 5.0, 1.8
+LANE_M, LENGTH_M, WIDTH_M = ROAD.lane_width_m, 5.0, 1.8
 NONE = -9
 """Value of ``origin`` and ``target`` in a scene whose ego is not changing lanes."""
 FASTEST_M_S = 40.0
@@ -262,11 +263,8 @@ class Mover:
         lowest, highest = lanes_under(world.y_m[:, :1], WIDTH_M, ROAD.lane_width_m)
         lanes = np.arange(len(ROAD.open_lanes))
         over = (lowest <= lanes) & (lanes <= highest)
-        width_m = np.full(world.x_m[:, 1:].shape, WIDTH_M)
-        ends_m = lateral_extent(
-            world.y_m[:, 1:], world.lateral_m_s[:, 1:], width_m, ROAD.lane_width_m
-        )
-        right_m, left_m = (end[:, :, None] for end in ends_m)
+        right_m, left_m = np.empty((2, *world.x_m[:, 1:].shape, 1))
+        set_extents(world.y_m, world.lateral_m_s, right_m, left_m)
         theirs = (right_m < lanes * ROAD.lane_width_m) & (lanes * ROAD.lane_width_m < left_m)
         shared = theirs & over[:, None]
         result: FloatArray = np.where(shared, world.lane_s[:, None], -1.0).max(axis=2)
@@ -290,6 +288,18 @@ class Mover:
         world.y_m, world.heading_rad = np.column_stack([ego.y_m, to_m]), ego.heading_rad
         world.origin = np.where(arrives, NONE, world.origin)
         world.target = np.where(arrives, NONE, world.target)
+
+
+@compiled
+def set_extents(
+    y_m: FloatArray, lateral_m_s: FloatArray, right_m: FloatArray, left_m: FloatArray
+) -> None:
+    """Set the ends of ``lateral_extent`` of the other vehicles, shape (scenes, others, 1)."""
+    scenes, vehicles = y_m.shape
+    for row in range(scenes):
+        for one in range(1, vehicles):
+            ends_m = lateral_extent(y_m[row, one], lateral_m_s[row, one], WIDTH_M, LANE_M)
+            right_m[row, one - 1, 0], left_m[row, one - 1, 0] = ends_m
 
 
 def _bound_for(y_m: FloatArray, side: FloatArray) -> FloatArray:

@@ -91,6 +91,21 @@ class EgoConfig(Section):
         super().__post_init__()
         self.ordered("brake_m_s2", "hard_brake_m_s2")
 
+    @property
+    def has_steering(self) -> bool:
+        """Whether ``lateral_plant`` is the steering plant, not the kinematic one."""
+        return self.lateral_plant == "steering"
+
+    @property
+    def has_constant_acceleration(self) -> bool:
+        """Whether ``longitudinal_reference`` is a constant acceleration, not a model."""
+        return self.longitudinal_reference == "acceleration"
+
+    @property
+    def has_acc(self) -> bool:
+        """Whether ``longitudinal_reference`` is adaptive cruise control."""
+        return self.longitudinal_reference == "acc"
+
 
 @dataclass(frozen=True)
 class ObservationConfig(Section):

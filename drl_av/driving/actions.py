@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drl_av.config import EgoConfig
+from drl_av.compiled import numbers
+from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.errors import ConfigError
 
 
@@ -20,7 +21,7 @@ class Lateral(IntEnum):
     @property
     def sign(self) -> int:
         """Direction across the road: +1 left, -1 right, 0 keep."""
-        return (0, -1, 1)[self]
+        return SIGNS[self]
 
 
 class Longitudinal(IntEnum):
@@ -33,7 +34,50 @@ class Longitudinal(IntEnum):
 
     def acceleration_m_s2(self, ego: EgoConfig) -> float:
         """Return the acceleration a_x of the action (Sec. IV-A), m/s^2; negative if it brakes."""
-        return (0.0, ego.accelerate_m_s2, -ego.brake_m_s2, -ego.hard_brake_m_s2)[self]
+        return acceleration_of(self, ego)
+
+
+KEEP, RIGHT, LEFT = range(3)
+MAINTAIN, ACCELERATE, BRAKE, HARD_BRAKE = range(4)
+"""The numbers of the lateral and of the longitudinal parts, for compiled functions."""
+SIGNS = (0, -1, 1)
+"""Direction across the road of each lateral part, by its number: +1 left, -1 right."""
+
+
+class EgoNumbers(NamedTuple):
+    """The settings of the ego and the times of a decision, for compiled functions.
+
+    The names and units are those of the sections ``ego`` and ``simulation`` of a config.
+    """
+
+    max_speed_m_s: float
+    accelerate_m_s2: float
+    brake_m_s2: float
+    hard_brake_m_s2: float
+    lane_change_duration_s: float
+    has_constant_acceleration: bool
+    has_acc: bool
+    reference_headway_s: float
+    reference_standstill_gap_m: float
+    acc_gap_gain_per_s: float
+    acc_speed_gain_per_s: float
+    has_steering: bool
+    max_curvature_per_m: float
+    max_lateral_acceleration_m_s2: float
+    steering_interval_s: float
+    step_length_s: float
+    steps_per_decision: int
+    decision_interval_s: float
+
+
+def ego_numbers(ego: EgoConfig, simulation: SimulationConfig) -> EgoNumbers:
+    """Return the settings of the ego as numbers."""
+    return numbers(EgoNumbers, ego, simulation)
+
+
+def acceleration_of(longitudinal: int, ego: EgoConfig | EgoNumbers) -> float:
+    """Return the acceleration a_x of a longitudinal action (Sec. IV-A), m/s^2, by its number."""
+    return (0.0, ego.accelerate_m_s2, -ego.brake_m_s2, -ego.hard_brake_m_s2)[longitudinal]
 
 
 def nearest_action(acceleration_m_s2: float, ego: EgoConfig) -> Longitudinal:

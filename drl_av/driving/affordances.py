@@ -1,14 +1,25 @@
 """The 27 affordance indicators, the ego's observation of the vehicles and lanes around it."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.compiled import compiled
 from drl_av.config import ObservationConfig
 from drl_av.road.road import NO_CHANGE, Barrier, FloatArray, MandatoryChange, Road
+from drl_av.road.road_numbers import (
+    RoadNumbers,
+    is_beside,
+    is_open,
+    lane_end_m,
+    lane_of,
+    mandatory_change,
+    road_numbers,
+)
 from drl_av.road.snapshot import EGO, Snapshot
+
+IntArray = npt.NDArray[np.int64]
 
 SLOTS = ("own_front", "own_rear", "right_front", "right_rear", "left_front", "left_rear")
 INDICATORS: tuple[str, ...] = (
@@ -143,6 +154,141 @@ class Affordances(NamedTuple):
         values += (self.ego_speed_m_s, self.ego_y_m, self.ego_lateral_speed_m_s)
         return np.array(values)
 
+    def arrays(self) -> "Indicators":
+        """Return the indicators as compiled functions take them."""
+        rows = [NOBODY if slot is None else slot.vehicle for slot in self[:6]]
+        lanes = self.lane, self.right_lane, self.left_lane, self.mandatory.lanes
+        values = np.append(self.vector(), self.mandatory.within_m)
+        return Indicators(values, np.array([*rows, *lanes], np.int64), self.range_m)
+
+
+class Indicators(NamedTuple):
+    """The indicators as the function ``indicators`` writes them, in two arrays."""
+
+    values: FloatArray
+    """Shape (28,), float64: the 27 indicators in SI units, in the order of INDICATORS; then the
+    distance ``MandatoryChange.within_m``."""
+    codes: IntArray
+    """Shape (10,), int64: the row of the neighbour in each of the six SLOTS, ``NOBODY`` if there is
+    none, and N + 1 for the end of a lane; then ``LANE`` to ``CHANGES``."""
+    range_m: float
+    """The largest gap that is observed."""
+
+
+VALUES, CODES = 28, 10
+"""Sizes of the two arrays that ``indicators`` fills."""
+WITHIN = 27
+"""Index of the distance ``MandatoryChange.within_m`` in the values, after the 27 indicators."""
+LANE, RIGHT_LANE, LEFT_LANE, CHANGES = 6, 7, 8, 9
+"""Indices in the codes, after the neighbours' rows: the ego's lane, whether there is a lane to the
+right and to the left (1 or 0), and ``MandatoryChange.lanes``."""
+NOBODY = -1
+"""The row of a neighbour that is not there."""
+
+
+@compiled
+def indicators(
+    s_m: FloatArray,
+    y_m: FloatArray,
+    speed_m_s: FloatArray,
+    lateral_speed_m_s: FloatArray,
+    length_m: FloatArray,
+    width_m: FloatArray,
+    road: RoadNumbers,
+    range_m: float,
+    values: FloatArray,
+    codes: IntArray,
+) -> None:
+    """Compute the indicators of one scene (Sec. III); ``compute_affordances`` has the rules.
+
+    The first six arrays are those of a snapshot, shape (1 + N,), the ego first. The function fills
+    ``values``, shape (28,), and ``codes``, shape (10,), which ``Indicators`` describes.
+    """
+    vehicles, lane = len(s_m), lane_of(y_m[EGO], road.lane_width_m)
+    own_m = lane * road.lane_width_m
+    right_m, left_m = own_m - road.lane_width_m, own_m + road.lane_width_m
+    lap_m, half_lap_m = road.lap_m, road.lap_m / 2
+    ego_s_m, ego_length_m, half_lane_m = s_m[EGO], length_m[EGO], road.lane_width_m / 2
+    for slot in range(6):
+        values[4 * slot] = np.inf
+        codes[slot] = NOBODY
+    for row in range(1, vehicles):
+        ahead_m = (s_m[row] - ego_s_m + half_lap_m) % lap_m - half_lap_m
+        behind = 0
+        if ahead_m < 0.0:
+            ahead_m, behind = -ahead_m, 1
+        gap_m, reach_m = (
+            ahead_m - (length_m[row] + ego_length_m) / 2,
+            width_m[row] / 2 + half_lane_m,
+        )
+        across_m = y_m[row]
+        if gap_m < values[4 * behind] and -reach_m < across_m - own_m < reach_m:
+            values[4 * behind], codes[behind] = gap_m, row
+        if gap_m < values[4 * (2 + behind)] and -reach_m < across_m - right_m < reach_m:
+            values[4 * (2 + behind)], codes[2 + behind] = gap_m, row
+        if gap_m < values[4 * (4 + behind)] and -reach_m < across_m - left_m < reach_m:
+            values[4 * (4 + behind)], codes[4 + behind] = gap_m, row
+    front_m = ego_s_m + ego_length_m / 2
+    codes[LANE], codes[CHANGES], values[WITHIN] = lane, 0, np.inf
+    codes[RIGHT_LANE], codes[LEFT_LANE] = is_open(lane - 1, road), is_open(lane + 1, road)
+    if len(road.partial_lanes) > 0:
+        for side in (-1, 1):  # the front must not have passed the end of the lane
+            beside = is_beside(lane, lane + side, ego_s_m, road)
+            beside = beside and is_beside(lane, lane + side, front_m, road)
+            codes[RIGHT_LANE if side < 0 else LEFT_LANE] = beside
+        for slot, sign in ((0, 0), (2, -1), (4, 1)):
+            gap_m = lane_end_m(lane + sign, ego_s_m, road) - front_m
+            if gap_m < values[4 * slot] and has_lane(codes, sign):
+                values[4 * slot], codes[slot] = gap_m, vehicles
+        codes[CHANGES], values[WITHIN] = mandatory_change(lane, front_m, road)
+    for slot in range(6):
+        _complete(slot, s_m, y_m, speed_m_s, lateral_speed_m_s, road, range_m, values, codes)
+    values[24], values[25], values[26] = speed_m_s[EGO], y_m[EGO], lateral_speed_m_s[EGO]
+
+
+@compiled
+def _complete(
+    slot: int,
+    s_m: FloatArray,
+    y_m: FloatArray,
+    speed_m_s: FloatArray,
+    lateral_speed_m_s: FloatArray,
+    road: RoadNumbers,
+    range_m: float,
+    values: FloatArray,
+    codes: IntArray,
+) -> None:
+    """Fill in the four indicators of a slot whose gap and row are known."""
+    at, row, sign = 4 * slot, codes[slot], SIDES[slot // 2]
+    center_m = (codes[LANE] + sign) * road.lane_width_m
+    if values[at] > range_m or row == NOBODY:
+        codes[slot] = NOBODY
+        center_m = codes[LANE] * road.lane_width_m + sign * road.lane_width_m
+        values[at] = range_m if has_lane(codes, sign) else 0.0
+        values[at + 1], values[at + 2], values[at + 3] = 0.0, center_m - y_m[EGO], 0.0
+        return
+    values[at] = values[at] if values[at] > 0.0 else 0.0
+    if row == len(s_m):
+        values[at + 1], values[at + 2] = 0.0 - speed_m_s[EGO], center_m - y_m[EGO]
+        values[at + 3] = 0.0 - lateral_speed_m_s[EGO]
+        return
+    values[at + 1] = speed_m_s[row] - speed_m_s[EGO]
+    values[at + 2] = y_m[row] - y_m[EGO]
+    values[at + 3] = lateral_speed_m_s[row] - lateral_speed_m_s[EGO]
+
+
+def slot_of(sign: int) -> int:
+    """Return the slot of the vehicle ahead in the own (0), left (+1) or right (-1) lane.
+
+    The next slot is that of the vehicle behind.
+    """
+    return (0, 4, 2)[sign]
+
+
+def has_lane(codes: IntArray, sign: int) -> bool:
+    """Whether the ego's own (0), left (+1) or right (-1) lane exists and is open."""
+    return sign == 0 or codes[RIGHT_LANE + (sign > 0)] == 1
+
 
 def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
     """Find the nearest vehicle ahead and behind in the ego's own, right and left lane (Sec. III).
@@ -152,57 +298,21 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     otherwise behind. A vehicle exactly beside the ego counts as ahead. The end of a lane counts as
     a standing vehicle.
     """
-    # lists: numpy arrays take twice as long for so few vehicles
-    s_m, y_m = snapshot.s_m.tolist(), snapshot.y_m.tolist()
-    speed, lateral = snapshot.speed_m_s.tolist(), snapshot.lateral_speed_m_s.tolist()
-    length_m, width_m = snapshot.length_m.tolist(), snapshot.width_m.tolist()
-    lane = road.lane_of(y_m[EGO])
-    own_m = road.center_m(lane)
-    right_m, left_m = own_m - road.lane_width_m, own_m + road.lane_width_m
-    lap_m, half_lap_m = road.lap_m, road.lap_m / 2
-    ego_s_m, ego_length_m, half_lane_m = s_m[EGO], length_m[EGO], road.lane_width_m / 2
-    gaps_m, rows = [math.inf] * len(SLOTS), [EGO] * len(SLOTS)
-    vehicles = enumerate(zip(s_m, y_m, length_m, width_m, strict=True))
-    next(vehicles)  # the ego
-    for row, (at_m, across_m, its_length_m, its_width_m) in vehicles:
-        ahead_m = (at_m - ego_s_m + half_lap_m) % lap_m - half_lap_m
-        if ahead_m < 0.0:
-            ahead_m, own, right, left = -ahead_m, 1, 3, 5
-        else:
-            own, right, left = 0, 2, 4
-        gap_m, reach_m = ahead_m - (its_length_m + ego_length_m) / 2, its_width_m / 2 + half_lane_m
-        if gap_m < gaps_m[own] and -reach_m < across_m - own_m < reach_m:
-            gaps_m[own], rows[own] = gap_m, row
-        if gap_m < gaps_m[right] and -reach_m < across_m - right_m < reach_m:
-            gaps_m[right], rows[right] = gap_m, row
-        if gap_m < gaps_m[left] and -reach_m < across_m - left_m < reach_m:
-            gaps_m[left], rows[left] = gap_m, row
-    partial, front_m = road.partial_lanes, ego_s_m + ego_length_m / 2
-    beside = {-1: road.is_open(lane - 1), 1: road.is_open(lane + 1)}
-    if partial:
-        for side in beside:  # the front must not have passed the end of the lane
-            both_m = (ego_s_m, front_m)
-            beside[side] = all(road.is_beside(lane, lane + side, at_m) for at_m in both_m)
-        for slot, sign in ((0, 0), (2, -1), (4, 1)):
-            gap_m = road.lane_end_m(lane + sign, ego_s_m) - front_m
-            if gap_m < gaps_m[slot] and (sign == 0 or beside[sign]):
-                gaps_m[slot], rows[slot] = gap_m, len(y_m)
-                y_m.append(road.center_m(lane + sign))
-                speed.append(0.0)
-                lateral.append(0.0)
-    ego_speed, ego_y_m, ego_lateral = speed[EGO], y_m[EGO], lateral[EGO]
-    own_front, own_rear, right_front, right_rear, left_front, left_rear = [
-        None
-        if gap_m > range_m
-        else Neighbor(
-            row,
-            gap_m if gap_m > 0.0 else 0.0,
-            speed[row] - ego_speed,
-            y_m[row] - ego_y_m,
-            lateral[row] - ego_lateral,
-        )
-        for gap_m, row in zip(gaps_m, rows, strict=True)
-    ]
+    values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
+    indicators(*snapshot.arrays, road_numbers(road), float(range_m), values, codes)
+    return affordances_of(Indicators(values, codes, range_m), snapshot, road)
+
+
+def affordances_of(indicators: Indicators, snapshot: Snapshot, road: Road) -> Affordances:
+    """Return the indicators by name from the arrays that ``indicators`` has filled."""
+    values, codes, range_m = indicators
+    number, code = values.tolist(), codes.tolist()
+    lane, partial = code[LANE], road.partial_lanes
+    front_m = float(snapshot.s_m[EGO]) + float(snapshot.length_m[EGO]) / 2
+    own_front, own_rear, right_front, right_rear, left_front, left_rear = (
+        None if row == NOBODY else Neighbor(row, *number[4 * slot : 4 * slot + 4])
+        for slot, row in enumerate(code[:6])
+    )
     return Affordances(
         own_front,
         own_rear,
@@ -210,18 +320,18 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
         right_rear,
         left_front,
         left_rear,
-        right_lane=beside[-1],
-        left_lane=beside[1],
+        right_lane=code[RIGHT_LANE] == 1,
+        left_lane=code[LEFT_LANE] == 1,
         lane=lane,
-        lane_center_m=own_m,
+        lane_center_m=road.center_m(lane),
         lane_width_m=road.lane_width_m,
         range_m=range_m,
-        ego_speed_m_s=ego_speed,
-        ego_y_m=ego_y_m,
-        ego_lateral_speed_m_s=ego_lateral,
+        ego_speed_m_s=number[24],
+        ego_y_m=number[25],
+        ego_lateral_speed_m_s=number[26],
         circumference_m=road.lap_m if road.is_loop else 0.0,
         barriers=_ahead(road, front_m) if partial else (),
-        mandatory=road.mandatory_change(lane, front_m) if partial else NO_CHANGE,
+        mandatory=MandatoryChange(code[CHANGES], number[WITHIN]) if partial else NO_CHANGE,
     )
 
 

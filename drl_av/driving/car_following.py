@@ -9,11 +9,11 @@ safety check needs, remain constant accelerations.
 """
 
 import math
-from collections.abc import Iterable, Iterator
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
+from drl_av.compiled import squared
 from drl_av.config import EgoConfig, MobilConfig, SimulationConfig
-from drl_av.driving.actions import Longitudinal
+from drl_av.driving.actions import ACCELERATE, BRAKE, EgoNumbers, Longitudinal, acceleration_of
 from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.road.road import FloatArray
 
@@ -47,8 +47,9 @@ def idm_acceleration(
         * closing_m_s
         / (2 * math.sqrt(config.acceleration_m_s2 * config.comfortable_braking_m_s2)),
     )
-    interaction = (wanted_gap_m / max(gap_m, 0.01)) ** 2
-    return config.acceleration_m_s2 * (1 - (speed_m_s / desired_m_s) ** 4 - interaction)
+    interaction = squared(wanted_gap_m / max(gap_m, 0.01))
+    free: float = 1 - (speed_m_s / desired_m_s) ** 4.0
+    return config.acceleration_m_s2 * (free - interaction)
 
 
 def acceleration_behind_ego(
@@ -60,7 +61,11 @@ def acceleration_behind_ego(
 
 
 def acc_acceleration(
-    speed_m_s: float, desired_m_s: float, gap_m: float, closing_m_s: float, ego: EgoConfig
+    speed_m_s: float,
+    desired_m_s: float,
+    gap_m: float,
+    closing_m_s: float,
+    ego: EgoConfig | EgoNumbers,
 ) -> float:
     """Return the acceleration of adaptive cruise control, m/s^2.
 
@@ -74,7 +79,11 @@ def acc_acceleration(
 
 
 def time_gap_acceleration(
-    speed_m_s: Number, gap_m: Number, closing_m_s: Number, headway_s: float, ego: EgoConfig
+    speed_m_s: Number,
+    gap_m: Number,
+    closing_m_s: Number,
+    headway_s: float,
+    ego: EgoConfig | EgoNumbers,
 ) -> Number:
     """Return the acceleration of the constant time-gap law, m/s^2, of one vehicle or of arrays.
 
@@ -88,42 +97,57 @@ def time_gap_acceleration(
 
 def reference_speeds(
     affordances: Affordances, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
-) -> Iterable[float]:
+) -> list[float]:
     """Return the ego's speed at the end of each SUMO step of a decision, in [0, max_speed_m_s].
 
     A model (IDM or ACC) computes a new acceleration at each SUMO step, and assumes that the vehicle
     ahead keeps its speed. This acceleration is limited to the range of the ego's actions. The ego
     is never faster than it would be with the constant acceleration of the same action.
     """
-    if ego.longitudinal_reference == "acceleration" or action >= Longitudinal.BRAKE:
-        speed, step_s = affordances.ego_speed_m_s, simulation.step_length_s
-        acceleration = action.acceleration_m_s2(ego)  # the point mass, eq. 4 of the paper
-        steps = range(1, simulation.steps_per_decision + 1)
-        return [
-            min(max(speed + acceleration * step * step_s, 0.0), ego.max_speed_m_s) for step in steps
-        ]
-    return _model_speeds(affordances, action, ego, simulation)
+    speed, front = affordances.ego_speed_m_s, affordances.own_front
+    gap_m, front_m_s = (
+        (math.inf, speed) if front is None else (front.gap_m, speed + front.relative_speed_m_s)
+    )
+    speeds = [0.0] * simulation.steps_per_decision
+    set_speeds(speeds, speed, gap_m, front_m_s, action, ego, simulation.step_length_s)
+    return speeds
 
 
-def _model_speeds(
-    affordances: Affordances, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
-) -> Iterator[float]:
-    """Yield the speeds that IDM or ACC computes; the vehicle ahead keeps its present speed."""
-    speed, step_s = affordances.ego_speed_m_s, simulation.step_length_s
-    desired = ego.max_speed_m_s if action is Longitudinal.ACCELERATE else speed
-    front = affordances.own_front
-    gap_m = math.inf if front is None else front.gap_m
-    front_speed = speed if front is None else speed + front.relative_speed_m_s
-    for _ in range(simulation.steps_per_decision):
-        wanted = model_acceleration(speed, desired, gap_m, speed - front_speed, ego)
+def set_speeds(
+    speeds: Any,
+    speed_m_s: float,
+    gap_m: float,
+    front_m_s: float,
+    action: int,
+    ego: EgoConfig | EgoNumbers,
+    step_s: float,
+) -> None:
+    """Set ``speeds`` to the ego's speeds at the end of each SUMO step, as ``reference_speeds``.
+
+    ``speeds`` is a list, or an array of shape (steps,). ``gap_m`` and ``front_m_s`` are the gap to
+    the vehicle ahead and its speed; without such a vehicle, they are inf and the ego's speed.
+    """
+    if ego.has_constant_acceleration or action >= BRAKE:
+        acceleration = acceleration_of(action, ego)  # the point mass, eq. 4 of the paper
+        for step in range(len(speeds)):
+            wanted = speed_m_s + acceleration * (step + 1) * step_s
+            speeds[step] = min(max(wanted, 0.0), ego.max_speed_m_s)
+        return
+    desired = ego.max_speed_m_s if action == ACCELERATE else speed_m_s
+    for step in range(len(speeds)):
+        wanted = model_acceleration(speed_m_s, desired, gap_m, speed_m_s - front_m_s, ego)
         acceleration = min(max(wanted, -ego.hard_brake_m_s2), ego.accelerate_m_s2)
-        speed = min(max(speed + acceleration * step_s, 0.0), desired)
-        gap_m = max(gap_m - (speed - front_speed) * step_s, 0.0)
-        yield speed
+        speed_m_s = min(max(speed_m_s + acceleration * step_s, 0.0), desired)
+        gap_m = max(gap_m - (speed_m_s - front_m_s) * step_s, 0.0)
+        speeds[step] = speed_m_s
 
 
 def model_acceleration(
-    speed_m_s: float, desired_m_s: float, gap_m: float, closing_m_s: float, ego: EgoConfig
+    speed_m_s: float,
+    desired_m_s: float,
+    gap_m: float,
+    closing_m_s: float,
+    ego: EgoConfig | EgoNumbers,
 ) -> float:
     """Return the acceleration of the model ``ego.longitudinal_reference`` (IDM or ACC), m/s^2.
 
@@ -131,7 +155,7 @@ def model_acceleration(
     """
     if desired_m_s <= 0.0:
         return 0.0
-    if ego.longitudinal_reference == "acc":
+    if ego.has_acc:
         return acc_acceleration(speed_m_s, desired_m_s, gap_m, closing_m_s, ego)
     idm = Idm(
         ego.reference_headway_s,

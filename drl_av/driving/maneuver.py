@@ -1,13 +1,18 @@
 """Execution of an action: the lane change in progress, and one command for each SUMO step."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from drl_av.compiled import compiled
 from drl_av.config import EgoConfig, SimulationConfig
-from drl_av.driving.actions import Action, Lateral
-from drl_av.driving.car_following import reference_speeds
+from drl_av.driving.actions import SIGNS, Action, EgoNumbers, Lateral
+from drl_av.driving.affordances import LANE, NOBODY, IntArray
+from drl_av.driving.car_following import reference_speeds, set_speeds
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.driving.steering import Pose, settled, steer
+from drl_av.road.road import FloatArray
 from drl_av.road.snapshot import Command
 
 
@@ -46,14 +51,6 @@ def target_lane(scene: Scene, lateral: Lateral) -> int:
     return scene.affordances.lane if change is None else change.target
 
 
-class Sideways(NamedTuple):
-    """The ego's lateral state after a SUMO step, and the lane change in progress, or None."""
-
-    y_m: float
-    lateral_speed_m_s: float
-    lane_change: LaneChange | None
-
-
 def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationConfig) -> Plan:
     """Convert an action to the commands of one decision, one command for each SUMO step.
 
@@ -61,55 +58,148 @@ def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationCon
     follows the model ``ego.lateral_plant``. With each of its two models, a lane change ends exactly
     at the lane's centre.
     """
-    affordances, step_s, move = (
-        scene.affordances,
-        simulation.step_length_s,
-        _PLANTS[ego.lateral_plant],
-    )
+    affordances = scene.affordances
+    speeds = reference_speeds(affordances, action.longitudinal, ego, simulation)
     change = next_lane_change(scene.lane_change, affordances.lane, action.lateral)
-    y_m, lateral_m_s, commands = affordances.ego_y_m, 0.0, []
-    for speed in reference_speeds(affordances, action.longitudinal, ego, simulation):
-        if change is not None:
-            y_m, lateral_m_s, change = move(
-                y_m, change, speed, affordances.lane_width_m, ego, step_s
-            )
-        commands.append(Command(speed, y_m, lateral_m_s))
-    return Plan(commands, change)
+    y_m, n = affordances.ego_y_m, len(speeds)
+    if change is None:
+        return Plan([Command(speed, y_m, 0.0) for speed in speeds], None)
+    across_m, lateral_m_s, target_m = [y_m] * n, [0.0] * n, change.target * affordances.lane_width_m
+    heading_rad, over = set_lateral(
+        across_m,
+        lateral_m_s,
+        speeds,
+        target_m,
+        change.heading_rad,
+        affordances.lane_width_m,
+        ego,
+        simulation.step_length_s,
+    )
+    commands = [*map(Command, speeds, across_m, lateral_m_s)]
+    return Plan(commands, None if over else change._replace(heading_rad=heading_rad))
 
 
-def _kinematic(
-    y_m: float,
-    lane_change: LaneChange,
-    speed_m_s: float,
+def set_lateral(
+    y_m: Any,
+    lateral_speed_m_s: Any,
+    speed_m_s: Any,
+    target_m: float,
+    heading_rad: float,
     lane_width_m: float,
-    ego: EgoConfig,
+    ego: EgoConfig | EgoNumbers,
     step_s: float,
-) -> Sideways:
-    """Move the ego at one lane width per T_LC towards the target lane (eq. 5 of the paper)."""
-    target_m = lane_change.target * lane_width_m
+) -> tuple[float, bool]:
+    """Set the ego's lateral positions and speeds at the end of each SUMO step of a lane change.
+
+    The first three arguments are lists, or arrays of shape (steps,). ``y_m`` holds the present
+    position when the function begins. ``target_m`` is the centre of the target lane.
+
+    Returns:
+        The ego's heading, left positive, and whether the lane change has ended.
+    """
+    at_m, over = y_m[0], False
+    for step in range(len(y_m)):
+        speed, lateral_m_s = speed_m_s[step], 0.0
+        if not over and ego.has_steering:
+            at_m, heading_rad, over = steered(
+                at_m, heading_rad, target_m, speed, lane_width_m, ego, step_s
+            )
+            lateral_m_s = speed * math.tan(heading_rad)
+        elif not over:
+            at_m, lateral_m_s, over = shifted(at_m, target_m, lane_width_m, ego, step_s)
+        y_m[step], lateral_speed_m_s[step] = at_m, lateral_m_s
+    return heading_rad, over
+
+
+def shifted(
+    y_m: float, target_m: float, lane_width_m: float, ego: EgoConfig | EgoNumbers, step_s: float
+) -> tuple[float, float, bool]:
+    """Move the ego at one lane width per T_LC towards the target lane (eq. 5 of the paper).
+
+    Returns:
+        The lateral position and speed after a SUMO step, and whether the lane change has ended.
+    """
     rate_m_s = lane_width_m / ego.lane_change_duration_s
     stride_m = rate_m_s * step_s
     if abs(target_m - y_m) <= stride_m + 1e-6:
-        return Sideways(target_m, 0.0, None)
-    sign = lane_change.sign
-    return Sideways(y_m + sign * stride_m, sign * rate_m_s, lane_change)
+        return target_m, 0.0, True
+    sign = 1 if target_m > y_m else -1
+    return y_m + sign * stride_m, sign * rate_m_s, False
 
 
-def _steering(
+def steered(
     y_m: float,
-    lane_change: LaneChange,
+    heading_rad: float,
+    target_m: float,
     speed_m_s: float,
     lane_width_m: float,
-    ego: EgoConfig,
+    ego: EgoConfig | EgoNumbers,
     step_s: float,
-) -> Sideways:
-    """Steer the vehicle of Sec. III of the paper; once settled it is exactly at the centre."""
-    target_m, pose = lane_change.target * lane_width_m, Pose(y_m, lane_change.heading_rad)
-    pose = steer(pose, target_m, speed_m_s, step_s, lane_width_m, ego)
+) -> tuple[float, float, bool]:
+    """Steer the vehicle of Sec. III of the paper; once settled it is exactly at the centre.
+
+    Returns:
+        The lateral position and the heading after a SUMO step, and whether the lane change has
+        ended.
+    """
+    pose = steer(Pose(y_m, heading_rad), target_m, speed_m_s, step_s, lane_width_m, ego)
     if settled(pose, target_m, speed_m_s, lane_width_m, ego):
-        return Sideways(target_m, 0.0, None)
-    lateral_speed = speed_m_s * math.tan(pose.heading_rad)
-    return Sideways(pose.y_m, lateral_speed, lane_change._replace(heading_rad=pose.heading_rad))
+        return target_m, 0.0, True
+    return pose.y_m, pose.heading_rad, False
 
 
-_PLANTS = {"kinematic": _kinematic, "steering": _steering}
+def next_change(origin: int, target: int, lane: int, sign: int) -> tuple[int, int]:
+    """Return the lane change after a lateral action, as ``next_lane_change``, by its two lanes.
+
+    ``origin`` and ``target`` are equal if there is no lane change. ``sign`` is the direction of the
+    lateral action.
+    """
+    if origin == target:
+        return lane, lane + sign
+    if sign == origin - target:
+        return target, origin
+    return origin, target
+
+
+@compiled
+def plan_into(
+    values: FloatArray,
+    codes: IntArray,
+    action: int,
+    origin: int,
+    target: int,
+    heading_rad: float,
+    lane_width_m: float,
+    ego: EgoNumbers,
+    speed_m_s: FloatArray,
+    y_m: FloatArray,
+    lateral_speed_m_s: FloatArray,
+) -> tuple[int, int, float]:
+    """Compute the plan of a decision, as ``plan``, from the arrays of ``indicators``.
+
+    ``action`` is a number from 0 to 11; ``origin`` and ``target`` are the lanes of the lane change
+    in progress, equal if there is none. The function fills the last three arrays, shape (steps,):
+    the ego's speed, lateral position and lateral speed at the end of each SUMO step.
+
+    Returns:
+        The lanes of the lane change after the decision, equal if there is none, and its heading.
+    """
+    speed, ahead = values[24], codes[0] != NOBODY
+    gap_m, front_m_s = (values[0], speed + values[1]) if ahead else (np.inf, speed)
+    set_speeds(speed_m_s, speed, gap_m, front_m_s, action % 4, ego, ego.step_length_s)
+    origin, target = next_change(origin, target, codes[LANE], SIGNS[action // 4])
+    y_m[:], lateral_speed_m_s[:] = values[25], 0.0
+    if origin == target:
+        return origin, target, 0.0
+    target_m = target * lane_width_m
+    heading_rad, over = set_lateral(
+        y_m,
+        lateral_speed_m_s,
+        speed_m_s,
+        target_m,
+        heading_rad,
+        lane_width_m,
+        ego,
+        ego.step_length_s,
+    )
+    return (target, target, 0.0) if over else (origin, target, heading_rad)

@@ -21,7 +21,9 @@ curvature allows: at its beginning the cubic needs the curvature 6 W / L^2.
 import math
 from typing import NamedTuple
 
+from drl_av.compiled import squared
 from drl_av.config import EgoConfig
+from drl_av.driving.actions import EgoNumbers
 
 LEAST_LEFT = 0.1
 """Smallest value that the law uses for the remaining fraction 1 - s of a lane change (ours).
@@ -42,7 +44,7 @@ class Pose(NamedTuple):
     """e_psi: angle between the ego and the lane, left positive."""
 
 
-def curvature_limit(speed_m_s: float, heading_rad: float, ego: EgoConfig) -> float:
+def curvature_limit(speed_m_s: float, heading_rad: float, ego: EgoConfig | EgoNumbers) -> float:
     """Return the largest curvature that the ego can drive, 1/m.
 
     The steering limits it, and at high speed the largest lateral acceleration. ``speed_m_s`` is the
@@ -50,10 +52,10 @@ def curvature_limit(speed_m_s: float, heading_rad: float, ego: EgoConfig) -> flo
     """
     own_speed = speed_m_s / math.cos(heading_rad)
     limit, lateral = ego.max_curvature_per_m, ego.max_lateral_acceleration_m_s2
-    return limit if own_speed**2 * limit <= lateral else lateral / own_speed**2
+    return limit if squared(own_speed) * limit <= lateral else lateral / squared(own_speed)
 
 
-def lane_change_length(speed_m_s: float, lane_width_m: float, ego: EgoConfig) -> float:
+def lane_change_length(speed_m_s: float, lane_width_m: float, ego: EgoConfig | EgoNumbers) -> float:
     """Return L, the length of a whole lane change along the lane, metres.
 
     It is the larger of T_LC v_ex and the shortest length that the curvature limit allows.
@@ -68,7 +70,7 @@ def curvature_command(
     heading_rad: float,
     speed_m_s: float,
     lane_width_m: float,
-    ego: EgoConfig,
+    ego: EgoConfig | EgoNumbers,
 ) -> float:
     """Return the curvature command kappa_cmd, 1/m, left positive, within ``curvature_limit``.
 
@@ -78,9 +80,9 @@ def curvature_command(
     offset = min(abs(offset_m) / lane_width_m, 1.0)
     share_left = 0.5 + math.sin(math.asin(2 * offset - 1) / 3)
     left_m = max(share_left, LEAST_LEFT) * lane_change_length(speed_m_s, lane_width_m, ego)
-    bend = 6 * offset_m / left_m**2 - 4 * math.tan(heading_rad) / left_m
+    bend = 6 * offset_m / squared(left_m) - 4 * math.tan(heading_rad) / left_m
     limit = curvature_limit(speed_m_s, heading_rad, ego)
-    wanted = road_curvature_per_m + bend * math.cos(heading_rad) ** 3
+    wanted: float = road_curvature_per_m + bend * math.cos(heading_rad) ** 3.0
     return min(max(wanted, -limit), limit)
 
 
@@ -90,7 +92,7 @@ def steer(
     speed_m_s: float,
     duration_s: float,
     lane_width_m: float,
-    ego: EgoConfig,
+    ego: EgoConfig | EgoNumbers,
 ) -> Pose:
     """Return the ego's pose after it steers to the lane centre at ``target_m`` for ``duration_s``.
 
@@ -111,7 +113,7 @@ def steer(
 
 
 def settled(
-    pose: Pose, target_m: float, speed_m_s: float, lane_width_m: float, ego: EgoConfig
+    pose: Pose, target_m: float, speed_m_s: float, lane_width_m: float, ego: EgoConfig | EgoNumbers
 ) -> bool:
     """Whether the lane change has ended: the ego is near the lane's centre and parallel to it."""
     mean_slope = lane_width_m / lane_change_length(speed_m_s, lane_width_m, ego)

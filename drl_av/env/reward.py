@@ -6,15 +6,25 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.compiled import compiled, numbers, squared
 from drl_av.config import EgoConfig, RewardConfig, SafetyConfig
 from drl_av.driving.actions import Action
-from drl_av.driving.affordances import Affordances
+from drl_av.driving.affordances import (
+    CHANGES,
+    LANE,
+    NOBODY,
+    WITHIN,
+    Affordances,
+    IntArray,
+    has_lane,
+    slot_of,
+)
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
-from drl_av.road.road import LANE_CHANGE_DUE_M, MandatoryChange
+from drl_av.road.road import LANE_CHANGE_DUE_M, FloatArray
 from drl_av.road.snapshot import Collision
 from drl_av.safety.check import Rule
-from drl_av.safety.paper import lane_is_clear
+from drl_av.safety.paper import SafetyNumbers, is_clear
 
 
 class Desired(NamedTuple):
@@ -58,6 +68,26 @@ class Transition(NamedTuple):
     """The paper's reward: the mean of the three terms, or r_col after a collision."""
 
 
+class RewardNumbers(NamedTuple):
+    """The settings of the section ``reward`` as numbers, for compiled functions."""
+
+    desired_is_fixed: bool
+    desired_is_best_lane: bool
+    desired_speed_m_s: float
+    desired_lateral_m: float
+    collision_reward: float
+    safe_headway_s: float
+    catch_up_time_s: float
+    worthwhile_gain_m_s: float
+    speed_tolerance_m_s: float
+
+
+def reward_numbers(config: RewardConfig) -> RewardNumbers:
+    """Return the settings of the section ``reward`` as numbers."""
+    is_fixed, is_best = config.desired == "fixed", config.desired == "best-lane"
+    return numbers(RewardNumbers, config, desired_is_fixed=is_fixed, desired_is_best_lane=is_best)
+
+
 RewardFunction = Callable[[Transition], float]
 
 
@@ -75,19 +105,19 @@ def custom_reward(function: RewardFunction, transition: Transition) -> float:
 
 def speed_reward(speed_m_s: float, desired_m_s: float) -> float:
     """Return r_v (eq. 6 of the paper): 0 at the desired speed, and down to -1 far from it."""
-    return math.exp(-((speed_m_s - desired_m_s) ** 2) / 10) - 1
+    return math.exp(-squared(speed_m_s - desired_m_s) / 10) - 1
 
 
 def lateral_reward(lateral_m: float, desired_m: float) -> float:
     """Return r_y (eq. 7 of the paper): 0 at the desired position, and down to -1 far from it."""
-    return math.exp(-((lateral_m - desired_m) ** 2) / 10) - 1
+    return math.exp(-squared(lateral_m - desired_m) / 10) - 1
 
 
 def gap_reward(gap_m: float, safe_gap_m: float) -> float:
     """Return r_x (eq. 8 of the paper): 0 if the gap is at least d_safe, and down to -1 below."""
     if gap_m >= safe_gap_m:
         return 0.0
-    return math.exp(-((gap_m - safe_gap_m) ** 2) / (10 * safe_gap_m)) - 1
+    return math.exp(-squared(gap_m - safe_gap_m) / (10 * safe_gap_m)) - 1
 
 
 def speed_bonus(speed_m_s: float, ego: EgoConfig, weight: float) -> float:
@@ -101,23 +131,20 @@ def safe_gap(speed_m_s: float, headway_s: float, minimum_gap_m: float) -> float:
 
 
 def attainable_speed(
-    affordances: Affordances, sign: int, config: RewardConfig, minimum_gap_m: float
+    gap_m: float, leader_m_s: float, config: RewardConfig | RewardNumbers, minimum_gap_m: float
 ) -> float:
     """Return the speed that a lane allows now, m/s (ours).
 
-    ``sign`` selects the lane: the own (0), left (+1) or right (-1) lane. The speed is that of the
-    vehicle ahead in this lane, plus the closing speed that reduces the gap to d_safe within
-    ``catch_up_time_s``. It is at most ``desired_speed_m_s``, and equal to it if the lane is free.
+    It is the speed of the vehicle ahead in this lane, ``leader_m_s``, plus the closing speed that
+    reduces the gap to d_safe within ``catch_up_time_s``. It is at most ``desired_speed_m_s``.
     """
-    front = affordances.front(sign)
-    if front is None:
-        return config.desired_speed_m_s
-    leader_m_s = affordances.ego_speed_m_s + front.relative_speed_m_s
-    spare_m = front.gap_m - safe_gap(leader_m_s, config.safe_headway_s, minimum_gap_m)
+    spare_m = gap_m - safe_gap(leader_m_s, config.safe_headway_s, minimum_gap_m)
     return min(config.desired_speed_m_s, leader_m_s + max(0.0, spare_m) / config.catch_up_time_s)
 
 
-def tolerated_speed(speed_m_s: float, attainable_m_s: float, config: RewardConfig) -> float:
+def tolerated_speed(
+    speed_m_s: float, attainable_m_s: float, config: RewardConfig | RewardNumbers
+) -> float:
     """Return v_des, m/s: the attainable speed of the lane, with a tolerance (ours).
 
     Behind another vehicle the ego's speed may deviate from the attainable speed by
@@ -148,43 +175,85 @@ def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig
     speed of the next lane in their direction, or of the ego's lane if the next lane has not begun
     yet.
     """
-    if config.desired == "fixed":
-        return Desired(config.desired_speed_m_s, config.desired_lateral_m)
-    lanes, side = due_changes(affordances.mandatory), affordances.mandatory.side
-    next_lane = side if lanes and affordances.has_lane(side) else 0
-    speed_m_s = attainable_speed(affordances, next_lane, config, safety.minimum_gap_m)
-    if not lanes:
-        lanes = faster_side(affordances, speed_m_s, config, safety)
-        if config.desired == "best-lane":
-            speed_m_s = best_speed(affordances, config, safety.minimum_gap_m)
-    return Desired(
-        tolerated_speed(affordances.ego_speed_m_s, speed_m_s, config),
-        affordances.lane_center_m + lanes * affordances.lane_width_m,
-    )
+    values, codes, _ = affordances.arrays()
+    given = reward_numbers(config), numbers(SafetyNumbers, safety)
+    return Desired(*desired_values(values, codes, affordances.lane_width_m, *given))
 
 
-def best_speed(affordances: Affordances, config: RewardConfig, minimum_gap_m: float) -> float:
-    """Return the highest ``attainable_speed`` of the ego's lane and those beside it, m/s (ours).
+@compiled
+def desired_values(
+    values: FloatArray,
+    codes: IntArray,
+    lane_width_m: float,
+    config: RewardNumbers,
+    safety: SafetyNumbers,
+) -> tuple[float, float]:
+    """Return the fields of ``desired`` from the arrays that ``indicators`` has filled."""
+    if config.desired_is_fixed:
+        return config.desired_speed_m_s, config.desired_lateral_m
+    changes = codes[CHANGES]
+    lanes = due_changes(changes, values[WITHIN])
+    next_lane = np.sign(changes) if lanes != 0 and has_lane(codes, np.sign(changes)) else 0
+    speed_m_s = lane_speed(values, codes, next_lane, config, safety)
+    if lanes == 0:
+        lanes = faster_side(values, codes, lane_width_m, speed_m_s, config, safety)
+        if config.desired_is_best_lane:
+            speed_m_s = best_speed(values, codes, config, safety)
+    y_m = codes[LANE] * lane_width_m + lanes * lane_width_m
+    return tolerated_speed(values[24], speed_m_s, config), y_m
+
+
+def lane_speed(
+    values: FloatArray,
+    codes: IntArray,
+    sign: int,
+    config: RewardNumbers,
+    safety: SafetyNumbers,
+) -> float:
+    """Return the ``attainable_speed`` of the own (0), left (+1) or right (-1) lane, m/s.
+
+    It is ``desired_speed_m_s`` if the lane is free.
+    """
+    slot = slot_of(sign)
+    if codes[slot] == NOBODY:
+        return config.desired_speed_m_s
+    leader_m_s = values[24] + values[4 * slot + 1]
+    return attainable_speed(values[4 * slot], leader_m_s, config, safety.minimum_gap_m)
+
+
+def best_speed(
+    values: FloatArray, codes: IntArray, config: RewardNumbers, safety: SafetyNumbers
+) -> float:
+    """Return the highest ``lane_speed`` of the ego's lane and those beside it, m/s (ours).
 
     Whether rule 3 permits a lane change now does not matter.
     """
-    sides = [0, *(side for side in (1, -1) if affordances.has_lane(side))]
-    return max(attainable_speed(affordances, side, config, minimum_gap_m) for side in sides)
+    best = lane_speed(values, codes, 0, config, safety)
+    for side in (1, -1):
+        if has_lane(codes, side):
+            best = max(best, lane_speed(values, codes, side, config, safety))
+    return best
 
 
-def due_changes(mandatory: MandatoryChange) -> int:
+def due_changes(changes: int, within_m: float) -> int:
     """Return how many of the mandatory lane changes are due now, left positive (ours).
 
-    A lane change is due if it cannot be postponed, assuming that each takes ``LANE_CHANGE_DUE_M``.
+    The arguments are the fields of ``MandatoryChange``. A lane change is due if it cannot be
+    postponed, assuming that each takes ``LANE_CHANGE_DUE_M``.
     """
-    if not mandatory.lanes:
+    if changes == 0:
         return 0
-    later = int(mandatory.within_m // LANE_CHANGE_DUE_M)
-    return mandatory.side * max(abs(mandatory.lanes) - later, 0)
+    due = max(abs(changes) - int(within_m // LANE_CHANGE_DUE_M), 0)
+    return due if changes > 0 else -due
 
 
 def faster_side(
-    affordances: Affordances, own_m_s: float, config: RewardConfig, safety: SafetyConfig
+    values: FloatArray,
+    codes: IntArray,
+    lane_width_m: float,
+    own_m_s: float,
+    config: RewardNumbers,
+    safety: SafetyNumbers,
 ) -> int:
     """Return which lane is the best: +1 the left lane, -1 the right lane, 0 the ego's own (ours).
 
@@ -193,11 +262,11 @@ def faster_side(
     are equally good, the lane nearer to the ego's centre is the best.
     """
     best, sign = own_m_s + config.worthwhile_gain_m_s, 0
-    nearer = 1 if affordances.ego_y_m >= affordances.lane_center_m else -1
+    nearer = 1 if values[25] >= codes[LANE] * lane_width_m else -1
     for side in (nearer, -nearer):
-        if affordances.has_lane(side):
-            there = attainable_speed(affordances, side, config, safety.minimum_gap_m)
-            if there > best and lane_is_clear(affordances, affordances.lane + side, safety):
+        if has_lane(codes, side):
+            there = lane_speed(values, codes, side, config, safety)
+            if there > best and is_clear(values, codes, side, safety):
                 best, sign = there, side
     return sign
 
@@ -207,9 +276,37 @@ def rewards(
 ) -> Rewards:
     """Return the three reward terms of a scene; r_x uses the vehicle ahead in the own lane."""
     front = affordances.own_front
-    safe_gap_m = safe_gap(affordances.ego_speed_m_s, config.safe_headway_s, minimum_gap_m)
-    return Rewards(
-        speed_reward(affordances.ego_speed_m_s, target.speed_m_s),
-        lateral_reward(affordances.ego_y_m, target.lateral_m),
-        0.0 if front is None else gap_reward(front.gap_m, safe_gap_m),
+    gap_m = math.inf if front is None else front.gap_m
+    state = affordances.ego_speed_m_s, affordances.ego_y_m, gap_m
+    return Rewards(*terms(*state, *target, config, minimum_gap_m))
+
+
+def terms(
+    speed_m_s: float,
+    y_m: float,
+    gap_m: float,
+    desired_m_s: float,
+    desired_m: float,
+    config: RewardConfig | RewardNumbers,
+    minimum_gap_m: float,
+) -> tuple[float, float, float]:
+    """Return the fields of ``Rewards``; ``gap_m`` is inf without a vehicle ahead."""
+    return (
+        speed_reward(speed_m_s, desired_m_s),
+        lateral_reward(y_m, desired_m),
+        gap_reward(gap_m, safe_gap(speed_m_s, config.safe_headway_s, minimum_gap_m)),
     )
+
+
+@compiled
+def reward_terms(
+    values: FloatArray,
+    codes: IntArray,
+    lane_width_m: float,
+    config: RewardNumbers,
+    safety: SafetyNumbers,
+) -> tuple[float, float, float]:
+    """Return the fields of ``Rewards`` in a scene, from the arrays that ``indicators`` fills."""
+    speed_m_s, y_m = desired_values(values, codes, lane_width_m, config, safety)
+    gap_m = np.inf if codes[0] == NOBODY else values[0]
+    return terms(values[24], values[25], gap_m, speed_m_s, y_m, config, safety.minimum_gap_m)

@@ -57,6 +57,11 @@ class Snapshot(NamedTuple):
     sumo_lane_change: int = 0
     """The lane change that SUMO's model would make with the ego: +1 left, -1 right, 0 none."""
 
+    @property
+    def arrays(self) -> tuple[FloatArray, ...]:
+        """The six arrays, from ``s_m`` to ``width_m``, as the compiled functions take them."""
+        return self[2:8]
+
 
 class TrafficCommand(NamedTuple):
     """The decision of our background driver for one vehicle, valid until the next decision."""

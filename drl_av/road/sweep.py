@@ -12,13 +12,18 @@ from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple
 
-from drl_av.road.road import Road
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.compiled import compiled
+from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import EGO, Collision, CollisionKind, Command, Snapshot
 
+IntArray = npt.NDArray[np.int64]
 BACKWARD_M = 1.0
 """Largest backward movement that counts as the rounding error of a standing vehicle, metres."""
 ACCELERATION_M_S2, LATERAL_SPEED_M_S = 10.0, 1.5
-"""Upper bounds of each vehicle's acceleration and lateral speed for ``Bodies.within_reach``."""
+"""Upper bounds of each vehicle's acceleration and lateral speed, for ``within_reach``."""
 
 Displacement = tuple[float, float, float, float]
 """The motion of a body's centre in one SUMO step, (s, y, forward, left), metres.
@@ -45,7 +50,14 @@ def displacement(
     The function assumes that the body moves backward by at most ``BACKWARD_M``, or forward by less
     than ``road.lap_m - BACKWARD_M``.
     """
-    forward_m = (to_s_m - from_s_m + BACKWARD_M) % road.lap_m - BACKWARD_M
+    return moved(from_s_m, from_y_m, to_s_m, to_y_m, road.lap_m)
+
+
+def moved(
+    from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, lap_m: float
+) -> Displacement:
+    """Return ``displacement`` on a road with this length of a lap."""
+    forward_m = (to_s_m - from_s_m + BACKWARD_M) % lap_m - BACKWARD_M
     return from_s_m, from_y_m, forward_m, to_y_m - from_y_m
 
 
@@ -59,43 +71,133 @@ def first_contact(
     slower one from behind. Otherwise they touch side by side: the ego hits the other body if the
     ego moves sideways towards it, and is hit if it does not.
     """
+    time, kind = contact(ego, other, length_m, width_m, road.lap_m)
+    return None if kind == NO_CONTACT else Contact(time, KINDS[kind])
+
+
+KINDS = tuple(CollisionKind)
+HIT_AHEAD, HIT_BESIDE, HIT_EDGE, HIT_FROM_BEHIND, HIT_FROM_BESIDE = range(len(KINDS))
+NO_CONTACT = -1
+"""The numbers of the kinds of collision, and of none, for compiled functions."""
+
+
+def contact(
+    ego: Displacement, other: Displacement, length_m: float, width_m: float, lap_m: float
+) -> tuple[float, int]:
+    """Return the fields of ``first_contact``, with the number of the kind or ``NO_CONTACT``."""
     left_m, moved_m = other[1] - ego[1], other[3] - ego[3]
-    if _stays_apart(left_m, moved_m, width_m):
-        return None
+    if stays_apart(left_m, moved_m, width_m):
+        return 1.0, NO_CONTACT
     ahead_m, faster_m = other[0] - ego[0], other[2] - ego[2]
     if faster_m < 0.0:  # on a loop the ego approaches the other body from behind
-        ahead_m = (ahead_m + length_m) % road.lap_m - length_m
+        ahead_m = (ahead_m + length_m) % lap_m - length_m
     else:
-        ahead_m = length_m - (length_m - ahead_m) % road.lap_m
-    if _stays_apart(ahead_m, faster_m, length_m):
-        return None
-    across, cleared = _overlap(left_m, moved_m, width_m)
-    along, parted = _overlap(ahead_m, faster_m, length_m)
+        ahead_m = length_m - (length_m - ahead_m) % lap_m
+    if stays_apart(ahead_m, faster_m, length_m):
+        return 1.0, NO_CONTACT
+    across, cleared = overlap(left_m, moved_m, width_m)
+    along, parted = overlap(ahead_m, faster_m, length_m)
     time = max(along, across, 0.0)
     if time >= min(parted, cleared, 1.0):
-        return None
+        return 1.0, NO_CONTACT
     if across > along:
-        moved_in = ego[3] * left_m > 0.0
-        kind = CollisionKind.HIT_BESIDE if moved_in else CollisionKind.HIT_FROM_BESIDE
-    else:
-        came_upon = faster_m < 0.0 or (faster_m == 0.0 and ahead_m >= 0.0)
-        kind = CollisionKind.HIT_AHEAD if came_upon else CollisionKind.HIT_FROM_BEHIND
-    return Contact(time, kind)
+        return time, HIT_BESIDE if ego[3] * left_m > 0.0 else HIT_FROM_BESIDE
+    came_upon = faster_m < 0.0 or (faster_m == 0.0 and ahead_m >= 0.0)
+    return time, HIT_AHEAD if came_upon else HIT_FROM_BEHIND
 
 
-def _stays_apart(distance_m: float, moved_m: float, size_m: float) -> bool:
+def stays_apart(distance_m: float, moved_m: float, size_m: float) -> bool:
     """Return whether a distance that changes by ``moved_m`` stays beyond ``size_m`` on one side."""
     if distance_m < 0.0:
         distance_m, moved_m = -distance_m, -moved_m
     return distance_m >= size_m and distance_m + moved_m >= size_m
 
 
-def _overlap(distance_m: float, moved_m: float, size_m: float) -> tuple[float, float]:
+def overlap(distance_m: float, moved_m: float, size_m: float) -> tuple[float, float]:
     """Return (start, end), in fractions of the step, in which the distance is below ``size_m``."""
     if moved_m == 0.0:
         return (-math.inf, math.inf) if abs(distance_m) < size_m else (math.inf, math.inf)
     edge_m = math.copysign(size_m, moved_m)
     return (-edge_m - distance_m) / moved_m, (edge_m - distance_m) / moved_m
+
+
+@compiled
+def swept_collision(
+    from_s_m: FloatArray,
+    from_y_m: FloatArray,
+    to_s_m: FloatArray,
+    to_y_m: FloatArray,
+    length_m: FloatArray,
+    width_m: FloatArray,
+    lap_m: float,
+) -> tuple[int, int, float]:
+    """Return the first collision of the ego, row 0, in a SUMO step.
+
+    The arrays have shape (1 + N,): the positions of all bodies before and after the step, and their
+    sizes.
+
+    Returns:
+        The row of the other body, the number of the kind of collision (an index of ``KINDS``), and
+        the fraction of the step until the contact; 0, ``NO_CONTACT`` and 1 without a collision.
+    """
+    first, row, kind = 1.0, 0, NO_CONTACT
+    ego = moved(from_s_m[0], from_y_m[0], to_s_m[0], to_y_m[0], lap_m)
+    for other in range(1, len(from_s_m)):
+        its_length_m = (length_m[0] + length_m[other]) / 2
+        its_width_m = (width_m[0] + width_m[other]) / 2
+        left_m = from_y_m[other] - from_y_m[0]
+        if stays_apart(left_m, to_y_m[other] - from_y_m[other] - ego[3], its_width_m):
+            continue
+        its = moved(from_s_m[other], from_y_m[other], to_s_m[other], to_y_m[other], lap_m)
+        time, found = contact(ego, its, its_length_m, its_width_m, lap_m)
+        if found != NO_CONTACT and time < first:
+            first, row, kind = time, other, found
+    return row, kind, first
+
+
+@compiled
+def rows_within_reach(
+    s_m: FloatArray,
+    y_m: FloatArray,
+    speed_m_s: FloatArray,
+    command_speed_m_s: FloatArray,
+    command_y_m: FloatArray,
+    largest_m: tuple[float, float],
+    lateral_speed_m_s: float,
+    lap_m: float,
+    step_s: float,
+    rows: IntArray,
+) -> int:
+    """Find the vehicles that can touch the ego during its commands, as ``within_reach``.
+
+    The first three arrays, shape (1 + N,), hold each vehicle's state before the first command. The
+    next two, shape (steps,), hold the ego's speed and lateral position after each command.
+    ``largest_m`` is the largest length and width of a vehicle. The function fills the first
+    elements of ``rows``, shape (N,) or longer, with row indices in ascending order.
+
+    Returns:
+        The number of rows.
+    """
+    steps, count = len(command_speed_m_s), 0
+    time_s, length_m = step_s * steps, largest_m[0]
+    aside_m = largest_m[1] + lateral_speed_m_s * time_s
+    lowest_m = highest_m = y_m[0]
+    rolled_m = 0.0
+    for step in range(steps):
+        rolled_m += step_s * command_speed_m_s[step]
+        lowest_m = min(lowest_m, command_y_m[step])
+        highest_m = max(highest_m, command_y_m[step])
+    right_m, left_m = lowest_m - aside_m, highest_m + aside_m
+    gained_m = ACCELERATION_M_S2 * time_s * (time_s + step_s) / 2 - rolled_m
+    for row in range(1, len(s_m)):
+        if right_m < y_m[row] < left_m:
+            closer_m = speed_m_s[row] * time_s + gained_m
+            behind_m = length_m + closer_m if closer_m > 0.0 else length_m
+            ahead_m = (s_m[row] - s_m[0] + behind_m) % lap_m
+            if ahead_m < behind_m + length_m + rolled_m:
+                rows[count] = row
+                count += 1
+    return count
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """The safety checks: creation of the check that a config names, and the action mask."""
 
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +13,8 @@ from drl_av.errors import ConfigError
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import AS_WRITTEN, VehicleTypes
 from drl_av.safety.assumptions import ROAD_AS_WRITTEN, require_assumptions
-from drl_av.safety.check import SafetyCheck, permit_all, permits
-from drl_av.safety.paper import paper
+from drl_av.safety.check import SafetyCheck, WholeCheck, permit_all, permits
+from drl_av.safety.paper import Paper
 from drl_av.safety.strict import Strict
 
 
@@ -28,7 +27,7 @@ def _strict(config: Config, vehicle_types: VehicleTypes, road: Road) -> SafetyCh
 
 CHECKS: dict[str, Callable[[Config, VehicleTypes, Road], SafetyCheck]] = {
     "permit_all": lambda config, vehicle_types, road: permit_all,
-    "paper": lambda config, vehicle_types, road: partial(paper, config=config.safety),
+    "paper": lambda config, vehicle_types, road: Paper(config.safety),
     "strict": _strict,
 }
 """The function that creates each safety check, by name.
@@ -69,10 +68,16 @@ ActionMask = npt.NDArray[np.int8]
 """Shape (12,); 1 for each action that the safety check permits, else 0."""
 
 
+NUMBERS = np.arange(len(ACTIONS))
+
+
 def action_mask(check: SafetyCheck, scene: Scene) -> ActionMask:
     """Return 1 for each action that the check permits as proposed, else 0; shape (12,), int8.
 
     The argument ``mask`` of ``gymnasium.spaces.Discrete.sample`` accepts it. All entries are 0 if
     the check replaces every action.
     """
+    if isinstance(check, WholeCheck):
+        mask: ActionMask = (check.verdicts(scene).executed == NUMBERS).astype(np.int8)
+        return mask
     return np.array([permits(check, scene, action) for action in ACTIONS], np.int8)

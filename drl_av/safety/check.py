@@ -1,9 +1,13 @@
 """The interface of a safety check, a function from a scene and a proposed action to a verdict."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from enum import Flag, auto
 from functools import cache
 from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
 
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
@@ -35,6 +39,38 @@ class Verdict(NamedTuple):
 
     action: Action
     rule: Rule
+
+
+RULES = tuple(map(Rule, range(8)))
+"""Each combination of rules, by its number."""
+IN_LANE, OFF_ROAD, LANE_CHANGE = (rule.value for rule in Rule)
+"""The numbers of the three rules, for compiled functions."""
+
+
+class Verdicts(NamedTuple):
+    """The verdicts on all 12 actions in a scene, by the number of the proposed action."""
+
+    executed: npt.NDArray[np.int64]
+    """Shape (12,): the number of the action that the ego executes."""
+    rules: npt.NDArray[np.int64]
+    """Shape (12,): the rules that replaced the proposed action, an index of ``RULES``."""
+
+    def of(self, proposed: Action) -> Verdict:
+        """Return the verdict on one action."""
+        number = proposed.number
+        return Verdict(ACTIONS[self.executed[number]], RULES[self.rules[number]])
+
+
+class WholeCheck(ABC):
+    """A check that judges all 12 actions of a scene at once."""
+
+    @abstractmethod
+    def verdicts(self, scene: Scene) -> Verdicts:
+        """Return the verdicts on all actions."""
+
+    def __call__(self, scene: Scene, proposed: Action) -> Verdict:
+        """Return the verdict on one action."""
+        return self.verdicts(scene).of(proposed)
 
 
 SafetyCheck = Callable[[Scene, Action], Verdict]

@@ -3,12 +3,40 @@
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from drl_av.compiled import compiled, numbers
 from drl_av.config import SafetyConfig
-from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
-from drl_av.driving.affordances import Affordances, Neighbor
-from drl_av.driving.maneuver import next_lane_change
+from drl_av.driving.actions import (
+    ACCELERATE,
+    BRAKE,
+    HARD_BRAKE,
+    KEEP,
+    LEFT,
+    MAINTAIN,
+    RIGHT,
+    SIGNS,
+    Action,
+    Longitudinal,
+)
+from drl_av.driving.affordances import LANE, NOBODY, IntArray, Neighbor, has_lane, slot_of
+from drl_av.driving.maneuver import next_change
 from drl_av.driving.scene import Scene
-from drl_av.safety.check import Rule, Verdict
+from drl_av.road.road import FloatArray
+from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdict, Verdicts, WholeCheck
+
+
+class SafetyNumbers(NamedTuple):
+    """The settings of the section ``safety`` that are numbers, for compiled functions."""
+
+    minimum_ttc_s: float
+    minimum_gap_m: float
+    hard_brake_ttc_s: float
+    brake_ttc_s: float
+    accelerate_ttc_s: float
+    printed_rule_1: bool
+    printed_rule_3: bool
+    printed_idm: bool
 
 
 def closing_speed(front: Neighbor) -> float:
@@ -31,11 +59,7 @@ class Approach(NamedTuple):
     closing_m_s: Any
 
 
-ABSENT = Approach(math.inf, 0.0)
-"""The approach of a vehicle that does not exist."""
-
-
-def gap_condition(gap_m: Any, closing_m_s: Any, config: SafetyConfig) -> Any:
+def gap_condition(gap_m: Any, closing_m_s: Any, config: SafetyConfig | SafetyNumbers) -> Any:
     """Whether eq. 2 of the paper holds: gap_m - T_min * closing_m_s > d_TVmin.
 
     ``closing_m_s`` is positive if the gap shrinks. Works elementwise on arrays.
@@ -63,11 +87,28 @@ def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
 
     ``ttc_s`` is the time to collision with the vehicle ahead.
     """
+    return Longitudinal(safe_number(ttc_s, config))
+
+
+def safe_number(ttc_s: float, config: SafetyConfig | SafetyNumbers) -> int:
+    """Return the number of ``safe_action``."""
     if ttc_s <= config.hard_brake_ttc_s:
-        return Longitudinal.HARD_BRAKE
-    if ttc_s <= config.brake_ttc_s:
-        return Longitudinal.BRAKE
-    return Longitudinal.MAINTAIN
+        return HARD_BRAKE
+    return BRAKE if ttc_s <= config.brake_ttc_s else MAINTAIN
+
+
+class Paper(WholeCheck):
+    """The three rules of Sec. III as a safety check; ``paper`` describes them."""
+
+    def __init__(self, config: SafetyConfig) -> None:
+        self._config = numbers(SafetyNumbers, config)
+
+    def verdicts(self, scene: Scene) -> Verdicts:
+        """Return the verdicts of the three rules on all 12 actions."""
+        found = Verdicts(np.empty(12, np.int64), np.empty(12, np.int64))
+        values, codes, _ = scene.indicators
+        paper_verdicts(values, codes, *scene.lanes, self._config, *found)
+        return found
 
 
 def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
@@ -78,62 +119,87 @@ def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
     ego neither to continue nor to abort a lane change, the ego moves to the lane that contains its
     centre. The settings ``printed_rule_1`` and ``printed_rule_3`` apply the rules as printed.
     """
-    longitudinal, in_lane = _checked_longitudinal(scene, proposed.longitudinal, config)
-    lateral, across = _checked_lateral(scene, proposed.lateral, config)
-    rule = in_lane | across if across and in_lane else in_lane or across
-    return Verdict(Action(lateral, longitudinal), rule)
+    return Paper(config)(scene, proposed)
 
 
-def _checked_longitudinal(
-    scene: Scene, proposed: Longitudinal, config: SafetyConfig
-) -> tuple[Longitudinal, Rule]:
-    """Return the longitudinal action after rule 1 (eq. 2 and 3), and the rule that replaced it."""
-    front = scene.affordances.own_front
-    if front is None or front.relative_speed_m_s >= 0:
-        return proposed, Rule.NONE
-    closing = closing_speed(front)
-    if gap_condition(front.gap_m, closing, config):
-        return proposed, Rule.NONE
-    safe = safe_action(time_to_collision(front.gap_m, closing), config)
-    brakes_enough = proposed != Longitudinal.ACCELERATE and proposed >= safe
-    if proposed == safe or (brakes_enough and not config.printed_rule_1):
-        return proposed, Rule.NONE
-    return safe, Rule.IN_LANE
+@compiled
+def paper_verdicts(
+    values: FloatArray,
+    codes: IntArray,
+    origin: int,
+    target: int,
+    safety: SafetyNumbers,
+    executed: IntArray,
+    rules: IntArray,
+) -> None:
+    """Compute the verdicts of ``paper`` on all 12 actions of one scene.
 
-
-def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> tuple[Lateral, Rule]:
-    """Return the lateral action after rules 2 and 3, and the rule that replaced it."""
-    affordances = scene.affordances
-    wanted = next_lane_change(scene.lane_change, affordances.lane, proposed)
-    if wanted is None:
-        return proposed, Rule.NONE
-    if not affordances.has_lane(wanted.target - affordances.lane):
-        instead = Lateral.KEEP if scene.lane_change is None else toward(-wanted.sign)
-        return instead, Rule.OFF_ROAD
-    if lane_is_clear(affordances, wanted.target, config):
-        return proposed, Rule.NONE
-    if scene.lane_change is None:
-        return Lateral.KEEP, Rule.LANE_CHANGE
-    goes_back = (
-        config.printed_rule_3
-        or lane_is_clear(affordances, wanted.origin, config)
-        or wanted.origin == affordances.lane
-    )
-    return (toward(-wanted.sign), Rule.LANE_CHANGE) if goes_back else (proposed, Rule.NONE)
-
-
-def lane_is_clear(affordances: Affordances, lane: int, config: SafetyConfig) -> bool:
-    """Whether rule 3 of the paper permits a lane change to the lane with this index.
-
-    Eq. 2 must hold for the vehicle ahead in the ego's lane, and for those ahead and behind in
-    ``lane``.
+    ``values`` and ``codes`` are those of ``indicators``. ``origin`` and ``target`` are the lanes of
+    the lane change in progress, equal if there is none. The function fills the fields of
+    ``Verdicts``, ``executed`` and ``rules``.
     """
-    sign = lane - affordances.lane
-    own_front, front, rear = affordances.own_front, affordances.front(sign), affordances.rear(sign)
-    safe: bool = lane_change_is_safe(
-        ABSENT if own_front is None else Approach(own_front.gap_m, closing_speed(own_front)),
-        ABSENT if front is None else Approach(front.gap_m, closing_speed(front)),
-        ABSENT if rear is None else Approach(rear.gap_m, rear.relative_speed_m_s),
-        config,
-    )
+    for lateral in range(3):
+        across, rule = checked_lateral(values, codes, origin, target, lateral, safety)
+        for longitudinal in range(4):
+            along = checked_longitudinal(values, codes, longitudinal, safety)
+            executed[4 * lateral + longitudinal] = 4 * across + along
+            rules[4 * lateral + longitudinal] = rule | (IN_LANE * (along != longitudinal))
+
+
+def checked_longitudinal(
+    values: FloatArray, codes: IntArray, proposed: int, safety: SafetyNumbers
+) -> int:
+    """Return the longitudinal action after rule 1 (eq. 2 and 3)."""
+    gap_m, closing_m_s = values[0], -values[1]
+    if codes[0] == NOBODY or closing_m_s <= 0 or gap_condition(gap_m, closing_m_s, safety):
+        return proposed
+    safe = safe_number(time_to_collision(gap_m, closing_m_s), safety)
+    if proposed != ACCELERATE and proposed >= safe and not safety.printed_rule_1:
+        return proposed  # brakes enough
     return safe
+
+
+def checked_lateral(
+    values: FloatArray,
+    codes: IntArray,
+    origin: int,
+    target: int,
+    proposed: int,
+    safety: SafetyNumbers,
+) -> tuple[int, int]:
+    """Return the lateral action after rules 2 and 3, and the rule that replaced it."""
+    still = origin == target
+    start, end = next_change(origin, target, codes[LANE], SIGNS[proposed])
+    if start == end:
+        return proposed, 0
+    back = KEEP if still else RIGHT if end > start else LEFT
+    if not has_lane(codes, end - codes[LANE]):
+        return back, OFF_ROAD
+    if is_clear(values, codes, end - codes[LANE], safety):
+        return proposed, 0
+    goes_back = (
+        still
+        or safety.printed_rule_3
+        or is_clear(values, codes, start - codes[LANE], safety)
+        or start == codes[LANE]
+    )
+    return (back, LANE_CHANGE) if goes_back else (proposed, 0)
+
+
+def is_clear(values: FloatArray, codes: IntArray, sign: int, safety: SafetyNumbers) -> bool:
+    """Whether rule 3 of the paper permits to be in the own (0), left (+1) or right (-1) lane.
+
+    Eq. 2 must hold for the vehicle ahead in the ego's lane, and for those ahead and behind in the
+    other lane.
+    """
+    front = slot_of(sign)
+    return (
+        (codes[0] == NOBODY or gap_condition(values[0], -values[1], safety))
+        and (codes[front] == NOBODY or clear_of(values, front, -1, safety))
+        and (codes[front + 1] == NOBODY or clear_of(values, front + 1, 1, safety))
+    )
+
+
+def clear_of(values: FloatArray, slot: int, direction: int, safety: SafetyNumbers) -> bool:
+    """Whether eq. 2 holds for the neighbour in a slot; ``direction`` is -1 ahead, +1 behind."""
+    return bool(gap_condition(values[4 * slot], direction * values[4 * slot + 1], safety))

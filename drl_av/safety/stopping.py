@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from drl_av.config import EgoConfig, SimulationConfig, StrictConfig
+from drl_av.driving.actions import EgoNumbers
 
 Number = Any
 """A float, or an array of floats."""
@@ -47,8 +48,8 @@ def travel(
 def reach(
     speed_m_s: Number,
     acceleration_m_s2: Number,
-    ego: EgoConfig,
-    sim: SimulationConfig,
+    ego: EgoConfig | EgoNumbers,
+    sim: SimulationConfig | EgoNumbers,
 ) -> Number:
     """Return the distance that an ego covers in one decision and the hard braking after it, metres.
 
@@ -59,20 +60,6 @@ def reach(
         speed_m_s, acceleration_m_s2, sim.steps_per_decision, step_s, ego.max_speed_m_s
     )
     return distance_m + stopping_distance(speed, ego.hard_brake_m_s2, step_s)
-
-
-def covered(
-    speed_m_s: Number, acceleration_m_s2: Number, ego: EgoConfig, sim: SimulationConfig
-) -> list[Number]:
-    """Return the distance that the ego has covered after each SUMO step of a decision, metres.
-
-    The acceleration is constant, but the speed stays within [0, max_speed_m_s].
-    """
-    most, step_s = ego.max_speed_m_s, sim.step_length_s
-    return [
-        travel(speed_m_s, acceleration_m_s2, steps, step_s, most)[0]
-        for steps in range(1, sim.steps_per_decision + 1)
-    ]
 
 
 def cut_in_gap(

@@ -93,72 +93,224 @@ from typing import Any
 
 import numpy as np
 
+from drl_av.compiled import compiled, numbers
 from drl_av.config import EgoConfig, SimulationConfig, StrictConfig
-from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
-from drl_av.driving.maneuver import next_lane_change
-from drl_av.driving.scene import LaneChange, Scene
+from drl_av.driving.actions import (
+    ACCELERATE,
+    BRAKE,
+    HARD_BRAKE,
+    KEEP,
+    LEFT,
+    MAINTAIN,
+    RIGHT,
+    SIGNS,
+    EgoNumbers,
+    acceleration_of,
+    ego_numbers,
+)
+from drl_av.driving.affordances import LANE, IntArray, has_lane
+from drl_av.driving.maneuver import next_change
+from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
+from drl_av.road.road import FloatArray
 from drl_av.road.snapshot import EGO
 from drl_av.safety.assumptions import FALLBACK_CHECK
-from drl_av.safety.check import Rule, Verdict
+from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdicts, WholeCheck
 from drl_av.safety.reachability import (
     LINE_M,
     ON_LINE_M,
-    Others,
+    StrictNumbers,
     lanes_under,
     lateral_extent,
     must_stay_behind,
-    overlaps_laterally,
     stays_behind,
     stopping_limit,
-    with_barriers,
 )
-from drl_av.safety.stopping import covered, reach
+from drl_av.safety.stopping import reach, travel
 
-ORDER = (
-    Longitudinal.ACCELERATE,
-    Longitudinal.MAINTAIN,
-    Longitudinal.BRAKE,
-    Longitudinal.HARD_BRAKE,
-)
+ORDER = (ACCELERATE, MAINTAIN, BRAKE, HARD_BRAKE)
+"""The longitudinal actions, the fastest first."""
 ROUNDING = 1e-6
 """Largest rounding error of a computed number of SUMO steps."""
 
 
-def seconds_to_line(
-    distance_m: Any, lane_width_m: float, ego: EgoConfig, sim: SimulationConfig
-) -> Any:
-    """Return the time, seconds, until the ego's body is over a line (a lane marking) beside it.
+class Strict(WholeCheck):
+    """The check ``strict`` of this module; it raises ConfigError without the kinematic plant."""
 
-    ``distance_m`` is the distance from the nearer side of the body to the line, a number or an
-    array; it is negative if that side is already beyond the line. The body is over the line when
-    its side is more than ``LINE_M`` beyond it. The ego moves sideways at the speed of a lane
-    change. The time is rounded up to whole SUMO steps. It is 0 if the body is already over the
-    line, and also if it does not get there within this decision.
+    def __init__(self, strict: StrictConfig, ego: EgoConfig, simulation: SimulationConfig) -> None:
+        if ego.has_steering:
+            raise ConfigError(
+                f"ego.lateral_plant is {ego.lateral_plant!r}, but the check strict holds for "
+                f"'kinematic' only (the lemma corridor): take that, or {FALLBACK_CHECK}."
+            )
+        self._strict, self._ego = numbers(StrictNumbers, strict), ego_numbers(ego, simulation)
+
+    def verdicts(self, scene: Scene) -> Verdicts:
+        """Return the verdicts on all 12 actions.
+
+        Of the proposed and all slower longitudinal actions, the ego executes the fastest one that
+        keeps the fallback maneuver free, or else hard brake. If the check does not permit the
+        proposed lateral action together with it, the ego executes that of the fallback maneuver.
+        """
+        found = Verdicts(np.empty(12, np.int64), np.empty(12, np.int64))
+        strict_verdicts(*self._arguments(scene), *found)
+        return found
+
+    def fallback_is_free(self, scene: Scene) -> bool:
+        """Whether the invariant holds: the ego hits no vehicle ahead in its fallback maneuver."""
+        is_free: bool = fallback_is_free(*self._arguments(scene))
+        return is_free
+
+    def _arguments(self, scene: Scene) -> tuple[Any, ...]:
+        """Return the arguments that describe a scene to the compiled functions."""
+        affordances = scene.affordances
+        barriers = np.array(affordances.barriers, dtype=np.float64).reshape(-1, 3)
+        return (
+            *scene.snapshot.arrays,
+            scene.indicators.codes,
+            *scene.lanes,
+            affordances.circumference_m,
+            affordances.lane_width_m,
+            barriers,
+            0.0,
+            self._strict,
+            self._ego,
+        )
+
+
+@compiled
+def strict_verdicts(
+    s_m: FloatArray,
+    y_m: FloatArray,
+    speed_m_s: FloatArray,
+    lateral_speed_m_s: FloatArray,
+    length_m: FloatArray,
+    width_m: FloatArray,
+    codes: IntArray,
+    origin: int,
+    target: int,
+    circumference_m: float,
+    lane_width_m: float,
+    barriers: FloatArray,
+    front_m: float,
+    strict: StrictNumbers,
+    ego: EgoNumbers,
+    executed: IntArray,
+    rules: IntArray,
+) -> None:
+    """Compute the verdicts of ``strict`` on all 12 actions of one scene.
+
+    The first six arrays are those of a snapshot, shape (1 + N,), the ego first; ``codes`` is that
+    of ``indicators``. ``origin`` and ``target`` are the lanes of the lane change in progress, equal
+    if there is none. ``circumference_m`` is 0 on an open road. ``barriers``, shape (barriers, 3),
+    are those of the road, and ``front_m`` is the position of the ego's front bumper. The function
+    fills the fields of ``Verdicts``, ``executed`` and ``rules``.
     """
-    stride_m = lane_width_m / ego.lane_change_duration_s * sim.step_length_s
-    steps = (distance_m + LINE_M) / stride_m
-    soon = (steps > -ROUNDING) & (np.ceil(steps - ROUNDING) <= sim.steps_per_decision)
-    return np.where(soon, np.ceil(steps + ROUNDING), 0) * sim.step_length_s
+    others = (s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m)
+    ground = (circumference_m, lane_width_m, barriers, front_m)
+    lane, covered_m = codes[LANE], covered(speed_m_s[EGO], ego)
+    back = fallback_lanes(origin, target, lane)
+    may_m = free_distance(others, ground, back, strict, ego)
+    for lateral in range(3):
+        change = next_change(origin, target, lane, SIGNS[lateral])
+        goes, is_back, rule, permitted = lateral, True, 0, 0
+        if change[0] != change[1] and change != back:
+            is_back = False
+            if has_lane(codes, change[1] - lane):
+                permitted = permitted_with(others, ground, change, covered_m, strict, ego)
+                rule = LANE_CHANGE
+            else:
+                rule = OFF_ROAD
+            goes = KEEP if back[0] == back[1] else LEFT if back[1] > back[0] else RIGHT
+        for proposed in range(4):
+            number, safe = 4 * lateral + proposed, HARD_BRAKE
+            for how in (HARD_BRAKE, BRAKE, MAINTAIN, ACCELERATE):
+                if place(how) >= place(proposed) and covered_m[how, -1] < may_m:
+                    safe = how
+            rules[number] = IN_LANE * (safe != proposed)
+            if is_back or permitted & (1 << safe) != 0:
+                executed[number] = 4 * lateral + safe
+            else:
+                executed[number] = 4 * goes + safe
+                rules[number] |= rule
+
+
+@compiled
+def fallback_is_free(
+    s_m: FloatArray,
+    y_m: FloatArray,
+    speed_m_s: FloatArray,
+    lateral_speed_m_s: FloatArray,
+    length_m: FloatArray,
+    width_m: FloatArray,
+    codes: IntArray,
+    origin: int,
+    target: int,
+    circumference_m: float,
+    lane_width_m: float,
+    barriers: FloatArray,
+    front_m: float,
+    strict: StrictNumbers,
+    ego: EgoNumbers,
+) -> bool:
+    """Whether the invariant of ``strict`` holds; the arguments are those of ``strict_verdicts``."""
+    others = (s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m)
+    ground = (circumference_m, lane_width_m, barriers, front_m)
+    back = fallback_lanes(origin, target, codes[LANE])
+    rolled_m = reach(speed_m_s[EGO], -ego.hard_brake_m_s2, ego, ego)
+    return bool(rolled_m < free_distance(others, ground, back, strict, ego))
+
+
+def place(longitudinal: int) -> int:
+    """Return the place of a longitudinal action in ``ORDER``, the fastest first."""
+    return (1, 0, 2, 3)[longitudinal]
+
+
+def covered(speed_m_s: float, ego: EgoNumbers) -> FloatArray:
+    """Return the distances that the ego covers with each longitudinal action, metres.
+
+    The shape is (4, steps + 1): until the end of each SUMO step of the decision, and in the last
+    column until standstill, if the ego brakes hard after the decision (``reach``).
+    """
+    covered_m = np.empty((4, ego.steps_per_decision + 1))
+    for how in range(4):
+        rate = acceleration_of(how, ego)
+        for steps in range(ego.steps_per_decision):
+            motion = travel(speed_m_s, rate, steps + 1, ego.step_length_s, ego.max_speed_m_s)
+            covered_m[how, steps] = motion[0]
+        covered_m[how, -1] = reach(speed_m_s, rate, ego, ego)
+    return covered_m
+
+
+def fallback_lanes(origin: int, target: int, lane: int) -> tuple[int, int]:
+    """Return the lanes of the fallback maneuver's lane change; they are equal if there is none.
+
+    The arguments are the lanes of the lane change in progress, and the lane of the ego's centre.
+    """
+    return (target, origin) if origin != target and target != lane else (origin, target)
 
 
 def corridor(
-    scene: Scene, lane_change: LaneChange | None, ego: EgoConfig, decision_s: float
+    y_m: float, ego_width_m: float, change: tuple[int, int], lane_width_m: float, ego: EgoNumbers
 ) -> tuple[float, float]:
     """Return the right and left end of the lateral range that the ego's body may use, metres.
 
-    It contains the lanes that the ego's body overlaps, the rest of ``lane_change``, and the
-    fallback maneuver if the ego begins it at the next decision, ``decision_s`` seconds later.
+    It contains the lanes that the ego's body overlaps, the rest of the lane change ``change``, and
+    the fallback maneuver if the ego begins it at the next decision. ``change`` holds the lanes of
+    the lane change, equal if there is none.
     """
-    affordances, ego_m = scene.affordances, float(scene.snapshot.width_m[EGO])
-    y_m, width_m = affordances.ego_y_m, affordances.lane_width_m
-    places = [y_m, *(width_m * float(lane) for lane in lanes_under(y_m, ego_m, width_m))]
-    if lane_change is not None:
-        end_m = lane_change.target * width_m
-        stride_m = min(abs(end_m - y_m), width_m / ego.lane_change_duration_s * decision_s)
-        next_m = y_m + lane_change.sign * stride_m
-        places += [end_m, *(width_m * lane for lane in lanes_about(next_m, width_m))]
-    return min(places) - ego_m / 2, max(places) + ego_m / 2
+    lowest, highest = lanes_under(y_m, ego_width_m, lane_width_m)
+    right_m, left_m = min(y_m, lane_width_m * lowest), max(y_m, lane_width_m * highest)
+    origin, target = change
+    if origin != target:
+        end_m = target * lane_width_m
+        rate_m_s = lane_width_m / ego.lane_change_duration_s
+        stride_m = min(abs(end_m - y_m), rate_m_s * ego.decision_interval_s)
+        next_m = y_m + (1 if target > origin else -1) * stride_m
+        right, left = lanes_about(next_m, lane_width_m)
+        right_m = min(right_m, end_m, lane_width_m * right)
+        left_m = max(left_m, end_m, lane_width_m * left)
+    return right_m - ego_width_m / 2, left_m + ego_width_m / 2
 
 
 def lanes_about(y_m: float, lane_width_m: float) -> tuple[int, int]:
@@ -170,133 +322,123 @@ def lanes_about(y_m: float, lane_width_m: float) -> tuple[int, int]:
     return math.floor(right + 0.5), math.floor(left + 0.5)
 
 
-def fallback_maneuver(scene: Scene) -> LaneChange | None:
-    """Return the lane change of the fallback maneuver, or None if no lane change is in progress."""
-    change = scene.lane_change
-    return (
-        change.reversed()
-        if change is not None and change.target != scene.affordances.lane
-        else change
-    )
+def seconds_to_line(distance_m: float, lane_width_m: float, ego: EgoNumbers) -> float:
+    """Return the time, seconds, until the ego's body is over a line (a lane marking) beside it.
+
+    ``distance_m`` is the distance from the nearer side of the body to the line; it is negative if
+    that side is already beyond the line. The body is over the line when its side is more than
+    ``LINE_M`` beyond it. The ego moves sideways at the speed of a lane change. The time is rounded
+    up to whole SUMO steps. It is 0 if the body is already over the line, and also if it does not
+    get there within this decision.
+    """
+    stride_m = lane_width_m / ego.lane_change_duration_s * ego.step_length_s
+    steps = (distance_m + LINE_M) / stride_m
+    if steps > -ROUNDING and np.ceil(steps - ROUNDING) <= ego.steps_per_decision:
+        return float(np.ceil(steps + ROUNDING) * ego.step_length_s)
+    return 0.0 * ego.step_length_s
 
 
-class Strict:
-    """The check ``strict`` of this module; it raises ConfigError without the kinematic plant."""
-
-    def __init__(self, strict: StrictConfig, ego: EgoConfig, simulation: SimulationConfig) -> None:
-        if ego.lateral_plant != "kinematic":
-            raise ConfigError(
-                f"ego.lateral_plant is {ego.lateral_plant!r}, but the check strict holds for "
-                f"'kinematic' only (the lemma corridor): take that, or {FALLBACK_CHECK}."
-            )
-        self._strict, self._ego, self._simulation = strict, ego, simulation
-        self._accelerations = np.array([how.acceleration_m_s2(ego) for how in Longitudinal])
-
-    def __call__(self, scene: Scene, proposed: Action) -> Verdict:
-        """Return the action that the ego executes, and the rules that replaced the proposed action.
-
-        Of the proposed and all slower longitudinal actions, the ego executes the fastest one that
-        keeps the fallback maneuver free, or else hard brake. If the check does not permit the
-        proposed lateral action together with it, the ego executes that of the fallback maneuver.
-        """
-        affordances, neighbors = scene.affordances, self.others(scene)
-        fallback = fallback_maneuver(scene)
-        wanted = next_lane_change(scene.lane_change, affordances.lane, proposed.lateral)
-        speed = affordances.ego_speed_m_s
-        reaches = reach(speed, self._accelerations, self._ego, self._simulation).tolist()
-        may_m = self._may_reach(scene, fallback, neighbors)
-        order = same_or_slower(proposed.longitudinal)
-        safe = next((how for how in order if reaches[how] < may_m), Longitudinal.HARD_BRAKE)
-        rule = Rule.NONE if safe == proposed.longitudinal else Rule.IN_LANE
-        if wanted is None or wanted == fallback:
-            return Verdict(Action(proposed.lateral, safe), rule)
-        if not affordances.has_lane(wanted.target - affordances.lane):
-            rule |= Rule.OFF_ROAD
-        elif self._permits(scene, wanted, neighbors, safe, reaches):
-            return Verdict(Action(proposed.lateral, safe), rule)
-        else:
-            rule |= Rule.LANE_CHANGE
-        lateral = Lateral.KEEP if fallback is None else toward(fallback.sign)
-        return Verdict(Action(lateral, safe), rule)
-
-    def _slowest(self, how: Longitudinal) -> Longitudinal:
-        """Return ``how``, or hard brake with IDM or ACC, which may brake so hard at any time."""
-        by_number = self._ego.longitudinal_reference == "acceleration"
-        return how if by_number else Longitudinal.HARD_BRAKE
-
-    def others(self, scene: Scene) -> Others:
-        """Return the other vehicles of a scene as the check needs them.
-
-        On a loop each vehicle has two entries: one ahead of the ego and one behind it. A barrier,
-        such as the end of a lane, is a standing vehicle of length 0.
-        """
-        shot, affordances = scene.snapshot, scene.affordances
-        ahead_m, rows = shot.s_m[1:] - shot.s_m[EGO], np.arange(1, len(shot.ids))
-        if lap_m := affordances.circumference_m:
-            ahead_m = np.concatenate((ahead_m % lap_m, ahead_m % lap_m - lap_m))
-            rows = np.concatenate((rows, rows))
-        y_m, width_m = shot.y_m[rows], shot.width_m[rows]
-        gap_m = np.abs(ahead_m) - (shot.length_m[rows] + shot.length_m[EGO]) / 2
-        ends_m = lateral_extent(
-            y_m, shot.lateral_speed_m_s[rows], width_m, affordances.lane_width_m
-        )
-        held = must_stay_behind(
-            y_m, width_m, affordances.ego_y_m, float(shot.width_m[EGO]), affordances.lane_width_m
-        )
-        facts = gap_m, ahead_m >= 0, shot.speed_m_s[rows]
-        may_m = stopping_limit(*facts, self._strict, self._simulation.step_length_s)
-        others = Others(*ends_m, *facts, may_m, held)
-        barriers, clearance_m = affordances.barriers, self._strict.clearance_m
-        return with_barriers(others, barriers, clearance_m) if barriers else others
-
-    def fallback_is_free(self, scene: Scene) -> bool:
-        """Whether the invariant holds: the ego hits no vehicle ahead in its fallback maneuver."""
-        ego, speed = self._ego, scene.affordances.ego_speed_m_s
-        rolled_m = float(reach(speed, -ego.hard_brake_m_s2, ego, self._simulation))
-        return rolled_m < self._may_reach(scene, fallback_maneuver(scene), self.others(scene))
-
-    def _may_reach(self, scene: Scene, fallback: LaneChange | None, neighbors: Others) -> float:
-        """Return the distance, metres, within which the fallback maneuver must stop the ego."""
-        ends_m = corridor(scene, fallback, self._ego, self._simulation.decision_interval_s)
-        return float(
-            neighbors.stop_within_m[overlaps_laterally(neighbors, *ends_m)].min(initial=np.inf)
-        )
-
-    def _permits(
-        self,
-        scene: Scene,
-        change: LaneChange,
-        neighbors: Others,
-        how: Longitudinal,
-        reaches_m: list[float],
-    ) -> bool:
-        """Whether the check permits a lane change other than that of the fallback maneuver."""
-        strict, sim = self._strict, self._simulation
-        right_m, left_m = corridor(scene, change, self._ego, sim.decision_interval_s)
-        aside_m = strict.lateral_speed_m_s * sim.decision_interval_s
-        right_m, left_m = (
-            (right_m, left_m + aside_m) if change.sign > 0 else (right_m - aside_m, left_m)
-        )
-        meets = overlaps_laterally(neighbors, right_m, left_m)
-        if not meets.any():
-            return True
-        if reaches_m[how] >= neighbors.stop_within_m[meets].min():
-            return False
-        slowest = self._slowest(how)
-        speed, acceleration = scene.affordances.ego_speed_m_s, self._accelerations[slowest]
-        covered_m = [*covered(speed, acceleration, self._ego, sim), reaches_m[slowest]]
-        crosses_s = self._crosses_s(scene, change)
-        stays = stays_behind(neighbors, crosses_s, covered_m, strict, sim.step_length_s)
-        return bool(stays[meets & ~neighbors.must_stay_behind].all())
-
-    def _crosses_s(self, scene: Scene, change: LaneChange) -> float:
-        """Return ``seconds_to_line`` for a lane change of the ego, seconds."""
-        width_m, ego_m = scene.affordances.lane_width_m, float(scene.snapshot.width_m[EGO])
-        line_m = (change.origin + change.target) / 2 * width_m
-        to_line_m = change.sign * (line_m - scene.affordances.ego_y_m) - ego_m / 2
-        return float(seconds_to_line(to_line_m, width_m, self._ego, self._simulation))
+Vehicles = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+"""The arrays of a snapshot, from ``s_m`` to ``width_m``."""
+Ground = tuple[float, float, FloatArray, float]
+"""The circumference (0 on an open road), the lane width, the barriers, and the ego's front."""
 
 
-def same_or_slower(longitudinal: Longitudinal) -> tuple[Longitudinal, ...]:
-    """Return the given action and all actions with a lower acceleration, fastest first."""
-    return ORDER[ORDER.index(longitudinal) :]
+def free_distance(
+    others: Vehicles,
+    ground: Ground,
+    change: tuple[int, int],
+    strict: StrictNumbers,
+    ego: EgoNumbers,
+) -> float:
+    """Return the distance, metres, within which the ego must stop in a lane change or without it.
+
+    It is inf if no vehicle is in the way.
+    """
+    ends_m = corridor(others[1][EGO], others[5][EGO], change, ground[1], ego)
+    nearest_m = nearest_barrier(ground, ends_m, strict)
+    for row in range(1, len(others[0])):
+        if overlaps_laterally(others, row, ends_m, ground[1]):
+            for ahead_m in distances_ahead(others, ground, row):
+                gap_m = abs(ahead_m) - (others[4][row] + others[4][EGO]) / 2
+                limit_m = stopping_limit(
+                    gap_m, ahead_m >= 0, others[2][row], strict, ego.step_length_s
+                )
+                nearest_m = min(nearest_m, limit_m)
+    return nearest_m
+
+
+def permitted_with(
+    others: Vehicles,
+    ground: Ground,
+    change: tuple[int, int],
+    covered_m: FloatArray,
+    strict: StrictNumbers,
+    ego: EgoNumbers,
+) -> int:
+    """Return with which longitudinal actions the check permits a new lane change, as a bit set.
+
+    ``covered_m`` is the result of ``covered``.
+    """
+    width_m, aside_m = ground[1], strict.lateral_speed_m_s * ego.decision_interval_s
+    ego_y_m, ego_width_m, sign = others[1][EGO], others[5][EGO], 1 if change[1] > change[0] else -1
+    right_m, left_m = corridor(ego_y_m, ego_width_m, change, width_m, ego)
+    ends_m = (right_m, left_m + aside_m) if sign > 0 else (right_m - aside_m, left_m)
+    line_m = (change[0] + change[1]) / 2 * width_m
+    crosses_s = seconds_to_line(sign * (line_m - ego_y_m) - ego_width_m / 2, width_m, ego)
+    nearest_m, permitted = nearest_barrier(ground, ends_m, strict), 15
+    for row in range(1, len(others[0])):
+        if not overlaps_laterally(others, row, ends_m, width_m):
+            continue
+        speed, its_width_m = others[2][row], others[5][row]
+        held = must_stay_behind(others[1][row], its_width_m, ego_y_m, ego_width_m, width_m)
+        for ahead_m in distances_ahead(others, ground, row):
+            gap_m, is_ahead = abs(ahead_m) - (others[4][row] + others[4][EGO]) / 2, ahead_m >= 0
+            limit_m = stopping_limit(gap_m, is_ahead, speed, strict, ego.step_length_s)
+            nearest_m = min(nearest_m, limit_m)
+            for how in range(4):
+                slowest = how if ego.has_constant_acceleration else HARD_BRAKE
+                if not held and not stays_behind(
+                    gap_m,
+                    is_ahead,
+                    speed,
+                    crosses_s,
+                    covered_m[slowest],
+                    strict,
+                    ego.step_length_s,
+                ):
+                    permitted &= ~(1 << how)
+    for how in range(4):
+        if covered_m[how, -1] >= nearest_m:
+            permitted &= ~(1 << how)
+    return permitted
+
+
+def overlaps_laterally(
+    others: Vehicles, row: int, ends_m: tuple[float, float], lane_width_m: float
+) -> bool:
+    """Whether a vehicle's body can overlap the lateral range between two ends, right and left."""
+    right_m, left_m = lateral_extent(others[1][row], others[3][row], others[5][row], lane_width_m)
+    return left_m > ends_m[0] and right_m < ends_m[1]
+
+
+def distances_ahead(others: Vehicles, ground: Ground, row: int) -> tuple[float, float]:
+    """Return the distances along the road from the ego to a vehicle, negative behind, metres.
+
+    On a loop each vehicle is both ahead of the ego and behind it. On an open road both distances
+    are equal.
+    """
+    ahead_m = others[0][row] - others[0][EGO]
+    if ground[0] == 0.0:
+        return ahead_m, ahead_m
+    return ahead_m % ground[0], ahead_m % ground[0] - ground[0]
+
+
+def nearest_barrier(ground: Ground, ends_m: tuple[float, float], strict: StrictNumbers) -> float:
+    """Return the distance within which the ego must stop before the barriers in a lateral range."""
+    barriers, nearest_m = ground[2], np.inf
+    for row in range(len(barriers)):
+        gap_m = barriers[row, 0] - ground[3]
+        if gap_m >= 0.0 and barriers[row, 2] > ends_m[0] and barriers[row, 1] < ends_m[1]:
+            nearest_m = min(nearest_m, gap_m - strict.clearance_m if gap_m > 0 else -np.inf)
+    return nearest_m

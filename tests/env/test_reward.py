@@ -29,9 +29,9 @@ from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.driving.scene import Scene
 from drl_av.env.reward import (
     Desired,
-    attainable_speed,
     desired,
     gap_reward,
+    lane_speed,
     lateral_reward,
     rewards,
     safe_gap,
@@ -183,7 +183,8 @@ def test_attainable_speed_is_that_of_the_leader_and_what_closing_the_gap_adds(
     gap: float, leader: float, speed: float
 ) -> None:
     world = scene(ahead(gap, CENTER, leader), ahead(5, LEFT, 1.0), speed_m_s=22.0)
-    assert attainable_speed(world.affordances, 0, TRAFFIC, MINIMUM_GAP_M) == pytest.approx(speed)
+    values, codes, _ = world.affordances.arrays()
+    assert lane_speed(values, codes, 0, TRAFFIC, SAFETY) == pytest.approx(speed)
 
 
 @pytest.mark.parametrize(

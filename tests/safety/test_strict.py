@@ -33,7 +33,7 @@ from worlds import (
 )
 
 from drl_av.config import Config
-from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
+from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, ego_numbers
 from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
@@ -42,9 +42,9 @@ from drl_av.experiments.strictness import strict_plan
 from drl_av.road.road import Road
 from drl_av.safety import named_check
 from drl_av.safety.check import Rule, Verdict
-from drl_av.safety.reachability import Others, lateral_extent, stays_behind
-from drl_av.safety.stopping import covered, reach
-from drl_av.safety.strict import Strict, fallback_maneuver, seconds_to_line
+from drl_av.safety.reachability import lateral_extent, stays_behind
+from drl_av.safety.stopping import reach
+from drl_av.safety.strict import Strict, covered, fallback_lanes, seconds_to_line
 from verification.kinematic_simulator import NONE, ROAD, Mover, Orders, World
 
 CONFIG = Config().updated("safety", check="strict")
@@ -248,21 +248,18 @@ def test_the_body_is_over_the_line_by_a_centimetre() -> None:
     config = CONFIG.updated("ego", lane_change_duration_s=7.6)
     # where the number of steps is whole, rounding may add one: 0.49 m
     for distance_m, seconds in ((0.5, 0.0), (0.49, 1.5), (0.48, 1.0), (0.0, 0.5), (-0.02, 0.0)):
-        found = seconds_to_line(distance_m, LANE_M, config.ego, config.simulation)
-        assert float(found) == pytest.approx(seconds, abs=1e-9)
+        found = seconds_to_line(distance_m, LANE_M, ego_numbers(config.ego, config.simulation))
+        assert found == pytest.approx(seconds, abs=1e-9)
 
 
 def test_one_behind_that_accelerates_less_than_the_ego_must_not_come_to_it_in_between() -> None:
     # the ego at 10.04 m/s covers 5.52 and 6.02 m a step; one at 10.33 m/s that accelerates with
     # 1.5 m/s^2 covers 5.54 and 5.915 m, and stops 0.62 m before the place where the ego stops
     strict = replace(CONFIG.strict, acceleration_m_s2=1.5)
-    motion = 10.04, 2.0, CONFIG.ego, CONFIG.simulation
-    covered_m = [*covered(*motion), reach(*motion)]
+    covered_m = covered(10.04, ego_numbers(CONFIG.ego, CONFIG.simulation))[ACCELERATE]
     assert covered_m[:2] == pytest.approx([5.52, 11.54])
     for gap_m, crosses_s, stays in ((0.03, 0.5, True), (0.01, 0.5, False), (0.01, 0.0, True)):
-        one, no = np.ones(1), np.zeros(1, dtype=np.bool_)
-        others = Others(one, one, gap_m * one, no, 10.33 * one, one, no)
-        assert stays_behind(others, crosses_s, covered_m, strict, 0.5).tolist() == [stays]
+        assert stays_behind(gap_m, False, 10.33, crosses_s, covered_m, strict, 0.5) is stays
 
 
 def test_one_behind_in_the_ego_s_own_lane_is_held_there_and_forbids_nothing() -> None:
@@ -380,9 +377,9 @@ def from_both_sides() -> World:
 def lanes_of(scene: Scene, row: int) -> set[int]:
     """Those that its body is over, and the one that it moves towards."""
     shot = scene.snapshot
-    place = (np.array([values[row]]) for values in (shot.y_m, shot.lateral_speed_m_s, shot.width_m))
+    place = (values[row] for values in (shot.y_m, shot.lateral_speed_m_s, shot.width_m))
     right_m, left_m = lateral_extent(*place, LANE_M)
-    return {lane for lane in range(3) if right_m[0] < lane * LANE_M < left_m[0]}
+    return {lane for lane in range(3) if right_m < lane * LANE_M < left_m}
 
 
 @st.composite
@@ -432,9 +429,9 @@ def test_a_free_way_out_is_free_again_at_the_next_decision_whatever_the_one_ahea
         assert lanes_of(after, 0) & lanes_of(after, 1) - lanes_of(before, 1)
         assert executed.lateral != KEEP or before.lane_change is not None
         back = STRICT(after, proposed).action
-        assert next_lane_change(
-            after.lane_change, after.affordances.lane, back.lateral
-        ) == fallback_maneuver(after)
+        change = next_lane_change(after.lane_change, after.affordances.lane, back.lateral)
+        lanes = (0, 0) if change is None else (change.origin, change.target)
+        assert lanes == fallback_lanes(*after.lanes, after.affordances.lane)
         assert back.longitudinal == HARD_BRAKE
     changed = next_lane_change(before.lane_change, before.affordances.lane, executed.lateral)
     assert changed is None or ROAD.is_open(changed.target)

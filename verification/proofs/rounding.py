@@ -16,7 +16,7 @@ from typing import Any
 
 from drl_av.config import Config
 from drl_av.driving.actions import Longitudinal
-from drl_av.safety.reachability import Others, required_travel, stopping_limit
+from drl_av.safety.reachability import required_travel, stopping_limit
 from drl_av.safety.stopping import reach
 from verification.proofs.argument import Argument
 
@@ -175,8 +175,9 @@ def rounding_m(config: Config, a: Argument) -> Fraction:
         delay_s = a.response_s + step * a.step_s
         gained = a.acceleration_m_s2 * delay_s
         for speed in slices(a.others_most_m_s, a.follower_m_s2 * a.step_s, gained):
-            facts: Any = (None, None, gap_m, not is_ahead, speed, None, None)
-            behind.append(required_travel(Others(*facts), float(delay_s), strict, step_s))
+            behind.append(
+                required_travel(gap_m, not is_ahead, speed, float(delay_s), strict, step_s)
+            )
     hardest = max(a.hard_m_s2, a.braking_m_s2, a.follower_m_s2)
     return (
         largest_error(reaches)

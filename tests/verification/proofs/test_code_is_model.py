@@ -12,13 +12,18 @@ import z3
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drl_av.compiled import compiled, numbers
 from drl_av.config import Config
-from drl_av.driving.actions import Longitudinal
-from drl_av.driving.affordances import compute_affordances
-from drl_av.driving.scene import LaneChange, Scene
-from drl_av.road.road import Road
-from drl_av.road.snapshot import Snapshot
-from drl_av.safety import reachability, stopping, strict
+from drl_av.driving.actions import Longitudinal, ego_numbers
+from drl_av.road.road import FloatArray
+from drl_av.safety import stopping, strict
+from drl_av.safety.reachability import (
+    StrictNumbers,
+    accelerated,
+    lateral_extent,
+    required_travel,
+    stopping_limit,
+)
 from verification.proofs import lateral, motion
 from verification.proofs.argument import argument
 from verification.proofs.followers import seconds_to_line
@@ -38,32 +43,51 @@ def largest_of_arrays(terms: Any) -> Any:
 
 
 def test_the_closed_forms_are_the_pieces_of_the_model_on_a_million_states() -> None:
-    rng, a, bounds, sim = np.random.default_rng(5), IN_FLOATS, CONFIG.strict, CONFIG.simulation
+    rng, a, sim = np.random.default_rng(5), IN_FLOATS, CONFIG.simulation
+    bounds = numbers(StrictNumbers, CONFIG.strict)
     for _ in range(50):
         ego, other = 30 * rng.random(20_000), 60 * rng.random(20_000)
         ego[::7], other[::7] = np.round(ego[::7]), np.round(other[::7])  # where pieces meet
         gap_m = 250 * rng.random(20_000) + 1e-3
         rolled_m = motion.stopping(largest_of_arrays, other, 4.5, 60.0, 0.5)
         assert close(stopping.stopping_distance(other, 4.5, 0.5), rolled_m)
-        ahead_m = reachability.stopping_limit(gap_m, gap_m > 0, other, bounds, 0.5)
+        ahead_m = limits(gap_m, other, bounds)
         assert close(ahead_m, motion.may_reach(largest_of_arrays, gap_m, other, a))
         for how in Longitudinal:
             rate = how.acceleration_m_s2(CONFIG.ego)
             reach_m = stopping.reach(ego, rate, CONFIG.ego, sim)
             assert close(reach_m, motion.reach(largest_of_arrays, ego, rate, a.steps, a))
-            needed_m = stopping.cut_in_gap(ego, rate, other, bounds, CONFIG.ego, sim)
+            needed_m = stopping.cut_in_gap(ego, rate, other, CONFIG.strict, CONFIG.ego, sim)
             other_m = motion.lead_stops(largest_of_arrays, other, a)
             model_m = motion.cut_in_gap(largest_of_arrays, ego, rate, other_m, a)
             assert close(needed_m, model_m)
-        unused = np.zeros(20_000)
-        facts = reachability.Others(unused, unused, gap_m, gap_m < 0, other, unused, unused > 0)
         for time_s in (0.5, 1.0):
-            rolled_m = reachability.accelerated(other, time_s, bounds, 0.5)
+            rolled_m = accelerated(other, time_s, bounds, 0.5)
             assert close(rolled_m, motion.accelerated(other, time_s, a))
         for delay_s in (0.5, 1.0, 1.5):
-            must_m = reachability.required_travel(facts, delay_s, bounds, 0.5)
+            must_m = travels(gap_m, other, delay_s, bounds)
             model_m = motion.must_reach(largest_of_arrays, gap_m, other, delay_s, a)
             assert close(must_m, model_m)
+
+
+@compiled
+def limits(gap_m: FloatArray, speed_m_s: FloatArray, bounds: StrictNumbers) -> FloatArray:
+    """``stopping_limit`` of many vehicles ahead."""
+    found = np.empty(len(gap_m))
+    for row in range(len(gap_m)):
+        found[row] = stopping_limit(gap_m[row], True, speed_m_s[row], bounds, 0.5)
+    return found
+
+
+@compiled
+def travels(
+    gap_m: FloatArray, speed_m_s: FloatArray, delay_s: float, bounds: StrictNumbers
+) -> FloatArray:
+    """``required_travel`` of many vehicles behind."""
+    found = np.empty(len(gap_m))
+    for row in range(len(gap_m)):
+        found[row] = required_travel(gap_m[row], False, speed_m_s[row], delay_s, bounds, 0.5)
+    return found
 
 
 def close(code: Any, model: Any) -> bool:
@@ -80,9 +104,7 @@ def test_rounding_is_within_its_bound(
 ) -> None:
     rate = how.acceleration_m_s2(CONFIG.ego)
     reach_m = stopping.reach(ego, rate, CONFIG.ego, CONFIG.simulation)
-    ahead_m = reachability.stopping_limit(
-        np.array(gap_m), np.True_, np.array(other), CONFIG.strict, 0.5
-    )
+    ahead_m = stopping_limit(gap_m, True, other, CONFIG.strict, 0.5)
     speed, rest = Fraction(ego), Fraction(other)
     exact_m = motion.reach(max, speed, Fraction(rate), EXACT.steps, EXACT)
     exact_m -= motion.may_reach(max, Fraction(gap_m), rest, EXACT)
@@ -117,12 +139,8 @@ def test_the_corridor_is_the_model_s(thousandth: int, side: int, comes_back: boo
     p = Problem()
     way = lateral.corridor(p, z3.RealVal(y_m), end, sign, EXACT)
     # the model's lane 0 is the code's lane 1
-    road, shot_y_m = Road(500.0, 3.8, (True,) * 3), 3.8 + float(y_m)
-    one = np.ones(1)
-    shot = Snapshot(0.0, ("ego",), 0 * one, shot_y_m * one, one, 0 * one, 5 * one, 1.8 * one)
-    change = LaneChange(1 + end - sign, 1 + end)
-    scene = Scene(shot, compute_affordances(shot, road, 250.0), change)
-    right_m, left_m = strict.corridor(scene, change, CONFIG.ego, 1.0)
+    change, ego = (1 + end - sign, 1 + end), ego_numbers(CONFIG.ego, CONFIG.simulation)
+    right_m, left_m = strict.corridor(3.8 + float(y_m), 1.8, change, 3.8, ego)
     assert value(p, *way) == pytest.approx([right_m - 3.8, left_m - 3.8])
 
 
@@ -130,9 +148,7 @@ def extents(thousandth: int, toward: int) -> tuple[list[float], list[float]]:
     """Return the extent of a body by the model and by the code, right and left end."""
     p, y_m = Problem(), Fraction(thousandth, 1000)
     ends = lateral.extent(p, z3.RealVal(y_m), toward, EXACT)
-    arrays = (np.array([n]) for n in (float(y_m), 0.76 * toward, 1.8))
-    right_m, left_m = reachability.lateral_extent(*arrays, 3.8)
-    return value(p, *ends), [right_m[0], left_m[0]]
+    return value(p, *ends), [*lateral_extent(float(y_m), 0.76 * toward, 1.8, 3.8)]
 
 
 # The line is at 1.9 m. A body of 1.8 m at 1.01 or 2.79 m is over it by exactly LINE_M, 0.01 m.
@@ -163,8 +179,8 @@ def test_the_time_to_the_line_is_the_model_s(duration_s: float) -> None:
     for k in range(ceil(duration_s)):
         y_m = k * a.stride_m
         to_line_m = 3.8 / 2 - float(y_m) - 1.8 / 2
-        seconds = strict.seconds_to_line(to_line_m, 3.8, config.ego, config.simulation)
-        assert float(seconds) == seconds_to_line(y_m, a)
+        ego = ego_numbers(config.ego, config.simulation)
+        assert strict.seconds_to_line(to_line_m, 3.8, ego) == seconds_to_line(y_m, a)
 
 
 def test_the_exact_model_floors_as_the_code_does_where_pieces_meet() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -15,10 +16,14 @@ import z3
 
 import verification.kinematic_simulator as simulator
 from drl_av.config import Config
+from drl_av.driving.scene import Scene
 from drl_av.road.snapshot import CollisionKind
+from drl_av.safety import strict
+from drl_av.safety.check import Verdicts
 from drl_av.safety.stopping import stopping_distance
+from drl_av.safety.strict import Strict
 from verification.approaches import APART_M
-from verification.batch_check import BatchStrict
+from verification.batch_check import BatchStrict, one_by_one
 from verification.in_sumo import SumoWorld
 from verification.kinematic_simulator import LENGTH_M, NONE, IntArray, Mover, Orders, World
 from verification.proofs import followers, following, lane_changes
@@ -135,11 +140,18 @@ def test_a_metre_of_slack_before_the_end_of_a_lane() -> None:
     assert collides(one_lane(model), orders(KEEP + ACCELERATE, [0.0]), slack)
 
 
-class Narrow(BatchStrict):
-    """The check with a corridor of the ego's body alone, where it is."""
+class Narrow(Strict):
+    """The check, as plain Python, with a corridor of the ego's body alone, where it is."""
 
-    def _corridor(self, world: World, target: IntArray) -> Any:
-        return super()._corridor(world, np.full_like(target, NONE))
+    def verdicts(self, scene: Scene) -> Verdicts:
+        found, whole = Verdicts(np.empty(12, np.int64), np.empty(12, np.int64)), strict.corridor
+
+        def body(y_m: float, width_m: float, change: Any, *of_road: Any) -> tuple[float, float]:
+            return whole(y_m, width_m, (0, 0), *of_road)
+
+        with patch.object(strict, "corridor", body):
+            strict.strict_verdicts.python(*self._arguments(scene), *found)
+        return found
 
 
 def test_a_corridor_without_the_lane_change(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,7 +169,8 @@ def test_a_corridor_without_the_lane_change(monkeypatch: pytest.MonkeyPatch) -> 
     models = (counterexample(c, *(fact(c.names) for fact in facts)) for c in claims)
     model = next(model for model in models if model)
     steady = CONFIG.updated("strict", lateral_speed_m_s=0.0)
-    for check, hit in ((Narrow(steady), True), (STRICT, False)):
+    narrow = one_by_one(Narrow(steady.strict, steady.ego, steady.simulation))
+    for check, hit in ((narrow, True), (STRICT, False)):
         world = two(0, 20, 20, (model["y"], model["other_y"]), 0, 1)
         assert collides(world, orders(LEFT, [0.0]), check) is hit
 

@@ -1,0 +1,156 @@
+"""Functions that numba compiles at their first call (ours).
+
+``compiled`` marks such a function. It may call any other function of this package by its name,
+which numba then compiles too. An equation can thus be a plain function, which takes the settings of
+a ``Config`` in Python, and a named tuple of the same numbers (``numbers``) in a compiled function.
+
+Nothing imports numba before the first call. The machine code is cached beside the module, or in the
+user's cache folder where the module's folder is read-only. With the environment variable
+``NUMBA_DISABLE_JIT=1`` the functions run as plain Python, with the same results to the bit.
+"""
+
+import sys
+from collections.abc import Callable
+from functools import cache, cached_property, update_wrapper
+from types import FunctionType
+from typing import Any, Generic, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+N = TypeVar("N", bound=tuple[Any, ...])
+NOTICE = (
+    "drl-av compiles its functions for this machine; this takes up to a minute, once after an "
+    "installation."
+)
+
+
+class Compiled(Generic[P, R]):
+    """A function that numba compiles at its first call, without fastmath and without the GIL.
+
+    It takes numbers, contiguous arrays, and plain or named tuples of these.
+    """
+
+    def __init__(self, function: Callable[P, R]) -> None:
+        update_wrapper(self, function)
+        self.python = function
+        """The function as plain Python."""
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        return self.dispatcher(*args, **kwargs)
+
+    @cached_property
+    def dispatcher(self) -> Callable[P, R]:
+        """The function as numba has compiled it; the plain function without compilation."""
+        numba = _numba()
+        dispatcher: Any = numba.njit(cache=True, nogil=True)(self.python)
+        if dispatcher is not self.python:
+            _depends_on(dispatcher, _sources(self, set()))
+        result: Callable[P, R] = dispatcher
+        return result
+
+    def entry(self, *args: P.args, **kwargs: P.kwargs) -> Callable[..., R]:
+        """Return the machine code for arguments of these types.
+
+        It does not look at the types again, which takes most of the time of a short call. The
+        arguments of each call must therefore have exactly these types, and be positional.
+        """
+        dispatcher: Any = self.dispatcher
+        if not hasattr(dispatcher, "compile"):
+            return self.python  # compilation is switched off
+        types = tuple(map(_numba().typeof, (*args, *kwargs.values())))
+        code: Callable[..., R] = dispatcher.compile(types)
+        return code
+
+
+@cache
+def compiled(function: Callable[P, R]) -> Compiled[P, R]:
+    """Return the function, which numba compiles at its first call."""
+    return Compiled(function)
+
+
+def numbers(kind: type[N], *settings: Any, **further: Any) -> N:
+    """Return a named tuple of the type ``kind``, with the settings of the same names.
+
+    ``settings`` are sections of a config; ``further`` gives values that no section has.
+    """
+    types: dict[str, Callable[[Any], Any]] = kind.__annotations__
+    found = {
+        name: next(getattr(section, name) for section in settings if hasattr(section, name))
+        for name in types
+        if name not in further
+    }
+    return kind(**{name: types[name](value) for name, value in (found | further).items()})
+
+
+def squared(x: float) -> float:
+    """Return x to the power 2 as Python computes it, for a finite number.
+
+    LLVM replaces the power by x * x, which differs in the last bit once in a thousand times. It
+    does not know that this exponent is always 2.
+    """
+    square: float = x ** (2.0 + 0.0 * x)
+    return square
+
+
+@cache
+def _numba() -> Any:
+    """Import numba and tell it how compiled functions call each other."""
+    import numba
+    from numba.core import event, types
+    from numba.extending import typeof_impl
+
+    @typeof_impl.register(Compiled)
+    def _(value: Compiled[..., Any], context: Any) -> Any:
+        return types.Dispatcher(value.dispatcher)
+
+    @typeof_impl.register(FunctionType)
+    def _(value: Any, context: Any) -> Any:
+        return types.Dispatcher(compiled(value).dispatcher) if _is_ours(value) else None
+
+    class Notice(event.Listener):
+        """Says in one line on stderr that a function of ours is compiled, once in a process."""
+
+        said = False
+
+        def on_start(self, event: Any) -> None:
+            if not self.said and _is_ours(event.data["dispatcher"].py_func):
+                self.said = True
+                print(NOTICE, file=sys.stderr)
+
+        def on_end(self, event: Any) -> None:
+            return None
+
+    event.register("numba:compile", Notice())  # type: ignore[no-untyped-call]
+    return numba
+
+
+def _is_ours(function: Any) -> bool:
+    return str(function.__module__).split(".")[0] == __package__
+
+
+def _sources(function: Compiled[..., Any], known: set[int]) -> list[tuple[str, Any]]:
+    """Return the code and the constants that a function and the functions it calls consist of."""
+    if id(function) in known:
+        return []
+    known.add(id(function))
+    code, names = function.python.__code__, function.python.__globals__
+    found: list[tuple[str, Any]] = [(code.co_name, (code.co_code, code.co_consts))]
+    for name in code.co_names:
+        value = names.get(name)
+        if isinstance(value, FunctionType) and _is_ours(value):
+            value = compiled(value)
+        if isinstance(value, Compiled):
+            found += _sources(value, known)
+        elif isinstance(value, int | float | str | tuple):
+            found.append((name, value))
+    return found
+
+
+def _depends_on(dispatcher: Any, sources: list[tuple[str, Any]]) -> None:
+    """Make the cached code of a function invalid when a function that it calls has changed.
+
+    Numba compares only the file of the function itself.
+    """
+    file = getattr(dispatcher._cache, "_cache_file", None)
+    if file is not None:
+        file._source_stamp = repr(sources)

@@ -1,0 +1,155 @@
+"""A road as plain numbers, and the geometry of ``Road`` as compiled functions of it.
+
+``Road`` itself keeps its methods, because a command that only writes a scenario should not have to
+load numba. Tests hold both forms equal.
+"""
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.compiled import compiled
+from drl_av.road.road import ROUNDING, FloatArray, Road
+
+
+class RoadNumbers(NamedTuple):
+    """A road as numbers and arrays; the fields of ``Road`` have the same names and meanings."""
+
+    lap_m: float
+    lane_width_m: float
+    open_lanes: npt.NDArray[np.bool_]
+    """Shape (lanes,), rightmost lane first."""
+    end_m: float
+    exit_m: float
+    exit_lane: int
+    partial_lanes: FloatArray
+    """Shape (partial lanes, 5); the columns are the fields of ``PartialLane``."""
+    barriers: FloatArray
+    """Shape (barriers, 3); the columns are the fields of ``Barrier``."""
+
+
+@lru_cache(maxsize=64)
+def road_numbers(road: Road) -> RoadNumbers:
+    """Return a road as numbers."""
+    parts = [
+        (part.lane, part.begin_m, part.end_m, part.joined_from_m, part.joined_to_m)
+        for part in road.partial_lanes
+    ]
+    return RoadNumbers(
+        float(road.lap_m),
+        float(road.lane_width_m),
+        np.array(road.open_lanes, dtype=np.bool_),
+        float(road.end_m),
+        float(road.exit_m),
+        int(road.exit_lane),
+        np.array(parts, dtype=np.float64).reshape(-1, 5),
+        np.array(road.barriers, dtype=np.float64).reshape(-1, 3),
+    )
+
+
+@compiled
+def lane_of(y_m: float, lane_width_m: float) -> int:
+    """Return the index of the lane that contains ``y_m``, as ``Road.lane_of``."""
+    return math.floor(y_m / lane_width_m + 0.5)
+
+
+@compiled
+def is_open(lane: int, road: RoadNumbers) -> bool:
+    """Whether the lane exists somewhere on the road and is not barricaded."""
+    return 0 <= lane < len(road.open_lanes) and bool(road.open_lanes[lane])
+
+
+@compiled
+def partial_lane(lane: int, s_m: float, road: RoadNumbers) -> int:
+    """Return the row of the partial lane with this index at the position ``s_m``, or -1."""
+    for row in range(len(road.partial_lanes)):
+        part = road.partial_lanes[row]
+        if part[0] == lane and part[1] <= s_m < part[2]:
+            return row
+    return -1
+
+
+@compiled
+def is_open_at(lane: int, s_m: float, road: RoadNumbers) -> bool:
+    """Whether the lane exists at the position ``s_m`` along the road and is not barricaded."""
+    if not is_open(lane, road):
+        return False
+    is_partial = False
+    for row in range(len(road.partial_lanes)):
+        is_partial = is_partial or bool(road.partial_lanes[row, 0] == lane)
+    return bool(not is_partial or partial_lane(lane, s_m, road) >= 0)
+
+
+@compiled
+def is_beside(lane: int, other: int, s_m: float, road: RoadNumbers) -> bool:
+    """Whether a vehicle at ``s_m`` may change from ``lane`` to the adjacent lane ``other``."""
+    row = partial_lane(min(lane, other), s_m, road)
+    if row >= 0 and not road.partial_lanes[row, 3] <= s_m < road.partial_lanes[row, 4]:
+        return False
+    there: bool = is_open_at(other, s_m, road)
+    return there
+
+
+@compiled
+def lane_end_m(lane: int, s_m: float, road: RoadNumbers) -> float:
+    """Return the position where the lane at position ``s_m`` ends; inf if it does not end."""
+    row = partial_lane(lane, s_m, road)
+    return np.inf if row < 0 else road.partial_lanes[row, 2]
+
+
+@compiled
+def mandatory_change(lane: int, s_m: float, road: RoadNumbers) -> tuple[int, float]:
+    """Return the fields of ``Road.mandatory_change``: lanes, left positive, and the distance."""
+    end_m = lane_end_m(lane, s_m, road)
+    if end_m < min(road.end_m, road.exit_m):
+        return lanes_aside(lane, end_m, road), end_m - s_m
+    if lane > road.exit_lane and s_m < road.exit_m < np.inf:
+        return road.exit_lane - lane, road.exit_m - s_m
+    return 0, np.inf
+
+
+@compiled
+def lanes_aside(lane: int, end_m: float, road: RoadNumbers) -> int:
+    """Return the number of lanes, left positive, from a lane that ends to one that goes on."""
+    before_m = np.nextafter(end_m, -np.inf)
+    for distance in range(len(road.open_lanes)):
+        for lanes in (-distance, distance):
+            other = lane + lanes
+            if is_open_at(other, before_m, road) and lane_end_m(other, before_m, road) > end_m:
+                return lanes
+    return 0
+
+
+@compiled
+def holds(y_m: float, width_m: float, s_m: float, road: RoadNumbers) -> bool:
+    """Whether a body of this width at ``y_m`` is on open lanes only, as ``Road.holds``.
+
+    ``s_m`` is the position of the body's front along the road.
+    """
+    width = road.lane_width_m
+    right = math.floor((y_m - width_m / 2 + width / 2) / width + ROUNDING)
+    left = math.ceil((y_m + width_m / 2 + width / 2) / width - ROUNDING) - 1
+    whole, found = len(road.partial_lanes) == 0, True
+    for lane in range(right, left + 1):
+        if whole:
+            found = found and is_open(lane, road)
+        elif lane == right:
+            found = is_open_at(right, s_m, road)
+        else:
+            found = found and is_beside(lane - 1, lane, s_m, road)
+    return found
+
+
+@compiled
+def misses_exit(lane: int, s_m: float, road: RoadNumbers) -> bool:
+    """Whether a vehicle in this lane with its front at ``s_m`` has passed the ego's exit."""
+    return lane > road.exit_lane and s_m >= road.exit_m
+
+
+@compiled
+def ahead_m(s_from_m: float, s_to_m: float, lap_m: float) -> float:
+    """Return the signed distance along the road, the shorter way, as ``Road.ahead_m``."""
+    return (s_to_m - s_from_m + lap_m / 2) % lap_m - lap_m / 2
