@@ -195,7 +195,7 @@ class Ppo:
         loss.backward()
         nn.utils.clip_grad_norm_(self.model.parameters(), settings.max_gradient_norm)
         self._optimizer.step()
-        return float(entropy)
+        return float(entropy.detach())
 
 
 def gae(
