@@ -25,6 +25,7 @@ from gymnasium.envs.registration import register
 
 if TYPE_CHECKING:
     from drl_av.drivers.registry import load_driver as load_driver
+    from drl_av.env.attach import attach as attach
     from drl_av.env.video import RecordVideo as RecordVideo
     from drl_av.evaluation.evaluate import evaluate as evaluate
 
@@ -32,6 +33,7 @@ __version__ = "0.1.0"
 
 _NAMES = {
     "RecordVideo": "drl_av.env.video",
+    "attach": "drl_av.env.attach",
     "evaluate": "drl_av.evaluation.evaluate",
     "load_driver": "drl_av.drivers.registry",
 }

@@ -11,6 +11,7 @@ user's cache folder where the module's folder is read-only. With the environment
 
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, cached_property, update_wrapper
 from types import FunctionType
 from typing import Any, Generic, ParamSpec, TypeVar
@@ -48,18 +49,22 @@ class Compiled(Generic[P, R]):
         result: Callable[P, R] = dispatcher
         return result
 
-    def entry(self, *args: P.args, **kwargs: P.kwargs) -> Callable[..., R]:
-        """Return the machine code for arguments of these types.
+    @cached_property
+    def fast(self) -> Callable[..., R]:
+        """The function without a look at the types of its arguments, a third of a short call.
 
-        It does not look at the types again, which takes most of the time of a short call. The
-        arguments of each call must therefore have exactly these types, and be positional.
+        The first call fixes the types; those of all later calls must be the same.
         """
-        dispatcher: Any = self.dispatcher
-        if not hasattr(dispatcher, "compile"):
-            return self.python  # compilation is switched off
-        types = tuple(map(_numba().typeof, (*args, *kwargs.values())))
-        code: Callable[..., R] = dispatcher.compile(types)
-        return code
+
+        def first(*args: Any) -> R:
+            dispatcher: Any = self.dispatcher
+            if hasattr(dispatcher, "compile"):
+                self.__dict__["fast"] = dispatcher.compile(tuple(map(_numba().typeof, args)))
+            else:  # compilation is switched off
+                self.__dict__["fast"] = self.python
+            return self.fast(*args)
+
+        return first
 
 
 @cache
@@ -149,8 +154,23 @@ def _sources(function: Compiled[..., Any], known: set[int]) -> list[tuple[str, A
 def _depends_on(dispatcher: Any, sources: list[tuple[str, Any]]) -> None:
     """Make the cached code of a function invalid when a function that it calls has changed.
 
-    Numba compares only the file of the function itself.
+    Numba itself compares only the file of the function. It also fails where the cache is damaged,
+    or names a class that has moved; then the function is compiled again.
     """
-    file = getattr(dispatcher._cache, "_cache_file", None)
-    if file is not None:
-        file._source_stamp = repr(sources)
+    from numba.core import caching
+
+    base: Any = caching.IndexDataCacheFile
+
+    class CacheFile(base):  # type: ignore[misc]
+        def load(self, key: Any) -> Any:
+            with suppress(Exception):
+                return super().load(key)
+            return None
+
+        def _load_index(self) -> Any:
+            with suppress(Exception):
+                return super()._load_index()
+            return {}
+
+    cache: Any = dispatcher._cache
+    cache._cache_file = CacheFile(cache._cache_path, cache._impl.filename_base, repr(sources))

@@ -110,6 +110,7 @@ def test_the_package_itself_imports_rooms_for_its_public_names_only() -> None:
     # for type checkers at the top, and at the first use
     assert graph()["drl_av"] == {
         "drl_av.drivers.registry",
+        "drl_av.env.attach",
         "drl_av.env.video",
         "drl_av.evaluation.evaluate",
     }

@@ -159,7 +159,15 @@ class Affordances(NamedTuple):
         rows = [NOBODY if slot is None else slot.vehicle for slot in self[:6]]
         lanes = self.lane, self.right_lane, self.left_lane, self.mandatory.lanes
         values = np.append(self.vector(), self.mandatory.within_m)
-        return Indicators(values, np.array([*rows, *lanes], np.int64), self.range_m)
+        barriers = np.array(self.barriers, dtype=np.float64).reshape(-1, 3)
+        ground = float(self.circumference_m), float(self.lane_width_m), barriers, 0.0
+        return Indicators(values, np.array([*rows, *lanes], np.int64), ground, self.range_m)
+
+
+Ground = tuple[float, float, FloatArray, float]
+"""What compiled functions need to know of the road around the ego: the circumference, 0 on an open
+road; the lane width; the road's barriers, shape (barriers, 3); and the position of the ego's front
+bumper, from which the distance to the barriers is measured. All are metres."""
 
 
 class Indicators(NamedTuple):
@@ -171,6 +179,7 @@ class Indicators(NamedTuple):
     codes: IntArray
     """Shape (10,), int64: the row of the neighbour in each of the six SLOTS, ``NOBODY`` if there is
     none, and N + 1 for the end of a lane; then ``LANE`` to ``CHANGES``."""
+    ground: Ground
     range_m: float
     """The largest gap that is observed."""
 
@@ -299,16 +308,24 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     a standing vehicle.
     """
     values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
-    indicators(*snapshot.arrays, road_numbers(road), float(range_m), values, codes)
-    return affordances_of(Indicators(values, codes, range_m), snapshot, road)
+    numbers = road_numbers(road)
+    indicators.fast(*snapshot.arrays, numbers, float(range_m), values, codes)
+    ground = ground_of(numbers, snapshot)
+    return affordances_of(Indicators(values, codes, ground, range_m), road)
 
 
-def affordances_of(indicators: Indicators, snapshot: Snapshot, road: Road) -> Affordances:
+def ground_of(road: RoadNumbers, snapshot: Snapshot) -> Ground:
+    """Return the road around the ego for ``Indicators``."""
+    circumference_m = road.lap_m if road.end_m == np.inf else 0.0
+    front_m = float(snapshot.s_m[EGO] + snapshot.length_m[EGO] / 2)
+    return circumference_m, road.lane_width_m, road.barriers, front_m
+
+
+def affordances_of(indicators: Indicators, road: Road) -> Affordances:
     """Return the indicators by name from the arrays that ``indicators`` has filled."""
-    values, codes, range_m = indicators
+    values, codes, (circumference_m, lane_width_m, _, front_m), range_m = indicators
     number, code = values.tolist(), codes.tolist()
     lane, partial = code[LANE], road.partial_lanes
-    front_m = float(snapshot.s_m[EGO]) + float(snapshot.length_m[EGO]) / 2
     own_front, own_rear, right_front, right_rear, left_front, left_rear = (
         None if row == NOBODY else Neighbor(row, *number[4 * slot : 4 * slot + 4])
         for slot, row in enumerate(code[:6])
@@ -324,12 +341,12 @@ def affordances_of(indicators: Indicators, snapshot: Snapshot, road: Road) -> Af
         left_lane=code[LEFT_LANE] == 1,
         lane=lane,
         lane_center_m=road.center_m(lane),
-        lane_width_m=road.lane_width_m,
+        lane_width_m=lane_width_m,
         range_m=range_m,
         ego_speed_m_s=number[24],
         ego_y_m=number[25],
         ego_lateral_speed_m_s=number[26],
-        circumference_m=road.lap_m if road.is_loop else 0.0,
+        circumference_m=circumference_m,
         barriers=_ahead(road, front_m) if partial else (),
         mandatory=MandatoryChange(code[CHANGES], number[WITHIN]) if partial else NO_CHANGE,
     )

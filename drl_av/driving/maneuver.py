@@ -7,9 +7,9 @@ import numpy as np
 
 from drl_av.compiled import compiled
 from drl_av.config import EgoConfig, SimulationConfig
-from drl_av.driving.actions import SIGNS, Action, EgoNumbers, Lateral
+from drl_av.driving.actions import SIGNS, Action, EgoNumbers, Lateral, ego_numbers
 from drl_av.driving.affordances import LANE, NOBODY, IntArray
-from drl_av.driving.car_following import reference_speeds, set_speeds
+from drl_av.driving.car_following import set_speeds
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.driving.steering import Pose, settled, steer
 from drl_av.road.road import FloatArray
@@ -58,25 +58,18 @@ def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationCon
     follows the model ``ego.lateral_plant``. With each of its two models, a lane change ends exactly
     at the lane's centre.
     """
-    affordances = scene.affordances
-    speeds = reference_speeds(affordances, action.longitudinal, ego, simulation)
-    change = next_lane_change(scene.lane_change, affordances.lane, action.lateral)
-    y_m, n = affordances.ego_y_m, len(speeds)
-    if change is None:
-        return Plan([Command(speed, y_m, 0.0) for speed in speeds], None)
-    across_m, lateral_m_s, target_m = [y_m] * n, [0.0] * n, change.target * affordances.lane_width_m
-    heading_rad, over = set_lateral(
-        across_m,
-        lateral_m_s,
-        speeds,
-        target_m,
-        change.heading_rad,
-        affordances.lane_width_m,
-        ego,
-        simulation.step_length_s,
-    )
-    commands = [*map(Command, speeds, across_m, lateral_m_s)]
-    return Plan(commands, None if over else change._replace(heading_rad=heading_rad))
+    return plan_with(scene, action, ego_numbers(ego, simulation))
+
+
+def plan_with(scene: Scene, action: Action, ego: EgoNumbers) -> Plan:
+    """Return ``plan`` with the settings as numbers."""
+    values, codes, ground, _ = scene.indicators
+    change, steps = scene.lane_change, np.empty((3, ego.steps_per_decision))
+    heading_rad = 0.0 if change is None else change.heading_rad
+    now = values, codes, action.number, *scene.lanes, heading_rad
+    origin, target, heading_rad = plan_into.fast(*now, ground[1], ego, *steps)
+    after = None if origin == target else LaneChange(origin, target, heading_rad)
+    return Plan([*map(Command, *steps.tolist())], after)
 
 
 def set_lateral(

@@ -65,7 +65,7 @@ class Scene:
         """The indicators by name."""
         if self._affordances is None:
             assert self._indicators is not None
-            self._affordances = affordances_of(self._indicators, self.snapshot, self._road)
+            self._affordances = affordances_of(self._indicators, self._road)
         return self._affordances
 
     @property

@@ -14,21 +14,22 @@ from drl_av.config import Config
 from drl_av.config.functions import require_function
 from drl_av.config.presets import as_config
 from drl_av.drawing.renderer import renderer_of
-from drl_av.driving.actions import ACTIONS, Action
-from drl_av.driving.affordances import ObservationScale, compute_affordances
+from drl_av.driving.actions import ACTIONS, Action, ego_numbers
+from drl_av.driving.affordances import ObservationScale
 from drl_av.driving.infer_action import infer_action
-from drl_av.driving.maneuver import plan
+from drl_av.driving.maneuver import plan_with
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode import number_of_vehicles, reset_options, traffic_seed
 from drl_av.env.kinds import drawn_traffic, traffic_setups
 from drl_av.env.observation import ObservationFunction, default_groups, observation_function
-from drl_av.env.reward import RewardFunction, Rewards, Transition, custom_reward, desired, rewards
+from drl_av.env.reward import RewardFunction, Rewards, Transition, custom_reward
 from drl_av.env.route_outcome import RouteOutcome
+from drl_av.env.scene_values import SceneValues
 from drl_av.errors import ConfigError, pluralize
 from drl_av.road.snapshot import EGO, Collision, Snapshot
-from drl_av.safety import ActionMask, action_mask, named_check, starts_unsafe
-from drl_av.safety.check import Rule, SafetyCheck, Verdict, apply_check
+from drl_av.safety import ActionMask, action_mask, mask_of, named_check, starts_unsafe
+from drl_av.safety.check import Rule, SafetyCheck, Verdict, Verdicts, WholeCheck, apply_check
 from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
 from drl_av.simulation.vehicle_calls import EgoModel
 
@@ -92,6 +93,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
         groups = default_groups(config.observation) if observation is None else observation
         self.observe = observation_function(groups, self.scale)
+        self._values_of = SceneValues(config, self.road, self.scale)
+        self._ego = ego_numbers(config.ego, config.simulation)
+        self._verdicts: Verdicts | None = None
         self.observation_space = self.observe.space
         self._scaled_only = observation is None and not config.observation.way
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
@@ -205,8 +209,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         scene, config = self.scene, self.config
         verdict = Verdict(proposed, Rule.NONE)
         if self.ego_model is None:
-            verdict = apply_check(self.safety_check, scene, proposed)
-        commands, lane_change = plan(scene, verdict.action, config.ego, config.simulation)
+            verdict = self._verdict_on(proposed)
+        commands, lane_change = plan_with(scene, verdict.action, self._ego)
         traffic_commands = self.traffic_drivers(scene.snapshot)
         self._over = True  # remains so if SUMO ends during the decision
         snapshot, collision = self.simulation.advance(commands, traffic_commands)
@@ -246,7 +250,21 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         """
         if "scene" not in vars(self):
             raise gymnasium.error.ResetNeeded("There is no scene yet: call reset.")
+        if isinstance(self.safety_check, WholeCheck):
+            return mask_of(self._all_verdicts(self.safety_check))
         return action_mask(self.safety_check, self.scene)
+
+    def _verdict_on(self, proposed: Action) -> Verdict:
+        """Return the verdict of the safety check on an action in the present scene."""
+        if isinstance(self.safety_check, WholeCheck):
+            return self._all_verdicts(self.safety_check).of(proposed)
+        return apply_check(self.safety_check, self.scene, proposed)
+
+    def _all_verdicts(self, check: WholeCheck) -> Verdicts:
+        """Return the verdicts on all actions in the present scene, which are computed once."""
+        if self._verdicts is None:
+            self._verdicts = check.verdicts(self.scene)
+        return self._verdicts
 
     def close(self) -> None:
         """End the episode, and close SUMO."""
@@ -271,19 +289,17 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     def _observe(self, snapshot: Snapshot, lane_change: LaneChange | None) -> Observation:
         """Store the scene and the indicators after a decision, and return the observation."""
-        affordances = compute_affordances(snapshot, self.road, self.config.observation.range_m)
-        self.scene = Scene(snapshot, affordances, lane_change)
-        self.indicators = affordances.vector()
-        return self.scale(self.indicators) if self._scaled_only else self.observe(self.scene)
+        self.scene, scaled, self._terms = self._values_of(snapshot, lane_change)
+        self.indicators = self.scene.indicators.values[:27]
+        self._verdicts = None
+        return scaled if self._scaled_only else self.observe(self.scene)
 
     def _reward(
         self, scene: Scene, proposed: Action, verdict: Verdict, collision: Collision | None
     ) -> tuple[float, Rewards]:
         """Return the reward for the decision from ``scene`` to the present one, and its terms."""
-        config, affordances = self.config, self.scene.affordances
-        target = desired(affordances, config.reward, config.safety)
-        terms = rewards(affordances, target, config.reward, config.safety.minimum_gap_m)
-        reward = terms.total if collision is None else config.reward.collision_reward
+        terms = self._terms
+        reward = terms.total if collision is None else self.config.reward.collision_reward
         if self._own_reward is not None:
             decided = scene, proposed, verdict.action, verdict.rule
             outcome = Transition(*decided, self.scene, collision, terms, reward)
@@ -298,7 +314,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         info = {
             "seed": self.seed,
             "vehicles": len(self.scene.snapshot.ids) - 1,
-            "speed_m_s": self.scene.affordances.ego_speed_m_s,
+            "speed_m_s": float(self.indicators[24]),
             "indicators": self.indicators.copy(),
             "way": self._way.outcome(self.scene, over),
         }

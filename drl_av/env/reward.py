@@ -175,7 +175,7 @@ def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig
     speed of the next lane in their direction, or of the ego's lane if the next lane has not begun
     yet.
     """
-    values, codes, _ = affordances.arrays()
+    values, codes, *_ = affordances.arrays()
     given = reward_numbers(config), numbers(SafetyNumbers, safety)
     return Desired(*desired_values(values, codes, affordances.lane_width_m, *given))
 

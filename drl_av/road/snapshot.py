@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
+import numpy as np
+
 from drl_av.road.road import FloatArray
 
 EGO = 0
@@ -60,7 +62,11 @@ class Snapshot(NamedTuple):
     @property
     def arrays(self) -> tuple[FloatArray, ...]:
         """The six arrays, from ``s_m`` to ``width_m``, as the compiled functions take them."""
-        return self[2:8]
+        arrays = self[2:8]
+        for array in arrays:
+            if array.dtype != np.float64 or not array.flags.c_contiguous:
+                return tuple(np.ascontiguousarray(each, np.float64) for each in arrays)
+        return arrays
 
 
 class TrafficCommand(NamedTuple):

@@ -160,8 +160,7 @@ def rows_within_reach(
     s_m: FloatArray,
     y_m: FloatArray,
     speed_m_s: FloatArray,
-    command_speed_m_s: FloatArray,
-    command_y_m: FloatArray,
+    commands: FloatArray,
     largest_m: tuple[float, float],
     lateral_speed_m_s: float,
     lap_m: float,
@@ -170,23 +169,23 @@ def rows_within_reach(
 ) -> int:
     """Find the vehicles that can touch the ego during its commands, as ``within_reach``.
 
-    The first three arrays, shape (1 + N,), hold each vehicle's state before the first command. The
-    next two, shape (steps,), hold the ego's speed and lateral position after each command.
-    ``largest_m`` is the largest length and width of a vehicle. The function fills the first
-    elements of ``rows``, shape (N,) or longer, with row indices in ascending order.
+    The first three arrays, shape (1 + N,), hold each vehicle's state before the first command.
+    ``commands``, shape (steps, columns), begins with the ego's speed and lateral position after
+    each command. ``largest_m`` is the largest length and width of a vehicle. The function fills the
+    first elements of ``rows``, shape (N,) or longer, with row indices in ascending order.
 
     Returns:
         The number of rows.
     """
-    steps, count = len(command_speed_m_s), 0
+    steps, count = len(commands), 0
     time_s, length_m = step_s * steps, largest_m[0]
     aside_m = largest_m[1] + lateral_speed_m_s * time_s
     lowest_m = highest_m = y_m[0]
     rolled_m = 0.0
     for step in range(steps):
-        rolled_m += step_s * command_speed_m_s[step]
-        lowest_m = min(lowest_m, command_y_m[step])
-        highest_m = max(highest_m, command_y_m[step])
+        rolled_m += step_s * commands[step, 0]
+        lowest_m = min(lowest_m, commands[step, 1])
+        highest_m = max(highest_m, commands[step, 1])
     right_m, left_m = lowest_m - aside_m, highest_m + aside_m
     gained_m = ACCELERATION_M_S2 * time_s * (time_s + step_s) / 2 - rolled_m
     for row in range(1, len(s_m)):
@@ -218,40 +217,27 @@ class VehicleRectangles:
 
     def within_reach(
         self,
-        s_m: Sequence[float],
-        y_m: Sequence[float],
-        speed_m_s: Sequence[float],
+        s_m: FloatArray,
+        y_m: FloatArray,
+        speed_m_s: FloatArray,
         commands: Sequence[Command],
         step_s: float,
     ) -> list[int]:
         """Return the rows of all vehicles that can touch the ego during its commands, ascending.
 
-        A row is an index into the sequences, which hold each vehicle's state before the first
-        command. The method assumes that a vehicle can stop at once, accelerate with
-        ``ACCELERATION_M_S2``, and move sideways at ``lateral_speed_m_s``. Each command takes one
-        SUMO step of ``step_s`` seconds.
+        A row is an index into the arrays, which hold each vehicle's state before the first command.
+        The method assumes that a vehicle can stop at once, accelerate with ``ACCELERATION_M_S2``,
+        and move sideways at ``lateral_speed_m_s``. Each command takes one SUMO step of ``step_s``
+        seconds.
         """
-        time_s, (length_m, aside_m) = step_s * len(commands), self._largest_m
-        aside_m += self.lateral_speed_m_s * time_s
-        lowest_m = highest_m = y_m[EGO]
-        rolled_m = 0.0
-        for speed, to_m, _ in commands:
-            rolled_m += step_s * speed
-            if to_m < lowest_m:
-                lowest_m = to_m
-            elif to_m > highest_m:
-                highest_m = to_m
-        right_m, left_m = lowest_m - aside_m, highest_m + aside_m
-        beside = [row for row, at_m in enumerate(y_m) if right_m < at_m < left_m]
-        gained_m = ACCELERATION_M_S2 * time_s * (time_s + step_s) / 2 - rolled_m
-        rows, ego_s_m, lap_m = [], s_m[EGO], self.road.lap_m
-        for row in beside[1:]:
-            closer_m = speed_m_s[row] * time_s + gained_m
-            behind_m = length_m + closer_m if closer_m > 0.0 else length_m
-            ahead_m = (s_m[row] - ego_s_m + behind_m) % lap_m
-            if ahead_m < behind_m + length_m + rolled_m:
-                rows.append(row)
-        return rows
+        rows, bound_m_s = np.empty(len(s_m), np.int64), self.lateral_speed_m_s
+        ways = np.array(commands, dtype=np.float64)
+        road = float(self.road.lap_m), float(step_s)
+        count = rows_within_reach(
+            s_m, y_m, speed_m_s, ways, self._largest_m, bound_m_s, *road, rows
+        )
+        found: list[int] = rows[:count].tolist()
+        return found
 
     def ego_collision(self, moves: Mapping[int, Displacement]) -> Collision | None:
         """Return the ego's first collision in a SUMO step with a vehicle in ``moves``, or None.

@@ -13,7 +13,7 @@ from drl_av.errors import ConfigError
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import AS_WRITTEN, VehicleTypes
 from drl_av.safety.assumptions import ROAD_AS_WRITTEN, require_assumptions
-from drl_av.safety.check import SafetyCheck, WholeCheck, permit_all, permits
+from drl_av.safety.check import SafetyCheck, Verdicts, WholeCheck, permit_all, permits
 from drl_av.safety.paper import Paper
 from drl_av.safety.strict import Strict
 
@@ -68,9 +68,6 @@ ActionMask = npt.NDArray[np.int8]
 """Shape (12,); 1 for each action that the safety check permits, else 0."""
 
 
-NUMBERS = np.arange(len(ACTIONS))
-
-
 def action_mask(check: SafetyCheck, scene: Scene) -> ActionMask:
     """Return 1 for each action that the check permits as proposed, else 0; shape (12,), int8.
 
@@ -78,6 +75,14 @@ def action_mask(check: SafetyCheck, scene: Scene) -> ActionMask:
     the check replaces every action.
     """
     if isinstance(check, WholeCheck):
-        mask: ActionMask = (check.verdicts(scene).executed == NUMBERS).astype(np.int8)
-        return mask
+        return mask_of(check.verdicts(scene))
     return np.array([permits(check, scene, action) for action in ACTIONS], np.int8)
+
+
+def mask_of(verdicts: Verdicts) -> ActionMask:
+    """Return the action mask that follows from the verdicts on all actions."""
+    mask: ActionMask = (verdicts.executed == NUMBERS).astype(np.int8)
+    return mask
+
+
+NUMBERS = np.arange(len(ACTIONS))

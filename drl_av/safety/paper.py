@@ -106,8 +106,8 @@ class Paper(WholeCheck):
     def verdicts(self, scene: Scene) -> Verdicts:
         """Return the verdicts of the three rules on all 12 actions."""
         found = Verdicts(np.empty(12, np.int64), np.empty(12, np.int64))
-        values, codes, _ = scene.indicators
-        paper_verdicts(values, codes, *scene.lanes, self._config, *found)
+        values, codes, *_ = scene.indicators
+        paper_verdicts.fast(values, codes, *scene.lanes, self._config, *found)
         return found
 
 

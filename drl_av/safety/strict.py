@@ -108,7 +108,7 @@ from drl_av.driving.actions import (
     acceleration_of,
     ego_numbers,
 )
-from drl_av.driving.affordances import LANE, IntArray, has_lane
+from drl_av.driving.affordances import LANE, Ground, IntArray, has_lane
 from drl_av.driving.maneuver import next_change
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
@@ -153,29 +153,18 @@ class Strict(WholeCheck):
         proposed lateral action together with it, the ego executes that of the fallback maneuver.
         """
         found = Verdicts(np.empty(12, np.int64), np.empty(12, np.int64))
-        strict_verdicts(*self._arguments(scene), *found)
+        strict_verdicts.fast(*self._arguments(scene), *found)
         return found
 
     def fallback_is_free(self, scene: Scene) -> bool:
         """Whether the invariant holds: the ego hits no vehicle ahead in its fallback maneuver."""
-        is_free: bool = fallback_is_free(*self._arguments(scene))
+        is_free: bool = fallback_is_free.fast(*self._arguments(scene))
         return is_free
 
     def _arguments(self, scene: Scene) -> tuple[Any, ...]:
         """Return the arguments that describe a scene to the compiled functions."""
-        affordances = scene.affordances
-        barriers = np.array(affordances.barriers, dtype=np.float64).reshape(-1, 3)
-        return (
-            *scene.snapshot.arrays,
-            scene.indicators.codes,
-            *scene.lanes,
-            affordances.circumference_m,
-            affordances.lane_width_m,
-            barriers,
-            0.0,
-            self._strict,
-            self._ego,
-        )
+        codes, ground = scene.indicators[1:3]
+        return *scene.snapshot.arrays, codes, *scene.lanes, *ground, self._strict, self._ego
 
 
 @compiled
@@ -340,8 +329,6 @@ def seconds_to_line(distance_m: float, lane_width_m: float, ego: EgoNumbers) -> 
 
 Vehicles = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 """The arrays of a snapshot, from ``s_m`` to ``width_m``."""
-Ground = tuple[float, float, FloatArray, float]
-"""The circumference (0 on an open road), the lane width, the barriers, and the ego's front."""
 
 
 def free_distance(

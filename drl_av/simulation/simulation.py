@@ -1,7 +1,6 @@
 """One simulation in SUMO: it loads a scenario, places vehicles, and advances by one decision."""
 
 import math
-import struct
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -114,9 +113,10 @@ class Simulation:
 
     def _read(self) -> None:
         """Read the state of all vehicles from SUMO."""
-        self._s_m, self._y_m, self._speed_m_s, self._aside_m_s = self._states.state()
+        self._state = self._states.state()
+        self._moved: dict[int, tuple[float, float]] = {}
         if self._ego_lateral_speed_m_s is not None:
-            self._aside_m_s[EGO] = self._ego_lateral_speed_m_s
+            self._state[3, EGO] = self._ego_lateral_speed_m_s
 
     def hand_over(self, model: EgoModel) -> None:
         """Let SUMO drive the ego until the next reset; commands for the ego are then ignored."""
@@ -141,7 +141,7 @@ class Simulation:
         collision, timing = None, self._config.simulation
         ids, vehicle = self.fleet.ids, self._sumo.vehicle
         try:
-            for row, side in self.fleet.lane_changes(self._time_s, self._y_m):
+            for row, side in self.fleet.lane_changes(self._time_s, self._state[1]):
                 if self.fleet.driver_models[row] == DriverModel.SUMO or is_centered(
                     vehicle, ids[row]
                 ):
@@ -150,9 +150,8 @@ class Simulation:
             asks = traffic_commands or self._config.traffic.keep_stopping_distance
             near: Sequence[int] = range(EGO + 1, len(ids))
             if self._ego_lateral_speed_m_s is not None:
-                near = self._bodies.within_reach(
-                    self._s_m, self._y_m, self._speed_m_s, commands, timing.step_length_s
-                )
+                s_m, y_m, speed, _ = self._state
+                near = self._bodies.within_reach(s_m, y_m, speed, commands, timing.step_length_s)
             for command in commands:
                 if asks:
                     ask_for_speeds(vehicle, ids, traffic_commands, self._config)
@@ -185,19 +184,16 @@ class Simulation:
 
     def _exchange(self) -> None:
         """Remove the vehicles that have left an open road, and add those that enter it."""
-        exchanged = self.fleet.update_open_road(self._time_s, self._s_m, self._y_m, self._speed_m_s)
+        exchanged = self.fleet.update_open_road(self._time_s, *self._state[:3].tolist())
         if exchanged is None:
             return
         kept, entering = exchanged
         for first, vehicle in enumerate(entering, start=len(kept)):
             self._populate(vehicle, first)
         self._watch()
-        before = self._s_m, self._y_m, self._speed_m_s, self._aside_m_s
         entered = self._states.state(len(kept))
-        columns = zip(before, entered, strict=True)
-        self._s_m, self._y_m, self._speed_m_s, self._aside_m_s = (
-            [column[row] for row in kept] + new for column, new in columns
-        )
+        self._state = np.concatenate((self._state[:, kept], entered), axis=1)
+        self._moved = {}
 
     def _put_on_the_road(self, seed: int) -> None:
         """Place the vehicles in the running SUMO, which is three times faster, or start SUMO."""
@@ -248,8 +244,12 @@ class Simulation:
         moves = {}
         for row in rows:
             s_m, y_m = self._states.position(row)
-            moves[row] = displacement(self._s_m[row], self._y_m[row], s_m, y_m, self.road)
-            self._s_m[row], self._y_m[row] = s_m, y_m
+            before = self._moved.get(row) or (
+                float(self._state[0, row]),
+                float(self._state[1, row]),
+            )
+            moves[row] = displacement(*before, s_m, y_m, self.road)
+            self._moved[row] = s_m, y_m
         return moves
 
     def _command(self, command: Command) -> bool:
@@ -295,9 +295,7 @@ class Simulation:
 
     def _snapshot(self) -> Snapshot:
         """Return the state that ``_read`` has read as a snapshot."""
-        rows = *self._s_m, *self._y_m, *self._speed_m_s, *self._aside_m_s
-        packed = struct.pack(f"{len(rows)}d", *rows)  # takes half the time of np.array
-        s_m, y_m, speed, lateral = np.frombuffer(packed).reshape(4, -1)
+        s_m, y_m, speed, lateral = self._state
         return Snapshot(
             time_s=self._time_s,
             ids=self.fleet.ids,

@@ -1,10 +1,14 @@
 """All calls on a vehicle of SUMO: it is added, commanded, handed over, read and removed."""
 
 import math
+import struct
 from collections.abc import Sequence
 from types import ModuleType
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from drl_av.compiled import compiled
 from drl_av.config import Config, EgoConfig, SimulationConfig, TrafficConfig
 from drl_av.road.road import CENTERED_M, FloatArray
 from drl_av.road.snapshot import EGO, EGO_ID, TrafficCommand
@@ -243,11 +247,13 @@ class StateReader:
     """Reads the state of the vehicles on the road; ``watch`` sets their names."""
 
     _ids: Sequence[str]
-    _half_m: list[float]
+    _half_m: FloatArray
 
     def __init__(self, sumo: ModuleType, scenario: Scenario) -> None:
         self._lane_positions = scenario.layout.lane_positions
-        self._lap_m, self._lane_m = scenario.road.lap_m, scenario.road.lane_width_m
+        self._lap_m, self._lane_m = float(scenario.road.lap_m), float(scenario.road.lane_width_m)
+        self._row_of = {name: row for row, name in enumerate(self._lane_positions)}
+        self._lanes = np.array([*self._lane_positions.values()], dtype=np.float64)
         self._lane, self._at, self._aside, self._speed, *others = getters(sumo, STATE)
         self._lateral_speed, self._lane_change = others
         bits = sumo.constants
@@ -256,27 +262,33 @@ class StateReader:
 
     def watch(self, ids: Sequence[str], length_m: FloatArray) -> None:
         """Set the vehicles on the road; a row is an index into ``ids``, the ego's is 0."""
-        self._ids, self._half_m = ids, (length_m / 2).tolist()
+        self._ids, self._half_m = ids, length_m / 2
 
     def position(self, row: int) -> tuple[float, float]:
         """Return the position of a vehicle's centre along (s) and across (y) the road, metres."""
         name = self._ids[row]
         lane, start_m = self._lane_positions[self._lane(name)]
-        along_m = (start_m + self._at(name) - self._half_m[row]) % self._lap_m
+        along_m = (start_m + self._at(name) - float(self._half_m[row])) % self._lap_m
         return along_m, lane * self._lane_m + self._aside(name)
 
-    def state(self, first: int = 0) -> tuple[list[float], ...]:
-        """Return lists of s, y (m), speed and lateral speed (m/s) of the rows from ``first`` on."""
-        ids, lap_m, lane_m = self._ids[first:], self._lap_m, self._lane_m
-        at_m, aside_m = [*map(self._at, ids)], [*map(self._aside, ids)]
-        speed, lateral = [*map(self._speed, ids)], [*map(self._lateral_speed, ids)]
-        along_m, across_m = [], []
-        found = map(self._lane_positions.__getitem__, map(self._lane, ids))
-        rows = zip(found, at_m, aside_m, self._half_m[first:], strict=True)
-        for (lane, start_m), at, aside, half_m in rows:
-            along_m.append((start_m + at - half_m) % lap_m)
-            across_m.append(lane * lane_m + aside)
-        return along_m, across_m, speed, lateral
+    def state(self, first: int = 0) -> FloatArray:
+        """Return s, y (m), speed and lateral speed (m/s) of the rows from ``first`` on.
+
+        The shape is (4, rows).
+        """
+        ids = self._ids[first:]
+        read = (
+            *map(self._row_of.__getitem__, map(self._lane, ids)),
+            *map(self._at, ids),
+            *map(self._aside, ids),
+            *map(self._speed, ids),
+            *map(self._lateral_speed, ids),
+        )
+        memory = bytearray(8 * len(read))
+        struct.pack_into(f"{len(read)}d", memory, 0, *read)  # takes half the time of np.array
+        columns = np.frombuffer(memory).reshape(5, -1)
+        place.fast(columns, self._lanes, self._half_m[first:], self._lap_m, self._lane_m)
+        return columns[1:]
 
     def lane_change(self, row: int) -> int:
         """Return the lane change that SUMO's model would make now: +1 left, -1 right, 0 none."""
@@ -285,3 +297,19 @@ class StateReader:
             if state & wanted and not state & self._blocked:
                 return sign
         return 0
+
+
+@compiled
+def place(
+    columns: FloatArray, lanes: FloatArray, half_m: FloatArray, lap_m: float, lane_m: float
+) -> None:
+    """Convert positions on SUMO's lanes to positions along and across the road, in place.
+
+    ``columns``, shape (5, rows), holds an index into ``lanes``, the position of the front bumper on
+    the lane, and the lateral position on it; the second and third become s and y, metres.
+    ``lanes``, shape (lanes, 2), holds the index of each lane across the road, and its start.
+    """
+    for row in range(columns.shape[1]):
+        lane = int(columns[0, row])
+        columns[1, row] = (lanes[lane, 1] + columns[1, row] - half_m[row]) % lap_m
+        columns[2, row] = lanes[lane, 0] * lane_m + columns[2, row]

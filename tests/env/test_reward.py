@@ -183,7 +183,7 @@ def test_attainable_speed_is_that_of_the_leader_and_what_closing_the_gap_adds(
     gap: float, leader: float, speed: float
 ) -> None:
     world = scene(ahead(gap, CENTER, leader), ahead(5, LEFT, 1.0), speed_m_s=22.0)
-    values, codes, _ = world.affordances.arrays()
+    values, codes, *_ = world.affordances.arrays()
     assert lane_speed(values, codes, 0, TRAFFIC, SAFETY) == pytest.approx(speed)
 
 

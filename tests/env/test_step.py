@@ -46,14 +46,14 @@ def test_a_decision_goes_the_way_of_the_architecture_figure(
         return play
 
     env.reset(seed=0)  # so that SUMO runs
-    monkeypatch.setattr(env, "scale", taped("observe", env.scale))
+    monkeypatch.setattr(env, "_values_of", taped("observe", env._values_of))
     monkeypatch.setattr(env, "safety_check", taped("check", env.safety_check))
-    monkeypatch.setattr(highway, "plan", taped("plan", highway.plan))
+    monkeypatch.setattr(highway, "plan_with", taped("plan", highway.plan_with))
     decide = taped("traffic drivers", TrafficDrivers.__call__)
     monkeypatch.setattr(TrafficDrivers, "__call__", decide)
     monkeypatch.setattr(env.simulation, "advance", taped("advance", env.simulation.advance))
     monkeypatch.setattr(simulation, "Snapshot", taped("snapshot", simulation.Snapshot))
-    monkeypatch.setattr(highway, "rewards", taped("reward", highway.rewards))
+    monkeypatch.setattr(env, "_reward", taped("reward", env._reward))
     for _ in itertools.islice(rollout(env, TapedDriver(tape), 0, 5), 2):
         tape.append("learn")
     begin = ["snapshot", "observe", "start"]

@@ -266,8 +266,8 @@ def test_a_vehicle_that_touches_the_ego_in_a_decision_was_within_its_reach(
 
 
 def within_reach(shot: Snapshot, commands: list[Command], step_s: float) -> list[int]:
-    s_m, y_m, speed = shot.s_m.tolist(), shot.y_m.tolist(), shot.speed_m_s.tolist()
-    return rectangles_of(shot, ROAD).within_reach(s_m, y_m, speed, commands, step_s)
+    state = shot.s_m, shot.y_m, shot.speed_m_s
+    return rectangles_of(shot, ROAD).within_reach(*state, commands, step_s)
 
 
 def test_a_vehicle_that_could_stop_at_once_or_accelerate_hard_is_within_reach() -> None:

@@ -1,0 +1,181 @@
+"""A driver and a safety check for one vehicle of the user's own SUMO simulation (ours)."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from drl_av.config import Config
+from drl_av.config.functions import require_function
+from drl_av.drivers.driver import Driver
+from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
+from drl_av.drivers.rule_based import SumoDriver
+from drl_av.driving.affordances import ObservationScale, compute_affordances
+from drl_av.driving.maneuver import plan
+from drl_av.driving.scene import LaneChange, Scene
+from drl_av.env.observation import default_groups, observation_function
+from drl_av.errors import ConfigError
+from drl_av.road.road import Road
+from drl_av.road.snapshot import EGO, Command, Snapshot
+from drl_av.safety import named_check
+from drl_av.safety.assumptions import FALLBACK_CHECK
+from drl_av.safety.check import SafetyCheck, apply_check
+from drl_av.simulation.surroundings import Surroundings
+
+DECISION_S = 1.0
+"""Time between two decisions, seconds (Sec. IV-A)."""
+
+
+def attach(
+    connection: Any,
+    vehicle: str,
+    driver: str | Path | Driver = "pretrained",
+    safety_check: str | SafetyCheck | None = None,
+    config: Config | Mapping[str, Any] | str | Path | None = None,
+) -> "AttachedEgo":
+    """Let a driver and a safety check drive one vehicle of a SUMO simulation of the user's own.
+
+    Call ``step`` of the result after each ``simulationStep``. The vehicle keeps its route; all
+    other vehicles stay as they are. SUMO must run with ``--lateral-resolution``, because a lane
+    change of the ego takes 5 s.
+
+    Args:
+        connection: The module libsumo or traci, or a connection of traci, in which SUMO runs.
+        vehicle: The id of a vehicle on the road.
+        driver: A driver's name, file, run folder or factory, as for ``load_driver``, or a driver.
+        safety_check: ``paper``, ``strict``, ``permit_all``, or a function; by default the driver's.
+        config: As for ``load_driver``.
+
+    Raises:
+        ConfigError: the step length does not divide a second, SUMO has no lateral resolution, the
+            driver is SUMO itself, or an assumption of ``strict`` does not hold here.
+        SimulationError: there is no such vehicle, or its lanes differ in width.
+    """
+    step_s = float(connection.simulation.getDeltaT())
+    resolution_m = float(connection.simulation.getOption("lateral-resolution"))
+    if resolution_m <= 0.0:
+        raise ConfigError(
+            "SUMO runs without the sublane model, in which a lane change takes time: start it with "
+            "--lateral-resolution, best with the width of a lane."
+        )
+    steps = round(DECISION_S / step_s)
+    if steps < 1 or abs(steps * step_s - DECISION_S) > 1e-9:
+        raise ConfigError(
+            f"SUMO's step length is {step_s:g} s, but must divide one second, the time between two "
+            "decisions: start it with --step-length 0.5."
+        )
+    made, settings = _driver(driver, config)
+    settings = settings.updated(
+        "simulation", step_length_s=step_s, lateral_resolution_m=resolution_m
+    )
+    if isinstance(safety_check, str):
+        settings = settings.updated("safety", check=safety_check)
+    around = Surroundings(connection, vehicle, settings.observation.range_m)
+    if callable(safety_check):
+        require_function(safety_check, "safety_check", "scene", "proposed")
+        check: SafetyCheck = safety_check
+    else:
+        check = _named_check(around, settings)
+    return AttachedEgo(around, made, check, settings)
+
+
+def _driver(
+    driver: str | Path | Driver, config: Config | Mapping[str, Any] | str | Path | None
+) -> tuple[Driver, Config]:
+    """Return the driver and the config with which it drives."""
+    specs = find_drivers([driver]) if isinstance(driver, str | Path) else ()
+    settings = driving_config(specs, config)
+    made = (
+        make_drivers(specs, settings)[specs[0].name] if isinstance(driver, str | Path) else driver
+    )
+    if isinstance(made, SumoDriver):
+        raise ConfigError("SUMO drives the vehicle already: attach a driver that has actions.")
+    return made, settings
+
+
+def _named_check(around: Surroundings, config: Config) -> SafetyCheck:
+    """Return the check that the config names; raise ConfigError if ``strict`` does not hold."""
+    lane = around.lane_that_gives_way() if config.safety.check == "strict" else ""
+    if lane:
+        raise ConfigError(
+            f"Under the check strict no lane of the route may give way or have a light, because "
+            f"crossing vehicles keep to no bound, and {lane} does: take {FALLBACK_CHECK}."
+        )
+    _, road = around.read()
+    return named_check(config, around.vehicle_types(config.ego), road)
+
+
+class AttachedEgo:
+    """The ego of ``attach``: it observes, decides, checks and commands once a second."""
+
+    def __init__(
+        self, around: Surroundings, driver: Driver, check: SafetyCheck, config: Config
+    ) -> None:
+        self._around, self._driver, self._check, self._config = around, driver, check, config
+        self._groups = default_groups(config.observation)
+        self._commands: list[Command] = []
+        self._lane_change: LaneChange | None = None
+        self._planned_m = 0.0
+        self.scene: Scene | None = None
+        """What the driver saw at its last decision; None before the first."""
+        driver.start(0)
+        around.take_control(config.ego)
+
+    def step(self) -> dict[str, Any] | None:
+        """Carry on after a ``simulationStep``: command the next one, and decide once a second.
+
+        Returns:
+            The decision, with the keys ``proposed_action``, ``executed_action``, ``rule``,
+            ``indicators`` and ``speed_m_s`` as in the environment's ``info``, and ``words``, which
+            says what the ego does; None between decisions and once the vehicle has left the road.
+        """
+        if not self._around.is_on_the_road:
+            return None
+        decision = None if self._commands else self._decide()
+        command = self._commands.pop(0)
+        self._around.command(command.speed_m_s, command.y_m - self._planned_m)
+        self._planned_m = command.y_m
+        return decision
+
+    def _decide(self) -> dict[str, Any]:
+        """Observe, decide and check; store the commands of the SUMO steps of this second."""
+        config, (shot, road) = self._config, self._around.read()
+        affordances = compute_affordances(shot, road, config.observation.range_m)
+        scene = Scene(shot, affordances, self._lane_change_on(shot, road))
+        scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
+        observation = observation_function(self._groups, scale)(scene)
+        proposed = self._driver.act(scene, observation)
+        verdict = apply_check(self._check, scene, proposed)
+        commands, self._lane_change = plan(scene, verdict.action, config.ego, config.simulation)
+        self.scene, self._planned_m = scene, affordances.ego_y_m
+        self._commands = self._within_limit(commands, affordances.ego_speed_m_s)
+        instead = f" instead of {proposed} ({verdict.rule})" if verdict.rule else ""
+        return {
+            "proposed_action": proposed.number,
+            "executed_action": verdict.action.number,
+            "rule": str(verdict.rule),
+            "indicators": affordances.vector(),
+            "speed_m_s": affordances.ego_speed_m_s,
+            "words": f"{verdict.action}{instead}",
+        }
+
+    def _lane_change_on(self, shot: Snapshot, road: Road) -> LaneChange | None:
+        """Return the lane change in progress by the lanes of ``road``.
+
+        They may have other indices than at the last decision, on another edge.
+        """
+        change = self._lane_change
+        if change is None:
+            return None
+        left_m = change.target * road.lane_width_m - self._planned_m
+        target = round((float(shot.y_m[EGO]) + left_m) / road.lane_width_m)
+        return change._replace(origin=target - change.sign, target=target)
+
+    def _within_limit(self, commands: list[Command], speed_m_s: float) -> list[Command]:
+        """Return the commands within the speed limit, to which the ego brakes gently."""
+        limit_m_s = self._around.speed_limit_m_s
+        lost_m_s = self._config.ego.brake_m_s2 * self._config.simulation.step_length_s
+        within = []
+        for number, command in enumerate(commands, start=1):
+            most = max(limit_m_s, speed_m_s - number * lost_m_s)
+            within.append(command._replace(speed_m_s=min(command.speed_m_s, most)))
+        return within

@@ -1,0 +1,110 @@
+"""Computes the indicators, the observation and the reward of a scene in one compiled call."""
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.compiled import compiled, numbers
+from drl_av.config import Config
+from drl_av.driving.affordances import (
+    CODES,
+    VALUES,
+    Indicators,
+    IntArray,
+    ObservationScale,
+    ground_of,
+    indicators,
+)
+from drl_av.driving.scene import LaneChange, Scene
+from drl_av.env.reward import RewardNumbers, Rewards, reward_numbers, reward_terms
+from drl_av.road.road import FloatArray, Road
+from drl_av.road.road_numbers import RoadNumbers, road_numbers
+from drl_av.road.snapshot import Snapshot
+from drl_av.safety.paper import SafetyNumbers
+
+Observation = npt.NDArray[np.float32]
+
+
+class SceneValues:
+    """Computes the values of scenes on one road, with the settings of one environment."""
+
+    def __init__(self, config: Config, road: Road, scale: ObservationScale) -> None:
+        self._road, self._range_m = road, float(config.observation.range_m)
+        self._numbers = road_numbers(road)
+        self._scale = scale.offset, scale.scale, scale.bounds
+        self._rewards = reward_numbers(config.reward), numbers(SafetyNumbers, config.safety)
+
+    def __call__(
+        self, snapshot: Snapshot, lane_change: LaneChange | None
+    ) -> tuple[Scene, Observation, Rewards]:
+        """Return the scene, the scaled 27 indicators, and the reward terms of the scene."""
+        values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
+        observation = np.empty(27, np.float32)
+        terms = compute_values.fast(
+            *snapshot.arrays,
+            self._numbers,
+            self._range_m,
+            *self._scale,
+            *self._rewards,
+            values,
+            codes,
+            observation,
+        )
+        found = Indicators(values, codes, ground_of(self._numbers, snapshot), self._range_m)
+        scene = Scene.of(snapshot, found, lane_change, self._road)
+        return scene, observation, Rewards(*terms)
+
+
+@compiled
+def compute_values(
+    s_m: FloatArray,
+    y_m: FloatArray,
+    speed_m_s: FloatArray,
+    lateral_speed_m_s: FloatArray,
+    length_m: FloatArray,
+    width_m: FloatArray,
+    road: RoadNumbers,
+    range_m: float,
+    offset: FloatArray,
+    scale: FloatArray,
+    bounds: Observation,
+    reward: RewardNumbers,
+    safety: SafetyNumbers,
+    values: FloatArray,
+    codes: IntArray,
+    observation: Observation,
+) -> tuple[float, float, float]:
+    """Fill ``values`` and ``codes`` (``indicators``) and ``observation``; return the reward terms.
+
+    ``offset``, ``scale`` and ``bounds`` are those of ``ObservationScale``, shape (27,).
+    """
+    indicators(
+        s_m,
+        y_m,
+        speed_m_s,
+        lateral_speed_m_s,
+        length_m,
+        width_m,
+        road,
+        range_m,
+        values,
+        codes,
+    )
+    scale_into(values, offset, scale, bounds, observation)
+    terms: tuple[float, float, float] = reward_terms(
+        values, codes, road.lane_width_m, reward, safety
+    )
+    return terms
+
+
+@compiled
+def scale_into(
+    values: FloatArray,
+    offset: FloatArray,
+    scale: FloatArray,
+    bounds: Observation,
+    observation: Observation,
+) -> None:
+    """Scale the 27 indicators like ``ObservationScale``, into ``observation``, shape (27,)."""
+    for row in range(len(observation)):
+        scaled = np.float32((values[row] - offset[row]) / scale[row])
+        observation[row] = min(max(scaled, -bounds[row]), bounds[row])

@@ -1,0 +1,244 @@
+"""A driver and a check for one vehicle of the user's own SUMO, in a network that is not ours."""
+
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import libsumo
+import pytest
+
+import drl_av
+from drl_av.driving.actions import Action, Lateral, Longitudinal
+from drl_av.driving.scene import Scene
+from drl_av.env.attach import AttachedEgo
+from drl_av.errors import ConfigError, SimulationError
+from drl_av.safety.check import Rule, Verdict
+from drl_av.sumo_programs import program
+
+NODES = """<nodes><node id="a" x="0" y="0"/><node id="b" x="600" y="0"/>
+<node id="c" x="1200" y="0"/><node id="x" x="1200" y="-200"/></nodes>"""
+EDGES = """<edges><edge id="in" from="a" to="b" numLanes="3" speed="40" width="3.5"/>
+<edge id="on" from="b" to="c" numLanes="2" speed="25" width="3.5"/>
+<edge id="off" from="b" to="x" numLanes="1" speed="40" width="3.5"/></edges>"""
+LINKS = """<connections><connection from="in" to="off" fromLane="0" toLane="0"/>
+<connection from="in" to="on" fromLane="1" toLane="0"/>
+<connection from="in" to="on" fromLane="2" toLane="1"/></connections>"""
+CAR = (
+    '<vType id="car" carFollowModel="IDM" laneChangeModel="SL2015" accel="1.5" decel="4" '
+    'emergencyDecel="4" maxSpeedLat="0.76" length="5" width="1.8" maxSpeed="30" speedDev="0"/>'
+)
+
+
+@pytest.fixture(scope="module")
+def net(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three lanes; the right one leads to "off", the two others to "on"."""
+    return build(tmp_path_factory.mktemp("net"), EDGES)
+
+
+def build(folder: Path, edges: str, nodes: str = NODES) -> Path:
+    for name, text in (("nod", nodes), ("edg", edges), ("con", LINKS)):
+        (folder / f"{name}.xml").write_text(text)
+    arguments = ["-n", "nod.xml", "-e", "edg.xml", "-x", "con.xml", "-o", "net.xml"]
+    subprocess.run([program("netconvert"), *arguments], cwd=folder, check=True, capture_output=True)
+    return folder / "net.xml"
+
+
+@pytest.fixture
+def sumo() -> Iterator[ModuleType]:
+    yield libsumo
+    libsumo.close()
+
+
+def begin(net: Path, vehicles: str, types: str = CAR, *options: str) -> None:
+    """Start SUMO with these vehicles, and make the step in which they depart."""
+    routes = f'<route id="on" edges="in on"/><route id="off" edges="in off"/>{types}{vehicles}'
+    file = net.parent / "demand.rou.xml"
+    file.write_text(f"<routes>{routes}</routes>")
+    wanted = options or ("--step-length", "0.5", "--lateral-resolution", "3.5")
+    always = ("--no-warnings", "--insertion-checks", "none")
+    libsumo.start(["sumo", "-n", str(net), "-r", str(file), *always, *wanted])
+    libsumo.simulationStep()
+
+
+def car(name: str, lane: int, at_m: float, speed: float = 20, route: str = "on") -> str:
+    return (
+        f'<vehicle id="{name}" type="car" route="{route}" depart="0" departLane="{lane}" '
+        f'departPos="{at_m}" departSpeed="{speed}"/>'
+    )
+
+
+class Keeps:
+    """Keeps lane and speed."""
+
+    def start(self, seed: int) -> None:
+        return None
+
+    def act(self, scene: Scene, observation: object) -> Action:
+        return Action(Lateral.KEEP, Longitudinal.MAINTAIN)
+
+
+class GoesLeft(Keeps):
+    def act(self, scene: Scene, observation: object) -> Action:
+        return Action(Lateral.LEFT, Longitudinal.MAINTAIN)
+
+
+def scene_of(ego: AttachedEgo) -> Scene:
+    assert ego.scene is not None
+    return ego.scene
+
+
+def test_the_gap_ahead_reaches_over_the_junction(net: Path, sumo: ModuleType) -> None:
+    # ego's front at 500 m of "in"; the other's rear at 100 - 5 m of "on", beyond the junction
+    on = '<route id="next" edges="on"/>' + car("far", 1, 100, 20, "next")
+    begin(net, car("ego", 2, 500) + on + car("decoy", 0, 520, 20, "off"))
+    ego = drl_av.attach(sumo, "ego", Keeps(), "permit_all")
+    decision = ego.step()
+    assert decision is not None
+    in_m, over_m = sumo.lane.getLength("in_2"), sumo.lane.getLength(":b_1_1")
+    gap_m = (in_m - 500) + over_m + (100 - 5)
+    front = scene_of(ego).affordances.own_front
+    assert front is not None
+    assert front.gap_m == pytest.approx(gap_m, abs=1e-6)
+    assert decision["indicators"][0] == front.gap_m
+    # the decoy drives two lanes to the right: it is in no lane that the ego observes
+    assert scene_of(ego).affordances.right_front is None
+
+
+def test_a_lane_that_leads_elsewhere_ends_and_must_be_left(net: Path, sumo: ModuleType) -> None:
+    begin(net, car("ego", 0, 300))
+    ego = drl_av.attach(sumo, "ego", "gap-mobil", "strict")
+    ego.step()
+    mandatory = scene_of(ego).affordances.mandatory
+    assert mandatory.lanes == 1
+    assert mandatory.within_m == pytest.approx(sumo.lane.getLength("in_0") - 300, abs=1e-6)
+    while "ego" in sumo.vehicle.getIDList() and sumo.vehicle.getRoadID("ego") != "on":
+        ego.step()
+        sumo.simulationStep()
+    assert sumo.vehicle.getRoadID("ego") == "on"
+
+
+def test_a_lane_change_takes_five_seconds_and_ends_on_the_centre(
+    net: Path, sumo: ModuleType
+) -> None:
+    begin(net, car("ego", 1, 100))
+    ego = drl_av.attach(sumo, "ego", GoesLeft(), "paper")
+    places = []
+    for _ in range(10):  # 5 s in steps of 0.5 s: 0.35 m each
+        ego.step()
+        sumo.simulationStep()
+        aside_m = sumo.vehicle.getLateralLanePosition("ego")
+        places.append(3.5 * sumo.vehicle.getLaneIndex("ego") + aside_m)
+    assert places == pytest.approx([3.5 + 0.35 * step for step in range(1, 11)], abs=1e-6)
+    assert sumo.vehicle.getSpeed("ego") == pytest.approx(20.0)
+
+
+def test_it_says_what_it_does_and_why_once_a_second(net: Path, sumo: ModuleType) -> None:
+    begin(net, car("ego", 2, 100, 25) + car("slow", 2, 125, 5))
+    ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
+    first = ego.step()  # 20 m ahead and 20 m/s slower: T_C is 1 s
+    assert first is not None
+    assert first["rule"] == "in_lane"
+    assert first["words"] == "hard brake, keep lane instead of maintain, keep lane (in_lane)"
+    assert (first["proposed_action"], first["executed_action"]) == (0, 3)
+    sumo.simulationStep()
+    assert ego.step() is None
+    assert sumo.vehicle.getSpeed("ego") == pytest.approx(25 - 4 * 0.5)
+    sumo.simulationStep()
+    assert ego.step() is not None
+
+
+def test_it_brakes_to_the_limit_of_the_edge_and_goes_when_the_vehicle_has_arrived(
+    net: Path, sumo: ModuleType
+) -> None:
+    begin(net, car("ego", 2, 560, 30))
+    ego = drl_av.attach(sumo, "ego", Keeps(), "permit_all")
+    speeds = {}
+    while "ego" in sumo.vehicle.getIDList():
+        ego.step()
+        speeds[sumo.simulation.getTime()] = sumo.vehicle.getSpeed("ego")
+        sumo.simulationStep()
+    assert min(speeds.values()) == pytest.approx(25.0)  # the limit of "on"
+    drops = [a - b for a, b in zip(list(speeds.values()), list(speeds.values())[1:], strict=False)]
+    assert max(drops) == pytest.approx(1.0)  # 2 m/s^2 for 0.5 s
+    assert ego.step() is None
+
+
+def test_a_lane_that_is_closed_to_the_vehicle_s_class_does_not_exist(
+    tmp_path: Path, sumo: ModuleType
+) -> None:
+    lanes = '<lane index="0" allow="bus" width="3.5"/></edge>'
+    edges = EDGES.replace('speed="25" width="3.5"/>', f'speed="25" width="3.5">{lanes}')
+    begin(build(tmp_path, edges), '<route id="next" edges="on"/>' + car("ego", 1, 50, 20, "next"))
+    ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
+    ego.step()
+    assert not scene_of(ego).affordances.has_lane(-1)
+
+
+def check_without_a_rule(scene: Scene, proposed: Action) -> Verdict:
+    return Verdict(Action(Lateral.KEEP, Longitudinal.BRAKE), Rule.IN_LANE)
+
+
+def test_the_user_s_own_check_decides(net: Path, sumo: ModuleType) -> None:
+    begin(net, car("ego", 2, 100, 20))
+    ego = drl_av.attach(sumo, "ego", Keeps(), check_without_a_rule)
+    decision = ego.step()
+    assert decision is not None
+    assert decision["executed_action"] == 2
+
+
+HARD = CAR.replace('emergencyDecel="4"', 'emergencyDecel="9"')
+
+
+@pytest.mark.parametrize(
+    ("options", "types", "given", "sentence"),
+    [
+        (("--step-length", "0.5"), CAR, {}, "start it with --lateral-resolution"),
+        (
+            ("--step-length", "0.3", "--lateral-resolution", "3.5"),
+            CAR,
+            {},
+            "SUMO's step length is 0.3 s, but must divide one second",
+        ),
+        ((), CAR, {"vehicle": "nobody"}, "There is no vehicle 'nobody' on the road"),
+        ((), CAR, {"driver": "sumo"}, "SUMO drives the vehicle already"),
+        ((), HARD, {"safety_check": "strict"}, "emergencyDecel of the vehicle type .*take .*paper"),
+        (
+            ("--step-length", "0.5", "--lateral-resolution", "0.8"),
+            CAR,
+            {"safety_check": "strict"},
+            r"lateral_resolution_m must be at least the lane width, 3.5",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_sentence(
+    net: Path,
+    sumo: ModuleType,
+    options: tuple[str, ...],
+    types: str,
+    given: dict[str, str],
+    sentence: str,
+) -> None:
+    begin(net, car("ego", 2, 100), types, *options)
+    with pytest.raises((ConfigError, SimulationError), match=sentence) as error:
+        drl_av.attach(sumo, **({"vehicle": "ego", "driver": "gap-mobil"} | given))
+    assert "\n" not in str(error.value)
+
+
+def test_strict_is_refused_where_the_route_has_a_light_and_paper_drives(
+    tmp_path: Path, sumo: ModuleType
+) -> None:
+    lit = NODES.replace('id="b" x="600" y="0"', 'id="b" x="600" y="0" type="traffic_light"')
+    begin(build(tmp_path, EDGES, lit), car("ego", 2, 100))
+    with pytest.raises(ConfigError, match=r"in_\d does: take the check paper"):
+        drl_av.attach(sumo, "ego", "gap-mobil", "strict")
+    assert drl_av.attach(sumo, "ego", "gap-mobil", "paper").step() is not None
+
+
+def test_lanes_of_different_widths_are_refused(tmp_path: Path, sumo: ModuleType) -> None:
+    edges = EDGES.replace(
+        'numLanes="2" speed="25" width="3.5"', 'numLanes="2" speed="25" width="3"'
+    )
+    begin(build(tmp_path, edges), car("ego", 2, 100))
+    with pytest.raises(SimulationError, match=r"'on_0' on the route of 'ego' is 3 m wide"):
+        drl_av.attach(sumo, "ego", "gap-mobil", "paper")
