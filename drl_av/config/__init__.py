@@ -17,6 +17,7 @@ import tomli_w
 from drl_av.config.drivers import FiniteStateConfig, Level0Config, MobilConfig
 from drl_av.config.ego import EgoConfig, ObservationConfig
 from drl_av.config.learning import REPLAYS, LearningConfig
+from drl_av.config.ppo import PpoConfig
 from drl_av.config.reward import DESIRED_VALUES, RewardConfig
 from drl_av.config.road import SimulationConfig
 from drl_av.config.safety import SafetyConfig, StrictConfig
@@ -38,6 +39,7 @@ __all__ = [
     "Level0Config",
     "MobilConfig",
     "ObservationConfig",
+    "PpoConfig",
     "RewardConfig",
     "SafetyConfig",
     "SimulationConfig",
@@ -65,6 +67,7 @@ class Config:
     reward: RewardConfig = RewardConfig()
     observation: ObservationConfig = ObservationConfig()
     learning: LearningConfig = LearningConfig()
+    ppo: PpoConfig = PpoConfig()
 
     def updated(self, section: str, **settings: Any) -> "Config":
         """Return a copy of this config in which some settings of one section are replaced.

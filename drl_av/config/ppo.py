@@ -7,12 +7,14 @@ from drl_av.config.schema import Section, setting
 
 @dataclass(frozen=True)
 class PpoConfig(Section):
-    """Proximal policy optimization (PPO) with masked actions."""
+    """Proximal policy optimization (PPO) with masked actions; the reward is the ego's speed."""
 
     decisions: int = setting(
         10_000_000, "ours", "decisions of the training, in all worlds together", low=1, high=10**10
     )
-    worlds: int = setting(256, "ours", "number of worlds that are driven at once", low=1, high=10**5)
+    worlds: int = setting(
+        256, "ours", "number of worlds that are driven at once", low=1, high=10**5
+    )
     batch_size: int = setting(16_384, "ours", "decisions in an update", low=1, high=10**7)
     minibatch_size: int = setting(4_096, "ours", "decisions in a gradient step", low=1, high=10**7)
     epochs: int = setting(3, "ours", "passes over the decisions of an update", low=1, high=100)
@@ -27,3 +29,13 @@ class PpoConfig(Section):
     entropy: float = setting(0.002, "ours", "weight of the entropy", low=0, high=10)
     value_weight: float = setting(0.5, "PPO", "weight of the critic's loss", low=0, high=100)
     max_gradient_norm: float = setting(0.5, "CleanRL", "largest gradient norm", low=0, high=1000)
+    paper_share: float = setting(
+        0.5, "ours", "chance that an episode has the check paper instead of strict", low=0, high=1
+    )
+    middle_speed_m_s: float = setting(20.0, "ours", "speed that earns nothing", low=0, high=60)
+    speed_scale_m_s: float = setting(10.0, "ours", "more speed that earns 1", low=0.1, high=60)
+    abort_cost: float = setting(0.1, "ours", "cost of an aborted lane change", low=0, high=100)
+    hard_brake_cost: float = setting(
+        0.1, "ours", "cost of a decision to brake hard", low=0, high=100
+    )
+    collision_cost: float = setting(5.0, "ours", "cost of a collision", low=0, high=1000)

@@ -4,16 +4,19 @@ The file must contain all settings except those in ``ADDED_LATER``; a truncated 
 """
 
 import tomllib
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from drl_av.config import OLD_DEFAULTS, RENAMED, Config, load_config
+from drl_av.config import OLD_DEFAULTS, RENAMED, Config, PpoConfig, load_config
 from drl_av.config.reference import settings
 from drl_av.errors import ConfigError
 
 ADDED_LATER = {
     ("traffic", "all_kinds"),
     ("traffic", "overtake_right"),
+    ("learning", "algorithm"),
+    *(("ppo", item.name) for item in fields(PpoConfig)),
     ("learning", "permitted_only"),
     ("learning", "abort_margin"),
     ("learning", "acceleration_margin"),

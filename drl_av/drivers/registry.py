@@ -18,6 +18,7 @@ from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory, is_factory
 from drl_av.drivers.learned import MARGINS, LearnedDriver, Margins, considerate, learned_driver
+from drl_av.drivers.masked_policy import MaskedPolicyDriver, is_actor, load_actor
 from drl_av.drivers.planner.driver import PlannerDriver
 from drl_av.drivers.rule_based import (
     TUNED,
@@ -169,7 +170,8 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
     """
     for spec in specs:
         if spec.run and not spec.is_external:
-            config = load_learned(spec.run)[1]
+            file = policy_file.find_policy(spec.run)
+            config = (load_actor(file) if is_actor(file) else load_learned(spec.run))[1]
             return config.updated("safety", check=spec.check) if spec.check else config
     return Config()
 
@@ -210,9 +212,10 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
         ConfigError: a factory does not work, or no rule-based driver has the name.
     """
     drivers: dict[str, Driver] = {}
-    learned = {
-        spec.name: load_learned(spec.run) for spec in specs if spec.run and not spec.is_external
-    }
+    own_files = {spec.name: spec.run for spec in specs if spec.run and not spec.is_external}
+    actors = {name: policy_file.find_policy(run) for name, run in own_files.items()}
+    actors = {name: file for name, file in actors.items() if is_actor(file)}
+    learned = {name: load_learned(run) for name, run in own_files.items() if name not in actors}
     trained = [Margins.of(own.learning) for _, own in learned.values()]
     margins = Margins.of(config.learning)
     for spec in specs:
@@ -223,6 +226,9 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
         if spec.is_external:
             observed = len(observed_indicators(config.observation))
             drivers[name] = LOADERS[run.suffix.lower()](run, observed, partial(_check, config))
+            continue
+        if name in actors:
+            drivers[name] = _actor_driver(name, actors[name], config)
             continue
         driver, own = learned[name]
         if own.learning.permitted_only:
@@ -236,6 +242,23 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
                 "settings that change them."
             )
     return drivers
+
+
+def _actor_driver(name: str, file: Path, config: Config) -> Driver:
+    """Return the driver of a training at scale for an environment with this config.
+
+    Raises:
+        RunError: it was trained with another range of observation or ``ego.max_speed_m_s``.
+    """
+    layers, own = load_actor(file)
+    seen = [(each.observation.range_m, each.ego.max_speed_m_s) for each in (own, config)]
+    if seen[0] != seen[1]:
+        raise RunError(
+            f"{name} was trained with another observation.range_m or ego.max_speed_m_s than it "
+            "would drive with here: leave these settings as they are."
+        )
+    scenario = load_scenario(find_scenario(config.simulation.scenario))
+    return MaskedPolicyDriver(layers, _check(config), scenario.road, config)
 
 
 def _check(config: Config) -> SafetyCheck:

@@ -373,6 +373,7 @@ class ObservationScale:
             config.lateral_scale_m,
             config.lateral_speed_scale_m_s,
         )
+        self.road, self.range_m, self.max_speed_m_s = road, config.range_m, max_speed_m_s
         self.lanes = len(road.open_lanes)
         """Number of lanes of the road."""
         middle_m = road.lane_width_m * (self.lanes - 1) / 2

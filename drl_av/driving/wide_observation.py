@@ -1,4 +1,4 @@
-"""The wide observation: the vehicles in five lanes around the ego, four ahead and two behind (ours).
+"""The wide observation: the vehicles of five lanes, four ahead and two behind the ego (ours).
 
 The 27 indicators of the paper show the next vehicle in three lanes. A driver that is to choose the
 lane which is fastest a minute later also has to see the vehicles beyond those.

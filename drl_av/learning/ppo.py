@@ -6,6 +6,7 @@ action that the safety check would replace has probability 0.
 """
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -72,7 +73,7 @@ class ActorCritic(nn.Module):
 def network(sizes: tuple[int, ...], last_gain: float) -> nn.Sequential:
     """Return a network of fully connected layers with orthogonal weights."""
     layers: list[nn.Module] = []
-    for inputs, outputs in zip(sizes[:-1], sizes[1:], strict=True):
+    for inputs, outputs in pairwise(sizes):
         linear = nn.Linear(inputs, outputs)
         is_last = len(layers) == 2 * (len(sizes) - 2)
         nn.init.orthogonal_(linear.weight, last_gain if is_last else 2**0.5)
@@ -102,7 +103,7 @@ class Progress(NamedTuple):
 
     decisions: int
     """Decisions so far, in all worlds together."""
-    reward: float
+    mean_reward: float
     """Mean reward of a decision."""
     collisions: int
     """Episodes that ended with a collision."""

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from drl_av.compiled import compiled, numbers
 from drl_av.config import Config
-from drl_av.driving.actions import ACTIONS, EgoNumbers, ego_numbers
+from drl_av.driving.actions import EgoNumbers, ego_numbers
 from drl_av.driving.affordances import CODES, VALUES, indicators
 from drl_av.driving.maneuver import plan_into
 from drl_av.driving.wide_observation import WIDE_SIZE, wide_observation
@@ -30,11 +30,13 @@ REQUEST_STEPS = 10
 
 
 class RewardNumbers(NamedTuple):
-    middle_m_s: float
-    scale_m_s: float
-    abort: float
-    hard_brake: float
-    collision: float
+    """The settings of the section ``ppo`` that define the reward."""
+
+    middle_speed_m_s: float
+    speed_scale_m_s: float
+    abort_cost: float
+    hard_brake_cost: float
+    collision_cost: float
 
 
 class Setting(NamedTuple):
@@ -82,21 +84,43 @@ def observe(worlds: Worlds, w: int, setting: Setting, egos: Egos) -> None:
     values, codes = egos.values[w], egos.codes[w]
     origin, target = egos.change[w, 0], egos.change[w, 1]
     road = setting.road
-    indicators(
-        s_m, y_m, speed, lateral, length_m, width_m, road, setting.range_m, values, codes
-    )
+    indicators(s_m, y_m, speed, lateral, length_m, width_m, road, setting.range_m, values, codes)
     executed, rules = egos.executed[w], np.empty(12, np.int64)
     if egos.check[w] == 0:
         paper_verdicts(values, codes, origin, target, setting.safety, executed, rules)
     else:
         strict_verdicts(
-            s_m, y_m, speed, lateral, length_m, width_m, codes, origin, target,
-            road.lap_m, road.lane_width_m, road.barriers, 0.0, setting.strict, setting.ego,
-            executed, rules,
+            s_m,
+            y_m,
+            speed,
+            lateral,
+            length_m,
+            width_m,
+            codes,
+            origin,
+            target,
+            road.lap_m,
+            road.lane_width_m,
+            road.barriers,
+            0.0,
+            setting.strict,
+            setting.ego,
+            executed,
+            rules,
         )
     wide_observation(
-        s_m, y_m, speed, lateral, length_m, width_m, road, setting.range_m,
-        setting.ego.max_speed_m_s, origin, target, egos.observation[w, :WIDE_SIZE],
+        s_m,
+        y_m,
+        speed,
+        lateral,
+        length_m,
+        width_m,
+        road,
+        setting.range_m,
+        setting.ego.max_speed_m_s,
+        origin,
+        target,
+        egos.observation[w, :WIDE_SIZE],
     )
     some = False
     for a in range(12):
@@ -129,8 +153,17 @@ def advance(
         side = (0, -1, 1)[executed // 4]
         aborts = origin != target and side == origin - target
         origin, target, _ = plan_into(
-            egos.values[w], egos.codes[w], executed, origin, target, 0.0, loop.lane_m, ego,
-            speeds, y, lateral,
+            egos.values[w],
+            egos.codes[w],
+            executed,
+            origin,
+            target,
+            0.0,
+            loop.lane_m,
+            ego,
+            speeds,
+            y,
+            lateral,
         )
         egos.change[w, 0], egos.change[w, 1] = origin, target
         for i in range(1, n):
@@ -145,7 +178,7 @@ def advance(
             place(worlds, w, setting, s0, y0)
             sumo_step(worlds, loop, w, speeds[step], y[step])
             place(worlds, w, setting, s1, y1)
-            row, found, _ = swept_collision(
+            _, found, _ = swept_collision(
                 s0, y0, s1, y1, worlds.length_m[w, :n], worlds.width_m[w, :n], loop.lap_m
             )
             if found != NO_CONTACT:
@@ -155,10 +188,10 @@ def advance(
         observe(worlds, w, setting, egos)
         how = setting.reward
         speed = worlds.speed_m_s[w, 0]
-        gained = (speed - how.middle_m_s) / how.scale_m_s
-        gained -= how.abort if aborts else 0.0
-        gained -= how.hard_brake if executed % 4 == 3 else 0.0
-        gained -= how.collision if kind[w] != NO_CONTACT else 0.0
+        gained = (speed - how.middle_speed_m_s) / how.speed_scale_m_s
+        gained -= how.abort_cost if aborts else 0.0
+        gained -= how.hard_brake_cost if executed % 4 == 3 else 0.0
+        gained -= how.collision_cost if kind[w] != NO_CONTACT else 0.0
         reward[w] = gained
         facts[w, 0] = speed
         facts[w, 1] = 1.0 if aborts else 0.0
@@ -182,15 +215,10 @@ def begin(worlds: Worlds, w: int, setting: Setting, egos: Egos) -> None:
 class TwinWorlds:
     """W worlds in the twin, each with its own traffic."""
 
-    def __init__(
-        self,
-        config: Config,
-        worlds: int,
-        seed: int,
-        vehicles: tuple[int, int] = (1, 40),
-        paper_share: float = 0.5,
-        reward: RewardNumbers = RewardNumbers(20.0, 10.0, 0.1, 0.1, 5.0),
-    ) -> None:
+    def __init__(self, config: Config, seed: int) -> None:
+        worlds, paper_share = config.ppo.worlds, config.ppo.paper_share
+        vehicles = config.traffic.vehicles_min, config.traffic.vehicles_max
+        reward = numbers(RewardNumbers, config.ppo)
         scenario = load_scenario(find_scenario(config.simulation.scenario))
         self._config, self.road = config, scenario.road
         self._length_m = scenario.description.vehicle_length_m
@@ -200,19 +228,34 @@ class TwinWorlds:
         lanes = len(self.road.open_lanes)
         self.worlds = empty_worlds(worlds, vehicles[1] + 1, lanes)
         loop = Loop(
-            self.road.lap_m, self.road.lap_m / 4, self.road.lane_width_m, lanes, 0, lanes - 1,
-            float(scenario.description.speed_limit_m_s), False, False,
+            self.road.lap_m,
+            self.road.lap_m / 4,
+            self.road.lane_width_m,
+            lanes,
+            0,
+            lanes - 1,
+            float(scenario.description.speed_limit_m_s),
+            False,
+            False,
         )
         ego = ego_numbers(config.ego, config.simulation)
         self.setting = Setting(
-            loop, road_numbers(self.road), ego, numbers(SafetyNumbers, config.safety),
-            numbers(StrictNumbers, config.strict), float(config.observation.range_m),
-            config.traffic.random_lane_changes_per_s, reward,
+            loop,
+            road_numbers(self.road),
+            ego,
+            numbers(SafetyNumbers, config.safety),
+            numbers(StrictNumbers, config.strict),
+            float(config.observation.range_m),
+            config.traffic.random_lane_changes_per_s,
+            reward,
         )
         self.egos = Egos(
-            np.zeros((worlds, 2), np.int64), np.zeros((worlds, VALUES)),
-            np.zeros((worlds, CODES), np.int64), np.zeros(worlds, np.int64),
-            np.zeros((worlds, 12), np.bool_), np.zeros((worlds, WIDE_SIZE + 12), np.float32),
+            np.zeros((worlds, 2), np.int64),
+            np.zeros((worlds, VALUES)),
+            np.zeros((worlds, CODES), np.int64),
+            np.zeros(worlds, np.int64),
+            np.zeros((worlds, 12), np.bool_),
+            np.zeros((worlds, WIDE_SIZE + 12), np.float32),
             np.zeros((worlds, 12), np.int64),
         )
         self.observation, self.permitted = self.egos.observation, self.egos.permitted
@@ -231,7 +274,10 @@ class TwinWorlds:
         self.egos.check[w] = 0 if rng.random() < self._paper_share else 1
         made = draw_population(
             rng if seed is None else np.random.default_rng(seed),
-            drawn if vehicles is None else vehicles, self.road, self._length_m, config.traffic,
+            drawn if vehicles is None else vehicles,
+            self.road,
+            self._length_m,
+            config.traffic,
             config.ego,
         )
         n = len(made.ids)
