@@ -6,14 +6,17 @@ from pathlib import Path
 
 import gymnasium
 import numpy as np
+import onnxruntime
 import pytest
 from worlds import LEFT, ROAD, ahead, behind, scene
 
 import drl_av
+from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.config.presets import PRESETS
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.masked_policy import INPUTS, MaskedPolicyDriver, load_actor
+from drl_av.drivers.network import forward
 from drl_av.drivers.registry import load_driver
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
@@ -135,6 +138,23 @@ def test_the_environment_gives_the_wide_observation_by_its_name() -> None:
         assert not np.array_equal(after, observation)
     with pytest.raises(ConfigError, match="the groups are: wide alone, own_front"):
         gymnasium.make("drl_av/Highway-v0", observation="broad")
+
+
+def test_the_onnx_file_decides_as_the_driver(run: Path, tmp_path: Path) -> None:
+    file = tmp_path / "driver.onnx"
+    assert main(["export", str(run), str(file)]) == 0
+    session = onnxruntime.InferenceSession(file, providers=["CPUExecutionProvider"])
+    rng = np.random.default_rng(0)
+    observation = rng.normal(size=(500, WIDE_SIZE)).astype(np.float32)
+    mask = rng.random((500, 12)) < 0.3
+    mask[0] = False
+    actions, logits = session.run(None, {"observation": observation, "action_mask": mask})
+    layers, _ = load_actor(run / "policy.safetensors")
+    for row in range(500):
+        values = forward(layers, np.concatenate((observation[row], mask[row]), dtype=np.float32))[1]
+        assert logits[row] == pytest.approx(values, abs=1e-5)
+        ranked = values if not mask[row].any() else np.where(mask[row], values, -np.inf)
+        assert actions[row] == ranked.argmax(), row
 
 
 def first_three(env: HighwayEnv, driver: Driver) -> list[Action]:
