@@ -158,24 +158,23 @@ class Affordances(NamedTuple):
         """Return the indicators as compiled functions take them."""
         rows = [NOBODY if slot is None else slot.vehicle for slot in self[:6]]
         lanes = self.lane, self.right_lane, self.left_lane, self.mandatory.lanes
-        values = np.append(self.vector(), self.mandatory.within_m)
+        values = np.append(self.vector(), (self.mandatory.within_m, 0.0))
         barriers = np.array(self.barriers, dtype=np.float64).reshape(-1, 3)
-        ground = float(self.circumference_m), float(self.lane_width_m), barriers, 0.0
+        ground = float(self.circumference_m), float(self.lane_width_m), barriers
         return Indicators(values, np.array([*rows, *lanes], np.int64), ground, self.range_m)
 
 
-Ground = tuple[float, float, FloatArray, float]
-"""What compiled functions need to know of the road around the ego: the circumference, 0 on an open
-road; the lane width; the road's barriers, shape (barriers, 3); and the position of the ego's front
-bumper, from which the distance to the barriers is measured. All are metres."""
+Ground = tuple[float, float, FloatArray]
+"""What compiled functions need to know of the road around the ego, metres: the circumference, 0 on
+an open road; the lane width; and the barriers, shape (barriers, 3)."""
 
 
 class Indicators(NamedTuple):
     """The indicators as the function ``indicators`` writes them, in two arrays."""
 
     values: FloatArray
-    """Shape (28,), float64: the 27 indicators in SI units, in the order of INDICATORS; then the
-    distance ``MandatoryChange.within_m``."""
+    """Shape (29,), float64: the 27 indicators in SI units, in the order of INDICATORS; then
+    ``WITHIN`` and ``FRONT``."""
     codes: IntArray
     """Shape (10,), int64: the row of the neighbour in each of the six SLOTS, ``NOBODY`` if there is
     none, and N + 1 for the end of a lane; then ``LANE`` to ``CHANGES``."""
@@ -184,10 +183,11 @@ class Indicators(NamedTuple):
     """The largest gap that is observed."""
 
 
-VALUES, CODES = 28, 10
+VALUES, CODES = 29, 10
 """Sizes of the two arrays that ``indicators`` fills."""
-WITHIN = 27
-"""Index of the distance ``MandatoryChange.within_m`` in the values, after the 27 indicators."""
+WITHIN, FRONT = 27, 28
+"""Indices in the values, after the 27 indicators: the distance ``MandatoryChange.within_m``, and
+the position of the ego's front bumper, in the coordinates of the road's barriers."""
 LANE, RIGHT_LANE, LEFT_LANE, CHANGES = 6, 7, 8, 9
 """Indices in the codes, after the neighbours' rows: the ego's lane, whether there is a lane to the
 right and to the left (1 or 0), and ``MandatoryChange.lanes``."""
@@ -211,7 +211,7 @@ def indicators(
     """Compute the indicators of one scene (Sec. III); ``compute_affordances`` has the rules.
 
     The first six arrays are those of a snapshot, shape (1 + N,), the ego first. The function fills
-    ``values``, shape (28,), and ``codes``, shape (10,), which ``Indicators`` describes.
+    ``values``, shape (29,), and ``codes``, shape (10,), which ``Indicators`` describes.
     """
     vehicles, lane = len(s_m), lane_of(y_m[EGO], road.lane_width_m)
     own_m = lane * road.lane_width_m
@@ -238,7 +238,7 @@ def indicators(
         if gap_m < values[4 * (4 + behind)] and -reach_m < across_m - left_m < reach_m:
             values[4 * (4 + behind)], codes[4 + behind] = gap_m, row
     front_m = ego_s_m + ego_length_m / 2
-    codes[LANE], codes[CHANGES], values[WITHIN] = lane, 0, np.inf
+    codes[LANE], codes[CHANGES], values[WITHIN], values[FRONT] = lane, 0, np.inf, front_m
     codes[RIGHT_LANE], codes[LEFT_LANE] = is_open(lane - 1, road), is_open(lane + 1, road)
     if len(road.partial_lanes) > 0:
         for side in (-1, 1):  # the front must not have passed the end of the lane
@@ -310,20 +310,17 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
     numbers = road_numbers(road)
     indicators.fast(*snapshot.arrays, numbers, float(range_m), values, codes)
-    ground = ground_of(numbers, snapshot)
-    return affordances_of(Indicators(values, codes, ground, range_m), road)
+    return affordances_of(Indicators(values, codes, ground_of(numbers), range_m), road)
 
 
-def ground_of(road: RoadNumbers, snapshot: Snapshot) -> Ground:
-    """Return the road around the ego for ``Indicators``."""
-    circumference_m = road.lap_m if road.end_m == np.inf else 0.0
-    front_m = float(snapshot.s_m[EGO] + snapshot.length_m[EGO] / 2)
-    return circumference_m, road.lane_width_m, road.barriers, front_m
+def ground_of(road: RoadNumbers) -> Ground:
+    """Return the road as ``Indicators`` hold it."""
+    return road.lap_m if road.end_m == np.inf else 0.0, road.lane_width_m, road.barriers
 
 
 def affordances_of(indicators: Indicators, road: Road) -> Affordances:
     """Return the indicators by name from the arrays that ``indicators`` has filled."""
-    values, codes, (circumference_m, lane_width_m, _, front_m), range_m = indicators
+    values, codes, (circumference_m, lane_width_m, _), range_m = indicators
     number, code = values.tolist(), codes.tolist()
     lane, partial = code[LANE], road.partial_lanes
     own_front, own_rear, right_front, right_rear, left_front, left_rear = (
@@ -347,7 +344,7 @@ def affordances_of(indicators: Indicators, road: Road) -> Affordances:
         ego_y_m=number[25],
         ego_lateral_speed_m_s=number[26],
         circumference_m=circumference_m,
-        barriers=_ahead(road, front_m) if partial else (),
+        barriers=_ahead(road, number[FRONT]) if partial else (),
         mandatory=MandatoryChange(code[CHANGES], number[WITHIN]) if partial else NO_CHANGE,
     )
 

@@ -67,7 +67,7 @@ def plan_with(scene: Scene, action: Action, ego: EgoNumbers) -> Plan:
     change, steps = scene.lane_change, np.empty((3, ego.steps_per_decision))
     heading_rad = 0.0 if change is None else change.heading_rad
     now = values, codes, action.number, *scene.lanes, heading_rad
-    origin, target, heading_rad = plan_into.fast(*now, ground[1], ego, *steps)
+    origin, target, heading_rad = plan_rows.fast(*now, ground[1], ego, steps)
     after = None if origin == target else LaneChange(origin, target, heading_rad)
     return Plan([*map(Command, *steps.tolist())], after)
 
@@ -196,3 +196,28 @@ def plan_into(
         ego.step_length_s,
     )
     return (target, target, 0.0) if over else (origin, target, heading_rad)
+
+
+@compiled
+def plan_rows(
+    values: FloatArray,
+    codes: IntArray,
+    action: int,
+    origin: int,
+    target: int,
+    heading_rad: float,
+    lane_width_m: float,
+    ego: EgoNumbers,
+    steps: FloatArray,
+) -> tuple[int, int, float]:
+    """Call ``plan_into`` with the three rows of ``steps``, shape (3, steps)."""
+    change = origin, target, heading_rad
+    after: tuple[int, int, float] = plan_into(
+        values, codes, action, *change, lane_width_m, ego, *rows_of(steps)
+    )
+    return after
+
+
+def rows_of(steps: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the three rows of an array."""
+    return steps[0], steps[1], steps[2]

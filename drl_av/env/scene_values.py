@@ -30,17 +30,21 @@ class SceneValues:
     def __init__(self, config: Config, road: Road, scale: ObservationScale) -> None:
         self._road, self._range_m = road, float(config.observation.range_m)
         self._numbers = road_numbers(road)
+        self._ground = ground_of(self._numbers)
         self._scale = scale.offset, scale.scale, scale.bounds
         self._rewards = reward_numbers(config.reward), numbers(SafetyNumbers, config.safety)
 
     def __call__(
         self, snapshot: Snapshot, lane_change: LaneChange | None
     ) -> tuple[Scene, Observation, Rewards]:
-        """Return the scene, the scaled 27 indicators, and the reward terms of the scene."""
+        """Return the scene, the scaled 27 indicators, and the reward terms of the scene.
+
+        The arrays of the snapshot must be contiguous, as the simulation makes them.
+        """
         values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
         observation = np.empty(27, np.float32)
         terms = compute_values.fast(
-            *snapshot.arrays,
+            *snapshot[2:8],
             self._numbers,
             self._range_m,
             *self._scale,
@@ -49,7 +53,7 @@ class SceneValues:
             codes,
             observation,
         )
-        found = Indicators(values, codes, ground_of(self._numbers, snapshot), self._range_m)
+        found = Indicators(values, codes, self._ground, self._range_m)
         scene = Scene.of(snapshot, found, lane_change, self._road)
         return scene, observation, Rewards(*terms)
 

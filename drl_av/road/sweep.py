@@ -160,32 +160,31 @@ def rows_within_reach(
     s_m: FloatArray,
     y_m: FloatArray,
     speed_m_s: FloatArray,
-    commands: FloatArray,
-    largest_m: tuple[float, float],
-    lateral_speed_m_s: float,
+    way_m: tuple[float, float, float],
+    times_s: tuple[float, float],
+    bounds: tuple[float, float, float],
     lap_m: float,
-    step_s: float,
     rows: IntArray,
 ) -> int:
     """Find the vehicles that can touch the ego during its commands, as ``within_reach``.
 
-    The first three arrays, shape (1 + N,), hold each vehicle's state before the first command.
-    ``commands``, shape (steps, columns), begins with the ego's speed and lateral position after
-    each command. ``largest_m`` is the largest length and width of a vehicle. The function fills the
-    first elements of ``rows``, shape (N,) or longer, with row indices in ascending order.
+    Args:
+        s_m: Positions before the first command, shape (1 + N,), the ego first.
+        y_m: Lateral positions, likewise.
+        speed_m_s: Speeds, likewise.
+        way_m: The distance that the ego covers, and its rightmost and leftmost lateral position.
+        times_s: The time that the commands take, and that of a SUMO step.
+        bounds: The largest length and width of a vehicle, and its largest lateral speed, m/s.
+        lap_m: The length of a lap of the road.
+        rows: An array of shape (N,) or longer, whose first elements the function sets to row
+            indices, in ascending order.
 
     Returns:
         The number of rows.
     """
-    steps, count = len(commands), 0
-    time_s, length_m = step_s * steps, largest_m[0]
-    aside_m = largest_m[1] + lateral_speed_m_s * time_s
-    lowest_m = highest_m = y_m[0]
-    rolled_m = 0.0
-    for step in range(steps):
-        rolled_m += step_s * commands[step, 0]
-        lowest_m = min(lowest_m, commands[step, 1])
-        highest_m = max(highest_m, commands[step, 1])
+    count, (rolled_m, lowest_m, highest_m), (time_s, step_s) = 0, way_m, times_s
+    length_m, width_m, lateral_m_s = bounds
+    aside_m = width_m + lateral_m_s * time_s
     right_m, left_m = lowest_m - aside_m, highest_m + aside_m
     gained_m = ACCELERATION_M_S2 * time_s * (time_s + step_s) / 2 - rolled_m
     for row in range(1, len(s_m)):
@@ -211,9 +210,13 @@ class VehicleRectangles:
     """Upper bound of the lateral speed of each vehicle."""
 
     @cached_property
-    def _largest_m(self) -> tuple[float, float]:
-        """The largest length and the largest width of a vehicle."""
-        return max(self.length_m), max(self.width_m)
+    def _bounds(self) -> tuple[float, float, float]:
+        """The largest length, width and lateral speed of a vehicle."""
+        return max(self.length_m), max(self.width_m), self.lateral_speed_m_s
+
+    @cached_property
+    def _lap_m(self) -> float:
+        return float(self.road.lap_m)
 
     def within_reach(
         self,
@@ -230,13 +233,17 @@ class VehicleRectangles:
         and move sideways at ``lateral_speed_m_s``. Each command takes one SUMO step of ``step_s``
         seconds.
         """
-        rows, bound_m_s = np.empty(len(s_m), np.int64), self.lateral_speed_m_s
-        ways = np.array(commands, dtype=np.float64)
-        road = float(self.road.lap_m), float(step_s)
+        lowest_m = highest_m = float(y_m[EGO])
+        rolled_m = 0.0
+        for speed, to_m, _ in commands:
+            rolled_m += step_s * speed
+            lowest_m, highest_m = min(lowest_m, to_m), max(highest_m, to_m)
+        way_m, times_s = (rolled_m, lowest_m, highest_m), (step_s * len(commands), step_s)
+        rows = np.empty(len(s_m), np.int64)
         count = rows_within_reach(
-            s_m, y_m, speed_m_s, ways, self._largest_m, bound_m_s, *road, rows
+            s_m, y_m, speed_m_s, way_m, times_s, self._bounds, self._lap_m, rows
         )
-        found: list[int] = rows[:count].tolist()
+        found: list[int] = rows[:count].tolist() if count else []
         return found
 
     def ego_collision(self, moves: Mapping[int, Displacement]) -> Collision | None:

@@ -1,6 +1,5 @@
 """The interface of a safety check, a function from a scene and a proposed action to a verdict."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from enum import Flag, auto
 from functools import cache
@@ -61,12 +60,12 @@ class Verdicts(NamedTuple):
         return Verdict(ACTIONS[self.executed[number]], RULES[self.rules[number]])
 
 
-class WholeCheck(ABC):
+class WholeCheck:
     """A check that judges all 12 actions of a scene at once."""
 
-    @abstractmethod
     def verdicts(self, scene: Scene) -> Verdicts:
         """Return the verdicts on all actions."""
+        raise NotImplementedError
 
     def __call__(self, scene: Scene, proposed: Action) -> Verdict:
         """Return the verdict on one action."""

@@ -108,7 +108,7 @@ from drl_av.driving.actions import (
     acceleration_of,
     ego_numbers,
 )
-from drl_av.driving.affordances import LANE, Ground, IntArray, has_lane
+from drl_av.driving.affordances import FRONT, LANE, IntArray, has_lane
 from drl_av.driving.maneuver import next_change
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
@@ -163,8 +163,9 @@ class Strict(WholeCheck):
 
     def _arguments(self, scene: Scene) -> tuple[Any, ...]:
         """Return the arguments that describe a scene to the compiled functions."""
-        codes, ground = scene.indicators[1:3]
-        return *scene.snapshot.arrays, codes, *scene.lanes, *ground, self._strict, self._ego
+        values, codes, ground, _ = scene.indicators
+        around = *scene.lanes, *ground, values[FRONT]
+        return *scene.snapshot.arrays, codes, *around, self._strict, self._ego
 
 
 @compiled
@@ -329,6 +330,11 @@ def seconds_to_line(distance_m: float, lane_width_m: float, ego: EgoNumbers) -> 
 
 Vehicles = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 """The arrays of a snapshot, from ``s_m`` to ``width_m``."""
+
+
+Ground = tuple[float, float, FloatArray, float]
+"""The circumference, 0 on an open road; the lane width; the barriers, shape (barriers, 3); and the
+position of the ego's front bumper, in the coordinates of the barriers. All are metres."""
 
 
 def free_distance(

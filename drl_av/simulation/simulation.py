@@ -295,15 +295,7 @@ class Simulation:
 
     def _snapshot(self) -> Snapshot:
         """Return the state that ``_read`` has read as a snapshot."""
+        fleet, wanted = self.fleet, self._states.lane_change(EGO)
         s_m, y_m, speed, lateral = self._state
-        return Snapshot(
-            time_s=self._time_s,
-            ids=self.fleet.ids,
-            s_m=s_m,
-            y_m=y_m,
-            speed_m_s=speed,
-            lateral_speed_m_s=lateral,
-            length_m=self.fleet.length_m,
-            width_m=self.fleet.width_m,
-            sumo_lane_change=self._states.lane_change(EGO),
-        )
+        sizes_m = fleet.length_m, fleet.width_m
+        return Snapshot(self._time_s, fleet.ids, s_m, y_m, speed, lateral, *sizes_m, wanted)

@@ -1,0 +1,93 @@
+"""SUMO's car following and gaps: IDM for the traffic, Krauss's gap for the ego (SUMO 1.28).
+
+Lengths are metres, times seconds. ``speed`` is the speed of the vehicle behind, ``ahead_speed``
+that of the vehicle ahead.
+"""
+
+import math
+
+from drl_av.twin.compiled import compiled
+
+STEP_S = 0.5
+"""Length of a SUMO step."""
+INNER_S = 0.25
+"""Length of an inner iteration of SUMO's IDM; a step has two."""
+MIN_GAP_M = 2.5
+BRAKING_M_S2 = 4.0
+BRAKING_ROOT_M_S2 = 2.0 * math.sqrt(1.5 * BRAKING_M_S2)
+"""2 sqrt(a b) of IDM; SUMO takes a from the vehicle type, not the drawn acceleration."""
+MOST_BRAKING_M_S = BRAKING_M_S2 * STEP_S
+"""Largest reduction of the speed in one step."""
+EGO_HEADWAY_S = 1.5
+EPS = 0.001
+"""SUMO's NUMERICAL_EPS."""
+
+
+@compiled
+def idm_speed(
+    speed: float,
+    gap_m: float,
+    ahead_speed: float,
+    desired: float,
+    headway_s: float,
+    acceleration: float,
+    min_gap_m: float,
+) -> float:
+    """Return the speed of SUMO's IDM after one step; ``gap_m`` is bumper to bumper."""
+    for _ in range(2):
+        faster = speed - ahead_speed
+        wanted_m = min_gap_m + max(0.0, speed * headway_s + speed * faster / BRAKING_ROOT_M_S2)
+        room_m = max(EPS, gap_m)
+        ratio = speed / max(EPS, desired)
+        ratio *= ratio
+        close = wanted_m / room_m
+        gain = acceleration * (1.0 - ratio * ratio - close * close)
+        speed = max(0.0, speed + gain * INNER_S)
+        gap_m = room_m - max(0.0, (speed - ahead_speed) * INNER_S)
+    return speed
+
+
+@compiled
+def follow_speed(
+    speed: float,
+    net_gap_m: float,
+    ahead_speed: float,
+    desired: float,
+    headway_s: float,
+    acceleration: float,
+) -> float:
+    """Return IDM's next speed behind a vehicle; ``net_gap_m`` excludes SUMO's minimum gap."""
+    return idm_speed(
+        speed, net_gap_m + MIN_GAP_M, ahead_speed, desired, headway_s, acceleration, MIN_GAP_M
+    )
+
+
+@compiled
+def free_speed(
+    speed: float, seen_m: float, desired: float, headway_s: float, acceleration: float
+) -> float:
+    """Return IDM's next speed on a free road whose speed limit is the desired speed."""
+    secure_m = max(0.0, desired * headway_s + desired * desired / BRAKING_ROOT_M_S2)
+    if speed <= desired:
+        free = idm_speed(speed, 1e6, desired, desired, headway_s, acceleration, 0.0)
+    else:
+        seen = max(seen_m, secure_m)
+        free = idm_speed(speed, seen, 0.0, desired, headway_s, acceleration, 0.0)
+    return min(free, desired) if seen_m < secure_m else free
+
+
+@compiled
+def brake_gap(speed: float, braking: float, headway_s: float) -> float:
+    """Return the stopping distance in SUMO's steps, with ``headway_s`` at the present speed."""
+    less = braking * STEP_S
+    steps = int(speed / less)
+    return STEP_S * (steps * speed - less * steps * (steps + 1) / 2) + speed * headway_s
+
+
+@compiled
+def secure_gap(speed: float, ahead_speed: float, headway_s: float, is_ego: bool) -> float:
+    """Return the gap that SUMO requires behind a vehicle for a lane change."""
+    if is_ego:
+        stop_m = brake_gap(speed, BRAKING_M_S2, EGO_HEADWAY_S)
+        return max(0.0, stop_m - brake_gap(ahead_speed, BRAKING_M_S2, 0.0))
+    return max(0.0, speed * headway_s + speed * (speed - ahead_speed) / BRAKING_ROOT_M_S2)

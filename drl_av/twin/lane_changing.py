@@ -1,0 +1,468 @@
+"""SUMO's lane-change model SL2015 with one strip per lane, for one vehicle in one step.
+
+Written after the behaviour of SUMO 1.28. A vehicle considers the lane to its right, the one to its
+left and its own, one after the other; each consideration ends with a state (``flags``), a lateral
+move for this step and the lateral distance of the whole maneuver. Directions are -1 right, +1
+left, 0 own lane. ``notes`` keeps the lateral room of the vehicle between the considerations.
+"""
+
+from drl_av.twin.compiled import compiled
+from drl_av.twin.flags import (
+    ASKED_BY_LEFTWARD,
+    ASKED_BY_RIGHTWARD,
+    BLOCKED_BY_FOLLOWER,
+    BLOCKED_BY_LEADER,
+    BLOCKED_BY_LEFT_FOLLOWER,
+    BLOCKED_BY_LEFT_LEADER,
+    BLOCKED_BY_RIGHT_FOLLOWER,
+    BLOCKED_BY_RIGHT_LEADER,
+    BLOCKED_LEFT,
+    BLOCKED_RIGHT,
+    FULL_REASONS,
+    IS_BLOCKING_FOLLOWER,
+    IS_BLOCKING_LEADER,
+    LEFT,
+    OVERLAPPING,
+    REASONS,
+    REQUESTED,
+    RIGHT,
+    STAY,
+    SUBLANE,
+    URGENT,
+    WANTS,
+)
+from drl_av.twin.following import (
+    EPS,
+    MIN_GAP_M,
+    MOST_BRAKING_M_S,
+    STEP_S,
+    follow_speed,
+    idm_speed,
+    secure_gap,
+)
+from drl_av.twin.worlds import (
+    ACCELERATION_M_S2,
+    ADVICE_M_S,
+    ASIDE_M,
+    DESIRED_M_S,
+    HEADWAY_S,
+    IS_FULL,
+    LANE,
+    LENGTH_M,
+    MANEUVER_M,
+    REQUEST_END,
+    REQUEST_LANE,
+    SPEED_M_S,
+    STATE,
+    STEP,
+    WIDTH_M,
+    Loop,
+    World,
+)
+
+STRIDE_M = 0.76 * STEP_S
+"""Largest lateral move in a step."""
+CONGESTED_M_S = 60.0 / 3.6
+HELP_M_S = 10.0 / 3.6
+FALL_BEHIND_M_S = 7.0 / 3.6
+CUT_IN_LEFT_M_S = 27.0
+LATERAL_GAP_M = 0.6
+ROUTE_M = 3000.0
+"""Length of the road ahead that SUMO regards."""
+TINY_M = EPS * STEP_S
+DECAY = 0.5**STEP_S
+HOLD = 2
+COUNTS = 1 << 40
+"""Bit that tells of a neighbour that it matters for the move, and so is asked for room."""
+
+SAFE_RIGHT, SAFE_LEFT, LAST_RIGHT, LAST_LEFT, MOVE, MANEUVER, LEFT_SPACE = range(7)
+LEADER_GAP, FOLLOWER_GAP = 8, 11
+"""Columns of ``Worlds.notes``; the gaps have three each: right, own and left lane."""
+RELATED, RELATED_COUNT, LEADER, FOLLOWER, BLOCKERS = 0, 6, 8, 11, 7
+"""Columns of ``Worlds.near``: the vehicles that car following regards, their number or -1, the
+leaders and followers in the right, own and left lane, and a bit for each one that is in the way."""
+
+
+@compiled
+def lane_side_distance(width_m: float, aside_m: float, side: int, lane_m: float) -> float:
+    """Return the least lateral move, metres, that brings a body wholly into the next lane."""
+    half_m = 0.5 * (width_m + EPS)
+    if side < 0:
+        return -0.5 * lane_m + half_m - aside_m - (width_m + EPS)
+    return 0.5 * lane_m - half_m - aside_m + (width_m + EPS)
+
+
+@compiled
+def request_of(world: World, loop: Loop, i: int) -> int:
+    """Return the side of the request that stands: -1, +1, ``HOLD``, or 0 without one."""
+    wanted = world.z[REQUEST_LANE, i]
+    if wanted < 0 or wanted >= loop.lanes or world.near[STEP] > world.z[REQUEST_END, i]:
+        return 0
+    lane = world.z[LANE, i]
+    return HOLD if wanted == lane else (-1 if wanted < lane else 1)
+
+
+@compiled
+def influenced(state: int, request: int, on_request_only: int, is_commanded: bool) -> int:
+    """Return the state after SUMO has applied the lane-change mode and the request to it."""
+    if state & (WANTS | STAY):
+        if state & REQUESTED and is_commanded:
+            return state
+        never = True
+        if state & FULL_REASONS:
+            never = on_request_only != 0
+        elif state & SUBLANE:
+            never = False
+        conflicts = request != 0 and (
+            (state & LEFT and request != 1)
+            or (state & RIGHT and request != -1)
+            or (state & STAY and request != HOLD)
+        )
+        if never or conflicts:
+            state &= ~(WANTS | STAY | URGENT)
+    if request == 0:
+        return state
+    state |= REQUESTED
+    if request == HOLD:
+        return state | STAY
+    return state | URGENT | (LEFT if request == 1 else RIGHT)
+
+
+@compiled
+def signed(state: int, move_m: float) -> int:
+    """Return the direction flag of a lateral move that has a reason."""
+    if move_m == 0.0 or not state & REASONS:
+        return 0
+    return RIGHT if move_m < 0 else LEFT
+
+
+@compiled
+def overlaps(right: float, left: float, other_right: float, other_left: float) -> bool:
+    """Return whether two lateral intervals overlap by more than SUMO's tolerance."""
+    return other_left >= right + EPS and left >= other_right + EPS
+
+
+@compiled
+def is_related(world: World, j: int) -> bool:
+    """Return whether car following already regards the vehicle ``j``."""
+    for m in range(max(0, world.near[RELATED_COUNT])):
+        if world.near[RELATED + m] == j:
+            return True
+    return False
+
+
+@compiled
+def relate(world: World, loop: Loop, i: int, lane: int, j: int, gap_m: float) -> None:
+    """Remember the vehicle ``j`` if it is ahead or behind in a lane that the vehicle overlaps."""
+    if j < 0 or gap_m < 0 or is_related(world, j):
+        return
+    width_m = world.x[WIDTH_M, i] - EPS
+    right = center_m(world, loop, i) - 0.5 * width_m
+    if overlaps(right, right + width_m, lane * loop.lane_m, (lane + 1) * loop.lane_m):
+        count = world.near[RELATED_COUNT]
+        world.near[RELATED + count] = j
+        world.near[RELATED_COUNT] = count + 1
+
+
+@compiled
+def center_m(world: World, loop: Loop, i: int) -> float:
+    """Return the lateral position of a body's centre from the right border of the road."""
+    return (world.z[LANE, i] + 0.5) * loop.lane_m + world.x[ASIDE_M, i]
+
+
+@compiled
+def update_gaps(
+    world: World,
+    loop: Loop,
+    i: int,
+    lane: int,
+    j: int,
+    gap_m: float,
+    room_right: float,
+    room_left: float,
+    kept_m: float,
+    remembers: bool,
+    net_m: float,
+) -> tuple[float, float]:
+    """Return the lateral room to the right and left beside the vehicle ``j`` in ``lane``.
+
+    ``kept_m`` is the lateral gap to keep. With ``net_m`` only vehicles beside the front half count.
+    """
+    if j < 0 or gap_m > 0 or is_related(world, j):
+        return room_right, room_left
+    if net_m != 0.0 and not gap_m + MIN_GAP_M < net_m:
+        return room_right, room_left
+    center = center_m(world, loop, i)
+    right, left = lane * loop.lane_m, (lane + 1) * loop.lane_m
+    half_m = (world.x[WIDTH_M, i] + EPS) * 0.5 + EPS
+    aside = min(abs(right - center), abs(left - center)) - half_m
+    its_m = world.x[MANEUVER_M, j]
+    if right + 0.5 * loop.lane_m < center:
+        its_m = max(0.0, its_m)
+        room_right = min(room_right, aside - kept_m, max(kept_m, aside - its_m))
+        if remembers:
+            world.notes[LAST_RIGHT] = min(world.notes[LAST_RIGHT], aside)
+    else:
+        its_m = -min(0.0, its_m)
+        room_left = min(room_left, aside - kept_m, max(kept_m, aside - its_m))
+        if remembers:
+            world.notes[LAST_LEFT] = min(world.notes[LAST_LEFT], aside)
+    return room_right, room_left
+
+
+@compiled
+def is_blocking(
+    world: World,
+    loop: Loop,
+    i: int,
+    lane: int,
+    j: int,
+    gap_m: float,
+    move_m: float,
+    is_ahead: bool,
+    flag: int,
+) -> int:
+    """Return ``flag`` if the vehicle ``j`` in ``lane`` blocks a lateral move, else 0.
+
+    The result contains ``COUNTS`` if ``j`` matters at all.
+    """
+    if j < 0 or is_related(world, j):
+        return 0
+    width_m = world.x[WIDTH_M, i] + EPS
+    right = center_m(world, loop, i) - 0.5 * world.x[WIDTH_M, i]
+    left = right + width_m
+    its_right, its_left = lane * loop.lane_m, (lane + 1) * loop.lane_m
+    before = overlaps(right, left, its_right, its_left)
+    after = overlaps(right + move_m, left + move_m, its_right, its_left)
+    if not overlaps(min(right, right + move_m), max(left, left + move_m), its_right, its_left):
+        return 0
+    if gap_m < 0:
+        return 0 if before and not after else flag | OVERLAPPING | COUNTS
+    if not after and world.z[IS_FULL, i]:
+        return 0
+    behind, ahead = (i, j) if is_ahead else (j, i)
+    needed_m = secure_gap(
+        world.x[SPEED_M_S, behind],
+        world.x[SPEED_M_S, ahead],
+        world.x[HEADWAY_S, behind],
+        behind == 0,
+    )
+    if gap_m >= needed_m:
+        return COUNTS
+    return flag | COUNTS
+
+
+@compiled
+def check_blocking(
+    world: World,
+    loop: Loop,
+    i: int,
+    side: int,
+    kept_m: float,
+    keeps_gap: bool,
+) -> int:
+    """Return the flags of what blocks the move in ``notes``; shorten the move as far as needed."""
+    notes, near, lane = world.notes, world.near, world.z[LANE, i]
+    move_m = max(min(notes[MOVE], STRIDE_M), -STRIDE_M)
+    if near[RELATED_COUNT] < 0:
+        near[RELATED_COUNT] = 0
+        for d in (0, side):
+            other = lane + d
+            relate(world, loop, i, other, near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d])
+            relate(world, loop, i, other, near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d])
+            if side == 0:
+                break
+    right, left = notes[SAFE_RIGHT], notes[SAFE_LEFT]
+    for d in (0, side):
+        other = lane + d
+        j, gap_m = near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d]
+        right, left = update_gaps(world, loop, i, other, j, gap_m, right, left, kept_m, False, 0.0)
+        j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d]
+        right, left = update_gaps(world, loop, i, other, j, gap_m, right, left, kept_m, False, 0.0)
+        if side == 0:
+            break
+    notes[SAFE_RIGHT], notes[SAFE_LEFT] = right, left
+    near[BLOCKERS] = 0
+    if move_m < 0:
+        notes[MOVE] = move_m
+        if right <= EPS:
+            return BLOCKED_RIGHT | OVERLAPPING
+        move_m = max(move_m, -right)
+    else:
+        notes[MOVE] = move_m
+        if left <= EPS:
+            return BLOCKED_LEFT | OVERLAPPING
+        move_m = min(move_m, left)
+    notes[MOVE] = move_m
+    maneuver_m = notes[MANEUVER]
+    world.z[IS_FULL, i] = maneuver_m == 0 or move_m == maneuver_m
+    blocked, fully, counted = 0, 0, 0
+    for d in (0, side):
+        leader_flag, follower_flag = BLOCKED_BY_LEADER, BLOCKED_BY_FOLLOWER
+        if d < 0:
+            leader_flag, follower_flag = BLOCKED_BY_RIGHT_LEADER, BLOCKED_BY_RIGHT_FOLLOWER
+        elif d > 0:
+            leader_flag, follower_flag = BLOCKED_BY_LEFT_LEADER, BLOCKED_BY_LEFT_FOLLOWER
+        bit = 1 if d == 0 else 4
+        other = lane + d
+        j, gap_m = near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d]
+        now = is_blocking(world, loop, i, other, j, gap_m, move_m, True, leader_flag)
+        later = is_blocking(world, loop, i, other, j, gap_m, maneuver_m, True, leader_flag)
+        counted |= bit if (now | later) & COUNTS else 0
+        blocked |= now
+        fully |= later
+        j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d]
+        now = is_blocking(world, loop, i, other, j, gap_m, move_m, False, follower_flag)
+        later = is_blocking(world, loop, i, other, j, gap_m, maneuver_m, False, follower_flag)
+        counted |= 2 * bit if (now | later) & COUNTS else 0
+        blocked |= now
+        fully |= later
+        if side == 0:
+            break
+    near[BLOCKERS] = counted
+    if not blocked & ~COUNTS and not world.z[IS_FULL, i] and not keeps_gap:
+        blocked |= fully
+    return blocked & ~COUNTS
+
+
+@compiled
+def inform(world: World, j: int, advice: float, flags: int) -> None:
+    """Tell the vehicle ``j`` that it is in the way; ``advice`` is a speed for it, or negative."""
+    world.z[STATE, j] |= flags
+    if advice >= 0:
+        advise(world, j, advice)
+
+
+@compiled
+def advise(world: World, j: int, advice: float) -> None:
+    """Advise a vehicle of a speed for the next step; it ignores one that it cannot reach."""
+    speed = world.x[SPEED_M_S, j]
+    reached = speed + ((advice - speed) / STEP_S) * STEP_S
+    if max(speed - MOST_BRAKING_M_S, 0.0) <= reached < world.x[ADVICE_M_S, j]:
+        world.x[ADVICE_M_S, j] = reached
+
+
+@compiled
+def its_follow_speed(world: World, i: int, gap_m: float, ahead_speed: float) -> float:
+    """Return the next speed of the vehicle ``i`` behind another one, by its IDM."""
+    return follow_speed(
+        world.x[SPEED_M_S, i],
+        gap_m,
+        ahead_speed,
+        world.x[DESIRED_M_S, i],
+        world.x[HEADWAY_S, i],
+        world.x[ACCELERATION_M_S2, i],
+    )
+
+
+@compiled
+def inform_leader(
+    world: World,
+    loop: Loop,
+    i: int,
+    side: int,
+    blocked: int,
+    j: int,
+    gap_m: float,
+    seconds: float,
+) -> float:
+    """Ask the vehicle ahead in the target lane for room; return the own planned speed."""
+    speed, its = world.x[SPEED_M_S, i], world.x[SPEED_M_S, j]
+    planned = min(speed, stop_speed(world, i), world.x[ADVICE_M_S, i])
+    asked = ASKED_BY_LEFTWARD if side > 0 else ASKED_BY_RIGHTWARD
+    if blocked & BLOCKED_BY_LEADER:
+        faster = planned - its
+        length_m = world.x[LENGTH_M, i]
+        past_m = gap_m + world.x[LENGTH_M, j] + MIN_GAP_M + length_m
+        past_m += secure_gap(its, speed, world.x[HEADWAY_S, j], j == 0)
+        stays = side > 0 and speed >= CONGESTED_M_S and not loop.overtake_right
+        if faster < EPS or stays or faster * seconds < past_m:
+            inform(world, j, -1.0, asked | IS_BLOCKING_LEADER)
+            target = its_follow_speed(world, i, gap_m, its)
+            if target >= speed:
+                advise(world, i, target)
+                return planned
+            slower = max(FALL_BEHIND_M_S, (speed - target) / seconds)
+            slower = min(MOST_BRAKING_M_S / STEP_S, slower) * STEP_S
+            target = min(planned, max(0.0, speed - slower))
+            advise(world, i, target)
+            return target
+        inform(world, j, its, asked | IS_BLOCKING_LEADER)
+        return -1.0
+    later = its - HELP_M_S
+    closer_m = (speed - later) * STEP_S
+    target = its_follow_speed(world, i, gap_m - closer_m, later)
+    advise(world, i, target)
+    return min(target, planned)
+
+
+@compiled
+def stop_speed(world: World, i: int) -> float:
+    """Return IDM's next speed if the vehicle stopped at the end of the road that SUMO regards."""
+    return idm_speed(
+        world.x[SPEED_M_S, i],
+        world.notes[LEFT_SPACE],
+        0.0,
+        world.x[DESIRED_M_S, i],
+        world.x[HEADWAY_S, i],
+        world.x[ACCELERATION_M_S2, i],
+        0.0,
+    )
+
+
+@compiled
+def inform_follower(
+    world: World,
+    loop: Loop,
+    i: int,
+    side: int,
+    blocked: int,
+    j: int,
+    gap_m: float,
+    seconds: float,
+    planned: float,
+) -> None:
+    """Ask the vehicle behind in the target lane for room, or let it pass."""
+    speed, its = world.x[SPEED_M_S, i], world.x[SPEED_M_S, j]
+    headway_s, is_ego = world.x[HEADWAY_S, j], j == 0
+    asked = IS_BLOCKING_FOLLOWER | (ASKED_BY_LEFTWARD if side > 0 else ASKED_BY_RIGHTWARD)
+    if not blocked & BLOCKED_BY_FOLLOWER:
+        fastest = min(its + world.x[ACCELERATION_M_S2, j] * STEP_S, world.x[DESIRED_M_S, j])
+        safe = its_follow_speed(world, j, gap_m + (planned - fastest) * STEP_S, planned)
+        if safe < its:
+            later_m = gap_m + (planned - its) * STEP_S
+            safe = its
+            if later_m < secure_gap(its, planned, headway_s, is_ego):
+                safe = its_follow_speed(world, j, later_m, planned)
+        inform(world, j, safe, asked)
+        return
+    if planned - its >= HELP_M_S:
+        needed_m = secure_gap(its, planned, headway_s, is_ego)
+        if (needed_m - gap_m) / seconds < planned - its:
+            inform(world, j, planned - HELP_M_S, asked)
+            return
+    braking = MOST_BRAKING_M_S / STEP_S
+    slowed, slowed_1s = max(0.0, its - MOST_BRAKING_M_S), max(0.0, its - braking)
+    faster = planned - slowed_1s
+    later_m = gap_m + faster
+    needed_m = secure_gap(slowed_1s, planned, headway_s, is_ego)
+    if later_m > 0 and later_m >= needed_m:
+        safe = max(slowed, its_follow_speed(world, j, gap_m + planned * STEP_S, planned))
+        room_m = gap_m + (planned - safe) * STEP_S
+        safe = max(slowed, its_follow_speed(world, j, room_m, planned))
+        inform(world, j, safe, asked)
+    elif faster > 0 and faster * seconds > needed_m - later_m + 0.1:
+        inform(world, j, slowed, asked)
+    elif side < 0 and not loop.overtake_right and its >= CONGESTED_M_S:
+        inform(world, j, max(slowed, HELP_M_S), asked)
+    else:
+        helped = max(its, speed + HELP_M_S)
+        if its > speed:  # also to the left: the way ahead is longer than a ramp
+            helped = max(slowed, speed + HELP_M_S)
+            if (its - speed) / braking < seconds:
+                inform(world, j, helped, asked)
+                return
+        inform(world, j, helped, asked)
+        past_m = gap_m + world.x[LENGTH_M, i] + MIN_GAP_M + world.x[LENGTH_M, j]
+        past_m += secure_gap(planned, helped, world.x[HEADWAY_S, i], False)
+        advise(world, i, max(helped - past_m / seconds, speed - MOST_BRAKING_M_S))

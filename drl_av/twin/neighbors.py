@@ -1,0 +1,100 @@
+"""Searches for the vehicles next to one in its lanes, as far as SUMO's drivers see them."""
+
+import math
+
+from drl_av.twin.compiled import compiled
+from drl_av.twin.following import BRAKING_M_S2, MIN_GAP_M, brake_gap, secure_gap
+from drl_av.twin.worlds import (
+    COUNT,
+    FRONT_M,
+    HEADWAY_S,
+    LENGTH_M,
+    MASK,
+    ORDER,
+    SPEED_M_S,
+    Loop,
+    World,
+)
+
+SEEN_BEHIND_M = 200.0
+"""Distance in which SUMO looks for followers: stopping from the speed limit of 40 m/s."""
+
+
+@compiled
+def insert_sorted(world: World) -> None:
+    """Sort the vehicles of a world by front position, the foremost first."""
+    for k in range(1, world.near[COUNT]):
+        i = world.z[ORDER, k]
+        at_m = world.x[FRONT_M, i]
+        m = k - 1
+        while m >= 0 and world.x[FRONT_M, world.z[ORDER, m]] < at_m:
+            world.z[ORDER, m + 1] = world.z[ORDER, m]
+            m -= 1
+        world.z[ORDER, m + 1] = i
+
+
+@compiled
+def shadow_lane(aside_m: float, width_m: float, lane: int, loop: Loop) -> int:
+    """Return the second lane that a body overlaps, or -1."""
+    if abs(aside_m) + 0.5 * width_m - 0.5 * loop.lane_m <= 0.001:
+        return -1
+    other = lane - 1 if aside_m < 0 else lane + 1
+    return other if 0 <= other < loop.lanes else -1
+
+
+@compiled
+def reach_m(rest_m: float, speed: float, headway_s: float, edge_m: float) -> float:
+    """Return how far a driver sees ahead for a lane change; ``rest_m`` is left of its edge."""
+    distance_m = max(brake_gap(speed, BRAKING_M_S2, headway_s), 10.0) + MIN_GAP_M
+    if rest_m > distance_m:
+        return rest_m
+    seen_m = rest_m + edge_m
+    while seen_m - edge_m < distance_m:
+        seen_m += edge_m
+    return seen_m
+
+
+@compiled
+def follower(world: World, loop: Loop, k: int, lane: int) -> tuple[int, float]:
+    """Return the critical vehicle behind the ``k``-th one in ``lane`` and its net gap, or -1."""
+    n = world.near[COUNT]
+    i = world.z[ORDER, k]
+    at_m, speed = world.x[FRONT_M, i], world.x[SPEED_M_S, i]
+    pos_m = at_m - math.floor(at_m / loop.edge_m) * loop.edge_m
+    length_m = world.x[LENGTH_M, i]
+    back_m = pos_m - length_m
+    found, found_gap_m, found_missing_m = -1, math.inf, -math.inf
+    edge, done_edge, wrapped_m = 0, -1, 0.0
+    m = k
+    for _ in range(n - 1):
+        m += 1
+        if m == n:
+            m, wrapped_m = 0, loop.lap_m
+        j = world.z[ORDER, m]
+        if not world.z[MASK, j] & (1 << lane):
+            continue
+        behind_m = at_m - world.x[FRONT_M, j] + wrapped_m
+        edge = 0 if behind_m <= pos_m else 1 + int((behind_m - pos_m) // loop.edge_m)
+        if edge > 0:
+            if found >= 0 and done_edge <= 0:
+                break
+            if edge == done_edge:
+                continue
+            if edge > 1 and (edge - 1) * loop.edge_m >= SEEN_BEHIND_M - back_m:
+                break
+        done_edge = edge
+        gap_m = behind_m - length_m - MIN_GAP_M
+        needed_m = secure_gap(world.x[SPEED_M_S, j], speed, world.x[HEADWAY_S, j], j == 0)
+        missing_m = needed_m - gap_m
+        is_worse = (
+            missing_m > found_missing_m
+            or (missing_m > 0 and gap_m < found_gap_m)
+            or (gap_m < 0 and found_gap_m > 0)
+        )
+        if (
+            is_worse
+            and not (gap_m > 0 and found_gap_m < 0)
+            and not (found_missing_m > 0 and found_gap_m < gap_m)
+        ):
+            found, found_gap_m, found_missing_m = j, gap_m, missing_m
+    return found, found_gap_m

@@ -1,0 +1,134 @@
+"""The state of many worlds as arrays; column 0 of the vehicles is the ego.
+
+A world has two tables with one column a vehicle: ``x`` holds real numbers, ``z`` whole numbers. A
+row is one quantity of all vehicles, named by the constants below, in SI units. The columns beyond
+the world's ``COUNT`` are unused. Everything that SUMO's models remember between two steps is in
+these arrays, so a copy of them continues like the original.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+(
+    FRONT_M,
+    SPEED_M_S,
+    ACCELERATION_NOW_M_S2,
+    ASIDE_M,
+    LATERAL_SPEED_M_S,
+    LENGTH_M,
+    WIDTH_M,
+    DESIRED_M_S,
+    HEADWAY_S,
+    ACCELERATION_M_S2,
+    THRESHOLD_LEFT,
+    THRESHOLD_RIGHT,
+    WANTED_SPEED_M_S,
+    MANEUVER_M,
+    COMMANDED_M,
+    GAIN_LEFT,
+    GAIN_RIGHT,
+    ADVICE_M_S,
+    NEXT_M_S,
+    EXPECTED_M_S,
+) = range(20)
+"""The rows of ``x``.
+
+``FRONT_M`` is the position of the front bumper in [0, lap), ``ASIDE_M`` the offset of the body's
+centre from the centre of its lane, left positive. ``ACCELERATION_NOW_M_S2`` is the change of the
+speed in the last step divided by its length. SUMO's parameters of a driver are ``DESIRED_M_S``,
+``HEADWAY_S``, ``ACCELERATION_M_S2``, and the speed gains from which it changes to the left and to
+the right. ``WANTED_SPEED_M_S`` bounds the next speed by a command (inf without one),
+``ADVICE_M_S`` by the lane changes around (inf without one). ``MANEUVER_M`` is the lateral distance
+left of the lane change in progress, ``COMMANDED_M`` the same of one that was requested.
+``GAIN_LEFT`` and ``GAIN_RIGHT`` are SL2015's memory of faster lanes, and the rows from
+``EXPECTED_M_S`` on, one a lane, the speeds that it expects there. ``NEXT_M_S`` is scratch.
+"""
+
+(
+    LANE,
+    SHADOW,
+    RESERVED,
+    ON_REQUEST_ONLY,
+    REQUEST_LANE,
+    REQUEST_END,
+    STATE,
+    PREVIOUS_STATE,
+    IS_FULL,
+    ORDER,
+    MASK,
+    TRACKED,
+) = range(12)
+"""The rows of ``z``.
+
+``SHADOW`` is the second lane that a body overlaps, ``RESERVED`` the lane that it is about to enter,
+in which others make room for it; each is -1 if there is none. ``ON_REQUEST_ONLY`` is 1 if SUMO
+changes the vehicle's lane on request only. A request for ``REQUEST_LANE`` (-1: none) stands until
+step ``REQUEST_END``. ``STATE`` and ``PREVIOUS_STATE`` are SL2015's, of ``flags``; ``IS_FULL`` is 1
+if its last move could be made at once. ``ORDER`` lists the vehicles, the foremost first. ``MASK``
+has a bit for each lane that the body overlaps. ``TRACKED`` is the last step at which the expected
+speeds were brought up to date: only then, and not while they cannot matter, are they.
+"""
+
+COUNT, STEP, ACTIVE_COUNT = 16, 17, 18
+"""Entries of ``near``: the vehicles of the world, the ego included; its SUMO steps since the start;
+the length of SUMO's list of the strips with vehicles (``active_lanes``)."""
+ACTIVE = 20
+"""First entry of ``near`` with that list; ``MARKS``: the first with a mark of each strip."""
+MOST_STRIPS = 40
+MARKS = ACTIVE + MOST_STRIPS
+
+
+class World(NamedTuple):
+    """One world: views of the arrays of ``Worlds``."""
+
+    x: FloatArray
+    """Real numbers, shape (rows, vehicles)."""
+    z: IntArray
+    """Whole numbers, shape (rows, vehicles)."""
+    notes: FloatArray
+    """Scratch numbers of the vehicle that considers a lane change, shape (16,)."""
+    near: IntArray
+    """The vehicles around that vehicle, and counts of the world, shape (100,)."""
+
+
+class Worlds(NamedTuple):
+    """Many worlds on one road; the first axis of each array is the world."""
+
+    x: FloatArray
+    z: IntArray
+    notes: FloatArray
+    near: IntArray
+
+
+class Loop(NamedTuple):
+    """The road of all worlds, and what SUMO's steps depend on besides the vehicles."""
+
+    lap_m: float
+    edge_m: float
+    """Length of a SUMO edge; drivers see to the end of an edge."""
+    lane_m: float
+    lanes: int
+    first_open: int
+    """The rightmost open lane."""
+    last_open: int
+    limit_m_s: float
+    """SUMO's speed limit of the road."""
+    overtake_right: bool
+    """Whether a vehicle may be passed on the right above 60 km/h."""
+    keeps_stopping_distance: bool
+    """Whether each vehicle stays slow enough to stop behind the one ahead."""
+
+
+def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:
+    """Return the arrays of ``worlds`` worlds for up to ``vehicles`` vehicles, the ego included."""
+    return Worlds(
+        x=np.zeros((worlds, EXPECTED_M_S + lanes, vehicles)),
+        z=np.zeros((worlds, TRACKED + 1, vehicles), dtype=np.int64),
+        notes=np.zeros((worlds, 16)),
+        near=np.zeros((worlds, MARKS + MOST_STRIPS), dtype=np.int64),
+    )
