@@ -32,6 +32,13 @@ class PpoConfig(Section):
     paper_share: float = setting(
         0.5, "ours", "chance that an episode has the check paper instead of strict", low=0, high=1
     )
+    overtaking_share: float = setting(
+        0.3,
+        "ours",
+        "chance that an episode has traffic overtaking instead of [traffic]",
+        low=0,
+        high=1,
+    )
     middle_speed_m_s: float = setting(20.0, "ours", "speed that earns nothing", low=0, high=60)
     speed_scale_m_s: float = setting(10.0, "ours", "more speed that earns 1", low=0.1, high=60)
     abort_cost: float = setting(0.1, "ours", "cost of an aborted lane change", low=0, high=100)

@@ -1,13 +1,13 @@
 """Thousands of episodes at once in the twin, for training at scale (ours)."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from drl_av.compiled import compiled, numbers
 from drl_av.config import Config
-from drl_av.driving.actions import EgoNumbers, ego_numbers
+from drl_av.driving.actions import HARD_BRAKE, SIGNS, EgoNumbers, ego_numbers
 from drl_av.driving.affordances import CODES, VALUES, indicators
 from drl_av.driving.maneuver import plan_into
 from drl_av.driving.wide_observation import WIDE_SIZE, wide_observation
@@ -23,7 +23,37 @@ from drl_av.simulation.population import draw_population
 from drl_av.twin.active_lanes import activate, mark_present
 from drl_av.twin.neighbors import insert_sorted
 from drl_av.twin.step import sumo_step
-from drl_av.twin.worlds import Loop, Worlds, empty_worlds
+from drl_av.twin.worlds import (
+    ACCELERATION_M_S2,
+    ADVICE_M_S,
+    ASIDE_M,
+    COUNT,
+    DESIRED_M_S,
+    EXPECTED_M_S,
+    FRONT_M,
+    HEADWAY_S,
+    IS_FULL,
+    LANE,
+    LATERAL_SPEED_M_S,
+    LENGTH_M,
+    MASK,
+    ORDER,
+    REQUEST_END,
+    REQUEST_LANE,
+    RESERVED,
+    SHADOW,
+    SPEED_M_S,
+    STEP,
+    THRESHOLD_LEFT,
+    THRESHOLD_RIGHT,
+    TRACKED,
+    WANTED_SPEED_M_S,
+    WIDTH_M,
+    Loop,
+    World,
+    Worlds,
+    empty_worlds,
+)
 
 IntArray = npt.NDArray[np.int64]
 REQUEST_STEPS = 10
@@ -62,30 +92,29 @@ class Egos(NamedTuple):
     permitted: npt.NDArray[np.bool_]
     observation: npt.NDArray[np.float32]
     executed: IntArray
+    facts: FloatArray
 
 
 @compiled
-def place(worlds: Worlds, w: int, setting: Setting, s_m: FloatArray, y_m: FloatArray) -> None:
+def place(world: World, loop: Loop, s_m: FloatArray, y_m: FloatArray) -> None:
     """Write the centres of all bodies of a world."""
-    loop = setting.loop
-    for i in range(worlds.count[w]):
-        s_m[i] = (worlds.front_m[w, i] - worlds.length_m[w, i] / 2) % loop.lap_m
-        y_m[i] = worlds.lane[w, i] * loop.lane_m + worlds.aside_m[w, i]
+    for i in range(world.near[COUNT]):
+        s_m[i] = (world.x[FRONT_M, i] - world.x[LENGTH_M, i] / 2) % loop.lap_m
+        y_m[i] = world.z[LANE, i] * loop.lane_m + world.x[ASIDE_M, i]
 
 
 @compiled
-def observe(worlds: Worlds, w: int, setting: Setting, egos: Egos) -> None:
-    """Compute the indicators, the mask and the wide observation of a world."""
-    n = worlds.count[w]
+def observe(world: World, w: int, setting: Setting, egos: Egos) -> None:
+    """Compute the indicators, the mask and the wide observation of the world ``w``."""
+    n = world.near[COUNT]
     s_m, y_m = np.empty(n), np.empty(n)
-    place(worlds, w, setting, s_m, y_m)
-    speed, lateral = worlds.speed_m_s[w, :n], worlds.lateral_speed_m_s[w, :n]
-    length_m, width_m = worlds.length_m[w, :n], worlds.width_m[w, :n]
-    values, codes = egos.values[w], egos.codes[w]
+    place(world, setting.loop, s_m, y_m)
+    speed, lateral = world.x[SPEED_M_S, :n], world.x[LATERAL_SPEED_M_S, :n]
+    length_m, width_m = world.x[LENGTH_M, :n], world.x[WIDTH_M, :n]
+    values, codes, executed = egos.values[w], egos.codes[w], egos.executed[w]
     origin, target = egos.change[w, 0], egos.change[w, 1]
-    road = setting.road
-    indicators(s_m, y_m, speed, lateral, length_m, width_m, road, setting.range_m, values, codes)
-    executed, rules = egos.executed[w], np.empty(12, np.int64)
+    road, range_m, rules = setting.road, setting.range_m, np.empty(12, np.int64)
+    indicators(s_m, y_m, speed, lateral, length_m, width_m, road, range_m, values, codes)
     if egos.check[w] == 0:
         paper_verdicts(values, codes, origin, target, setting.safety, executed, rules)
     else:
@@ -116,19 +145,78 @@ def observe(worlds: Worlds, w: int, setting: Setting, egos: Egos) -> None:
         length_m,
         width_m,
         road,
-        setting.range_m,
+        range_m,
         setting.ego.max_speed_m_s,
         origin,
         target,
         egos.observation[w, :WIDE_SIZE],
     )
     some = False
-    for a in range(12):
-        egos.permitted[w, a] = executed[a] == a
-        some = some or executed[a] == a
-        egos.observation[w, WIDE_SIZE + a] = 1.0 if executed[a] == a else 0.0
+    for action in range(12):
+        permitted = executed[action] == action
+        egos.permitted[w, action] = permitted
+        egos.observation[w, WIDE_SIZE + action] = 1.0 if permitted else 0.0
+        some = some or permitted
     if not some:
         egos.permitted[w, :] = True
+
+
+@compiled
+def decide(
+    world: World, w: int, setting: Setting, egos: Egos, action: int, draws: FloatArray
+) -> tuple[float, int]:
+    """Make one decision in the world ``w``; return its reward and the kind of the collision.
+
+    ``draws``, shape (2, vehicles), holds random numbers for the random lane changes.
+    """
+    loop, how, n = setting.loop, setting.reward, world.near[COUNT]
+    steps = setting.ego.steps_per_decision
+    speeds, y, lateral = np.empty(steps), np.empty(steps), np.empty(steps)
+    executed = egos.executed[w, action]
+    origin, target = egos.change[w, 0], egos.change[w, 1]
+    aborts = origin != target and SIGNS[executed // 4] == origin - target
+    origin, target, _ = plan_into(
+        egos.values[w],
+        egos.codes[w],
+        executed,
+        origin,
+        target,
+        0.0,
+        loop.lane_m,
+        setting.ego,
+        speeds,
+        y,
+        lateral,
+    )
+    egos.change[w, 0], egos.change[w, 1] = origin, target
+    for i in range(1, n):
+        if draws[0, i] < setting.chance:
+            lane = world.z[LANE, i] + (1 if draws[1, i] < 0.5 else -1)
+            if loop.first_open <= lane <= loop.last_open:
+                world.z[REQUEST_LANE, i] = lane
+                world.z[REQUEST_END, i] = world.near[STEP] + REQUEST_STEPS
+    before, after = np.empty((2, n)), np.empty((2, n))
+    length_m, width_m, kind = world.x[LENGTH_M, :n], world.x[WIDTH_M, :n], NO_CONTACT
+    for step in range(steps):
+        place(world, loop, before[0], before[1])
+        sumo_step(world, loop, speeds[step], y[step])
+        place(world, loop, after[0], after[1])
+        _, kind, _ = swept_collision(
+            before[0], before[1], after[0], after[1], length_m, width_m, loop.lap_m
+        )
+        if kind != NO_CONTACT:
+            break
+    world.x[LATERAL_SPEED_M_S, 0] = lateral[-1]
+    observe(world, w, setting, egos)
+    reward = (world.x[SPEED_M_S, 0] - how.middle_speed_m_s) / how.speed_scale_m_s
+    reward -= how.abort_cost if aborts else 0.0
+    reward -= how.hard_brake_cost if executed % 4 == HARD_BRAKE else 0.0
+    reward -= how.collision_cost if kind != NO_CONTACT else 0.0
+    egos.facts[w, 0] = world.x[SPEED_M_S, 0]
+    egos.facts[w, 1] = 1.0 if aborts else 0.0
+    egos.facts[w, 2] = 1.0 if executed % 4 == HARD_BRAKE else 0.0
+    egos.facts[w, 3] = 1.0 if kind != NO_CONTACT else 0.0
+    return reward, kind
 
 
 @compiled
@@ -140,76 +228,23 @@ def advance(
     draws: FloatArray,
     reward: npt.NDArray[np.float32],
     kind: IntArray,
-    facts: FloatArray,
 ) -> None:
     """Make one decision in each world."""
-    loop, ego = setting.loop, setting.ego
-    steps = ego.steps_per_decision
-    speeds, y, lateral = np.empty(steps), np.empty(steps), np.empty(steps)
-    for w in range(len(worlds.count)):
-        n = worlds.count[w]
-        executed = egos.executed[w, action[w]]
-        origin, target = egos.change[w, 0], egos.change[w, 1]
-        side = (0, -1, 1)[executed // 4]
-        aborts = origin != target and side == origin - target
-        origin, target, _ = plan_into(
-            egos.values[w],
-            egos.codes[w],
-            executed,
-            origin,
-            target,
-            0.0,
-            loop.lane_m,
-            ego,
-            speeds,
-            y,
-            lateral,
-        )
-        egos.change[w, 0], egos.change[w, 1] = origin, target
-        for i in range(1, n):
-            if draws[0, w, i] < setting.chance:
-                lane = worlds.lane[w, i] + (1 if draws[1, w, i] < 0.5 else -1)
-                if loop.first_open <= lane <= loop.last_open:
-                    worlds.request_lane[w, i] = lane
-                    worlds.request_end[w, i] = worlds.step[w] + REQUEST_STEPS
-        s0, y0, s1, y1 = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-        kind[w] = NO_CONTACT
-        for step in range(steps):
-            place(worlds, w, setting, s0, y0)
-            sumo_step(worlds, loop, w, speeds[step], y[step])
-            place(worlds, w, setting, s1, y1)
-            _, found, _ = swept_collision(
-                s0, y0, s1, y1, worlds.length_m[w, :n], worlds.width_m[w, :n], loop.lap_m
-            )
-            if found != NO_CONTACT:
-                kind[w] = found
-                break
-        worlds.lateral_speed_m_s[w, 0] = lateral[steps - 1]
-        observe(worlds, w, setting, egos)
-        how = setting.reward
-        speed = worlds.speed_m_s[w, 0]
-        gained = (speed - how.middle_speed_m_s) / how.speed_scale_m_s
-        gained -= how.abort_cost if aborts else 0.0
-        gained -= how.hard_brake_cost if executed % 4 == 3 else 0.0
-        gained -= how.collision_cost if kind[w] != NO_CONTACT else 0.0
-        reward[w] = gained
-        facts[w, 0] = speed
-        facts[w, 1] = 1.0 if aborts else 0.0
-        facts[w, 2] = 1.0 if executed % 4 == 3 else 0.0
+    for w in range(len(action)):
+        world = World(worlds.x[w], worlds.z[w], worlds.notes[w], worlds.near[w])
+        reward[w], kind[w] = decide(world, w, setting, egos, action[w], draws[:, w])
 
 
 @compiled
-def begin(worlds: Worlds, w: int, setting: Setting, egos: Egos) -> None:
+def begin(world: World, w: int, setting: Setting, egos: Egos) -> None:
     """Complete the state of a world whose vehicles have been placed."""
-    n = worlds.count[w]
-    for k in range(n):
-        worlds.order[w, k] = k
-    insert_sorted(worlds, w)
-    worlds.active_count[w] = 0
-    mark_present(worlds, setting.loop, w)
-    activate(worlds, setting.loop, w)
+    for k in range(world.near[COUNT]):
+        world.z[ORDER, k] = k
+    insert_sorted(world)
+    mark_present(world, setting.loop)
+    activate(world, setting.loop)
     egos.change[w, :] = 0
-    observe(worlds, w, setting, egos)
+    observe(world, w, setting, egos)
 
 
 class TwinWorlds:
@@ -224,6 +259,7 @@ class TwinWorlds:
         self._length_m = scenario.description.vehicle_length_m
         self._width_m = scenario.description.vehicle_width_m
         self._vehicles, self._paper_share = vehicles, paper_share
+        self._overtaking = config.with_traffic("overtaking").traffic
         self._rng = np.random.default_rng(seed)
         lanes = len(self.road.open_lanes)
         self.worlds = empty_worlds(worlds, vehicles[1] + 1, lanes)
@@ -257,11 +293,12 @@ class TwinWorlds:
             np.zeros((worlds, 12), np.bool_),
             np.zeros((worlds, WIDE_SIZE + 12), np.float32),
             np.zeros((worlds, 12), np.int64),
+            np.zeros((worlds, 4)),
         )
         self.observation, self.permitted = self.egos.observation, self.egos.permitted
         self.decisions = np.zeros(worlds, np.int64)
         self._reward, self._kind = np.zeros(worlds, np.float32), np.zeros(worlds, np.int64)
-        self.facts = np.zeros((worlds, 4))
+        self.facts = self.egos.facts
         for w in range(worlds):
             self.restart(w)
         most = config.simulation.decisions_per_episode
@@ -269,45 +306,46 @@ class TwinWorlds:
 
     def restart(self, w: int, vehicles: int | None = None, seed: int | None = None) -> None:
         """Begin a new episode in the world ``w``."""
-        rng, config, its = self._rng, self._config, self.worlds
+        rng, config = self._rng, self._config
+        world = World(*(array[w] for array in self.worlds))
         drawn = int(rng.integers(self._vehicles[0], self._vehicles[1] + 1))
         self.egos.check[w] = 0 if rng.random() < self._paper_share else 1
+        overtakes = rng.random() < config.ppo.overtaking_share
         made = draw_population(
             rng if seed is None else np.random.default_rng(seed),
             drawn if vehicles is None else vehicles,
             self.road,
             self._length_m,
-            config.traffic,
+            self._overtaking if overtakes else config.traffic,
             config.ego,
         )
-        n = len(made.ids)
-        for name, array in its._asdict().items():
-            if name not in ("count", "step"):
-                array[w] = 0
-        its.count[w], its.step[w], self.decisions[w] = n, 0, 0
-        its.front_m[w, :n], its.speed_m_s[w, :n] = made.front_m, made.speed_m_s
-        its.lane[w, :n] = made.lane
-        its.shadow[w], its.reserved[w], its.request_lane[w] = -1, -1, -1
-        its.length_m[w], its.width_m[w] = self._length_m, self._width_m
-        its.desired_m_s[w, :n], its.headway_s[w, :n] = made.desired_speed_m_s, made.headway_s
-        its.acceleration_m_s2[w, :n] = made.acceleration_m_s2
-        its.threshold_left[w, :n] = 0.2 / np.maximum(0.001, made.speed_gain)
-        its.threshold_right[w, :n] = 2.0 / np.maximum(0.001, made.speed_gain)
-        its.wanted_speed_m_s[w], its.advice_m_s[w] = np.inf, np.inf
-        its.expected_m_s[w, :n] = made.desired_speed_m_s[:, None]
-        begin(its, w, self.setting, self.egos)
+        for array in world:
+            array[...] = 0
+        x, z, n = world.x, world.z, len(made.ids)
+        world.near[COUNT], self.decisions[w] = n, 0
+        x[FRONT_M, :n], x[SPEED_M_S, :n], z[LANE, :n] = made.front_m, made.speed_m_s, made.lane
+        x[LENGTH_M], x[WIDTH_M] = self._length_m, self._width_m
+        x[DESIRED_M_S, :n], x[HEADWAY_S, :n] = made.desired_speed_m_s, made.headway_s
+        x[ACCELERATION_M_S2, :n], gain = made.acceleration_m_s2, np.maximum(made.speed_gain, 1e-9)
+        x[THRESHOLD_LEFT, :n] = np.where(made.speed_gain > 0, 0.2 / gain, np.inf)
+        x[THRESHOLD_RIGHT, :n] = np.where(made.speed_gain > 0, 2.0 / gain, np.inf)
+        x[EXPECTED_M_S:, :n] = made.desired_speed_m_s
+        x[WANTED_SPEED_M_S], x[ADVICE_M_S] = np.inf, np.inf
+        z[MASK], z[IS_FULL] = 1 << z[LANE], 1
+        for name in (TRACKED, REQUEST_END, REQUEST_LANE, SHADOW, RESERVED):
+            z[name] = -1
+        begin(world, w, self.setting, self.egos)
 
     def step(self, action: npt.NDArray[np.int64]) -> Outcome:
         """Execute one action in each world; begin new episodes where one has ended."""
-        draws = self._rng.random((2, *self.worlds.front_m.shape))
-        arguments: Any = (self.worlds, self.setting, self.egos, action, draws)
-        advance(*arguments, self._reward, self._kind, self.facts)
+        draws = self._rng.random((2, len(action), self.worlds.x.shape[-1]))
+        advance(self.worlds, self.setting, self.egos, action, draws, self._reward, self._kind)
         self.decisions += 1
         terminated = self._kind != NO_CONTACT
         most = self._config.simulation.decisions_per_episode
         truncated = ~terminated & (self.decisions >= most)
         final = self.observation[truncated]
-        self.facts[:, 3] = terminated
+        outcome = Outcome(self._reward.copy(), terminated, truncated, final)
         for w in np.flatnonzero(terminated | truncated):
             self.restart(int(w))
-        return Outcome(self._reward, terminated, truncated, final)
+        return outcome
