@@ -19,6 +19,9 @@ from drl_av.config.ppo import PpoConfig
 from drl_av.drivers.network import LEAK
 from drl_av.driving.actions import ACTIONS
 
+VALUE_SCALE = 10.0
+"""The critic's value is this number times the mean of the rewards to come, weighted by the discount
+so that its size does not depend on the discount."""
 REFUSED = -1e9
 """The logit of an action that the mask does not permit."""
 
@@ -141,7 +144,8 @@ class Ppo:
     def _collect(self) -> tuple[Batch, float, int]:
         """Drive with the present policy; return the flattened batch."""
         count, size = self._worlds.observation.shape
-        shape, scale = (self._steps, count), 1.0 - self.settings.discount
+        shape = (self._steps, count)
+        scale = VALUE_SCALE * (1.0 - self.settings.discount)
         observations = torch.empty(*shape, size)
         permitted = torch.empty(*shape, len(ACTIONS), dtype=torch.bool)
         actions = torch.empty(shape, dtype=torch.int64)
@@ -155,7 +159,6 @@ class Ppo:
             actions[t] = (log_probabilities - noise).argmax(-1)  # a Gumbel-max sample
             chosen[t] = log_probabilities.gather(-1, actions[t, :, None]).squeeze(-1)
             outcome = self._worlds.step(actions[t].numpy())
-            # the value is the mean reward: a sum with the weights (1 - discount) discount^k
             rewards[t] = torch.from_numpy(outcome.reward) * scale
             ended[t] = torch.from_numpy(outcome.terminated | outcome.truncated)
             if len(outcome.final):
@@ -194,7 +197,8 @@ class Ppo:
         loss = policy_loss - settings.entropy * entropy + settings.value_weight * value_loss
         self._optimizer.zero_grad()
         loss.backward()
-        nn.utils.clip_grad_norm_(self.model.parameters(), settings.max_gradient_norm)
+        for part in (self.model.actor, self.model.critic):
+            nn.utils.clip_grad_norm_(part.parameters(), settings.max_gradient_norm)
         self._optimizer.step()
         return float(entropy.detach())
 
