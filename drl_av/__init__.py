@@ -52,6 +52,7 @@ wrap it, which saves 6 % of a step with few vehicles."""
 register(
     id="drl_av/Highway-v0",
     entry_point="drl_av.env:HighwayEnv",
+    vector_entry_point="drl_av.env.vector:TwinVectorEnv",
     kwargs={"action_mask": True},
     **_CHECKED,
 )

@@ -43,7 +43,7 @@ class Compiled(Generic[P, R]):
     def dispatcher(self) -> Callable[P, R]:
         """The function as numba has compiled it; the plain function without compilation."""
         numba = _numba()
-        dispatcher: Any = numba.njit(cache=True, nogil=True)(self.python)
+        dispatcher: Any = numba.njit(cache=True, nogil=True, error_model="numpy")(self.python)
         if dispatcher is not self.python:
             _depends_on(dispatcher, _sources(self, set()))
         result: Callable[P, R] = dispatcher

@@ -4,7 +4,7 @@ A strip is one lane of one edge, numbered ``edge * lanes + lane``. SUMO puts a s
 list when a vehicle enters it empty, and takes it off when it is empty at certain moments of a step.
 """
 
-from drl_av.twin.compiled import compiled
+from drl_av.compiled import compiled
 from drl_av.twin.worlds import (
     ACTIVE,
     ACTIVE_COUNT,

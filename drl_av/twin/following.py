@@ -6,7 +6,7 @@ that of the vehicle ahead.
 
 import math
 
-from drl_av.twin.compiled import compiled
+from drl_av.compiled import compiled
 
 STEP_S = 0.5
 """Length of a SUMO step."""

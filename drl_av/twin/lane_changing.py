@@ -6,7 +6,7 @@ move for this step and the lateral distance of the whole maneuver. Directions ar
 left, 0 own lane. ``notes`` keeps the lateral room of the vehicle between the considerations.
 """
 
-from drl_av.twin.compiled import compiled
+from drl_av.compiled import compiled
 from drl_av.twin.flags import (
     ASKED_BY_LEFTWARD,
     ASKED_BY_RIGHTWARD,

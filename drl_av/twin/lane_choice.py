@@ -2,7 +2,7 @@
 
 import math
 
-from drl_av.twin.compiled import compiled
+from drl_av.compiled import compiled
 from drl_av.twin.flags import (
     ASKED,
     ASKED_BY_LEFTWARD,
@@ -84,6 +84,7 @@ from drl_av.twin.worlds import (
     THRESHOLD_LEFT,
     THRESHOLD_RIGHT,
     TRACKED,
+    TRACKED_LEFT,
     WIDTH_M,
     Loop,
     World,
@@ -94,6 +95,8 @@ SLOW_M_S = 10.0
 LOSS = -0.1
 LOOKAHEAD_S = 5.0
 LONGEST_M = 25.0
+TRACK_STEPS = 4
+"""Steps between two updates of expected speeds that do not matter now."""
 
 
 @compiled
@@ -170,15 +173,37 @@ def promised_speed(world: World, i: int, j: int, gap_m: float) -> float:
 
 @compiled
 def expect(world: World, i: int, lane: int, promised: float) -> None:
-    """Adapt the expected speed of a lane to the promised one.
+    """Adapt the expected speed of a lane to the promised one, over the steps since the last time."""
+    last = world.z[TRACKED if lane <= world.z[LANE, i] else TRACKED_LEFT, i]
+    steps = world.near[STEP] - last
+    old_part = DECAY if steps == 1 else DECAY**steps
+    expected = world.x[EXPECTED_M_S + lane, i]
+    world.x[EXPECTED_M_S + lane, i] = old_part * expected + (1 - old_part) * promised
 
-    A driver that has just begun to track them expects what is promised.
+
+@compiled
+def track(world: World, loop: Loop, k: int) -> None:
+    """Bring the expected speeds up to date, and the gain of a driver that changes for no speed.
+
+    SL2015 moves a vehicle back to the centre of its lane only if that side is not the slower one.
     """
-    if world.z[TRACKED, i] == world.near[STEP] - 1:
-        expected = world.x[EXPECTED_M_S + lane, i]
-        world.x[EXPECTED_M_S + lane, i] = DECAY * expected + (1 - DECAY) * promised
-    elif world.z[TRACKED, i] != world.near[STEP] or lane > world.z[LANE, i]:
-        world.x[EXPECTED_M_S + lane, i] = promised
+    look_around(world, loop, k)
+    x, z = world.x, world.z
+    i = z[ORDER, k]
+    own, steps = z[LANE, i], world.near[STEP] - z[TRACKED_LEFT, i]
+    z[TRACKED, i], z[TRACKED_LEFT, i] = world.near[STEP], world.near[STEP]
+    if own == loop.last_open:
+        checks = 2 if own > loop.first_open else 1
+        x[GAIN_LEFT, i] *= DECAY ** (checks * steps)
+        return
+    gain = -math.inf
+    for lane in range(own + 1, loop.lanes):
+        its = x[EXPECTED_M_S + lane, i]
+        gain = max(gain, (its - x[EXPECTED_M_S + own, i]) / max(its, SLOW_M_S))
+    if abs(gain) < EPS:
+        x[GAIN_LEFT, i] *= DECAY**steps
+    else:
+        x[GAIN_LEFT, i] += STEP_S * steps * gain
 
 
 @compiled
@@ -195,9 +220,12 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
         return True
     if z[REQUEST_END, i] >= world.near[STEP] or x[THRESHOLD_LEFT, i] != math.inf:
         return True
+    if (world.near[STEP] + i) % TRACK_STEPS == 0:
+        track(world, loop, k)
     own, speed = z[LANE, i], x[SPEED_M_S, i]
     follows = own < loop.last_open and speed >= CONGESTED_M_S and not loop.overtake_right
     tracks = own > loop.first_open and x[GAIN_RIGHT, i] == math.inf
+    is_new = tracks and z[TRACKED, i] < world.near[STEP]
     if not follows and not tracks:
         return False
     at_m, n = x[FRONT_M, i], world.near[COUNT]
@@ -225,7 +253,7 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
         if found & (2 << own):
             keep_behind(world, loop, i, j, gap_m)
             found &= ~(2 << own)
-        if found:
+        if found and is_new:
             promised = promised_speed(world, i, j, gap_m)
             for lane in range(loop.first_open, own + 1):
                 if found & (1 << lane):
@@ -235,7 +263,7 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
     if not tracks:
         return False
     todo &= (2 << own) - 1
-    if todo:
+    if todo and is_new:
         promised = promised_speed(world, i, -1, ROUTE_M - pos_m)
         for lane in range(loop.first_open, own + 1):
             if todo & (1 << lane):
@@ -407,7 +435,7 @@ def ask_for_room(world: World, loop: Loop, i: int, side: int) -> int:
     notes[MANEUVER] = notes[MOVE]
     blocked = check_blocking(world, loop, i, side, LATERAL_GAP_M, False)
     blockers = near[BLOCKERS]
-    seconds = (world.z[REQUEST_END, i] - world.near[STEP]) * STEP_S
+    seconds = max((world.z[REQUEST_END, i] - world.near[STEP]) * STEP_S, 1e-300)
     planned = world.x[SPEED_M_S, i]
     for bit, d in ((1, 0), (4, side)):
         if blockers & bit:

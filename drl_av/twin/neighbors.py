@@ -2,7 +2,7 @@
 
 import math
 
-from drl_av.twin.compiled import compiled
+from drl_av.compiled import compiled
 from drl_av.twin.following import BRAKING_M_S2, MIN_GAP_M, brake_gap, secure_gap
 from drl_av.twin.worlds import (
     COUNT,

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from drl_av.compiled import compiled
 from drl_av.twin.active_lanes import (
     EDGES,
     HAS_ENTERED,
@@ -14,7 +15,6 @@ from drl_av.twin.active_lanes import (
     put_in_front,
     strip_of,
 )
-from drl_av.twin.compiled import compiled
 from drl_av.twin.flags import (
     BLOCKED,
     BLOCKED_BY_LEADER,
@@ -62,6 +62,7 @@ from drl_av.twin.lane_choice import (
     limit_move,
     look_around,
     needs_thought,
+    track,
     wish,
 )
 from drl_av.twin.neighbors import follower, insert_sorted, shadow_lane
@@ -75,7 +76,6 @@ from drl_av.twin.worlds import (
     COMMANDED_M,
     COUNT,
     DESIRED_M_S,
-    EXPECTED_M_S,
     FRONT_M,
     GAIN_LEFT,
     GAIN_RIGHT,
@@ -98,6 +98,7 @@ from drl_av.twin.worlds import (
     STEP,
     THRESHOLD_LEFT,
     TRACKED,
+    TRACKED_LEFT,
     WIDTH_M,
     Loop,
     World,
@@ -296,8 +297,10 @@ def settle(world: World, i: int) -> None:
 def change_lane(world: World, loop: Loop, k: int) -> None:
     """Let the ``k``-th vehicle decide on its lane, and move it sideways."""
     i = world.z[ORDER, k]
-    starts = world.z[TRACKED, i] < world.near[STEP] - 1
-    look_around(world, loop, k)
+    if world.z[TRACKED_LEFT, i] < world.near[STEP] - 1:
+        track(world, loop, k)  # also of the steps in which it did not matter
+    else:
+        look_around(world, loop, k)
     notes, near, own = world.notes, world.near, world.z[LANE, i]
     sides = (RIGHT if is_open(loop, own - 1) else 0) | (LEFT if is_open(loop, own + 1) else 0)
     for d in (-1, 0, 1):
@@ -314,9 +317,7 @@ def change_lane(world: World, loop: Loop, k: int) -> None:
     at_m = world.x[FRONT_M, i]
     notes[LEFT_SPACE] = ROUTE_M - (at_m - math.floor(at_m / loop.edge_m) * loop.edge_m)
     near[RELATED_COUNT] = -1
-    if starts and world.x[THRESHOLD_LEFT, i] == math.inf:
-        world.x[GAIN_LEFT, i] = usual_gain_left(world, loop, i)
-    world.z[TRACKED, i] = near[STEP]
+    world.z[TRACKED, i], world.z[TRACKED_LEFT, i] = near[STEP], near[STEP]
     right, right_m, right_all_m = 0, 0.0, 0.0
     if sides & RIGHT:
         right, right_m, right_all_m = considered(world, loop, i, -1, sides)
@@ -349,19 +350,6 @@ def change_lane(world: World, loop: Loop, k: int) -> None:
     reserve(world, loop, i)
     if world.z[STATE, i] & REQUESTED:
         world.x[COMMANDED_M, i] = world.x[MANEUVER_M, i]
-
-
-@compiled
-def usual_gain_left(world: World, loop: Loop, i: int) -> float:
-    """Return a gain to the left as it usually is after some time beside such lanes (ours).
-
-    SL2015 moves a vehicle to the centre of its lane only if that side is not the slower one; a
-    driver that changes lanes for no speed has no other use of this gain, so it is not kept up.
-    """
-    own, gain = world.z[LANE, i], -math.inf
-    for lane in range(own + 1, loop.lanes):
-        gain = max(gain, world.x[EXPECTED_M_S + lane, i] - world.x[EXPECTED_M_S + own, i])
-    return 20.0 if gain > 0.1 else (-20.0 if -math.inf < gain < -0.1 else 0.0)
 
 
 @compiled

@@ -62,7 +62,8 @@ left of the lane change in progress, ``COMMANDED_M`` the same of one that was re
     ORDER,
     MASK,
     TRACKED,
-) = range(12)
+    TRACKED_LEFT,
+) = range(13)
 """The rows of ``z``.
 
 ``SHADOW`` is the second lane that a body overlaps, ``RESERVED`` the lane that it is about to enter,
@@ -70,8 +71,9 @@ in which others make room for it; each is -1 if there is none. ``ON_REQUEST_ONLY
 changes the vehicle's lane on request only. A request for ``REQUEST_LANE`` (-1: none) stands until
 step ``REQUEST_END``. ``STATE`` and ``PREVIOUS_STATE`` are SL2015's, of ``flags``; ``IS_FULL`` is 1
 if its last move could be made at once. ``ORDER`` lists the vehicles, the foremost first. ``MASK``
-has a bit for each lane that the body overlaps. ``TRACKED`` is the last step at which the expected
-speeds were brought up to date: only then, and not while they cannot matter, are they.
+has a bit for each lane that the body overlaps. ``TRACKED`` is the last step at which the
+expected speeds of the own lane and those to its right were brought up to date, ``TRACKED_LEFT`` the
+same of all lanes: in between they cannot matter.
 """
 
 COUNT, STEP, ACTIVE_COUNT = 16, 17, 18
@@ -128,7 +130,7 @@ def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:
     """Return the arrays of ``worlds`` worlds for up to ``vehicles`` vehicles, the ego included."""
     return Worlds(
         x=np.zeros((worlds, EXPECTED_M_S + lanes, vehicles)),
-        z=np.zeros((worlds, TRACKED + 1, vehicles), dtype=np.int64),
+        z=np.zeros((worlds, TRACKED_LEFT + 1, vehicles), dtype=np.int64),
         notes=np.zeros((worlds, 16)),
         near=np.zeros((worlds, MARKS + MOST_STRIPS), dtype=np.int64),
     )

@@ -1,0 +1,270 @@
+"""The episodes of many worlds: one decision of each ego, with SUMO's traffic around it."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.compiled import compiled
+from drl_av.driving.actions import EgoNumbers
+from drl_av.driving.affordances import CODES, FRONT, VALUES
+from drl_av.driving.maneuver import plan_into
+from drl_av.env.reward import RewardNumbers
+from drl_av.env.scene_values import compute_values
+from drl_av.road.road_numbers import RoadNumbers, holds
+from drl_av.road.sweep import HIT_EDGE, NO_CONTACT, swept_collision
+from drl_av.safety.paper import SafetyNumbers, paper_verdicts
+from drl_av.safety.reachability import StrictNumbers
+from drl_av.safety.strict import strict_verdicts
+from drl_av.twin.step import sumo_step
+from drl_av.twin.worlds import (
+    ASIDE_M,
+    COUNT,
+    FRONT_M,
+    LANE,
+    LATERAL_SPEED_M_S,
+    LENGTH_M,
+    REQUEST_END,
+    REQUEST_LANE,
+    SPEED_M_S,
+    STEP,
+    WIDTH_M,
+    FloatArray,
+    IntArray,
+    Loop,
+    World,
+    Worlds,
+)
+
+REQUEST_STEPS = 10
+"""Steps for which SUMO tries to execute a random lane change."""
+PERMIT_ALL, PAPER, STRICT = range(3)
+"""The numbers of the safety checks."""
+R_V, R_Y, R_X = range(3)
+"""The columns of ``Episodes.terms``."""
+
+
+class Episodes(NamedTuple):
+    """What the egos of all worlds see and have done; the first axis of each array is the world."""
+
+    scene: FloatArray
+    """Shape (worlds, 6, vehicles): the arrays of a snapshot, from s_m to width_m."""
+    before: FloatArray
+    """Shape (worlds, 2, vehicles): s_m and y_m one step earlier."""
+    plan: FloatArray
+    """Shape (worlds, 3, steps of a decision): the ego's speed, y and lateral speed."""
+    values: FloatArray
+    """Shape (worlds, 29), as ``indicators`` fills it; the first 27 are the indicators."""
+    codes: IntArray
+    """Shape (worlds, 10), likewise."""
+    observation: npt.NDArray[np.float32]
+    """Shape (worlds, 27)."""
+    executed: IntArray
+    """Shape (worlds, 12): the action that the check executes for each proposed one."""
+    rules: IntArray
+    """Shape (worlds, 12): the rules that replace each proposed action."""
+    lanes: IntArray
+    """Shape (worlds, 2): the lanes of the lane change in progress, equal if there is none."""
+    heading_rad: FloatArray
+    """Shape (worlds,)."""
+    changes: IntArray
+    """Shape (worlds, most changes, 3): the random lane changes: decision, row, side."""
+    next_change: IntArray
+    """Shape (worlds, 2): the number of the next random lane change, and of all of them."""
+    decisions: IntArray
+    """Shape (worlds,): decisions since the start."""
+    terms: FloatArray
+    """Shape (worlds, 3): the reward terms of the present scene."""
+    collision: IntArray
+    """Shape (worlds, 2): the kind of the ego's collision in the last decision, or ``NO_CONTACT``;
+    and the row of the other vehicle."""
+
+
+class Task(NamedTuple):
+    """What all worlds have in common: the road and the settings, as numbers."""
+
+    loop: Loop
+    road: RoadNumbers
+    range_m: float
+    offset: FloatArray
+    scale: FloatArray
+    bounds: npt.NDArray[np.float32]
+    reward: RewardNumbers
+    safety: SafetyNumbers
+    strict: StrictNumbers
+    ego: EgoNumbers
+    check: int
+
+
+def empty_episodes(worlds: int, vehicles: int, steps: int, changes: int) -> Episodes:
+    """Return the arrays of episodes for up to ``vehicles`` vehicles and ``changes`` requests."""
+    return Episodes(
+        scene=np.zeros((worlds, 6, vehicles)),
+        before=np.zeros((worlds, 2, vehicles)),
+        plan=np.zeros((worlds, 3, steps)),
+        values=np.zeros((worlds, VALUES)),
+        codes=np.zeros((worlds, CODES), np.int64),
+        observation=np.zeros((worlds, 27), np.float32),
+        executed=np.zeros((worlds, 12), np.int64),
+        rules=np.zeros((worlds, 12), np.int64),
+        lanes=np.zeros((worlds, 2), np.int64),
+        heading_rad=np.zeros(worlds),
+        changes=np.zeros((worlds, changes, 3), np.int64),
+        next_change=np.zeros((worlds, 2), np.int64),
+        decisions=np.zeros(worlds, np.int64),
+        terms=np.zeros((worlds, 3)),
+        collision=np.full((worlds, 2), NO_CONTACT, np.int64),
+    )
+
+
+@compiled
+def look_all(worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray) -> None:
+    """Compute the first scene of the worlds ``rows``, in which an episode begins."""
+    for w in rows:
+        world = World(worlds.x[w], worlds.z[w], worlds.notes[w], worlds.near[w])
+        read_scene(world, task.loop, episodes.scene[w])
+        lane = world.z[LANE, 0]
+        episodes.lanes[w, 0], episodes.lanes[w, 1] = lane, lane
+        episodes.heading_rad[w] = 0.0
+        episodes.decisions[w] = 0
+        episodes.next_change[w, 0] = 0
+        episodes.collision[w, 0], episodes.collision[w, 1] = NO_CONTACT, 0
+        look(episodes, task, w, world.near[COUNT])
+
+
+@compiled
+def decide_all(
+    worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray, actions: IntArray
+) -> None:
+    """Execute the proposed actions, shape (worlds,), in the worlds ``rows``."""
+    for w in rows:
+        world = World(worlds.x[w], worlds.z[w], worlds.notes[w], worlds.near[w])
+        decide(world, episodes, task, w, actions[w])
+
+
+@compiled
+def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) -> None:
+    """Execute one decision in the world ``w``; its results are in ``episodes``."""
+    n, loop, scene, plan = world.near[COUNT], task.loop, episodes.scene[w], episodes.plan[w]
+    before, lanes = episodes.before[w], episodes.lanes[w]
+    origin, target, heading_rad = plan_into(
+        episodes.values[w],
+        episodes.codes[w],
+        episodes.executed[w, action],
+        lanes[0],
+        lanes[1],
+        episodes.heading_rad[w],
+        loop.lane_m,
+        task.ego,
+        plan[0],
+        plan[1],
+        plan[2],
+    )
+    request_changes(world, episodes, w)
+    episodes.collision[w, 0] = NO_CONTACT
+    for step in range(plan.shape[1]):
+        for i in range(n):
+            before[0, i], before[1, i] = scene[0, i], scene[1, i]
+        y_m = plan[1, step]
+        if y_m != scene[1, 0] and not holds(y_m, scene[5, 0], 0.0, task.road):
+            episodes.collision[w, 0], episodes.collision[w, 1] = HIT_EDGE, 0
+            break
+        sumo_step(world, loop, plan[0, step], y_m)
+        read_scene(world, loop, scene)
+        scene[3, 0] = plan[2, step]
+        row, kind, _ = swept_collision(
+            before[0][:n],
+            before[1][:n],
+            scene[0][:n],
+            scene[1][:n],
+            scene[4][:n],
+            scene[5][:n],
+            loop.lap_m,
+        )
+        if kind != NO_CONTACT:
+            episodes.collision[w, 0], episodes.collision[w, 1] = kind, row
+            break
+    lanes[0], lanes[1], episodes.heading_rad[w] = origin, target, heading_rad
+    episodes.decisions[w] += 1
+    look(episodes, task, w, n)
+
+
+@compiled
+def request_changes(world: World, episodes: Episodes, w: int) -> None:
+    """Request the random lane changes of the present decision."""
+    number, last = episodes.next_change[w, 0], episodes.next_change[w, 1]
+    while number < last and episodes.changes[w, number, 0] <= episodes.decisions[w]:
+        i = episodes.changes[w, number, 1]
+        lane = world.z[LANE, i] + episodes.changes[w, number, 2]
+        if lane >= 0:
+            world.z[REQUEST_LANE, i] = lane
+            world.z[REQUEST_END, i] = world.near[STEP] + REQUEST_STEPS
+        number += 1
+    episodes.next_change[w, 0] = number
+
+
+@compiled
+def read_scene(world: World, loop: Loop, scene: FloatArray) -> None:
+    """Write the state of all vehicles as the arrays of a snapshot, shape (6, vehicles)."""
+    for i in range(world.near[COUNT]):
+        s_m = world.x[FRONT_M, i] - 0.5 * world.x[LENGTH_M, i]
+        scene[0, i] = s_m if s_m >= 0 else s_m + loop.lap_m
+        scene[1, i] = world.z[LANE, i] * loop.lane_m + world.x[ASIDE_M, i]
+        scene[2, i] = world.x[SPEED_M_S, i]
+        scene[3, i] = world.x[LATERAL_SPEED_M_S, i]
+        scene[4, i] = world.x[LENGTH_M, i]
+        scene[5, i] = world.x[WIDTH_M, i]
+
+
+@compiled
+def look(episodes: Episodes, task: Task, w: int, n: int) -> None:
+    """Compute indicators, observation, reward terms and verdicts of the present scene."""
+    scene, values, codes = episodes.scene[w], episodes.values[w], episodes.codes[w]
+    s_m, y_m, speed_m_s = scene[0][:n], scene[1][:n], scene[2][:n]
+    lateral_m_s, length_m, width_m = scene[3][:n], scene[4][:n], scene[5][:n]
+    r_v, r_y, r_x = compute_values(
+        s_m,
+        y_m,
+        speed_m_s,
+        lateral_m_s,
+        length_m,
+        width_m,
+        task.road,
+        task.range_m,
+        task.offset,
+        task.scale,
+        task.bounds,
+        task.reward,
+        task.safety,
+        values,
+        codes,
+        episodes.observation[w],
+    )
+    episodes.terms[w, 0], episodes.terms[w, 1], episodes.terms[w, 2] = r_v, r_y, r_x
+    executed, rules = episodes.executed[w], episodes.rules[w]
+    origin, target = episodes.lanes[w, 0], episodes.lanes[w, 1]
+    if task.check == PAPER:
+        paper_verdicts(values, codes, origin, target, task.safety, executed, rules)
+    elif task.check == STRICT:
+        strict_verdicts(
+            s_m,
+            y_m,
+            speed_m_s,
+            lateral_m_s,
+            length_m,
+            width_m,
+            codes,
+            origin,
+            target,
+            task.loop.lap_m,
+            task.loop.lane_m,
+            task.road.barriers,
+            values[FRONT],
+            task.strict,
+            task.ego,
+            executed,
+            rules,
+        )
+    else:
+        for number in range(12):
+            executed[number], rules[number] = number, 0

@@ -1,0 +1,352 @@
+"""``gymnasium.make_vec("drl_av/Highway-v0", ...)``: many highways at once, in the compiled twin."""
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from drl_av.compiled import numbers
+from drl_av.config import Config
+from drl_av.config.presets import as_config
+from drl_av.driving.actions import ACTIONS, ego_numbers
+from drl_av.driving.affordances import ObservationScale
+from drl_av.env.episode import number_of_vehicles, reset_options, traffic_seed
+from drl_av.env.reward import reward_numbers
+from drl_av.env.twin_episodes import (
+    PAPER,
+    PERMIT_ALL,
+    STRICT,
+    Task,
+    decide_all,
+    empty_episodes,
+    look_all,
+)
+from drl_av.errors import ConfigError
+from drl_av.road.road_numbers import road_numbers
+from drl_av.road.sweep import KINDS, NO_CONTACT
+from drl_av.safety import named_check
+from drl_av.safety.check import RULES
+from drl_av.safety.paper import SafetyNumbers
+from drl_av.safety.reachability import StrictNumbers
+from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
+from drl_av.twin.traffic import draw_traffic, loop_of, place_vehicles
+from drl_av.twin.worlds import World, empty_worlds
+
+Observations = npt.NDArray[np.float32]
+CHECK_NUMBERS = {"permit_all": PERMIT_ALL, "paper": PAPER, "strict": STRICT}
+RULE_WORDS = np.array([str(rule) for rule in RULES], dtype=object)
+COLLISION_WORDS = np.array([*(kind.value for kind in KINDS), ""], dtype=object)
+"""By number; -1, no collision, is the last."""
+FIRST_CHANGES = 64
+"""Random lane changes of an episode for which there is room before the arrays grow."""
+
+
+class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[np.int64]]):
+    """Many highways at once, in the compiled twin of SUMO's traffic (``drl_av.twin``).
+
+    It has the observation, the actions, the reward, the safety checks and the ``info`` of
+    ``drl_av/Highway-v0``, with one entry a world. The world ``i`` of ``reset(seed=s)`` has the seed
+    ``s + i``, and a traffic seed means the same episode as in SUMO: the same vehicles with the same
+    parameters, which request the same lane changes.
+
+    Args:
+        num_envs: The number of worlds.
+        scenario: A scenario folder, or the name of a shipped scenario; a loop.
+        safety_check: The name of a check.
+        config: Settings, as for ``drl_av/Highway-v0``.
+        action_mask: Whether ``info`` holds the action masks, shape (num_envs, 12), int8.
+        autoreset_mode: When an episode that is over begins again: at the next step, as gymnasium's
+            vector environments do by default, in the same step, or not at all.
+        threads: Threads among which the worlds are divided; the results do not depend on it.
+
+    Raises:
+        ConfigError: a setting is wrong, or the twin cannot do what the settings ask.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: str | Path | None = None,
+        safety_check: str | None = None,
+        config: Config | Mapping[str, Any] | str | Path | None = None,
+        action_mask: bool = True,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 1,
+    ) -> None:
+        config = as_config(config)
+        if scenario is not None:
+            config = with_scenario(config, scenario)
+        if safety_check is not None:
+            if not isinstance(safety_check, str):
+                raise ConfigError(
+                    "safety_check is a function, but the twin has the named checks only "
+                    f"({', '.join(CHECK_NUMBERS)}): name one, or take gymnasium.make."
+                )
+            config = config.updated("safety", check=safety_check)
+        self.config, self.num_envs = config, num_envs
+        self._scenario = load_scenario(find_scenario(config.simulation.scenario))
+        self.road = self._scenario.road
+        loop = loop_of(self._scenario, config)
+        named_check(config, self._scenario.vehicle_types, self.road)  # refuses what it must
+        scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
+        if config.observation.way:
+            raise ConfigError("The twin does not know observation.way, or drive it in SUMO.")
+        self.task = Task(
+            loop=loop,
+            road=road_numbers(self.road),
+            range_m=float(config.observation.range_m),
+            offset=scale.offset,
+            scale=scale.scale,
+            bounds=scale.bounds,
+            reward=reward_numbers(config.reward),
+            safety=numbers(SafetyNumbers, config.safety),
+            strict=numbers(StrictNumbers, config.strict),
+            ego=ego_numbers(config.ego, config.simulation),
+            check=CHECK_NUMBERS[config.safety.check],
+        )
+        self.single_observation_space = gymnasium.spaces.Box(
+            -scale.bounds, scale.bounds, dtype=np.float32
+        )
+        self.single_action_space = gymnasium.spaces.Discrete(len(ACTIONS))
+        self.observation_space = gymnasium.vector.utils.batch_space(
+            self.single_observation_space, num_envs
+        )
+        self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.metadata = {"render_modes": [], "autoreset_mode": AutoresetMode(autoreset_mode)}
+        self._autoreset = AutoresetMode(autoreset_mode)
+        self._masked = action_mask
+        self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._options: Mapping[str, Any] = {}
+        self.seeds = np.zeros(num_envs, np.int64)
+        """The traffic seed of each world's episode."""
+        self.vehicles = np.zeros(num_envs, np.int64)
+        """The vehicles besides the ego in each world."""
+        self._over = np.ones(num_envs, np.bool_)
+        self._begun = False
+        self._make_arrays(config.traffic.vehicles_max + 1, FIRST_CHANGES)
+        chunks = max(1, min(threads, num_envs, os.cpu_count() or 1))
+        self._pool = ThreadPoolExecutor(chunks) if chunks > 1 else None
+        self._chunks = chunks
+
+    def _make_arrays(self, vehicles: int, changes: int) -> None:
+        """Make the arrays of all worlds for so many vehicles and requests in one."""
+        worlds, steps = self.num_envs, self.config.simulation.steps_per_decision
+        self.worlds = empty_worlds(worlds, vehicles, self.task.loop.lanes)
+        self.episodes = empty_episodes(worlds, vehicles, steps, changes)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Start an episode in each world; the arguments are those of ``drl_av/Highway-v0``.
+
+        ``options`` may also hold ``reset_mask``, the worlds to reset, bool of shape (num_envs,).
+
+        Raises:
+            ConfigError: an option is wrong, or there are not as many seeds as worlds.
+            ScenarioError: the vehicles do not fit on the road.
+        """
+        given = dict(reset_options_of(options))
+        mask = given.pop("reset_mask", None)
+        rows = np.arange(self.num_envs) if mask is None else np.flatnonzero(np.asarray(mask))
+        self._options = given
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds = [None if seed is None else int(seed) + row for row in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise ConfigError(
+                f"reset has {len(seeds)} seeds, but there are {self.num_envs} worlds: give one seed "
+                "for each, or a single one."
+            )
+        self._begin(rows, seeds)
+        self._begun = True
+        return self.episodes.observation.copy(), self._info(np.ones(self.num_envs, np.bool_))
+
+    def step(
+        self, actions: npt.NDArray[np.int64]
+    ) -> tuple[
+        Observations,
+        npt.NDArray[np.float64],
+        npt.NDArray[np.bool_],
+        npt.NDArray[np.bool_],
+        dict[str, Any],
+    ]:
+        """Execute one decision in each world, shape (num_envs,); see ``autoreset_mode``.
+
+        Raises:
+            ConfigError: the actions are not one number from 0 to 11 for each world.
+            gymnasium.error.ResetNeeded: no episode has begun, or one is over that is not reset by
+                itself.
+        """
+        proposed = self._proposed(actions)
+        begins = self._over.copy()
+        if begins.any():
+            if self._autoreset == AutoresetMode.DISABLED:
+                raise gymnasium.error.ResetNeeded(
+                    "An episode is over: call reset with the option reset_mask."
+                )
+            self._begin(np.flatnonzero(begins), [None] * self.num_envs)
+        rows = np.flatnonzero(~begins)
+        executed = self.episodes.executed[np.arange(self.num_envs), proposed]
+        rules = self.episodes.rules[np.arange(self.num_envs), proposed]
+        self._decide(rows, proposed)
+        hit = self.episodes.collision[:, 0] != NO_CONTACT
+        terminated = hit & ~begins
+        late = self.episodes.decisions >= self.config.simulation.decisions_per_episode
+        truncated = late & ~begins
+        rewards = self.episodes.terms.sum(axis=1) / 3
+        rewards[terminated] = self.config.reward.collision_reward
+        rewards[begins] = 0.0
+        self._over = terminated | truncated
+        info = self._info(np.ones(self.num_envs, np.bool_))
+        info |= self._outcome(~begins, proposed, executed, rules)
+        observations = self.episodes.observation.copy()
+        if self._autoreset == AutoresetMode.SAME_STEP and self._over.any():
+            observations = self._restart(observations, info)
+        return observations, rewards, terminated, truncated, info
+
+    def action_masks(self) -> npt.NDArray[np.int8]:
+        """Return the action masks of the present scenes, shape (num_envs, 12), int8."""
+        masks: npt.NDArray[np.int8] = (self.episodes.executed == np.arange(12)).astype(np.int8)
+        return masks
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    def _restart(self, last: Observations, info: dict[str, Any]) -> Observations:
+        """Reset the worlds whose episode is over; their last scene goes to ``info``."""
+        over = self._over.copy()
+        info["final_obs"] = np.array(
+            [row if ended else None for row, ended in zip(last, over, strict=True)], dtype=object
+        )
+        info["_final_obs"] = over
+        info["final_info"] = {
+            name: value.copy() for name, value in info.items() if isinstance(value, np.ndarray)
+        }
+        info["_final_info"] = over
+        self._begin(np.flatnonzero(over), [None] * self.num_envs)
+        info |= self._info(np.ones(self.num_envs, np.bool_))
+        return self.episodes.observation.copy()
+
+    def _proposed(self, actions: Any) -> npt.NDArray[np.int64]:
+        """Return the proposed actions; raise ConfigError or ResetNeeded if they are refused."""
+        if not self._begun:
+            raise gymnasium.error.ResetNeeded("There is no episode to drive on in: call reset.")
+        given = np.asarray(actions)
+        right = given.shape == (self.num_envs,) and given.dtype.kind in "iu"
+        if not right or given.min() < 0 or given.max() >= len(ACTIONS):
+            raise ConfigError(
+                f"The actions must be {self.num_envs} whole numbers from 0 to {len(ACTIONS) - 1}."
+            )
+        return given.astype(np.int64)
+
+    def _begin(self, rows: npt.NDArray[np.intp], seeds: Sequence[int | None]) -> None:
+        """Start an episode in each of the worlds ``rows``."""
+        config, most = self.config, self.config.simulation.decisions_per_episode
+        drawn = []
+        for row in rows.tolist():
+            seed, generator = seeds[row], self._generators[row]
+            if generator is None or seed is not None:
+                generator, _ = seeding.np_random(seed)
+                self._generators[row] = generator
+            self.seeds[row] = traffic_seed(seed, self._options, generator)
+            vehicles = number_of_vehicles(
+                self._options, int(self.seeds[row]), config.traffic, None, None
+            )
+            self.vehicles[row] = vehicles
+            drawn.append(draw_traffic(int(self.seeds[row]), vehicles, self._scenario, config, most))
+        self._make_room(drawn)
+        for row, (population, changes) in zip(rows.tolist(), drawn, strict=True):
+            place_vehicles(self._world(row), self.task.loop, population, self._scenario, config)
+            self.episodes.changes[row, : len(changes)] = changes
+            self.episodes.next_change[row] = 0, len(changes)
+        self._over[rows] = False
+        look_all(self.worlds, self.episodes, self.task, rows.astype(np.int64))
+
+    def _make_room(self, drawn: Sequence[tuple[Any, npt.NDArray[np.int64]]]) -> None:
+        """Enlarge the arrays if the drawn episodes have more vehicles or requests than before."""
+        vehicles = max((len(population.ids) for population, _ in drawn), default=0)
+        changes = max((len(changes) for _, changes in drawn), default=0)
+        room = self.worlds.x.shape[2], self.episodes.changes.shape[1]
+        if vehicles <= room[0] and changes <= room[1]:
+            return
+        old_worlds, old_episodes = self.worlds, self.episodes
+        self._make_arrays(max(vehicles, room[0]), max(changes, room[1]))
+        for old, new in ((old_worlds, self.worlds), (old_episodes, self.episodes)):
+            for before, after in zip(old, new, strict=True):
+                after[tuple(map(slice, before.shape))] = before
+
+    def _world(self, row: int) -> World:
+        """Return the arrays of one world."""
+        return World(*(array[row] for array in self.worlds))
+
+    def _decide(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
+        """Execute the decisions of the worlds ``rows``, divided over the threads."""
+        given = self.worlds, self.episodes, self.task
+        if self._pool is None or len(rows) < 2 * self._chunks:
+            decide_all(*given, rows.astype(np.int64), proposed)
+            return
+        parts = np.array_split(rows.astype(np.int64), self._chunks)
+        jobs = [self._pool.submit(decide_all, *given, part, proposed) for part in parts]
+        for job in jobs:
+            job.result()
+
+    def _info(self, present: npt.NDArray[np.bool_]) -> dict[str, Any]:
+        """Return what ``reset`` and ``step`` have in common of ``info``."""
+        values = self.episodes.values[:, :27].copy()
+        info: dict[str, Any] = {
+            "seed": self.seeds.copy(),
+            "vehicles": self.vehicles.copy(),
+            "speed_m_s": values[:, 24].copy(),
+            "indicators": values,
+            "way": np.full(self.num_envs, "", dtype=object),
+        }
+        if self._masked:
+            info["action_mask"] = self.action_masks()
+        return info | {f"_{name}": present.copy() for name in info}
+
+    def _outcome(
+        self,
+        present: npt.NDArray[np.bool_],
+        proposed: npt.NDArray[np.int64],
+        executed: npt.NDArray[np.int64],
+        rules: npt.NDArray[np.int64],
+    ) -> dict[str, Any]:
+        """Return what only a step has in ``info``."""
+        kind, other = self.episodes.collision.T
+        hits = kind != NO_CONTACT
+        names = np.full(self.num_envs, "", dtype=object)
+        for row in np.flatnonzero(hits & (other > 0)).tolist():
+            names[row] = f"vehicle{other[row]}"
+        r_v, r_y, r_x = self.episodes.terms.T.copy()
+        marks = {f"_{name}": present.copy() for name in ("r_v", "r_y", "r_x")}
+        info: dict[str, Any] = {
+            "proposed_action": proposed,
+            "executed_action": executed,
+            "rule": RULE_WORDS[rules],
+            "rewards": {"r_v": r_v, "r_y": r_y, "r_x": r_x} | marks,
+            "collision": COLLISION_WORDS[kind],
+            "collided_with": names,
+        }
+        return info | {f"_{name}": present.copy() for name in info}
+
+
+def reset_options_of(options: dict[str, Any] | None) -> Iterable[tuple[str, Any]]:
+    """Return the options of a reset; raise ConfigError for those that do not exist."""
+    given = dict(options or {}) if options is None or isinstance(options, Mapping) else options
+    mask = given.pop("reset_mask", None) if isinstance(given, dict) else None
+    found = dict(reset_options(given))
+    return (found | ({} if mask is None else {"reset_mask": mask})).items()

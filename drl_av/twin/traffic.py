@@ -1,0 +1,171 @@
+"""Places the vehicles of an episode in a world of the twin, with the draws of the SUMO side."""
+
+import math
+
+import numpy as np
+
+from drl_av.compiled import compiled
+from drl_av.config import Config
+from drl_av.errors import ConfigError
+from drl_av.scenarios.folder import Scenario
+from drl_av.simulation.population import (
+    DECISIONS_AT_ONCE,
+    Population,
+    draw_population,
+    require_speed_limit,
+    require_truck_width,
+)
+from drl_av.twin.active_lanes import EDGES, activate, mark_present
+from drl_av.twin.following import STEP_S
+from drl_av.twin.neighbors import insert_sorted
+from drl_av.twin.worlds import (
+    ACCELERATION_M_S2,
+    ADVICE_M_S,
+    COUNT,
+    DESIRED_M_S,
+    EXPECTED_M_S,
+    FRONT_M,
+    HEADWAY_S,
+    IS_FULL,
+    LANE,
+    LENGTH_M,
+    MASK,
+    MOST_STRIPS,
+    ORDER,
+    REQUEST_END,
+    REQUEST_LANE,
+    RESERVED,
+    SHADOW,
+    SPEED_M_S,
+    THRESHOLD_LEFT,
+    THRESHOLD_RIGHT,
+    TRACKED,
+    TRACKED_LEFT,
+    WANTED_SPEED_M_S,
+    WIDTH_M,
+    IntArray,
+    Loop,
+    World,
+)
+
+RIGHT_RELUCTANCE = 10.0
+"""SUMO's 1 / lcSpeedGainRight: a change to the right needs so much more gain than one to the left."""
+GAIN = 0.2
+"""SL2015's threshold of the gain for a driver with lcSpeedGain 1."""
+
+
+def loop_of(scenario: Scenario, config: Config) -> Loop:
+    """Return the road of a scenario as the twin needs it.
+
+    Raises:
+        ConfigError: the twin cannot drive on this road or with this traffic.
+    """
+    require_supported(scenario, config)
+    require_speed_limit(config, scenario.description)
+    require_truck_width(config, scenario.description)
+    road, lanes = scenario.road, np.flatnonzero(scenario.road.open_lanes)
+    return Loop(
+        lap_m=float(road.lap_m),
+        edge_m=float(road.lap_m) / EDGES,
+        lane_m=float(road.lane_width_m),
+        lanes=len(road.open_lanes),
+        first_open=int(lanes[0]),
+        last_open=int(lanes[-1]),
+        limit_m_s=float(scenario.description.speed_limit_m_s),
+        overtake_right=config.traffic.overtake_right,
+        keeps_stopping_distance=config.traffic.keep_stopping_distance,
+    )
+
+
+def require_supported(scenario: Scenario, config: Config) -> None:
+    """Raise ConfigError, with the reason, for what the twin cannot do."""
+    traffic, timing = config.traffic, config.simulation
+    lanes = np.flatnonzero(scenario.road.open_lanes)
+    refused = {
+        "open roads: take a loop": not scenario.road.is_loop,
+        "a barricade between open lanes": len(lanes) != lanes[-1] - lanes[0] + 1,
+        f"roads of more than {MOST_STRIPS // EDGES} lanes": len(scenario.road.open_lanes)
+        > MOST_STRIPS // EDGES,
+        "vehicles that a scenario places exactly": bool(scenario.description.vehicles),
+        "vehicle types of the user": bool(scenario.vehicle_types.own),
+        "simulation.step_length_s other than 0.5": timing.step_length_s != STEP_S,
+        "simulation.lateral_resolution_m other than the lane width": not math.isclose(
+            timing.lateral_resolution_m, scenario.road.lane_width_m
+        ),
+        "finite-state, level-k and hard-braking drivers: set traffic.kind to calm or overtaking": sum(
+            traffic.shares
+        )
+        > 0,
+        "traffic.keep_stopping_distance": traffic.keep_stopping_distance,
+        "traffic.all_kinds": traffic.all_kinds,
+    }
+    for what, is_so in refused.items():
+        if is_so:
+            raise ConfigError(f"The twin does not know {what}, or drive it in SUMO.")
+
+
+def draw_traffic(
+    seed: int, vehicles: int, scenario: Scenario, config: Config, decisions: int
+) -> tuple[Population, IntArray]:
+    """Draw an episode's vehicles, and their random lane changes in so many decisions.
+
+    Both are those of the episode in SUMO with the same seed and number of vehicles.
+
+    Returns:
+        The vehicles; and the lane changes, shape (changes, 3): decision, row, and side (+1 left, -1
+        right), in the order of the decisions.
+
+    Raises:
+        ScenarioError: the vehicles do not fit on the road.
+    """
+    rng, traffic = np.random.default_rng(seed), config.traffic
+    length_m = scenario.description.vehicle_length_m
+    population = draw_population(rng, vehicles, scenario.road, length_m, traffic, config.ego)
+    chance = traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
+    found = []
+    for first in range(0, decisions, DECISIONS_AT_ONCE):
+        draws = rng.random((DECISIONS_AT_ONCE, 2, vehicles + 1))
+        decision, row = np.nonzero(draws[:, 0] < chance)
+        side = np.where(draws[decision, 1, row] < 0.5, 1, -1)
+        found.append(np.stack((decision + first, row, side), axis=1)[row != 0])
+    return population, np.concatenate(found).astype(np.int64)
+
+
+def place_vehicles(
+    world: World, loop: Loop, population: Population, scenario: Scenario, config: Config
+) -> None:
+    """Place the vehicles of a population in a world, and make it forget all else."""
+    x, z, near, n = world.x, world.z, world.near, len(population.ids)
+    x[:], z[:], near[:] = 0.0, 0, 0
+    near[COUNT] = n
+    types, traffic = scenario.vehicle_types, config.traffic
+    rows = np.arange(n)
+    for column, (ours, cars, trucks) in {
+        LENGTH_M: (types.ego.length_m, types.traffic.length_m, traffic.truck_length_m),
+        WIDTH_M: (types.ego.width_m, types.traffic.width_m, traffic.truck_width_m),
+    }.items():
+        x[column, :n] = np.where(population.is_truck, trucks, np.where(rows == 0, ours, cars))
+    x[FRONT_M, :n], x[SPEED_M_S, :n] = population.front_m, population.speed_m_s
+    x[DESIRED_M_S, :n] = population.desired_speed_m_s
+    x[HEADWAY_S, :n] = population.headway_s
+    x[ACCELERATION_M_S2, :n] = population.acceleration_m_s2
+    with np.errstate(divide="ignore"):  # a driver without lcSpeedGain changes for no gain
+        x[THRESHOLD_LEFT, :n] = GAIN / population.speed_gain
+    x[THRESHOLD_RIGHT] = RIGHT_RELUCTANCE * x[THRESHOLD_LEFT]
+    x[WANTED_SPEED_M_S], x[ADVICE_M_S] = np.inf, np.inf
+    for lane in range(loop.lanes):
+        is_open = loop.first_open <= lane <= loop.last_open
+        x[EXPECTED_M_S + lane] = x[DESIRED_M_S] if is_open else -1.0
+    z[LANE, :n], z[ORDER, :n] = population.lane, rows
+    z[MASK], z[IS_FULL] = 1 << z[LANE], 1
+    z[REQUEST_END], z[REQUEST_LANE], z[SHADOW], z[RESERVED] = -1, -1, -1, -1
+    z[TRACKED], z[TRACKED_LEFT] = -1, -1
+    sort_and_activate(world, loop)
+
+
+@compiled
+def sort_and_activate(world: World, loop: Loop) -> None:
+    """Sort the vehicles, and list the strips on which they start as SUMO does."""
+    insert_sorted(world)
+    mark_present(world, loop)
+    activate(world, loop)
