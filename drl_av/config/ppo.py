@@ -16,7 +16,7 @@ class PpoConfig(Section):
         256, "ours", "number of worlds that are driven at once", low=1, high=10**5
     )
     batch_size: int = setting(16_384, "ours", "decisions in an update", low=1, high=10**7)
-    minibatch_size: int = setting(4_096, "ours", "decisions in a gradient step", low=1, high=10**7)
+    minibatch_size: int = setting(1_024, "ours", "decisions in a gradient step", low=1, high=10**7)
     epochs: int = setting(3, "ours", "passes over the decisions of an update", low=1, high=100)
     hidden_1: int = setting(192, "ours", "units of the first hidden layer", low=1, high=10_000)
     hidden_2: int = setting(128, "ours", "units of the second hidden layer", low=1, high=10_000)

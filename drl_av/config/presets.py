@@ -38,7 +38,7 @@ PRESETS: dict[str, Config] = {
     "large": Config()
     .updated("learning", algorithm="ppo")
     .updated("safety", check="strict")
-    .updated("traffic", vehicles_max=40),
+    .updated("traffic", vehicles_max=32),
     "literal": from_sections(LITERAL),
 }
 _FAST_ON_RAMPS = {
