@@ -66,8 +66,8 @@ class Config:
     level_0: Level0Config = Level0Config()
     reward: RewardConfig = RewardConfig()
     observation: ObservationConfig = ObservationConfig()
-    learning: LearningConfig = LearningConfig()
     ppo: PpoConfig = PpoConfig()
+    learning: LearningConfig = LearningConfig()
 
     def updated(self, section: str, **settings: Any) -> "Config":
         """Return a copy of this config in which some settings of one section are replaced.

@@ -4,11 +4,10 @@ The file must contain all settings except those in ``ADDED_LATER``; a truncated 
 """
 
 import tomllib
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from drl_av.config import OLD_DEFAULTS, RENAMED, Config, PpoConfig, load_config
+from drl_av.config import OLD_DEFAULTS, RENAMED, Config, load_config
 from drl_av.config.reference import settings
 from drl_av.errors import ConfigError
 
@@ -16,7 +15,6 @@ ADDED_LATER = {
     ("traffic", "all_kinds"),
     ("traffic", "overtake_right"),
     ("learning", "algorithm"),
-    *(("ppo", item.name) for item in fields(PpoConfig)),
     ("learning", "permitted_only"),
     ("learning", "abort_margin"),
     ("learning", "acceleration_margin"),
@@ -34,6 +32,8 @@ ADDED_LATER = {
     *(("safety", f"printed_{rule}") for rule in ("rule_1", "rule_3", "idm")),
 }
 """The (section, key) of settings that files of older versions lack; they have default values."""
+WHOLE_SECTIONS_ADDED_LATER = {"ppo"}
+"""The sections that files of older versions lack."""
 
 
 def load_stored(path: Path) -> Config:
@@ -48,8 +48,9 @@ def load_stored(path: Path) -> Config:
     document: dict[str, Any] = tomllib.loads(text)
     stored = {(section, key) for section, part in document.items() for key in part}
     stored |= {(section, RENAMED.get((section, key), key)) for section, key in stored}
+    absent = WHOLE_SECTIONS_ADDED_LATER - document.keys()
     for each in settings(config):
-        if (each.section, each.key) not in stored | ADDED_LATER:
+        if each.section not in absent and (each.section, each.key) not in stored | ADDED_LATER:
             raise _not_whole(path, f"it lacks {each.section}.{each.key}")
     if not text.endswith("\n"):
         raise _not_whole(path, "its last line has no end")
