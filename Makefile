@@ -28,7 +28,7 @@ lint: setup
 
 # The documentation as a website in site/; the tests build it too.
 docs: setup
-	$(BIN)/mkdocs build --strict
+	$(BIN)/zensical build --strict --clean
 
 test: lint
 	$(BIN)/python -m pytest -n 2
@@ -77,14 +77,14 @@ level_1: setup
 
 text = $(BIN)/python $(2) > runs/$(1) && mv runs/$(1) docs/results/$(1)
 
-# Every number, table and figure of README.md and docs/results (hours). What drl-av reproduce has
+# Every number, table and figure of README.md and docs/results (hours). What a study has
 # made already is not made again; a tool's text stands once the tool has ended well.
 results: setup
-	$(BIN)/drl-av reproduce curves final_policies --seeds 10 --jobs 2
-	$(BIN)/drl-av reproduce --jobs 2
-	$(BIN)/drl-av reproduce opponents --drives 250 --jobs 2
-	$(BIN)/drl-av reproduce curves --variants paper --seeds 10 --full-seeds 10 --jobs 2
-	$(BIN)/drl-av reproduce fast --full-seeds 10 --jobs 2
+	$(BIN)/python -m studies curves final_policies --seeds 10 --jobs 2
+	$(BIN)/python -m studies --jobs 2
+	$(BIN)/python -m studies opponents --drives 250 --jobs 2
+	$(BIN)/python -m studies curves --variants paper --seeds 10 --full-seeds 10 --jobs 2
+	$(BIN)/python -m studies fast --full-seeds 10 --jobs 2
 	$(BIN)/python -m verification.step_lengths --out docs/results/step_length.csv
 	$(BIN)/python -m verification.stories --out docs/results/stories.csv
 	$(BIN)/drl-av figures drl_av/pretrained --out docs/results

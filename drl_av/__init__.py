@@ -14,7 +14,6 @@ The packages, each importing only from those before it:
     env              ``drl_av/Highway-v0``, the gymnasium environment, and its reward
     learning         Algorithm 1 of the paper; the only package that imports torch
     evaluation       drivers in the same traffic, statistics, recordings
-    experiments      the experiments of the paper
     cli              the ``drl-av`` command
 """
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from drl_av.config import Config
 from drl_av.evaluation.statistics import mean_with_interval
-from drl_av.experiments.cells import Drives
-from drl_av.experiments.experiment import Experiment, ResultsFolder, reproduce
-from drl_av.experiments.markdown import count, markdown_table, mean_speed
-from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.plan import Plan, by
-from drl_av.experiments.store import MadeWith
+from studies.cells import Drives
+from studies.experiment import Experiment, ResultsFolder, reproduce
+from studies.markdown import count, markdown_table, mean_speed
+from studies.options import ReproduceOptions
+from studies.plan import Plan, by
+from studies.store import MadeWith
 
 T_MIN_S = ("3.0", "1.5")
 VEHICLES = 20

@@ -7,7 +7,7 @@ import gymnasium
 
 import drl_av
 from drl_av.driving.actions import Longitudinal
-from drl_av.env.reward import Transition
+from drl_av.env.transition import Transition
 
 LANE_CHANGE, HARD_BRAKE = 0.2, 0.5
 

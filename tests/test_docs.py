@@ -1,6 +1,8 @@
 """The documentation: the site is built strictly, its references are complete, its examples run."""
 
+import json
 import re
+import shutil
 import xml.etree.ElementTree as ET
 from dataclasses import fields
 from html import unescape
@@ -17,7 +19,7 @@ from drl_av.config import Config, from_toml
 from drl_av.config.reference import SECTIONS, settings
 from drl_av.drivers.onnx_interface import INPUTS, OUTPUTS
 from drl_av.driving.affordances import INDICATORS
-from drl_av.experiments.strictness import under
+from studies.strictness import under
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 ARGUMENTS = {
@@ -31,13 +33,22 @@ ELSEWHERE = {"rllib_ppo"}
 """Examples that need another environment: ``make rllib``."""
 
 
+SITE = "mkdocs.yml"
+"""The generator's settings."""
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("site")
-    words = ["-m", "mkdocs", "build", "--strict", "--site-dir", folder]
-    done = python(*words, cwd=ROOT, NO_MKDOCS_2_WARNING="1")
-    assert done.returncode == 0, done.stderr
-    return folder
+    """The site, built strictly from a copy of its sources, in another working directory."""
+    project = tmp_path_factory.mktemp("project")
+    shutil.copy(ROOT / SITE, project)
+    for folder in ("docs", "examples", "tools"):
+        shutil.copytree(ROOT / folder, project / folder)
+    (project / "drl_av").symlink_to(ROOT / "drl_av")
+    words = ["-m", "zensical", "build", "--strict", "--config-file", project / SITE]
+    done = python(*words, cwd=tmp_path_factory.mktemp("elsewhere"))
+    assert done.returncode == 0, done.stdout + done.stderr
+    return project / "site"
 
 
 def words(page: Path) -> str:
@@ -87,6 +98,31 @@ def test_the_argument_for_strict_stands_on_the_safety_page(site: Path) -> None:
     assert len(sentences) > 3
     for sentence in sentences:
         assert sentence in page
+
+
+def test_each_choice_answers_a_question() -> None:
+    for page in ("docs/choices.md", "docs/choices_learning.md"):
+        for section in re.split(r"^## ", read(page), flags=re.MULTILINE)[1:]:
+            name, first, *_ = re.split(r"\n+", section)
+            assert first.startswith("### "), f"{page}: {name} begins with no question"
+        entries = re.findall(r"^### (.+)$", read(page), re.MULTILINE)
+        assert len(entries) > 8
+        assert all(entry.endswith("?") for entry in entries)
+
+
+def test_a_picture_is_there(site: Path) -> None:
+    shown = 0
+    for page in site.rglob("*.html"):
+        for source in re.findall(r'<img [^>]*src="([^"]+)"', page.read_text(encoding="utf-8")):
+            assert (page.parent / source).is_file(), f"{page} shows {source}"
+            shown += 1
+    assert shown > 15
+
+
+def test_the_search_finds_a_word_of_each_page(site: Path) -> None:
+    index = json.loads((site / "search.json").read_text(encoding="utf-8"))
+    pages = {item["location"].partition("#")[0] for item in index["items"]}
+    assert pages == {str(page.relative_to(site)) for page in site.rglob("*.html")} - {"404.html"}
 
 
 def test_no_page_loads_anything_from_another_place(site: Path) -> None:
@@ -152,7 +188,7 @@ def test_the_versions_of_the_libraries_are_those_that_are_tested() -> None:
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_a_page_shows_the_example(example: Path) -> None:
     pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))
-    assert f'--8<-- "examples/{example.name}"' in pages
+    assert f'example("{example.name}")' in pages
 
 
 def test_the_picture_of_the_packages_names_them_all() -> None:

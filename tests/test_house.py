@@ -27,7 +27,6 @@ ROOMS = (
     "env",
     "learning",
     "evaluation",
-    "experiments",
     "cli",
     "__main__",
 )
@@ -38,7 +37,7 @@ ONLY_IN = {
     "sumolib": {"scenarios"},
     "torch": {"learning"},
     "safetensors": {"learning", "drivers"},
-    "matplotlib": {"experiments"},
+    "matplotlib": {"evaluation"},
 }
 
 

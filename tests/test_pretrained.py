@@ -14,9 +14,9 @@ from drl_av.drivers.registry import load_driver, load_learned
 from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.experiments.experiment import ResultsFolder
-from drl_av.experiments.provenance import checksum
+from drl_av.evaluation.provenance import checksum
 from drl_av.learning.checkpoint import save_policy
+from studies.experiment import ResultsFolder
 from verification.ramps import drive as drive_ramp
 
 RAMPS = ("merge", "exit", "ramp_to_ramp")
@@ -42,7 +42,7 @@ def test_the_driver_of_the_paper_was_trained_by_the_whole_schedule_of_the_paper(
     folder = SHIPPED["pretrained-paper"]
     assert load_config(folder / "config.toml") == Config()
     made_by = ResultsFolder(Path(__file__).parents[1] / "docs" / "results").made_by("fast.csv")
-    assert checksum(find_policy(folder)) == made_by["policies_sha256"]["paper-0"]  # Fig. 8
+    assert checksum(find_policy(folder)) == made_by["policies_sha256"]["paper-0"]  # Fig. 6
 
 
 @pytest.mark.parametrize("kind", RAMPS)

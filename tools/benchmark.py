@@ -47,7 +47,7 @@ from benchmark_rows import (
     straight_rows,
 )
 
-from drl_av.experiments.provenance import made_by
+from drl_av.evaluation.provenance import made_by
 
 ROWS: dict[str, Callable[[Sequence[int], ExitStack], list[Row]]] = {
     "env": env_rows,

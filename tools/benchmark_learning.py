@@ -13,7 +13,8 @@ from benchmark_rows import VEHICLES, Row, crowded, exploring
 
 from drl_av.config import Config
 from drl_av.drivers.network import QNetwork
-from drl_av.env.highway import HighwayEnv, Observation
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.transition import Observation
 from drl_av.learning.builder import build_training, make_buffer
 from drl_av.learning.learner import Learner
 

@@ -17,8 +17,10 @@ import numpy as np
 
 from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.env.highway import HighwayEnv
-from drl_av.experiments.experiment import ResultsFolder
-from drl_av.experiments.opponents import (
+from drl_av.evaluation.provenance import made_by
+from drl_av.files import Row
+from studies.experiment import ResultsFolder
+from studies.opponents import (
     MIDDLE,
     OPPONENTS_SWEEP,
     VEHICLES,
@@ -26,8 +28,6 @@ from drl_av.experiments.opponents import (
     gain,
     speeds,
 )
-from drl_av.experiments.provenance import made_by
-from drl_av.files import Row
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 

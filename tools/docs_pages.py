@@ -1,11 +1,10 @@
-"""Makes pages and tables of the documentation from the code, as a hook of mkdocs.
+"""Makes tables and lists of the documentation from the code, as macros of the site's generator.
 
-``mkdocs.yml`` names this file. A page in PAGES exists only in the built site. A table in TABLES
-replaces the line ``<!-- from code: NAME -->`` of a page.
+``mkdocs.yml`` names this file. The text of a function in MACROS replaces its call in a page,
+``<!-- from code: actions() -->``.
 """
 
 import argparse
-import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -20,9 +19,10 @@ from drl_av.drivers.onnx_interface import INPUTS, INSIDE, OUTPUTS
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS, SLOTS, indicator_meaning
 from drl_av.env.observation import GROUPS
-from drl_av.experiments.markdown import markdown_table
 from drl_av.scenarios.road_types import ROAD_TYPES
+from studies.markdown import markdown_table
 
+EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 LONGITUDINAL = ("maintain", "accelerate", "brake", "hard brake")
 LATERAL = ("keep the lane", "change to the right", "change to the left")
 
@@ -92,42 +92,27 @@ def groups() -> str:
     return table(["group", "indicators"], rows)
 
 
-TABLES: dict[str, Callable[[], str]] = {
-    "actions": actions,
-    "exported": exported,
-    "groups": groups,
-    "indicators": indicators,
-    "kinds": kinds,
-}
-
-
-def settings_page() -> str:
-    """Return the page of all settings, by section, in Markdown."""
-    lines = [
-        "# Settings",
-        "",
-        "`drl-av config [SECTION]` prints this list as a TOML file with comments. A file for",
-        "`--config` holds only the settings that you want to change. *ours* as a source means that",
-        "the paper does not state the number.",
-    ]
+def settings_list() -> str:
+    """Return all settings in Markdown: a heading, a meaning and a table for each section."""
+    lines = []
     for name in SECTIONS:
         rows = [
             (f"`{s.key}`", f"`{written(s.default)}`", s.unit, s.allowed, s.meaning, s.source)
             for s in settings(Config(), name)
         ]
         heading = ["key", "default", "unit", "allowed", "meaning", "source"]
-        lines += ["", f"## {name}", "", section_meaning(name), "", table(heading, rows)]
-    return "\n".join(lines) + "\n"
+        lines += [f"## {name}", "", section_meaning(name), "", table(heading, rows), ""]
+    return "\n".join(lines)
 
 
-def command_line_page() -> str:
-    """Return the page with the help of each verb, in Markdown."""
+def help_of_each_verb() -> str:
+    """Return the help of `drl-av` and of each of its verbs, in Markdown."""
     parser = command_line()
     [verbs] = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
-    lines = ["# Command line", "", "What `drl-av VERB --help` prints.", "", *block(parser)]
+    lines = block(parser)
     for name, own in verbs.choices.items():
         lines += ["", f"## {name}", "", *block(own)]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines)
 
 
 def block(parser: argparse.ArgumentParser) -> list[str]:
@@ -135,21 +120,24 @@ def block(parser: argparse.ArgumentParser) -> list[str]:
     return ["```text", parser.format_help().rstrip(), "```"]
 
 
-PAGES: dict[str, Callable[[], str]] = {
-    "reference/settings.md": settings_page,
-    "reference/command_line.md": command_line_page,
-}
+def example(name: str) -> str:
+    """Return the text of a file of EXAMPLES."""
+    return (EXAMPLES / name).read_text(encoding="utf-8").rstrip()
 
 
-def on_files(files: Any, config: Any) -> Any:
-    """Add the pages of PAGES to mkdocs' files; mkdocs calls this hook."""
-    from mkdocs.structure.files import File
+MACROS: tuple[Callable[..., str], ...] = (
+    actions,
+    example,
+    exported,
+    groups,
+    help_of_each_verb,
+    indicators,
+    kinds,
+    settings_list,
+)
 
-    for path, make in PAGES.items():
-        files.append(File.generated(config, path, content=make()))
-    return files
 
-
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Return a page with the tables of TABLES; mkdocs calls this hook."""
-    return re.sub(r"<!-- from code: (\w+) -->", lambda m: TABLES[m[1]](), markdown)
+def define_env(env: Any) -> None:
+    """Give the functions of MACROS to the pages; the generator calls this."""
+    for function in MACROS:
+        env.macro(function)

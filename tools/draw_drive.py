@@ -8,11 +8,10 @@ from pathlib import Path
 
 from PIL import Image
 
-from drl_av.drawing.film import Film
 from drl_av.drivers.registry import default_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.evaluation.replay import watcher_of
+from drl_av.env.video import Film
 
 FRAMES_PER_DECISION = 6
 FRAME_MS = 90
@@ -44,10 +43,9 @@ def overtaking(seed: int, vehicles: int, first: int, last: int) -> list[Image.Im
     config = default_config(choices).updated("simulation", decisions_per_episode=last)
     env = HighwayEnv(config=config)
     [driver] = make_drivers(choices, config).values()
-    film, frames = Film("the shipped driver", env.road), []
-    add = watcher_of(film)
+    film, frames = Film("the shipped driver", env.road, seed), []
     for decision in rollout(env, driver, seed, vehicles):
-        add(decision)
+        film.add(decision)
     for drawn in film.pictures(FRAMES_PER_DECISION, first):
         picture = Image.fromarray(drawn).crop(ROAD_PART)
         frames.append(picture.resize((WIDTH_PX, WIDTH_PX * picture.height // picture.width)))

@@ -15,9 +15,9 @@ from pathlib import Path
 
 from docs_pages import actions, observation
 
-from drl_av.experiments.experiment import ResultsFolder
-from drl_av.experiments.markdown import markdown_table
-from drl_av.experiments.registry import EXPERIMENTS
+from studies.experiment import ResultsFolder
+from studies.markdown import markdown_table
+from studies.registry import EXPERIMENTS
 from verification import crash_rate, ramps, shielding_report, stories, time_to_quality
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -31,7 +31,7 @@ def experiment_table(results: ResultsFolder) -> str:
     for name, each in EXPERIMENTS.items():
         files = [each.table, *each.derived, *(f"{figure}.png" for figure in each.figures)]
         shown = ", ".join(f"`{file}`" for file in files)
-        lines.append([f"`drl-av reproduce {name}`", each.meaning, each.row, shown])
+        lines.append([f"`python -m studies {name}`", each.meaning, each.row, shown])
     return markdown_table(["command", "what it holds", "a row", "files"], lines)
 
 

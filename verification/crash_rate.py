@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.experiments.markdown import markdown_table
 from drl_av.road.road import FloatArray
+from studies.markdown import markdown_table
 from verification.crash_tests import CHECKS, Outcome, run, settings
 from verification.naturalistic import ADVERSARY, CARELESS_SHARE, PEOPLE
 from verification.program import Program, run_program

@@ -14,8 +14,8 @@ from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import load_driver
 from drl_av.driving.affordances import ObservationScale
 from drl_av.evaluation.processes import workers
-from drl_av.experiments.strictness import under
 from drl_av.road.road import FloatArray
+from studies.strictness import under
 from verification.falsify import check_of
 from verification.kinematic_simulator import ROAD, BatchCheck, IntArray, World
 from verification.naturalistic import CARELESS_SHARE, Frequencies, Traffic, UnboundedMover, starts

@@ -34,7 +34,8 @@ def needed_gap(speed: FloatArray, other: FloatArray, config: Config) -> FloatArr
     """Return the smallest gap to a vehicle ahead, m, that is safe by the criterion of the check.
 
     ``speed`` is the speed of the ego, ``other`` that of the vehicle ahead, m/s. The criterion of
-    ``strict`` is a free fallback maneuver. The criterion of the other checks is eq. 2 of the paper.
+    ``strict`` is a free fallback maneuver. The criterion of the other checks is the paper's gap
+    condition (eq. 3).
     """
     if config.safety.check == "strict":
         strict, sim = config.strict, config.simulation

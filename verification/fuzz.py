@@ -19,10 +19,8 @@ from drl_av.config import Config, from_toml, load_config
 from drl_av.config.stored import load_stored
 from drl_av.drivers.policy_file import PRETRAINED, load_policy
 from drl_av.errors import DrlAvError
+from drl_av.evaluation.figures import EPISODE_COLUMNS
 from drl_av.evaluation.recording import Recording, load_recording
-from drl_av.experiments.figures import EPISODE_COLUMNS
-from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.store import MadeWith, ResultStore
 from drl_av.files import read_table
 from drl_av.scenarios.folder import (
     find_scenario,
@@ -31,6 +29,8 @@ from drl_av.scenarios.folder import (
     shipped_scenarios,
 )
 from drl_av.scenarios.imported.description import ImportedDescription
+from studies.options import ReproduceOptions
+from studies.store import MadeWith, ResultStore
 from verification.fuzz_driving import (
     Attempt,
     apart,

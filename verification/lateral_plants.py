@@ -42,7 +42,7 @@ class Lanes(NamedTuple):
 def kinematic(
     at: Aside, lanes: Lanes, speed_m_s: FloatArray, ego: EgoConfig, step_s: float
 ) -> tuple[Aside, BoolArray]:
-    """Move the ego at constant lateral speed (eq. 5 of the paper); ``speed_m_s`` has no effect.
+    """Move the ego at constant lateral speed (eq. 6 of the paper); ``speed_m_s`` has no effect.
 
     Returns the state after the step, and whether the ego arrives at the target lane.
     """

@@ -19,15 +19,16 @@ from drl_av.config import TRAFFIC_PRESETS, Config, load_config
 from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import Action
 from drl_av.driving.scene import Scene
-from drl_av.env.highway import HighwayEnv, Observation
+from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import rollout
+from drl_av.env.transition import Observation
+from drl_av.evaluation.provenance import provenance, read_sidecar, write_sidecar
 from drl_av.evaluation.statistics import grouped
-from drl_av.experiments.provenance import provenance, read_sidecar, write_sidecar
-from drl_av.experiments.store import settings_mismatch, stored_config
 from drl_av.files import append_rows, read_table
 from drl_av.safety import CHECKS
 from drl_av.simulation.population import DriverModel
+from studies.store import settings_mismatch, stored_config
 from verification.auditor import BETWEEN, BRAKES, LEAVES, SOONER, THROUGH, Auditor, Breach
 from verification.program import Program, run_program
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from drl_av.cli.arguments import int_at_least
 from drl_av.cli.status import exit_status
-from drl_av.experiments.provenance import made_by
+from drl_av.evaluation.provenance import made_by
 
 
 class Program(argparse.ArgumentParser):

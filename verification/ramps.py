@@ -34,15 +34,15 @@ from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, default_config, find_drivers, make_drivers
 from drl_av.driving.car_following import acceleration_behind_ego
 from drl_av.driving.scene import Scene
-from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.env.route_outcome import COMPLETE, EXIT_MISSED
-from drl_av.experiments.markdown import markdown_table
+from drl_av.env.transition import Transition
 from drl_av.road.snapshot import Snapshot
 from drl_av.safety import CHECKS
 from drl_av.scenarios.folder import write_scenario
 from drl_av.scenarios.road_types import ROAD_TYPES
+from studies.markdown import markdown_table
 from verification.program import Program, run_program
 
 SEEDS = 760_000
@@ -102,7 +102,7 @@ def drive(env: HighwayEnv, driver: Driver, seed: int, vehicles: int | None = Non
         made += 1
         before, after = decision.scene, decision.next_scene
         demanded, left = before.affordances.mandatory.lanes, after.affordances.mandatory.lanes
-        way, ego_m = decision.info["way"], float(after.snapshot.s_m[0])
+        way, ego_m = decision.route_outcome, float(after.snapshot.s_m[0])
         trip.waits += left != 0 and after.affordances.ego_speed_m_s < STANDING_M_S
         if demanded * (after.affordances.lane - before.affordances.lane) > 0:
             changed = made
@@ -124,7 +124,7 @@ def drive(env: HighwayEnv, driver: Driver, seed: int, vehicles: int | None = Non
     return trip
 
 
-def _demanded_of_braking_vehicles(decision: Decision, mobil: MobilConfig) -> Iterator[float]:
+def _demanded_of_braking_vehicles(decision: Transition, mobil: MobilConfig) -> Iterator[float]:
     """Yield the braking, m/s^2, that IDM demands of each vehicle that brakes hard behind the ego.
 
     These vehicles are the nearest ones in the ego's lane and in the lane that it enters. IDM has

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from drl_av.errors import DrlAvError
-from drl_av.experiments.canvas import label_axes, legend_of_names, panels, save_figure
+from drl_av.evaluation.figure_style import label_axes, legend_of_names, panels, save_figure
 from verification.program import Program, run_program
 from verification.ramps import PRINTED, SUCCESS
 

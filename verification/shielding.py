@@ -25,11 +25,11 @@ from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
-from drl_av.env.highway import HighwayEnv, Observation
-from drl_av.env.reward import Transition
+from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
+from drl_av.env.transition import Observation, Transition
 from drl_av.evaluation import DENSITIES
-from drl_av.experiments.provenance import provenance, read_sidecar, write_sidecar
+from drl_av.evaluation.provenance import provenance, read_sidecar, write_sidecar
 from drl_av.files import append_rows, read_table, require_writable
 from verification.program import Program, run_program
 from verification.shielding_report import COLUMNS, FINAL, METHODS, TRAINING, figure, table

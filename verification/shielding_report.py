@@ -3,11 +3,11 @@
 from operator import itemgetter
 from pathlib import Path
 
+from drl_av.evaluation.figure_style import label_axes, panels, save_figure
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
-from drl_av.experiments.canvas import label_axes, panels, save_figure
-from drl_av.experiments.experiment import ResultsFolder
-from drl_av.experiments.markdown import markdown_table
 from drl_av.files import Row
+from studies.experiment import ResultsFolder
+from studies.markdown import markdown_table
 
 METHODS = ("masking", "replacement", "replacement and penalty")
 TRAINING, FINAL = "training", "final"

@@ -15,10 +15,10 @@ from typing import Any
 from drl_av.config import Config
 from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.evaluate import evaluate
-from drl_av.experiments.experiment import ResultsFolder
-from drl_av.experiments.markdown import markdown_table
-from drl_av.experiments.provenance import provenance, write_sidecar
+from drl_av.evaluation.provenance import provenance, write_sidecar
 from drl_av.files import Row, require_writable, write_table
+from studies.experiment import ResultsFolder
+from studies.markdown import markdown_table
 from verification.program import Program, run_program
 
 STORIES = (

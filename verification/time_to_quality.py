@@ -38,11 +38,11 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.errors import pluralize
 from drl_av.evaluation import DENSITIES
+from drl_av.evaluation.provenance import provenance, write_sidecar
 from drl_av.evaluation.statistics import mean_with_interval
-from drl_av.experiments.experiment import ResultsFolder
-from drl_av.experiments.markdown import markdown_table
-from drl_av.experiments.provenance import provenance, write_sidecar
 from drl_av.files import Row, append_rows, read_table
+from studies.experiment import ResultsFolder
+from studies.markdown import markdown_table
 from verification.program import Program, run_program
 from verification.shielding import PenalizedReward
 

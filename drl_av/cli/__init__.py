@@ -6,7 +6,7 @@ from collections.abc import Callable, Container, Sequence
 from typing import NamedTuple
 
 from drl_av import __version__
-from drl_av.cli import config, evaluate, export, figures, learning, replay, reproduction, scenario
+from drl_av.cli import config, evaluate, export, figures, learning, replay, scenario
 from drl_av.cli.status import exit_status
 
 
@@ -38,11 +38,6 @@ VERBS = {
     "export": Verb("write a trained driver as an ONNX file", export.add_options, export.export),
     "config": Verb("print all settings with their meaning", config.add_options, config.config),
     "figures": Verb("draw the paper's figures as PNG files", figures.add_options, figures.figures),
-    "reproduce": Verb(
-        "reproduce the paper's results; continues where it stopped",
-        reproduction.add_options,
-        reproduction.reproduce,
-    ),
 }
 
 

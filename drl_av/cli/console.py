@@ -21,7 +21,6 @@ from rich.progress import (
 from drl_av.errors import pluralize
 
 if TYPE_CHECKING:
-    from drl_av.experiments.options import Progress as Reached
     from drl_av.learning.training import EpisodeRow, EvaluationRow
 
 REPORT_EVERY_S = 60.0
@@ -55,13 +54,9 @@ class Bar:
             done = f"{task.completed:.0f} of {task.total:.0f}"
             print(f"{task.description} {done}  {text}  {rate:.0f} decisions/s", file=sys.stderr)
 
-    def reach(self, progress: "Reached") -> None:
-        """Set the bar to the progress of an experiment, and print its line if it has one."""
-        self._progress.update(
-            self._task, completed=progress.done, total=progress.total, text=progress.label
-        )
-        if progress.line:
-            self.say(progress.line)
+    def reach(self, done: int, total: int, text: str) -> None:
+        """Set the bar to ``done`` of ``total`` episodes; show ``text`` beside it."""
+        self._progress.update(self._task, completed=done, total=total, text=text)
 
     def say(self, line: str) -> None:
         """Print a line above the bar."""

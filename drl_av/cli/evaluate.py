@@ -194,7 +194,7 @@ def _write_rows(table: Path, rows: Sequence["EpisodeResult"]) -> None:
 
 def _write_provenance(options: argparse.Namespace, config: Config) -> None:
     """Write ``NAME.provenance.json`` beside the table: command, versions, machine and settings."""
-    from drl_av.experiments.provenance import provenance
+    from drl_av.evaluation.provenance import provenance
     from drl_av.files import write_atomic
 
     seeds = f"{options.seed} to {options.seed + options.episodes - 1}"

@@ -15,8 +15,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "sources",
         nargs="+",
         type=Path,
-        metavar="FILE.csv | RUN | RESULTS",
-        help="tables of evaluate, folders of runs, and folders of results of reproduce",
+        metavar="FILE.csv | RUN",
+        help="tables of evaluate, and folders of runs",
     )
     parser.add_argument(
         "--out", type=Path, default=Path(), metavar="DIR", help="folder for the figures"
@@ -24,27 +24,28 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def figures(options: argparse.Namespace) -> int:
-    """Draw ``reward``, ``lane_change`` and each figure for which the given sources have data.
+    """Draw ``reward`` and each figure for which the given sources have data; return 0.
 
-    Returns the exit status 0. Raises ConfigError if two sources have a figure of the same name.
+    Raises ConfigError if a folder is not a run, or tables have an episode of a driver twice.
     """
-    from drl_av.experiments.canvas import save_figure
-    from drl_av.experiments.experiment import draw_results
-    from drl_av.experiments.figures import (
+    from drl_av.evaluation.figure_style import save_figure
+    from drl_av.evaluation.figures import (
         EPISODE_COLUMNS,
         learning_figure,
         profile_figure,
         reward_figure,
         speed_figure,
     )
-    from drl_av.experiments.lane_change_figure import lane_change_figure
-    from drl_av.experiments.registry import EXPERIMENTS
     from drl_av.files import read_table
 
-    folders = [path for path in options.sources if path.is_dir()]
-    runs = [folder for folder in folders if (folder / "evaluations.csv").is_file()]
+    runs = [path for path in options.sources if path.is_dir()]
+    if others := [run for run in runs if not (run / "evaluations.csv").is_file()]:
+        raise ConfigError(
+            f"{others[0]} is not a run, it has no evaluations.csv: name the folder of a run, or a "
+            "table of evaluate."
+        )
     tables = [path for path in options.sources if not path.is_dir()]
-    figures = {"reward": reward_figure(Config()), "lane_change": lane_change_figure(Config())}
+    figures = {"reward": reward_figure(Config())}
     if tables:
         rows = [row for table in tables for row in read_table(table, EPISODE_COLUMNS)]
         _require_distinct(tables)
@@ -52,14 +53,6 @@ def figures(options: argparse.Namespace) -> int:
         figures["speed_profile"] = profile_figure(rows)
     if runs:
         figures["learning"] = learning_figure(runs)
-    for folder in folders:
-        for name, figure in () if folder in runs else draw_results(EXPERIMENTS, folder):
-            if name in figures:
-                raise ConfigError(
-                    f"Another source has a figure {name}, too: draw {folder} by itself, with "
-                    "another --out."
-                )
-            figures[name] = figure
     for name, figure in figures.items():
         save_figure(figure, options.out / f"{name}.png")
         print(options.out / f"{name}.png")
@@ -71,7 +64,7 @@ def _require_distinct(tables: Iterable[Path]) -> None:
 
     Tables without a column ``seed`` are not examined.
     """
-    from drl_av.experiments.figures import EPISODE_COLUMNS
+    from drl_av.evaluation.figures import EPISODE_COLUMNS
     from drl_av.files import PlainNumber, read_table
 
     with_seeds = [table for table in tables if "seed" in read_table(table)[0]]

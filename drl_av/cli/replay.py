@@ -59,9 +59,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def replay(options: argparse.Namespace) -> int:
     """Drive one episode, and show it or write it to a file; return the exit status 0."""
-    from drl_av.drawing.film import Film, require_film
+    from drl_av.drawing.film import require_film
+    from drl_av.env.video import Film
     from drl_av.evaluation.recording import load_recording
-    from drl_av.evaluation.replay import Pacer, Page, ReplaySession, replay_session, watcher_of
+    from drl_av.evaluation.replay import Pacer, Page, ReplaySession, replay_session
     from drl_av.files import require_suffix, require_writable
 
     if options.html and options.rate is not None:
@@ -89,8 +90,8 @@ def replay(options: argparse.Namespace) -> int:
         [(name, driver)] = make_drivers(specs, config).items()
         session = ReplaySession(config, driver, name, options.seed or 0, options.vehicles)
     if options.video:
-        film = Film(session.name, session.road)
-        recording, result = session.drive(None, watcher_of(film))
+        film = Film(session.name, session.road, session.seed)
+        recording, result = session.drive(None, film.add)
         print(f"{options.video}: {pluralize(film.write(options.video, rate=pace), 'frame')}")
     elif options.html:
         page = Page(f"{session.name}, seed {session.seed}", session.road, session.driver)

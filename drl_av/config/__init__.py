@@ -2,7 +2,7 @@
 
 "The paper" is Nageshrao, Tseng and Filev, *Autonomous Highway Driving using Deep Reinforcement
 Learning* (2019). Each setting names the source of its default: a table, equation or section of the
-paper ("Table I", "eq. 2", "Sec. IV-B"), another publication, or "ours" if the paper does not state
+paper ("Table I", "Sec. IV-B"), another publication, or "ours" if the paper does not state
 it. A setting's name ends with its unit, as in ``headway_s``; lower and upper bounds are inclusive.
 """
 

@@ -9,7 +9,7 @@ DESIRED_VALUES = ("traffic", "best-lane", "fixed")
 
 @dataclass(frozen=True)
 class RewardConfig(Section):
-    """The reward (eq. 6 to 8 of the paper), and the choice of the desired speed and lane."""
+    """The reward (eq. 7 to 9 of the paper), and the choice of the desired speed and lane."""
 
     desired: str = setting(
         "traffic",
@@ -32,7 +32,7 @@ class RewardConfig(Section):
         -3.0, "ours", "r_col, reward of a decision with a collision", low=-1000, high=0
     )
     safe_headway_s: float = setting(
-        1.3, "Sec. IV-C", "time gap of d_safe, the safe gap of eq. 8", low=0.1, high=10
+        1.3, "Sec. IV-C", "time gap of d_safe, the safe gap of eq. 9", low=0.1, high=10
     )
     catch_up_time_s: float = setting(
         8.0,

@@ -7,25 +7,25 @@ from drl_av.config.schema import Section, setting
 
 @dataclass(frozen=True)
 class SafetyConfig(Section):
-    """The choice of the safety check, and the thresholds of the check ``paper`` (eq. 2 and 3)."""
+    """The safety check; the gap condition (eq. 3) and the safe action (eq. 4) of ``paper``."""
 
     check: str = setting(
         "paper", "Sec. III", "name of the safety check: permit_all, paper or strict"
     )
     minimum_ttc_s: float = setting(
-        3.0, "Table I", "T_min of eq. 2, smallest safe time to collision", low=0, high=60
+        3.0, "Table I", "T_min of eq. 3, smallest safe time to collision", low=0, high=60
     )
     hard_brake_ttc_s: float = setting(
         2.0,
         "Table I",
-        "T_HB of eq. 3, largest time to collision at which the check demands hard brake",
+        "T_HB of eq. 4, largest time to collision at which the check demands hard brake",
         low=0,
         high=60,
     )
     brake_ttc_s: float = setting(
         3.0,
         "Table I",
-        "T_B of eq. 3, largest time to collision at which the check demands brake",
+        "T_B of eq. 4, largest time to collision at which the check demands brake",
         low=0,
         high=60,
     )
@@ -37,12 +37,12 @@ class SafetyConfig(Section):
         high=60,
     )
     minimum_gap_m: float = setting(
-        15.0, "Table I", "d_TVmin of eq. 2, smallest safe gap", low=0, high=250
+        15.0, "Table I", "d_TVmin of eq. 3, smallest safe gap", low=0, high=250
     )
     printed_rule_1: bool = setting(
         False,
         "ours",
-        "rule 1 of the check paper as printed: it replaces a harder brake than eq. 3 demands, too",
+        "rule 1 of the check paper as printed: it replaces a harder brake than eq. 4 demands, too",
     )
     printed_rule_3: bool = setting(
         False,
@@ -53,7 +53,7 @@ class SafetyConfig(Section):
     printed_idm: bool = setting(
         False,
         "ours",
-        "the paper's IDM rule as printed: it accelerates above T_A even where eq. 2 does not hold",
+        "the paper's IDM rule as printed: accelerates above T_A without the gap condition (eq. 3)",
     )
 
     def __post_init__(self) -> None:

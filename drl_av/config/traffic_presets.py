@@ -16,7 +16,7 @@ class TrafficPreset(NamedTuple):
     """Maps the name of each changed setting to a pair: its value, and the source of this value."""
 
 
-_EQUAL_PARTS = 0.25, "Sec. IV-B names these drivers; equal parts are ours"
+_A_QUARTER = 0.25, "Sec. IV-B names these drivers; a quarter of each is ours"
 _BY_SUMO = 1.0, "SUMO's default lcSpeedGain"
 _KUSARI = "Kusari, arXiv:2109.11620: 1.19 +- 0.26, two standard deviations to each side"
 _TRUCK_LIMIT = "ours: about 60 mph, a limit for trucks in the United States"
@@ -26,11 +26,11 @@ _FITTED = "fitted to speed, time gap and range of the SPMD and IVBSS studies"
 TRAFFIC_PRESETS: dict[str, TrafficPreset] = {
     "calm": TrafficPreset("lane changes are random only; no driver overtakes", {}),
     "paper": TrafficPreset(
-        "level-k, finite-state and IDM drivers together",
+        "IDM, finite-state, level-0 and level-1 drivers, a quarter of each",
         {
-            "finite_state_share": _EQUAL_PARTS,
-            "level_0_share": _EQUAL_PARTS,
-            "level_1_share": _EQUAL_PARTS,
+            "finite_state_share": _A_QUARTER,
+            "level_0_share": _A_QUARTER,
+            "level_1_share": _A_QUARTER,
         },
     ),
     "overtaking": TrafficPreset(

@@ -5,15 +5,12 @@ from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import imageio_ffmpeg
 import numpy as np
 from PIL import Image
 
-from drl_av.drawing.panels import Caption
-from drl_av.drawing.picture import Picture, draw
-from drl_av.drawing.renderer import next_caption
+from drl_av.drawing.picture import Picture
 from drl_av.errors import RecordingError
 from drl_av.files import replacing
 from drl_av.road.road import FloatArray, Road
@@ -60,39 +57,6 @@ def _rows(snapshot: Snapshot, wanted: tuple[str, ...]) -> Snapshot:
         length_m=snapshot.length_m[kept],
         width_m=snapshot.width_m[kept],
     )
-
-
-class Film:
-    """Collects the scenes of an episode, and writes a video with pictures between two decisions."""
-
-    def __init__(self, driver: str, road: Road) -> None:
-        self._road, self._caption = road, Caption(driver=driver)
-        self._moves: list[tuple[Snapshot, Snapshot, Caption]] = []
-
-    @property
-    def decisions(self) -> int:
-        """Number of decisions so far."""
-        return len(self._moves)
-
-    def add(self, before: Snapshot, after: Snapshot, reward: float, info: dict[str, Any]) -> None:
-        """Add the next decision: the scenes before and after it, its reward and its ``info``."""
-        self._caption = next_caption(self._caption, reward, info)
-        self._moves.append((before, after, self._caption))
-
-    def pictures(self, per_decision: int, first: int = 0) -> Iterator[Picture]:
-        """Yield ``per_decision`` pictures of each decision, from decision ``first`` on."""
-        for before, after, caption in self._moves[first:]:
-            for step in range(1, per_decision + 1):
-                scene = interpolated(before, after, step / per_decision, self._road)
-                yield draw(scene, self._road, caption)
-
-    def write(self, path: Path, fps: int = 20, rate: float = 2.0) -> int:
-        """Write the video at ``rate`` times real time; return the number of pictures.
-
-        It has about ``fps`` pictures a second, because each decision has a whole number of them.
-        """
-        per_decision = max(1, round(fps / rate))
-        return write_video(path, self.pictures(per_decision), rate * per_decision)
 
 
 def write_video(path: str | os.PathLike[str], frames: Iterable[Picture], fps: float) -> int:

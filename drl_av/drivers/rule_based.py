@@ -23,10 +23,11 @@ from drl_av.simulation.vehicle_calls import EgoModel
 def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
     """Choose the longitudinal action of the paper's IDM, with one added condition.
 
-    The action is to accelerate if T_C > T_A and the gap condition (eq. 2) holds, and otherwise that
-    of eq. 3. T_C is the time to collision with the vehicle ahead, s, infinite without a vehicle;
-    T_A is ``config.accelerate_ttc_s``. The gap condition is ours: at equal speeds T_C is infinite
-    at any gap, so without it the ego would accelerate into the vehicle ahead.
+    The action is to accelerate if T_C > T_A and the gap condition (eq. 3) holds, and otherwise
+    the safe action (eq. 4). T_C is the time to collision with the vehicle ahead, s, infinite
+    without a vehicle; T_A is ``config.accelerate_ttc_s``. The gap condition is ours: at equal
+    speeds T_C is infinite at any gap, so without it the ego would accelerate into the vehicle
+    ahead.
     ``config.printed_idm`` removes the condition, as in the paper.
     """
     front = affordances.own_front

@@ -128,7 +128,7 @@ def set_speeds(
     the vehicle ahead and its speed; without such a vehicle, they are inf and the ego's speed.
     """
     if ego.has_constant_acceleration or action >= BRAKE:
-        acceleration = acceleration_of(action, ego)  # the point mass, eq. 4 of the paper
+        acceleration = acceleration_of(action, ego)  # the point mass, eq. 5 of the paper
         for step in range(len(speeds)):
             wanted = speed_m_s + acceleration * (step + 1) * step_s
             speeds[step] = min(max(wanted, 0.0), ego.max_speed_m_s)

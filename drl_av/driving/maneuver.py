@@ -107,7 +107,7 @@ def set_lateral(
 def shifted(
     y_m: float, target_m: float, lane_width_m: float, ego: EgoConfig | EgoNumbers, step_s: float
 ) -> tuple[float, float, bool]:
-    """Move the ego at one lane width per T_LC towards the target lane (eq. 5 of the paper).
+    """Move the ego at one lane width per T_LC towards the target lane (eq. 6 of the paper).
 
     Returns:
         The lateral position and speed after a SUMO step, and whether the lane change has ended.

@@ -22,7 +22,7 @@ vehicles. A safety check examines each action of the agent before the ego execut
 {indicators}
 
 ## Rewards
-The mean of r_v, r_y and r_x (eq. 6 to 8), each in [-1, 0]. The decision in which the ego
+The mean of r_v, r_y and r_x (eq. 7 to 9), each in [-1, 0]. The decision in which the ego
 collides has the reward `config.reward.collision_reward` instead.
 
 ## Starting State

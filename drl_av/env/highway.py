@@ -13,7 +13,6 @@ from gymnasium.envs.registration import EnvSpec
 from drl_av.config import Config
 from drl_av.config.functions import require_function
 from drl_av.config.presets import as_config
-from drl_av.drawing.renderer import renderer_of
 from drl_av.driving.actions import ACTIONS, Action, ego_numbers
 from drl_av.driving.affordances import ObservationScale
 from drl_av.driving.infer_action import infer_action
@@ -23,17 +22,17 @@ from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode import number_of_vehicles, reset_options, traffic_seed
 from drl_av.env.kinds import drawn_traffic, traffic_setups
 from drl_av.env.observation import ObservationFunction, default_groups, observation_function
-from drl_av.env.reward import RewardFunction, Rewards, Transition, custom_reward
+from drl_av.env.renderer import renderer_of
+from drl_av.env.reward import Rewards
 from drl_av.env.route_outcome import RouteOutcome
 from drl_av.env.scene_values import SceneValues
+from drl_av.env.transition import Observation, RewardFunction, Transition, custom_reward
 from drl_av.errors import ConfigError, pluralize
-from drl_av.road.snapshot import EGO, Collision, Snapshot
+from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.safety import ActionMask, action_mask, mask_of, named_check, starts_unsafe
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, Verdicts, WholeCheck, apply_check
 from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
 from drl_av.simulation.vehicle_calls import EgoModel
-
-Observation = npt.NDArray[np.float32]
 
 
 class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle):
@@ -170,13 +169,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.traffic_drivers.start(
             fleet.driver_models, fleet.population.desired_speed_m_s, self.seed
         )
-        observation = self._observe(snapshot, None)
-        self._way = RouteOutcome(self.road, self.scene)
-        info = self._info(over=False)
+        self._observe(snapshot, None)
+        self._route = RouteOutcome(self.road, self.scene)
+        info = self._info(self._route.outcome(self.scene, over=False))
         info["unsafe_start"] = starts_unsafe(self.safety_check, self.scene)
-        self._renderer.reset(snapshot, info)
+        self._renderer.reset(snapshot, self.seed)
         self._over = False
-        return observation, info
+        return self.observation, info
 
     def hand_over(self, model: EgoModel) -> None:
         """Let SUMO drive the ego, by its IDM and SL2015, until the next reset.
@@ -205,8 +204,24 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             gymnasium.error.ResetNeeded: no episode is running.
             SimulationError: SUMO ended unexpectedly.
         """
+        made = self.execute(action)
+        info = self._info(made.route_outcome) | {
+            "proposed_action": made.proposed.number,
+            "executed_action": made.executed.number,
+            "rule": str(made.rule),
+            "rewards": made.terms._asdict(),
+            "collision": "" if made.collision is None else made.collision.kind.value,
+            "collided_with": "" if made.collision is None else made.collision.other or "",
+        }
+        return made.next_observation, made.reward, made.terminated, made.truncated, info
+
+    def execute(self, action: int | np.int64) -> Transition:
+        """Execute one decision and return its record, from which ``step`` makes its results.
+
+        Raises the errors of ``step``.
+        """
         proposed = self._proposed(action)
-        scene, config = self.scene, self.config
+        scene, observation, config = self.scene, self.observation, self.config
         verdict = Verdict(proposed, Rule.NONE)
         if self.ego_model is None:
             verdict = self._verdict_on(proposed)
@@ -218,22 +233,33 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             proposed, lane_change = infer_action(scene, snapshot, self.road, config)
             verdict = Verdict(proposed, Rule.NONE)
         self.decisions += 1
-        observation = self._observe(snapshot, lane_change)
-        reward, terms = self._reward(scene, proposed, verdict, collision)
+        terms = self._observe(snapshot, lane_change)
         terminated = collision is not None
         at_the_end = not self.road.is_loop and bool(self.road.end_m <= snapshot.s_m[EGO])
         truncated = self.decisions >= config.simulation.decisions_per_episode or at_the_end
-        self._over = terminated or truncated
-        info = self._info(self._over) | {
-            "proposed_action": proposed.number,
-            "executed_action": verdict.action.number,
-            "rule": str(verdict.rule),
-            "rewards": terms._asdict(),
-            "collision": "" if collision is None else collision.kind.value,
-            "collided_with": "" if collision is None else collision.other or "",
-        }
-        self._renderer.step(snapshot, reward, info)
-        return observation, reward, terminated, truncated, info
+        over = terminated or truncated
+        self.transition = Transition(
+            scene,
+            observation,
+            proposed,
+            verdict.action,
+            verdict.rule,
+            self.scene,
+            self.observation,
+            collision,
+            terms,
+            config.reward.collision_reward if terminated else terms.total,
+            terminated,
+            truncated,
+            self._route.outcome(self.scene, over),
+            self._route.misses_exit(self.scene),
+        )
+        if self._own_reward is not None:
+            reward = custom_reward(self._own_reward, self.transition)
+            self.transition = self.transition._replace(reward=reward)
+        self._over = over
+        self._renderer.step(self.transition)
+        return self.transition
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the scene as a picture, uint8 of shape (720, 1280, 3).
@@ -287,36 +313,22 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         """Return the observation of any scene on this environment's road."""
         return self.scale(scene.affordances.vector()) if self._scaled_only else self.observe(scene)
 
-    def _observe(self, snapshot: Snapshot, lane_change: LaneChange | None) -> Observation:
-        """Store the scene and the indicators after a decision, and return the observation."""
-        self.scene, scaled, self._terms = self._values_of(snapshot, lane_change)
+    def _observe(self, snapshot: Snapshot, lane_change: LaneChange | None) -> Rewards:
+        """Store the present scene, its indicators and its observation; return its reward terms."""
+        self.scene, scaled, terms = self._values_of(snapshot, lane_change)
         self.indicators = self.scene.indicators.values[:27]
         self._verdicts = None
-        return scaled if self._scaled_only else self.observe(self.scene)
+        self.observation: Observation = scaled if self._scaled_only else self.observe(self.scene)
+        return terms
 
-    def _reward(
-        self, scene: Scene, proposed: Action, verdict: Verdict, collision: Collision | None
-    ) -> tuple[float, Rewards]:
-        """Return the reward for the decision from ``scene`` to the present one, and its terms."""
-        terms = self._terms
-        reward = terms.total if collision is None else self.config.reward.collision_reward
-        if self._own_reward is not None:
-            decided = scene, proposed, verdict.action, verdict.rule
-            outcome = Transition(*decided, self.scene, collision, terms, reward)
-            reward = custom_reward(self._own_reward, outcome)
-        return reward, terms
-
-    def _info(self, over: bool) -> dict[str, Any]:
-        """Return the part of ``info`` that ``reset`` and ``step`` have in common.
-
-        ``over`` says whether the episode ends with the present scene.
-        """
+    def _info(self, route_outcome: str) -> dict[str, Any]:
+        """Return the part of ``info`` that ``reset`` and ``step`` have in common."""
         info = {
             "seed": self.seed,
             "vehicles": len(self.scene.snapshot.ids) - 1,
             "speed_m_s": float(self.indicators[24]),
             "indicators": self.indicators.copy(),
-            "way": self._way.outcome(self.scene, over),
+            "way": route_outcome,
         }
         if self._masked:
             info["action_mask"] = self.action_masks()

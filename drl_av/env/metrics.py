@@ -6,8 +6,9 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from drl_av.driving.actions import Longitudinal
-from drl_av.env.decision import Decision
+from drl_av.env.reward import Rewards
 from drl_av.env.route_outcome import COMPLETE
+from drl_av.env.transition import Transition
 from drl_av.files import PossiblyInfinite
 from drl_av.road.snapshot import Collision
 from drl_av.safety.paper import closing_speed, time_to_collision
@@ -83,23 +84,23 @@ class EpisodeMetrics:
         self.min_headway_s = math.inf
         self.collision: Collision | None = None
         self.way = ""
-        self._terms: list[dict[str, float]] = []
+        self._terms: list[Rewards] = []
         self._settled_lane: int | None = None
 
-    def add(self, decision: Decision) -> None:
+    def add(self, decision: Transition) -> None:
         """Update the metrics with the next decision of the episode."""
-        self._terms.append(decision.info["rewards"])
+        self._terms.append(decision.terms)
         self.speeds_m_s.append(decision.next_scene.affordances.ego_speed_m_s)
         self.rewards.append(decision.reward)
         self.safety_triggers += decision.triggered
         self.hard_brakes += decision.executed.longitudinal == Longitudinal.HARD_BRAKE
-        self.d_safe_violations += self._terms[-1]["r_x"] < 0
+        self.d_safe_violations += decision.terms.r_x < 0
         self.collision = decision.collision
-        self.way = decision.info["way"]
+        self.way = decision.route_outcome
         self._add_lane_change(decision)
         self._add_leader(decision)
 
-    def _add_lane_change(self, decision: Decision) -> None:
+    def _add_lane_change(self, decision: Transition) -> None:
         """Count a lane change that the decision aborted or completed."""
         if self._settled_lane is None:
             self._settled_lane = decision.scene.affordances.lane
@@ -109,7 +110,7 @@ class EpisodeMetrics:
             self.lane_changes += 1
             self._settled_lane = lane
 
-    def _add_leader(self, decision: Decision) -> None:
+    def _add_leader(self, decision: Transition) -> None:
         """Update the smallest time to collision and time gap, if there is a vehicle ahead."""
         front = decision.next_scene.affordances.own_front
         if front is None:
@@ -154,9 +155,9 @@ class EpisodeMetrics:
             decisions=self.decisions,
             mean_speed_m_s=self.mean_speed_m_s,
             mean_reward=self.mean_reward,
-            mean_r_v=_mean([terms["r_v"] for terms in self._terms]),
-            mean_r_y=_mean([terms["r_y"] for terms in self._terms]),
-            mean_r_x=_mean([terms["r_x"] for terms in self._terms]),
+            mean_r_v=_mean([terms.r_v for terms in self._terms]),
+            mean_r_y=_mean([terms.r_y for terms in self._terms]),
+            mean_r_x=_mean([terms.r_x for terms in self._terms]),
             collided=self.collided,
             ego_hit=self.ego_hit,
             collision="" if self.collision is None else self.collision.kind.value,

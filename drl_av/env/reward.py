@@ -1,14 +1,12 @@
-"""The reward of a decision, eq. 6 to 8 of the paper, and the desired values in these equations."""
+"""The reward of a decision, eq. 7 to 9 of the paper, and the desired values in these equations."""
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from drl_av.compiled import compiled, numbers, squared
 from drl_av.config import EgoConfig, RewardConfig, SafetyConfig
-from drl_av.driving.actions import Action
 from drl_av.driving.affordances import (
     CHANGES,
     LANE,
@@ -19,16 +17,12 @@ from drl_av.driving.affordances import (
     has_lane,
     slot_of,
 )
-from drl_av.driving.scene import Scene
-from drl_av.errors import ConfigError
 from drl_av.road.road import LANE_CHANGE_DUE_M, FloatArray
-from drl_av.road.snapshot import Collision
-from drl_av.safety.check import Rule
 from drl_av.safety.paper import SafetyNumbers, is_clear
 
 
 class Desired(NamedTuple):
-    """The desired speed and lateral position of the ego, v_des of eq. 6 and y_des of eq. 7."""
+    """The desired speed and lateral position of the ego, v_des of eq. 7 and y_des of eq. 8."""
 
     speed_m_s: float
     lateral_m: float
@@ -36,7 +30,7 @@ class Desired(NamedTuple):
 
 
 class Rewards(NamedTuple):
-    """The three terms of the reward (eq. 6, 7 and 8 of the paper), each in [-1, 0]."""
+    """The three terms of the reward (eq. 7, 8 and 9 of the paper), each in [-1, 0]."""
 
     r_v: float
     r_y: float
@@ -46,26 +40,6 @@ class Rewards(NamedTuple):
     def total(self) -> float:
         """Mean of the three terms, in [-1, 0]."""
         return (self.r_v + self.r_y + self.r_x) / 3
-
-
-class Transition(NamedTuple):
-    """The input of a reward function that the user defines: one decision and its outcome."""
-
-    scene: Scene
-    """The scene before the decision."""
-    proposed: Action
-    executed: Action
-    """The action after the safety check."""
-    rule: Rule
-    """The rules of the safety check that changed the action, or ``Rule.NONE``."""
-    next_scene: Scene
-    """The scene after the decision."""
-    collision: Collision | None
-    """The ego's collision within this decision, or None."""
-    rewards: Rewards
-    """The three terms of the paper's reward in the next scene."""
-    reward: float
-    """The paper's reward: the mean of the three terms, or r_col after a collision."""
 
 
 class RewardNumbers(NamedTuple):
@@ -88,33 +62,18 @@ def reward_numbers(config: RewardConfig) -> RewardNumbers:
     return numbers(RewardNumbers, config, desired_is_fixed=is_fixed, desired_is_best_lane=is_best)
 
 
-RewardFunction = Callable[[Transition], float]
-
-
-def custom_reward(function: RewardFunction, transition: Transition) -> float:
-    """Return the reward of a transition that the user's own function computes.
-
-    Raises:
-        ConfigError: the function does not return a finite number.
-    """
-    reward = function(transition)
-    if isinstance(reward, int | float | np.number) and math.isfinite(reward):
-        return float(reward)
-    raise ConfigError(f"The reward function returned {reward!r}, but must return a finite number.")
-
-
 def speed_reward(speed_m_s: float, desired_m_s: float) -> float:
-    """Return r_v (eq. 6 of the paper): 0 at the desired speed, and down to -1 far from it."""
+    """Return r_v (eq. 7 of the paper): 0 at the desired speed, and down to -1 far from it."""
     return math.exp(-squared(speed_m_s - desired_m_s) / 10) - 1
 
 
 def lateral_reward(lateral_m: float, desired_m: float) -> float:
-    """Return r_y (eq. 7 of the paper): 0 at the desired position, and down to -1 far from it."""
+    """Return r_y (eq. 8 of the paper): 0 at the desired position, and down to -1 far from it."""
     return math.exp(-squared(lateral_m - desired_m) / 10) - 1
 
 
 def gap_reward(gap_m: float, safe_gap_m: float) -> float:
-    """Return r_x (eq. 8 of the paper): 0 if the gap is at least d_safe, and down to -1 below."""
+    """Return r_x (eq. 9 of the paper): 0 if the gap is at least d_safe, and down to -1 below."""
     if gap_m >= safe_gap_m:
         return 0.0
     return math.exp(-squared(gap_m - safe_gap_m) / (10 * safe_gap_m)) - 1

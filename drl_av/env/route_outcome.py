@@ -20,7 +20,7 @@ class RouteOutcome:
     """
 
     def __init__(self, road: Road, start: Scene) -> None:
-        self._has_exit = road.exit_m < math.inf
+        self._road, self._has_exit = road, road.exit_m < math.inf
         self._end_m, self._exit_lane = road.exit_m, road.exit_lane
         if not self._has_exit and start.affordances.mandatory.lanes != 0:
             self._end_m = road.lane_end_m(start.affordances.lane, front_m(start))
@@ -38,6 +38,10 @@ class RouteOutcome:
             failed = EXIT_MISSED if self._has_exit else NOT_MERGED
             self._outcome = self._passed(scene) or failed * over
         return self._outcome
+
+    def misses_exit(self, scene: Scene) -> bool:
+        """Return whether the ego has passed its exit without taking it."""
+        return self._has_exit and self._road.misses_exit(scene.affordances.lane, front_m(scene))
 
     def _passed(self, scene: Scene) -> str:
         """Return the outcome that follows from the ego's position alone; "" if none does."""

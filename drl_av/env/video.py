@@ -1,7 +1,7 @@
-"""The wrapper ``RecordVideo``, which films episodes of the environment."""
+"""Films episodes: a video with several pictures for each decision."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,49 @@ import gymnasium
 import numpy as np
 
 from drl_av.config.functions import require_function
-from drl_av.drawing.film import Film, require_film
-from drl_av.env.highway import HighwayEnv, Observation
+from drl_av.drawing.film import interpolated, require_film, write_video
+from drl_av.drawing.panels import Caption
+from drl_av.drawing.picture import Picture, draw
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.renderer import next_caption
+from drl_av.env.transition import Observation, Transition
 from drl_av.errors import ConfigError, RecordingError
+from drl_av.road.road import Road
+from drl_av.road.snapshot import Snapshot
+
+
+class Film:
+    """Collects the scenes of an episode, and writes a video with pictures between two decisions."""
+
+    def __init__(self, driver: str, road: Road, seed: int) -> None:
+        self._road, self._caption = road, Caption(driver=driver, seed=seed)
+        self._moves: list[tuple[Snapshot, Snapshot, Caption]] = []
+
+    @property
+    def decisions(self) -> int:
+        """Number of decisions so far."""
+        return len(self._moves)
+
+    def add(self, decision: Transition) -> None:
+        """Add the next decision of the episode."""
+        self._caption = next_caption(self._caption, decision)
+        before, after = decision.scene.snapshot, decision.next_scene.snapshot
+        self._moves.append((before, after, self._caption))
+
+    def pictures(self, per_decision: int, first: int = 0) -> Iterator[Picture]:
+        """Yield ``per_decision`` pictures of each decision, from decision ``first`` on."""
+        for before, after, caption in self._moves[first:]:
+            for step in range(1, per_decision + 1):
+                scene = interpolated(before, after, step / per_decision, self._road)
+                yield draw(scene, self._road, caption)
+
+    def write(self, path: Path, fps: int = 20, rate: float = 2.0) -> int:
+        """Write the video at ``rate`` times real time; return the number of pictures.
+
+        It has about ``fps`` pictures a second, because each decision has a whole number of them.
+        """
+        per_decision = max(1, round(fps / rate))
+        return write_video(path, self.pictures(per_decision), rate * per_decision)
 
 
 def cubic_schedule(episode: int) -> bool:
@@ -102,7 +142,7 @@ class RecordVideo(
         started = self.env.reset(seed=seed, options=options)
         self._episode += 1
         if self._trigger(self._episode):
-            self._film = Film("", self._highway.road)
+            self._film = Film("", self._highway.road, self._highway.seed)
         return started
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -110,7 +150,8 @@ class RecordVideo(
         scene = getattr(self._highway, "scene", None)
         observation, reward, terminated, truncated, info = self.env.step(action)
         if self._film is not None and scene is not None:
-            self._film.add(scene.snapshot, self._highway.scene.snapshot, float(reward), info)
+            made = self._highway.transition
+            self._film.add(made._replace(scene=scene, reward=float(reward)))
             if terminated or truncated:
                 self._write()
         return observation, float(reward), terminated, truncated, info

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.env.decision import Decision
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+from drl_av.env.transition import Transition
 from drl_av.evaluation.statistics import grouped
 from drl_av.evaluation.surrogates import (
     Motion,
@@ -80,7 +80,7 @@ class CriticalityMetrics(EpisodeMetrics):
         self._snapshots: list[Snapshot] = []
         self._lap_m = 0.0
 
-    def add(self, decision: Decision) -> None:
+    def add(self, decision: Transition) -> None:
         """Update the metrics with the next decision of the episode."""
         super().add(decision)
         before, after = decision.scene.snapshot, decision.next_scene.snapshot
@@ -113,7 +113,7 @@ class CriticalityMetrics(EpisodeMetrics):
         self.reversals += sign * self._sign < 0
         self._sign = sign or self._sign
 
-    def _add_front(self, decision: Decision, duration_s: float) -> None:
+    def _add_front(self, decision: Transition, duration_s: float) -> None:
         """Update the metrics that depend on the vehicle ahead, if there is one."""
         front = decision.next_scene.affordances.own_front
         if front is None:
@@ -128,7 +128,7 @@ class CriticalityMetrics(EpisodeMetrics):
         if speed_m_s > CRAWLING_M_S:
             self.short_headways += front.gap_m < SHORT_HEADWAY_S * speed_m_s
 
-    def _add_rear(self, decision: Decision, duration_s: float) -> None:
+    def _add_rear(self, decision: Transition, duration_s: float) -> None:
         """During a lane change, update the metrics on the braking of the vehicle behind."""
         scenes = decision.scene, decision.next_scene
         rear = decision.next_scene.affordances.own_rear

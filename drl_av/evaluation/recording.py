@@ -14,7 +14,7 @@ import numpy.typing as npt
 from drl_av.config import OLD_DEFAULTS, Config, from_toml
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
-from drl_av.env.decision import Decision
+from drl_av.env.transition import Transition
 from drl_av.errors import RecordingError
 from drl_av.files import write_atomic
 from drl_av.road.road import FloatArray
@@ -138,7 +138,7 @@ class Recorder:
         self._proposed: list[int] = []
         self._moments: list[Snapshot] = []
 
-    def add(self, decision: Decision) -> None:
+    def add(self, decision: Transition) -> None:
         """Record the next decision of the episode."""
         if not self._proposed:
             self._moments.append(decision.scene.snapshot)
@@ -177,7 +177,7 @@ class Follower:
         self._expected = recording.states
         self._compared = 0
 
-    def add(self, decision: Decision) -> None:
+    def add(self, decision: Transition) -> None:
         """Compare the scenes before and after the next decision with the recording.
 
         Raises RecordingError if any position or speed differs.

@@ -7,22 +7,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drl_av.config import Config
-from drl_av.drawing.film import Film
 from drl_av.drawing.page import PageDecision, write_page
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import LearnedDriver
 from drl_av.drivers.rule_based import SumoDriver
-from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import rollout
+from drl_av.env.transition import Transition
 from drl_av.evaluation.recording import Follower, RecordedDriver, Recorder, Recording
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import find_scenario, load_scenario
 
 USUAL_VEHICLES = 15
-Watcher = Callable[[Decision], None]
+Watcher = Callable[[Transition], None]
 """A function that gets each decision of an episode."""
 
 
@@ -33,22 +32,12 @@ class Pacer:
         self._pause_s = 1.0 / rate
         self._due_s: float | None = None
 
-    def __call__(self, decision: Decision) -> None:
+    def __call__(self, decision: Transition) -> None:
         """Wait until this decision has been shown for 1 / rate seconds."""
         now = time.monotonic()
         last_s = now if self._due_s is None else self._due_s
         self._due_s = max(now, last_s + self._pause_s)
         time.sleep(self._due_s - now)
-
-
-def watcher_of(film: Film) -> Watcher:
-    """Return a function that adds each decision of an episode to a film."""
-
-    def add(decision: Decision) -> None:
-        before, after = decision.scene.snapshot, decision.next_scene.snapshot
-        film.add(before, after, decision.reward, decision.info)
-
-    return add
 
 
 class Page:
@@ -60,7 +49,7 @@ class Page:
         self._snapshots: list[Snapshot] = []
         self._decisions: list[PageDecision] = []
 
-    def __call__(self, decision: Decision) -> None:
+    def __call__(self, decision: Transition) -> None:
         """Add the next decision of the episode, with the Q-values of a learned driver."""
         if not self._snapshots:
             self._snapshots.append(decision.scene.snapshot)
@@ -69,9 +58,9 @@ class Page:
         made = PageDecision(
             proposed=decision.proposed.number,
             executed=decision.executed.number,
-            rule=decision.info["rule"],
+            rule=str(decision.rule),
             reward=decision.reward,
-            **decision.info["rewards"],
+            **decision.terms._asdict(),
             q=q,
             collision=None if decision.collision is None else decision.collision.kind.value,
         )

@@ -83,6 +83,20 @@ def mean_difference(
     return mean_with_interval(ours[traffic] - theirs[traffic] for traffic in ours)
 
 
+def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> FloatArray:
+    """Return the moving average of ``values`` over the last ``over`` episodes, shape (rows,).
+
+    ``values`` and ``episodes`` have shape (rows,). The value of a row is the mean over the episodes
+    since the previous row; ``episodes`` holds the last episode of each row. A row counts only if
+    all of its episodes are within the window.
+    """
+    counts = np.diff(episodes, prepend=0.0)
+    sums = np.concatenate(([0.0], np.cumsum(values * counts)))
+    ends = np.concatenate(([0.0], episodes))
+    begins = np.searchsorted(ends, episodes - over)
+    return np.asarray((sums[1:] - sums[begins]) / (episodes - ends[begins]))
+
+
 class Summary(NamedTuple):
     """The statistics of one driver at one number of vehicles around the ego."""
 

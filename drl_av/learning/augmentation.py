@@ -8,9 +8,9 @@ from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.counterfactual import affordances_after, motion
 from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
-from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.reward import desired, rewards, speed_bonus
+from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError
 from drl_av.learning.buffers import Batch, Buffer
 from drl_av.learning.experience import TransitionWriter
@@ -63,7 +63,7 @@ class StoreCounterfactuals:
     ) -> None:
         self._store, self._buffer, self._env, self._rng = store, buffer, env, rng
 
-    def __call__(self, decision: Decision) -> None:
+    def __call__(self, decision: Transition) -> None:
         """Store the decision, then compute and store the outcomes of some other actions."""
         self._store(decision)
         if decision.failed:
@@ -76,7 +76,7 @@ class StoreCounterfactuals:
 
 
 def store_counterfactuals(
-    buffer: Buffer, env: HighwayEnv, decision: Decision, others: Iterable[Action]
+    buffer: Buffer, env: HighwayEnv, decision: Transition, others: Iterable[Action]
 ) -> None:
     """Store the transition that each of the actions ``others`` would have caused, if known.
 

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 from drl_av.config import Config
-from drl_av.env.decision import Decision
 from drl_av.env.reward import speed_bonus
+from drl_av.env.transition import Transition
 from drl_av.learning.buffers import Buffer
 
-TransitionWriter = Callable[[Decision], None]
+TransitionWriter = Callable[[Transition], None]
 """A function that stores a decision in the buffers."""
 
 
@@ -25,7 +25,7 @@ class StoreDecision:
         self._r_col = config.reward.collision_reward
         self._speed_weight = config.learning.speed_weight
 
-    def __call__(self, decision: Decision) -> None:
+    def __call__(self, decision: Transition) -> None:
         """Store a decision: Algorithm 1 of the paper, lines 6 and 8 to 12."""
         speed_m_s = decision.next_scene.affordances.ego_speed_m_s
         r_tp1 = decision.reward + speed_bonus(speed_m_s, self._ego, self._speed_weight)
@@ -37,7 +37,7 @@ class StoreDecision:
         else:
             self._buffer.add_safe(s_t, executed, r_tp1, decision.next_observation)
 
-    def store_unsafe(self, decision: Decision, r_tp1: float) -> None:
+    def store_unsafe(self, decision: Transition, r_tp1: float) -> None:
         """Store the proposal that the check replaced, as terminal with reward r_col.
 
         This is line 6 of Algorithm 1 of the paper, which does not use ``r_tp1``.
@@ -57,7 +57,7 @@ class TransitionWriterWithPenalty(StoreDecision):
         super().__init__(buffer, config)
         self._penalty = config.learning.unsafe_penalty
 
-    def store_unsafe(self, decision: Decision, r_tp1: float) -> None:
+    def store_unsafe(self, decision: Transition, r_tp1: float) -> None:
         """Store the proposal with the executed action's next state, and r_tp1 minus the penalty."""
         if decision.failed:
             super().store_unsafe(decision, r_tp1)

@@ -1,8 +1,9 @@
 """Collision detection by the motion of bodies within a SUMO step; pure geometry (ours).
 
 A body is a rectangle parallel to the road. In a SUMO step its centre moves on a straight line at a
-constant speed, as in SUMO's semi-implicit Euler integration and in eq. 5 of the paper. Two bodies
-can therefore touch within a step although they overlap neither before nor after it.
+constant speed, as in SUMO's semi-implicit Euler integration and in the paper's point mass (eq. 5
+and 6). Two bodies can therefore touch within a step although they overlap neither before nor after
+it.
 """
 
 import math

@@ -45,7 +45,7 @@ def closing_speed(front: Neighbor) -> float:
 
 
 def time_to_collision(gap_m: float, closing_m_s: float) -> float:
-    """Return the time to collision, T_C of eq. 3 of the paper: gap / closing speed, seconds.
+    """Return the time to collision, T_C of eq. 4 of the paper: gap / closing speed, seconds.
 
     ``closing_m_s`` is positive if the gap shrinks; otherwise the result is inf.
     """
@@ -60,7 +60,7 @@ class Approach(NamedTuple):
 
 
 def gap_condition(gap_m: Any, closing_m_s: Any, config: SafetyConfig | SafetyNumbers) -> Any:
-    """Whether eq. 2 of the paper holds: gap_m - T_min * closing_m_s > d_TVmin.
+    """Whether eq. 3 of the paper holds: gap_m - T_min * closing_m_s > d_TVmin.
 
     ``closing_m_s`` is positive if the gap shrinks. Works elementwise on arrays.
     """
@@ -83,7 +83,7 @@ def lane_change_is_safe(
 
 
 def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
-    """Return the action that eq. 3 of the paper demands: hard brake, brake, or maintain.
+    """Return the action that eq. 4 of the paper demands: hard brake, brake, or maintain.
 
     ``ttc_s`` is the time to collision with the vehicle ahead.
     """
@@ -115,7 +115,7 @@ def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
     """Return the verdict of the three rules of Sec. III on the proposed action.
 
     The ego may still collide: see docs/safety.md. We decide two cases that the paper leaves open.
-    Rule 1 permits a proposal that brakes at least as hard as eq. 3 demands. If rule 3 permits the
+    Rule 1 permits a proposal that brakes at least as hard as eq. 4 demands. If rule 3 permits the
     ego neither to continue nor to abort a lane change, the ego moves to the lane that contains its
     centre. The settings ``printed_rule_1`` and ``printed_rule_3`` apply the rules as printed.
     """
@@ -149,7 +149,7 @@ def paper_verdicts(
 def checked_longitudinal(
     values: FloatArray, codes: IntArray, proposed: int, safety: SafetyNumbers
 ) -> int:
-    """Return the longitudinal action after rule 1 (eq. 2 and 3)."""
+    """Return the longitudinal action after rule 1 (eq. 3 and 4)."""
     gap_m, closing_m_s = values[0], -values[1]
     if codes[0] == NOBODY or closing_m_s <= 0 or gap_condition(gap_m, closing_m_s, safety):
         return proposed
@@ -201,5 +201,5 @@ def is_clear(values: FloatArray, codes: IntArray, sign: int, safety: SafetyNumbe
 
 
 def clear_of(values: FloatArray, slot: int, direction: int, safety: SafetyNumbers) -> bool:
-    """Whether eq. 2 holds for the neighbour in a slot; ``direction`` is -1 ahead, +1 behind."""
+    """Whether eq. 3 holds for the neighbour in a slot; ``direction`` is -1 ahead, +1 behind."""
     return bool(gap_condition(values[4 * slot], direction * values[4 * slot + 1], safety))

@@ -33,7 +33,6 @@ VERBS = {
     "export": ["pretrained (the shipped driver)", "FILE.onnx"],
     "config": ["simulation, traffic", "default: paper", "default: all"],
     "figures": ["tables of evaluate", "default: ."],
-    "reproduce": ["learning curves", "default: 3000", "default: 5", "schedule", "ray", "TOML"],
 }
 PACKAGE = Path(cli.__file__).parent
 TINY = "[simulation]\ndecisions_per_episode = 5\n[learning]\nepisodes = 2\n"
@@ -85,9 +84,6 @@ def test_help_names_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
         ["replay", "--rate", "1e-320"],
         ["replay", "run", "--driver", "idm"],
         ["replay", "--gui", "--video", "drive.mp4"],
-        ["reproduce", "curvs"],
-        ["reproduce", "--seeds", "0"],
-        ["reproduce", "--engine", "dask"],
     ],
 )
 def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
@@ -130,11 +126,6 @@ def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[
         (["scenario", "a,b"], r"a,b, which has a comma in it"),
         (["scenario", "new", "--barricade", "7"], r"barricaded_lanes are \(7,\)"),
         (["figures", "missing.csv"], r"no table missing.csv"),
-        (
-            ["reproduce", "adaptation", "--config", "missing.toml"],
-            r"missing.toml cannot be read",
-        ),
-        (["reproduce", "--config", "missing.toml"], r"missing.toml cannot be read"),
     ],
 )
 def test_bad_input_is_reported_in_one_sentence(

@@ -18,7 +18,6 @@ SHORT = ("--config", "short.toml")
 WRITING = {
     "train": ("run", ("--out", "run", "--episodes", "1", *SHORT)),
     "adapt": ("run", ("--out", "run", "--episodes", "1", *SHORT)),
-    "reproduce": ("out/check_paper.csv", ("check_paper", "--drives", "1", "--out", "out", *SHORT)),
     "evaluate": ("rows.csv", (*DRIVE, "--episodes", "1", "--out", "rows.csv")),
     "export": ("driver.onnx", ("pretrained", "driver.onnx")),
     "figures": ("reward.png", ("rows.csv",)),

@@ -10,7 +10,7 @@ from PIL import Image
 from programs import python
 
 from drl_av.drawing.canvas import ALARM, AMBER, ASPHALT, EGO_COLOR, GROUND, speed_color
-from drl_av.drawing.film import Film, interpolated, write_video
+from drl_av.drawing.film import interpolated, write_video
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import Picture, draw
 from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, RoadStrip
@@ -198,20 +198,6 @@ def test_mp4_has_every_frame_at_even_size_and_nothing_is_left_beside_it(tmp_path
     assert about["codec"] == "h264"
     assert about["pix_fmt"].startswith("yuv420p")
     assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize(("rate", "seconds"), [(2.0, 1.5), (3.0, 1.0), (30.0, 0.1)])
-def test_a_film_of_three_decisions_is_as_fast_as_asked(
-    rate: float, seconds: float, tmp_path: Path
-) -> None:
-    film, path = Film("mine", ROAD), tmp_path / "ride.mp4"
-    info = {"seed": 1, "vehicles": 1, "speed_m_s": 20.0, "proposed_action": 0}
-    info |= {"executed_action": 0, "rule": "none", "rewards": {}, "collision": ""}
-    for _ in range(3):
-        film.add(scene((100, 0)), scene((120, 0)), 0.0, info)
-    film.write(path, rate=rate)
-    about = next(imageio_ffmpeg.read_frames(str(path)))
-    assert about["duration"] == pytest.approx(seconds, abs=0.011)
 
 
 def test_gif_has_every_frame_and_its_time(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ NOTHING = np.zeros(27, np.float32)
 
 
 def test_behind_a_slow_leader_only_speeding_up_and_changing_lanes_are_masked() -> None:
-    # T_C is 4 s: "maintain" is what eq. 3 asks, braking is as safe; rule 3 forbids both sides
+    # T_C is 4 s: "maintain" is what eq. 4 asks, braking is as safe; rule 3 forbids both sides
     assert action_mask(PAPER, SLOW_LEADER).tolist() == [1, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0]
 
 

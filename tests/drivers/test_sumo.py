@@ -87,7 +87,7 @@ def test_lane_changes_of_its_row_are_those_of_its_lanes(env: HighwayEnv) -> None
         if decision.next_scene.lane_change is None:
             off_m = abs(float(snapshot.y_m[0]) - decision.next_scene.affordances.lane_center_m)
             assert off_m <= 0.05
-        assert decision.info["rule"] == "none"
+        assert not decision.triggered
 
 
 def test_an_episode_of_sumo_is_the_same_whatever_was_driven_before(env: HighwayEnv) -> None:

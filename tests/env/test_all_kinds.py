@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from drl_av.config import SINGLE_PRESETS, Config, TrafficConfig
-from drl_av.env.highway import HighwayEnv, Observation
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.transition import Observation
 from drl_av.errors import ConfigError
 from drl_av.road.snapshot import Snapshot
 from drl_av.safety import assumptions

@@ -94,4 +94,4 @@ def test_sumo_drives_the_ego_to_its_exit_and_all_others_pass_it(scenario: str) -
             assert shot.y_m[1:].min() > 1.9 + 0.9  # in the through lanes as a whole
     assert decision.truncated
     assert shot.s_m[0] >= env.road.end_m
-    assert decision.info["way"] == "exit taken"
+    assert decision.route_outcome == "exit taken"

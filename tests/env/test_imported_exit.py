@@ -50,11 +50,11 @@ def test_drivers_wait_for_the_lane_to_come_and_take_the_exit_under_strict(
     for seed in (0, 1):
         for decision in rollout(env, load_driver(name, env.config), seed):
             shot = decision.next_scene.snapshot
-            assert not decision.info["collision"]
+            assert decision.collision is None
             if shot.s_m[0] + 2.5 < BEGINS_M:
                 assert shot.y_m[0] - 0.9 >= LINE_M
         assert decision.truncated
-        assert decision.info["way"] == "exit taken"
+        assert decision.route_outcome == "exit taken"
         assert shot.s_m[0] >= EXIT_M + 100.0
         assert shot.y_m[0] == pytest.approx(0.0)
         # all others stay on the motorway
@@ -65,8 +65,8 @@ def test_drivers_wait_for_the_lane_to_come_and_take_the_exit_under_strict(
 def test_a_route_straight_on_is_driven_past_the_lane_of_the_exit(name: str, made: Made) -> None:
     env = made("e2", "strict")
     for decision in rollout(env, load_driver(name, env.config), 0):
-        assert not decision.info["collision"]
-        assert decision.info["way"] == ""
+        assert decision.collision is None
+        assert decision.route_outcome == ""
     assert decision.truncated
     assert decision.next_scene.snapshot.s_m[0] >= env.road.end_m > 1800.0
     assert decision.next_scene.affordances.lane > 0

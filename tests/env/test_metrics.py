@@ -4,20 +4,20 @@ import itertools
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, fields
+from typing import Any
 
-import numpy as np
 import pytest
+from decisions import decided
 from worlds import CENTER, LEFT, RIGHT, ahead, behind, changing, scene
 
-from drl_av.driving.actions import ACTIONS
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.env.decision import Decision
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+from drl_av.env.transition import Transition
 from drl_av.road.snapshot import Collision, CollisionKind
+from drl_av.safety.check import Rule
 
 KEEP, BRAKE, HARD_BRAKE, TO_RIGHT, TO_RIGHT_HARD, TO_LEFT, TO_LEFT_HARD = 0, 2, 3, 4, 7, 8, 11
 """Numbers of actions; right and left at an unchanged speed, or braking hard."""
-NOTHING = np.zeros(27, dtype=np.float32)
 FREE = scene()
 
 
@@ -26,27 +26,18 @@ def decision(
     after: Scene = FREE,
     executed: int = KEEP,
     *,
-    proposed: int | None = None,
     rule: str = "none",
-    reward: float = -0.2,
-    terms: tuple[float, float, float] = (-0.3, -0.3, 0.0),
-    collision: Collision | None = None,
     way: str = "",
-) -> Decision:
-    info = {
-        "executed_action": executed,
-        "rule": rule,
-        "rewards": dict(zip(("r_v", "r_y", "r_x"), terms, strict=True)),
-        "collision": "" if collision is None else collision.kind.value,
-        "collided_with": "" if collision is None else collision.other,
-        "way": way,
-    }
-    action = ACTIONS[executed if proposed is None else proposed]
-    over = collision is not None
-    return Decision(before, NOTHING, action, reward, after, NOTHING, over, False, info)
+    **fields: Any,
+) -> Transition:
+    given: dict[str, Any] = {"reward": -0.2, "terms": (-0.3, -0.3, 0.0)} | fields
+    named = Rule.NONE
+    for word in rule.upper().split("+"):
+        named |= Rule[word]
+    return decided(before, after, executed, rule=named, route_outcome=way, **given)
 
 
-def row(*decisions: Decision) -> EpisodeResult:
+def row(*decisions: Transition) -> EpisodeResult:
     metrics = EpisodeMetrics()
     for each in decisions:
         metrics.add(each)

@@ -13,15 +13,15 @@ from gymnasium.utils.env_checker import check_env
 
 import drl_av
 from drl_av.config import Config
-from drl_av.drawing.film import Film
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import draw
 from drl_av.drivers.registry import rule_driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
+from drl_av.env.video import Film
 from drl_av.errors import ConfigError, RecordingError, ScenarioError
 from drl_av.evaluation.recording import load_recording
-from drl_av.evaluation.replay import Page, ReplaySession, replay_session, watcher_of
+from drl_av.evaluation.replay import Page, ReplaySession, replay_session
 from drl_av.road.snapshot import CollisionKind
 from drl_av.scenarios.folder import write_scenario
 from drl_av.scenarios.highways import MergeDescription, StraightDescription
@@ -143,8 +143,8 @@ def test_an_episode_is_recorded_filmed_and_repeated_exactly(
     short = config(str(tmp_path / "road")).updated("simulation", decisions_per_episode=decisions)
     session = ReplaySession(short, rule_driver(driver, short), driver, 9, 50)
     page = Page("a ramp", session.road, session.driver)
-    film = Film(driver, session.road)
-    recording, result = session.drive(None, watcher_of(film), page)
+    film = Film(driver, session.road, session.seed)
+    recording, result = session.drive(None, film.add, page)
     assert (result.vehicles, recording.vehicles) == (50, 50)
     assert np.isnan(recording.states).any()  # vehicles that came or went
     recording.save(tmp_path / "episode.npz")

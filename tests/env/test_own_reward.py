@@ -10,7 +10,7 @@ from drives import HARD_BRAKE, ID, KEEP, LEFT, Place, start, until_over
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.reward import Transition
+from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError
 from drl_av.safety.check import Rule
 from drl_av.scenarios.folder import PlacedVehicle
@@ -37,7 +37,7 @@ def test_a_reward_function_is_given_the_decision_and_its_outcome() -> None:
     assert transition.executed == ACTIONS[info["executed_action"]]
     assert str(transition.rule) == info["rule"]
     assert transition.collision is None
-    assert transition.rewards._asdict() == info["rewards"] == same["rewards"]
+    assert transition.terms._asdict() == info["rewards"] == same["rewards"]
     assert transition.reward == usual
     env.close()
     plain.close()

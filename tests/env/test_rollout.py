@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from worlds import ROAD, scene
+from decisions import decided
+from worlds import scene
 
 from drl_av.config import Config
 from drl_av.drivers.rule_based import RandomDriver, SumoDriver
@@ -16,6 +17,7 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive, rollout
+from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError
 from drl_av.simulation.vehicle_calls import EgoModel
 
@@ -24,29 +26,33 @@ class ScriptedEnv:
     """An environment whose scene, observation and reward are numbered by the decision."""
 
     check_name = "scripted"
-    road = ROAD
 
     def __init__(self, tape: list[str], decisions: int, *, terminated: bool = False) -> None:
         self._tape, self._decisions, self._terminated = tape, decisions, terminated
 
-    def _show(self) -> npt.NDArray[np.float32]:
+    def _show(self) -> None:
         self.scene = scene(speed_m_s=10.0 + self._done)
-        return np.full(27, self._done, dtype=np.float32)
+        self.observation = np.full(27, self._done, dtype=np.float32)
 
-    def reset(self, *, seed: int, options: Any) -> tuple[npt.NDArray[np.float32], dict[str, Any]]:
+    def reset(self, *, seed: int, options: Any) -> None:
         self._done = 0
         self._tape.append(f"reset {seed} {options}")
-        return self._show(), {}
+        self._show()
 
-    def step(self, action: int) -> tuple[npt.NDArray[np.float32], float, bool, bool, Any]:
+    def execute(self, action: int) -> Transition:
+        before, observation = self.scene, self.observation
         self._done += 1
         self._tape.append(f"step {action}")
-        terms = {"r_v": 0.0, "r_y": 0.0, "r_x": 0.0}
-        made = {"proposed_action": action, "executed_action": action, "rule": "none"}
-        info = made | {"rewards": terms, "collision": "", "way": ""}
+        self._show()
         over = self._done == self._decisions
-        ends = (over and self._terminated, over and not self._terminated)
-        return self._show(), -0.1 * self._done, *ends, info
+        return decided(
+            *(before, self.scene, action),
+            observation=observation,
+            next_observation=self.observation,
+            reward=-0.1 * self._done,
+            terminated=over and self._terminated,
+            truncated=over and not self._terminated,
+        )
 
 
 class CountingDriver:
@@ -130,9 +136,7 @@ def test_on_the_real_road_the_next_scene_is_the_scene_of_the_next_decision() -> 
     for before, after in itertools.pairwise(decisions):
         assert before.next_scene is after.scene
         assert before.next_observation is after.observation
-    last = decisions[-1]
-    assert last.info["vehicles"] == len(last.next_scene.snapshot.ids) - 1 == 12
-    assert last.proposed.number == last.info["proposed_action"]
+    assert len(decisions[-1].next_scene.snapshot.ids) - 1 == 12
 
 
 def test_an_ego_that_sumo_drives_proposes_what_it_did() -> None:

@@ -53,11 +53,10 @@ def test_a_decision_goes_the_way_of_the_architecture_figure(
     monkeypatch.setattr(TrafficDrivers, "__call__", decide)
     monkeypatch.setattr(env.simulation, "advance", taped("advance", env.simulation.advance))
     monkeypatch.setattr(simulation, "Snapshot", taped("snapshot", simulation.Snapshot))
-    monkeypatch.setattr(env, "_reward", taped("reward", env._reward))
     for _ in itertools.islice(rollout(env, TapedDriver(tape), 0, 5), 2):
         tape.append("learn")
     begin = ["snapshot", "observe", "start"]
-    way = "propose, check, plan, traffic drivers, advance, snapshot, observe, reward, learn"
+    way = "propose, check, plan, traffic drivers, advance, snapshot, observe, learn"
     assert tape == begin + way.split(", ") * 2
 
 

@@ -8,12 +8,14 @@ import gymnasium
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from decisions import decided
 from gymnasium.utils.save_video import capped_cubic_video_schedule
 from programs import python
+from worlds import ROAD, scene
 
 import drl_av
 from drl_av.config import Config
-from drl_av.env.video import cubic_schedule
+from drl_av.env.video import Film, cubic_schedule
 from drl_av.errors import ConfigError, RecordingError
 
 CONFIG = Config().updated("simulation", decisions_per_episode=2).updated("traffic", vehicles_max=3)
@@ -44,6 +46,18 @@ def test_a_film_moves_between_two_decisions_and_lasts_as_long_as_the_episode(
     road = [picture[60:360].astype(int) for picture in pictures(film)]
     moved = [(abs(b - a) > 60).sum() for a, b in pairwise(road)]
     assert min(moved) > 500
+
+
+@pytest.mark.parametrize(("rate", "seconds"), [(2.0, 1.5), (3.0, 1.0), (30.0, 0.1)])
+def test_a_film_of_three_decisions_is_as_fast_as_asked(
+    rate: float, seconds: float, tmp_path: Path
+) -> None:
+    film, path = Film("mine", ROAD, seed=1), tmp_path / "ride.mp4"
+    for _ in range(3):
+        film.add(decided(scene(s_m=100.0), scene(s_m=120.0)))
+    film.write(path, rate=rate)
+    about = next(imageio_ffmpeg.read_frames(str(path)))
+    assert about["duration"] == pytest.approx(seconds, abs=0.011)
 
 
 @pytest.mark.parametrize("end", ["reset", "close"])

@@ -116,7 +116,7 @@ def test_an_ego_of_sumo_that_waits_for_its_exit_to_the_end_has_missed_it(
     for decision in rollout(env, rule_driver(driver, env.config), 0):
         metrics.add(decision)
     assert decision.truncated
-    assert decision.info["speed_m_s"] < 0.1
+    assert decision.next_scene.affordances.ego_speed_m_s < 0.1
     assert decision.next_scene.affordances.mandatory.lanes == -1  # it stands before the gore
     assert not decision.failed
     row = metrics.result(driver, env.check_name, 30, 0)

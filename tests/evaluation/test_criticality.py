@@ -9,23 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from decisions import decided
 from worlds import CENTER, Car, ahead, behind, scene
 
 import drl_av
 from drl_av.cli import main
-from drl_av.driving.actions import ACTIONS
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.env.decision import Decision
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.evaluation.criticality import CriticalityMetrics, CriticalityResult, styles
 
-INFO = {
-    "rewards": {"r_v": 0.0, "r_y": 0.0, "r_x": 0.0},
-    "rule": "none",
-    "executed_action": 0,
-    "collision": "",
-    "way": "",
-}
 CHANGE = LaneChange(0, 1)
 
 
@@ -38,7 +30,7 @@ def measured(*scenes: Scene) -> CriticalityResult:
     metrics = CriticalityMetrics()
     timed = [at(float(second), each) for second, each in enumerate(scenes)]
     for before, after in pairwise(timed):
-        metrics.add(Decision(before, None, ACTIONS[0], 0.0, after, None, False, False, INFO))
+        metrics.add(decided(before, after))
     return metrics.result("mine", "paper", 1, 0)
 
 
@@ -69,7 +61,7 @@ def test_lateral_acceleration_and_yaw_are_those_of_the_lateral_speed() -> None:
 
 def test_a_decision_in_which_the_ego_leaves_the_lanes_at_once_has_no_motion() -> None:
     metrics, here = CriticalityMetrics(), scene(speed_m_s=20.0)
-    metrics.add(Decision(here, None, ACTIONS[0], -3.0, here, None, True, False, INFO))
+    metrics.add(decided(here, reward=-3.0, terminated=True))
     found = metrics.result("mine", "paper", 1, 0)
     assert (found.driven_m, found.mean_abs_jerk_m_s3, found.comfortable_decisions) == (0, 0, 0)
     assert found.decisions == 1
@@ -152,7 +144,7 @@ def test_a_driver_s_style_is_over_all_its_decisions() -> None:
     assert mine.mean_abs_jerk_m_s3 == pytest.approx((4.0 + 2.0) / 6)
     assert mine.comfortable_percent == 100
     plain = EpisodeMetrics()
-    plain.add(Decision(scene(), None, ACTIONS[0], 0.0, scene(), None, False, False, INFO))
+    plain.add(decided())
     assert styles([plain.result("plain", "paper", 1, 0)]) == []
 
 

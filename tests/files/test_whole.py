@@ -10,7 +10,7 @@ from programs import python
 from runs import disk_tape
 
 from drl_av.errors import DrlAvError, RecordingError
-from drl_av.experiments.canvas import one_panel, save_figure
+from drl_av.evaluation.figure_style import one_panel, save_figure
 from drl_av.files import append, replacing, require_suffix, require_writable, write_atomic
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from decisions import decided
 from worlds import LEAVE, LEFT, RIGHT, ROAD, ahead, scene
 
 from drl_av.config import Config
@@ -13,9 +14,9 @@ from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS, ObservationScale
 from drl_av.driving.mirror import Mirror
 from drl_av.driving.scene import LaneChange
-from drl_av.env.decision import Decision
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
+from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError
 from drl_av.learning import augmentation as module
 from drl_av.learning.augmentation import (
@@ -95,8 +96,7 @@ def stored_after(
         observation_of=lambda scene: scale(scene.affordances.vector()),
     )
     buffers = TwoBuffers(N, 10, 10, discount=0.9, collision_fraction=0.25)
-    info = {"executed_action": executed.number, "rule": "none", "way": ""}
-    decision = Decision(before, S_T, executed, -0.5, after, S_T, False, False, info)
+    decision = decided(before, after, executed.number, observation=S_T)
     store_counterfactuals(buffers, env, decision, others)
     return buffers
 
@@ -192,9 +192,9 @@ def test_a_lane_that_begins_and_parts_is_road_only_where_it_is_beside_the_ego(
 def test_of_12_drawn_actions_all_are_stored_but_the_proposed_and_the_executed_one(
     check: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[tuple[Decision, list[Action]]] = []
-    stored: list[Decision] = []
-    decisions: list[Decision] = []
+    asked: list[tuple[Transition, list[Action]]] = []
+    stored: list[Transition] = []
+    decisions: list[Transition] = []
     monkeypatch.setattr(
         module,
         "store_counterfactuals",
@@ -225,8 +225,7 @@ def test_as_many_actions_are_drawn_as_the_settings_say(monkeypatch: pytest.Monke
     env: Any = SimpleNamespace(config=CONFIG.updated("learning", counterfactuals=3))
     buffer = TwoBuffers(N, 10, 10, discount=0.9, collision_fraction=0.25)
     store = StoreCounterfactuals(lambda decision: None, buffer, env, np.random.default_rng(0))
-    now, info = scene(), {"executed_action": 0, "rule": "none", "way": ""}
     for _ in range(200):
-        store(Decision(now, S_T, ACTIONS[0], -0.5, now, S_T, False, False, info))
+        store(decided())
     assert {len(others) for others in drawn} == {2, 3}  # the one that was taken may be drawn
     assert {other for others in drawn for other in others} == {*ACTIONS[1:]}

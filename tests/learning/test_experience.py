@@ -4,15 +4,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from worlds import ALONE
+from decisions import decided
 
 from drl_av.config import Config
-from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
-from drl_av.env.decision import Decision
+from drl_av.env.transition import Transition
 from drl_av.learning.buffers import Buffer, TwoBuffers, UniformBuffer
 from drl_av.learning.experience import StoreDecision, TransitionWriterWithPenalty
 from drl_av.learning.prioritized import PrioritizedBuffer
+from drl_av.safety.check import Rule
 
 HARD_BRAKE, LEFT = 3, 8
 N, R_COL, GAMMA = len(INDICATORS), -3.0, np.float32(0.9)
@@ -20,27 +20,22 @@ BEFORE, AFTER = np.full(N, 0.125, np.float32), np.full(N, 0.25, np.float32)
 
 
 def decision(
-    executed: int = LEFT,
-    rule: str = "none",
-    reward: float = -0.25,
-    collided: bool = False,
-    missed_exit: bool = False,
-) -> Decision:
+    executed: int = LEFT, rule: Rule = Rule.NONE, reward: float = -0.25, **fields: Any
+) -> Transition:
     """A proposal to change to the left, at 20 m/s."""
-    info = {"executed_action": executed, "rule": rule}
-    step = ACTIONS[LEFT], reward, ALONE, AFTER, collided, False, info, missed_exit
-    return Decision(ALONE, BEFORE, *step)
+    given = {"reward": reward, "observation": BEFORE, "next_observation": AFTER} | fields
+    return decided(executed=executed, proposed=LEFT, rule=rule, **given)
 
 
-UNSAFE = decision(HARD_BRAKE, "gap")
-UNSAFE_COLLISION = decision(HARD_BRAKE, "gap", R_COL, collided=True)
+UNSAFE = decision(HARD_BRAKE, Rule.IN_LANE)
+UNSAFE_COLLISION = decision(HARD_BRAKE, Rule.IN_LANE, R_COL, terminated=True)
 
 
 def two_buffers() -> TwoBuffers:
     return TwoBuffers(N, 10, 10, discount=0.9, collision_fraction=0.25)
 
 
-def stored(*decisions: Decision, **learning: float) -> tuple[np.ndarray, np.ndarray]:
+def stored(*decisions: Transition, **learning: float) -> tuple[np.ndarray, np.ndarray]:
     """The rows of Buf_S and of Buf_C."""
     buffer, config = two_buffers(), Config().updated("learning", **learning)
     store = (TransitionWriterWithPenalty if learning.get("unsafe_penalty") else StoreDecision)(
@@ -65,7 +60,7 @@ def test_unsafe_proposal_is_a_collision_and_the_executed_action_is_safe() -> Non
 
 
 def test_collision_goes_to_the_collision_buffer_alone_whatever_its_reward() -> None:
-    safe, collision = stored(decision(reward=-7.0, collided=True))
+    safe, collision = stored(decision(reward=-7.0, terminated=True))
     assert len(safe) == 0
     assert collision[:, -3:].tolist() == [[LEFT, R_COL, 0.0]]
 
@@ -91,9 +86,9 @@ def test_under_a_penalty_an_unsafe_proposal_leads_where_the_executed_action_led(
 
 
 @pytest.mark.parametrize(
-    "failed", [UNSAFE_COLLISION, decision(HARD_BRAKE, "gap", missed_exit=True)]
+    "failed", [UNSAFE_COLLISION, decision(HARD_BRAKE, Rule.IN_LANE, missed_exit=True)]
 )
-def test_under_a_penalty_a_failure_is_terminal_all_the_same(failed: Decision) -> None:
+def test_under_a_penalty_a_failure_is_terminal_all_the_same(failed: Transition) -> None:
     safe, collision = stored(failed, unsafe_penalty=1.5)
     assert len(safe) == 0
     assert collision[:, -3:].tolist() == [[LEFT, R_COL, 0.0], [HARD_BRAKE, R_COL, 0.0]]
@@ -101,7 +96,7 @@ def test_under_a_penalty_a_failure_is_terminal_all_the_same(failed: Decision) ->
 
 def test_speed_is_weighed_in_where_the_reward_is_kept_and_not_in_r_col() -> None:
     # at 20 of at most 30 m/s: 0.6 * 2 / 3
-    crash = decision(reward=R_COL, collided=True)
+    crash = decision(reward=R_COL, terminated=True)
     safe, collision = stored(decision(), UNSAFE, crash, speed_weight=0.6, unsafe_penalty=1.0)
     assert safe[:, -2] == pytest.approx([0.15, 0.15])
     assert collision[:, -2] == pytest.approx([-0.85, R_COL])

@@ -38,7 +38,7 @@ networks = 2
 RESULTS = ("episodes.csv", "evaluations.csv", "checkpoint.safetensors", "policy.safetensors")
 MOMENTS = {
     "before the run is there": f"at_call(os, 'replace', 1, {KILL})",
-    "in the first episode": f"at_call(HighwayEnv, 'step', 7, {KILL})",
+    "in the first episode": f"at_call(HighwayEnv, 'execute', 7, {KILL})",
     "before the policy is named": f"at_call(os, 'replace', 1, {KILL})",
     "between policy and checkpoint": f"at_call(os, 'replace', 2, {KILL})",
     "before the checkpoint is on disk": f"at_call(os, 'fsync', 7, {KILL})",
@@ -120,7 +120,7 @@ def test_first_ctrl_c_stops_after_the_episode_and_the_second_at_once(
     steps: tuple[int, ...], episodes: int, settings: str, left_alone: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "stopped"
-    prelude = "\n".join(f"at_call(HighwayEnv, 'step', {n}, {INTERRUPT})" for n in steps)
+    prelude = "\n".join(f"at_call(HighwayEnv, 'execute', {n}, {INTERRUPT})" for n in steps)
     ended = interrupted(prelude, command(folder, "--config", settings))
     assert ended.returncode == 130
     assert f"drl-av train --out {folder} --resume" in ended.stderr
@@ -157,7 +157,7 @@ def test_a_folder_that_takes_no_more_keeps_what_was_saved(
 ) -> None:
     folder = tmp_path / "starved"
     stopped = interrupted(
-        f"at_call(HighwayEnv, 'step', 70, {INTERRUPT})", command(folder, "--config", settings)
+        f"at_call(HighwayEnv, 'execute', 70, {INTERRUPT})", command(folder, "--config", settings)
     )
     assert stopped.returncode == 130
     saved = {name: (folder / name).read_bytes() for name in RESULTS}

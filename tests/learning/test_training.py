@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from decisions import decided
 from runs import files_of
 from worlds import ALONE, ROAD, ahead, scene
 
@@ -20,6 +21,7 @@ from drl_av.driving.affordances import INDICATORS
 from drl_av.env.episode import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
+from drl_av.env.transition import Transition
 from drl_av.learning import training as module
 from drl_av.learning.augmentation import mirror_half, unchanged
 from drl_av.learning.buffers import Batch, Buffer
@@ -29,11 +31,12 @@ from drl_av.learning.learner import Learner, Update
 from drl_av.learning.run import Run, train
 from drl_av.learning.training import EVALUATION_SEEDS, Training, Variant, draw_seed
 from drl_av.road.snapshot import Collision, CollisionKind
+from drl_av.safety.check import Rule
 
 KEEP, HARD_BRAKE, LEFT = 0, 3, 8
 HIT = Collision(CollisionKind.HIT_AHEAD, "vehicle1")
 N = len(INDICATORS)
-Step = tuple[int | None, str, float, bool]
+Step = tuple[int | None, Rule, float, bool]
 """The action executed (None: as proposed), the rule that fired, the reward, a collision."""
 
 
@@ -56,32 +59,35 @@ class ScriptedEnv:
     def require_room(self) -> None:
         """There is room for any number of vehicles on the script."""
 
-    def reset(self, *, seed: int, options: object) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int, options: object) -> None:
         self.tape.append("reset")
         self.seeds.append(seed)
         self.options.append(options)
         self.t = 0
-        return observed(0), {}
+        self.observation = observed(0)
 
-    def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+    def execute(self, action: int) -> Transition:
         self.tape.append("act")
         executed, rule, reward, terminated = self.script[self.t]
+        before = self.observation
         self.t += 1
-        info = {
-            "rule": rule,
-            "proposed_action": action,
-            "executed_action": action if executed is None else executed,
-            "rewards": {"r_v": reward, "r_y": 0.0, "r_x": 0.0},
-            "collision": HIT.kind.value if terminated else "",
-            "collided_with": HIT.other if terminated else "",
-            "vehicles": 3,
-            "way": "",
-        }
-        return observed(self.t), reward, terminated, self.t == len(self.script), info
+        self.observation = observed(self.t)
+        return decided(
+            self.scene,
+            executed=action if executed is None else executed,
+            proposed=action,
+            rule=rule,
+            observation=before,
+            next_observation=self.observation,
+            terms=(reward, 0.0, 0.0),
+            reward=reward,
+            collision=HIT if terminated else None,
+            truncated=self.t == len(self.script),
+        )
 
 
-QUIET: Step = (None, "none", -0.5, False)
-OVERRULED: Step = (HARD_BRAKE, "gap", -0.5, False)
+QUIET: Step = (None, Rule.NONE, -0.5, False)
+OVERRULED: Step = (HARD_BRAKE, Rule.IN_LANE, -0.5, False)
 
 
 class TapedLearner(Learner):
@@ -168,9 +174,9 @@ def test_episode_resets_then_acts_stores_and_learns_at_each_decision() -> None:
 
 
 def test_the_row_of_an_episode_counts_what_happened_in_it() -> None:
-    script = [QUIET, OVERRULED, (None, "none", -3.5, True)]
+    script = [QUIET, OVERRULED, (None, Rule.NONE, -3.5, True)]
     training, env, _, learner, _ = story(script)
-    env.scene = scene(ahead(30.0), ahead(90.0))  # at the start; info has the number of the moment
+    env.scene = scene(ahead(30.0), ahead(90.0))
     row = training.run_episode()
     assert (row.episode, row.seed, row.vehicles, row.decisions) == (1, env.seeds[0], 2, 3)
     assert row.mean_reward == pytest.approx((-0.5 - 0.5 - 3.5) / 3)
@@ -216,7 +222,9 @@ def test_truncation_keeps_gamma() -> None:
 def test_without_unsafe_proposals_and_collisions_it_is_plain_double_dqn() -> None:
     twins = []
     for replay in ("two-buffer", "uniform"):
-        training, _, _, learner, _ = story([QUIET, (None, "none", -0.1, False)] * 5, replay=replay)
+        training, _, _, learner, _ = story(
+            [QUIET, (None, Rule.NONE, -0.1, False)] * 5, replay=replay
+        )
         for _ in range(4):
             training.run_episode()
         twins.append(learner.state())
@@ -259,7 +267,7 @@ def test_importance_exponent_rises_with_the_episodes() -> None:
 @pytest.mark.parametrize("penalty", [0.0, 1.5])
 @pytest.mark.parametrize("replay", REPLAYS)
 def test_state_of_every_replay_makes_the_round_trip(replay: str, penalty: float) -> None:
-    script = [QUIET, OVERRULED, (None, "none", -7.0, True)]
+    script = [QUIET, OVERRULED, (None, Rule.NONE, -7.0, True)]
     options: dict[str, Any] = {"replay": replay, "safe_capacity": 20, "collision_capacity": 5}
     options["unsafe_penalty"] = penalty
     alone, begun, resumed = (made(script, **options)[0] for _ in range(3))

@@ -304,9 +304,9 @@ PRINTED = SafetyConfig(printed_rule_1=True, printed_rule_3=True)
 @pytest.mark.parametrize(
     ("gap", "proposed", "executed"),
     [
-        (15.0, HARD_BRAKE, BRAKE),  # T_C is 3 s, for which eq. 3 demands brake
+        (15.0, HARD_BRAKE, BRAKE),  # T_C is 3 s, for which eq. 4 demands brake
         (30.0, BRAKE, MAINTAIN),
-        (30.1, BRAKE, BRAKE),  # eq. 2 holds
+        (30.1, BRAKE, BRAKE),  # eq. 3 holds
         (10.0, HARD_BRAKE, HARD_BRAKE),
     ],
 )

@@ -37,14 +37,14 @@ from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, ego_n
 from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
-from drl_av.experiments.options import ReproduceOptions
-from drl_av.experiments.strictness import strict_plan
 from drl_av.road.road import Road
 from drl_av.safety import named_check
 from drl_av.safety.check import Rule, Verdict
 from drl_av.safety.reachability import lateral_extent, stays_behind
 from drl_av.safety.stopping import reach
 from drl_av.safety.strict import Strict, covered, fallback_lanes, seconds_to_line
+from studies.options import ReproduceOptions
+from studies.strictness import strict_plan
 from verification.kinematic_simulator import NONE, ROAD, Mover, Orders, World
 
 CONFIG = Config().updated("safety", check="strict")

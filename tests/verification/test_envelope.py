@@ -2,7 +2,7 @@
 
 The vehicle ahead keeps its speed, and the ego asks for "maintain". Under the paper's check it
 brakes at 4 m/s^2 up to a time to collision of 2 s, at 2 m/s^2 up to 3 s, and else not; and only
-where eq. 2 does not hold: gap - 3 s * closing speed > 15 m.
+where eq. 3 does not hold: gap - 3 s * closing speed > 15 m.
 """
 
 import numpy as np
@@ -38,7 +38,7 @@ def collides(gap_m: float, ego: float, other: float, step_s: float, how: Integra
 
 
 def test_a_closing_speed_of_20_m_s_from_eq_2_by_hand() -> None:
-    # eq. 2 holds above 75 m. At 74 m it is 3.7 s to collision: maintain. At 54 m, 2.7 s: brake,
+    # eq. 3 holds above 75 m. At 74 m it is 3.7 s to collision: maintain. At 54 m, 2.7 s: brake,
     # 34 m by explicit Euler and 18 m/s, 1.9 s: hard, 16 m, 14 m/s; 2 m, 10 m/s; -8 m
     assert collides(74.0, 30.0, 10.0, 1.0, Integration.EXPLICIT)
     # at 5 m/s, 29 m: 5.8 s, 24, 19, 14 m: 2.8 s; 9 m, 3 m/s: 3 s; 6 m, 1 m/s; it comes no nearer

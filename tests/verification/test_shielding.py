@@ -11,8 +11,8 @@ import pytest
 
 from drl_av.driving.actions import ACTIONS
 from drl_av.env.highway import HighwayEnv
-from drl_av.experiments.experiment import ResultsFolder
 from drl_av.safety.check import Rule, Verdict
+from studies.experiment import ResultsFolder
 from verification import shielding
 from verification.shielding import Agent, Decided, PenalizedReward, main
 from verification.shielding_report import COLUMNS, over_seeds, section, table

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from drl_av.experiments.experiment import ResultsFolder
 from drl_av.scenarios.folder import shipped_scenarios
+from studies.experiment import ResultsFolder
 from verification import stories
 
 RESULT = Path(__file__).parents[2] / "docs" / "results" / "stories.csv"

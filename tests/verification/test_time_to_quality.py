@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from drl_av.experiments.experiment import ResultsFolder
+from studies.experiment import ResultsFolder
 from tools.tune_rl_zoo3 import BY_HAND, draw
 from verification import time_to_quality
 from verification.time_to_quality import COLUMNS, QUALITIES, TABLE, kept_s, main, section

@@ -45,7 +45,8 @@ class PaperLimits:
     def fastest(self, speed: FloatArray, front: NextVehicle) -> FloatArray:
         """Return the permitted acceleration, m/s^2.
 
-        It is the largest one if eq. 2 of the paper holds, and otherwise that of eq. 3.
+        It is the largest one if the gap condition (eq. 3 of the paper) holds, and otherwise the
+        safe action (eq. 4).
         """
         safety, ego, closing = self._safety, self._ego, speed - front.speed_m_s
         free = (closing <= 0) | gap_condition(front.gap_m, closing, safety)
@@ -57,7 +58,7 @@ class PaperLimits:
     def clear_ahead(
         self, speed: FloatArray, front: NextVehicle, margin_m: Any = 0.0, rate: float = 0.0
     ) -> BoolArray:
-        """Return whether eq. 2 of the paper holds for the vehicle ahead (rule 3)."""
+        """Return whether the gap condition (eq. 3) holds for the vehicle ahead (rule 3)."""
         closing = speed - front.speed_m_s
         permitted: BoolArray = gap_condition(front.gap_m - margin_m, closing, self._safety)
         return permitted
@@ -65,7 +66,7 @@ class PaperLimits:
     def clear_behind(
         self, speed: FloatArray, rear: NextVehicle, margin_m: Any = 0.0, rate: float = 0.0
     ) -> BoolArray:
-        """Return whether eq. 2 of the paper holds for the vehicle behind (rule 3)."""
+        """Return whether the gap condition (eq. 3) holds for the vehicle behind (rule 3)."""
         closing = rear.speed_m_s - speed
         permitted: BoolArray = gap_condition(rear.gap_m - margin_m, closing, self._safety)
         return permitted

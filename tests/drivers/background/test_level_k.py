@@ -96,7 +96,7 @@ def test_level_1_changes_neither_off_the_road_nor_while_it_is_changing(
 @pytest.mark.parametrize(
     ("others", "side"),
     [
-        ((ahead(15.1, LEFT), behind(15.1, LEFT)), 1),  # eq. 2 at equal speeds: more than 15 m
+        ((ahead(15.1, LEFT), behind(15.1, LEFT)), 1),  # eq. 3 at equal speeds: more than 15 m
         ((ahead(14.9, LEFT),), 0),
         ((behind(14.9, LEFT),), 0),
         ((ahead(14.9),), 0),

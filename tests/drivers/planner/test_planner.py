@@ -118,7 +118,7 @@ def test_it_leaves_a_ramp_where_the_lanes_are_joined_and_not_before() -> None:
 
 
 def test_under_strict_it_completes_a_change_ahead_of_a_vehicle_that_must_stay_behind() -> None:
-    # 3 s into the change the body is in the way of the one behind; eq. 2 forbids to go on
+    # 3 s into the change the body is in the way of the one behind; eq. 3 forbids to go on
     close = changing(behind(5.0, LEFT, 20.0), origin=1, target=2, seconds=3)
     strict = PlannerDriver(CONFIG.updated("safety", check="strict"))
     assert act(close, strict).lateral is Lateral.KEEP

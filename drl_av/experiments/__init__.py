@@ -1,1 +1,0 @@
-"""The experiments of ``drl-av reproduce``: their tables, figures and summaries."""

@@ -1,0 +1,1 @@
+"""The experiments of ``python -m studies``: their tables, figures and summaries."""
