@@ -64,7 +64,7 @@ def load_actor(path: Path) -> tuple[Layers, Config]:
     tensors, metadata = load(path)
     config = from_toml(str(metadata.get("config")), OLD_DEFAULTS, f"the config in {path}")
     sizes = INPUTS, config.ppo.hidden_1, config.ppo.hidden_2, len(ACTIONS)
-    shapes = {}
+    shapes: dict[str, tuple[int, ...]] = {}
     for number, (inputs, outputs) in enumerate(pairwise(sizes)):
         shapes[f"layers.{number}.weight"] = (outputs, inputs)
         shapes[f"layers.{number}.bias"] = (outputs,)

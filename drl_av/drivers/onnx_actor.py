@@ -39,7 +39,7 @@ def export_actor(path: Path, layers: Layers, config: Config) -> dict[str, str]:
         raise DrlAvError(
             "The export needs the package onnx, which is not installed: pip install 'drl-av[onnx]'."
         ) from error
-    constants = {"far": np.float32(FAR)}
+    constants = {"far": np.array(FAR, np.float32)}
     make = helper.make_node
     nodes = [
         make("Cast", ["action_mask"], ["mask"], to=TensorProto.FLOAT),

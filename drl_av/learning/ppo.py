@@ -179,7 +179,7 @@ class Ppo:
         entropy, minibatch = 0.0, self.settings.minibatch_size
         for _ in range(self.settings.epochs):
             order = torch.randperm(len(batch.action))
-            entropies = [self._descend(batch.rows(part)) for part in order.split(minibatch)]
+            entropies = [self._descend(batch.rows(part)) for part in torch.split(order, minibatch)]
             entropy = float(np.mean(entropies))
         return entropy
 
@@ -196,7 +196,7 @@ class Ppo:
         value_loss = functional.mse_loss(self.model.value(batch.observation), batch.value)
         loss = policy_loss - settings.entropy * entropy + settings.value_weight * value_loss
         self._optimizer.zero_grad()
-        loss.backward()
+        torch.autograd.backward(loss)
         for part in (self.model.actor, self.model.critic):
             nn.utils.clip_grad_norm_(part.parameters(), settings.max_gradient_norm)
         self._optimizer.step()
