@@ -30,7 +30,7 @@ class PpoConfig(Section):
     value_weight: float = setting(0.5, "PPO", "weight of the critic's loss", low=0, high=100)
     max_gradient_norm: float = setting(0.5, "CleanRL", "largest gradient norm", low=0, high=1000)
     paper_share: float = setting(
-        0.5, "ours", "chance that an episode has the check paper instead of strict", low=0, high=1
+        0.3, "ours", "chance that an episode has the check paper instead of strict", low=0, high=1
     )
     overtaking_share: float = setting(
         0.3,
