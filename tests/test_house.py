@@ -22,6 +22,7 @@ ROOMS = (
     "safety",
     "scenarios",
     "simulation",
+    "twin",
     "drivers",
     "drawing",
     "env",

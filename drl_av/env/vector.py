@@ -16,7 +16,8 @@ from drl_av.compiled import numbers
 from drl_av.config import Config
 from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS, ego_numbers
-from drl_av.driving.affordances import ObservationScale
+from drl_av.driving.affordances import Indicators, ObservationScale, ground_of
+from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.episode import number_of_vehicles, reset_options, traffic_seed
 from drl_av.env.reward import reward_numbers
 from drl_av.env.twin_episodes import (
@@ -30,14 +31,16 @@ from drl_av.env.twin_episodes import (
 )
 from drl_av.errors import ConfigError
 from drl_av.road.road_numbers import road_numbers
+from drl_av.road.snapshot import Snapshot
 from drl_av.road.sweep import KINDS, NO_CONTACT
 from drl_av.safety import named_check
 from drl_av.safety.check import RULES
 from drl_av.safety.paper import SafetyNumbers
 from drl_av.safety.reachability import StrictNumbers
 from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
+from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import draw_traffic, loop_of, place_vehicles
-from drl_av.twin.worlds import World, empty_worlds
+from drl_av.twin.worlds import COUNT, STEP, World, empty_worlds
 
 Observations = npt.NDArray[np.float32]
 CHECK_NUMBERS = {"permit_all": PERMIT_ALL, "paper": PAPER, "strict": STRICT}
@@ -48,7 +51,7 @@ FIRST_CHANGES = 64
 """Random lane changes of an episode for which there is room before the arrays grow."""
 
 
-class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[np.int64]]):
+class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[Any]]):
     """Many highways at once, in the compiled twin of SUMO's traffic (``drl_av.twin``).
 
     It has the observation, the actions, the reward, the safety checks and the ``info`` of
@@ -97,7 +100,9 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[n
         named_check(config, self._scenario.vehicle_types, self.road)  # refuses what it must
         scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
         if config.observation.way:
-            raise ConfigError("The twin does not know observation.way, or drive it in SUMO.")
+            raise ConfigError(
+                "The twin does not know observation.way: drive in SUMO, with gymnasium.make."
+            )
         self.task = Task(
             loop=loop,
             road=road_numbers(self.road),
@@ -165,7 +170,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[n
             seeds = list(seed)
         if len(seeds) != self.num_envs:
             raise ConfigError(
-                f"reset has {len(seeds)} seeds, but there are {self.num_envs} worlds: give one seed "
+                f"reset has {len(seeds)} seeds, but there are {self.num_envs} worlds: give one "
                 "for each, or a single one."
             )
         self._begin(rows, seeds)
@@ -219,6 +224,24 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[n
         """Return the action masks of the present scenes, shape (num_envs, 12), int8."""
         masks: npt.NDArray[np.int8] = (self.episodes.executed == np.arange(12)).astype(np.int8)
         return masks
+
+    def scene(self, row: int) -> Scene:
+        """Return the present scene of a world, which a driver or a check can read."""
+        count, episodes, task = int(self.worlds.near[row, COUNT]), self.episodes, self.task
+        snapshot = Snapshot(
+            float(self.worlds.near[row, STEP] * STEP_S),
+            ("ego", *(f"vehicle{number}" for number in range(1, count))),
+            *episodes.scene[row, :, :count].copy(),
+        )
+        found = Indicators(
+            episodes.values[row].copy(),
+            episodes.codes[row].copy(),
+            ground_of(task.road),
+            task.range_m,
+        )
+        origin, target = episodes.lanes[row].tolist()
+        change = LaneChange(origin, target, float(episodes.heading_rad[row]))
+        return Scene.of(snapshot, found, None if origin == target else change, self.road)
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""
@@ -285,9 +308,10 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[n
             return
         old_worlds, old_episodes = self.worlds, self.episodes
         self._make_arrays(max(vehicles, room[0]), max(changes, room[1]))
-        for old, new in ((old_worlds, self.worlds), (old_episodes, self.episodes)):
-            for before, after in zip(old, new, strict=True):
-                after[tuple(map(slice, before.shape))] = before
+        old: tuple[Any, ...] = (*old_worlds, *old_episodes)
+        new: tuple[Any, ...] = (*self.worlds, *self.episodes)
+        for before, after in zip(old, new, strict=True):
+            after[tuple(map(slice, before.shape))] = before
 
     def _world(self, row: int) -> World:
         """Return the arrays of one world."""

@@ -4,31 +4,29 @@ A strip is one lane of one edge, numbered ``edge * lanes + lane``. SUMO puts a s
 list when a vehicle enters it empty, and takes it off when it is empty at certain moments of a step.
 """
 
-from drl_av.compiled import compiled
+from drl_av.compiled import borrowing
+from drl_av.twin.neighbors import EDGES
 from drl_av.twin.worlds import (
     ACTIVE,
     ACTIVE_COUNT,
     COUNT,
-    FRONT_M,
+    EDGE,
     LANE,
     MARKS,
     Loop,
     World,
 )
 
-EDGES = 4
-"""Edges of each loop."""
 HAS_STAYED, HAS_ENTERED = 1, 2
 
 
-@compiled
+@borrowing
 def strip_of(world: World, loop: Loop, i: int) -> int:
     """Return the strip on which the front of a vehicle is."""
-    edge = int(world.x[FRONT_M, i] // loop.edge_m)
-    return min(edge, EDGES - 1) * loop.lanes + world.z[LANE, i]
+    return int(world.z[EDGE, i] * loop.lanes + world.z[LANE, i])
 
 
-@compiled
+@borrowing
 def forget_empty(world: World, loop: Loop, wanted: int) -> None:
     """Take the strips off the list whose marks have none of the bits ``wanted``."""
     kept = 0
@@ -40,7 +38,7 @@ def forget_empty(world: World, loop: Loop, wanted: int) -> None:
     world.near[ACTIVE_COUNT] = kept
 
 
-@compiled
+@borrowing
 def put_in_front(world: World, loop: Loop, strip: int) -> None:
     """Put a strip in front of the list unless it is on it."""
     count = world.near[ACTIVE_COUNT]
@@ -53,7 +51,7 @@ def put_in_front(world: World, loop: Loop, strip: int) -> None:
     world.near[ACTIVE_COUNT] = count + 1
 
 
-@compiled
+@borrowing
 def mark_present(world: World, loop: Loop) -> None:
     """Mark the strips on which vehicles are now."""
     for strip in range(EDGES * loop.lanes):
@@ -62,7 +60,7 @@ def mark_present(world: World, loop: Loop) -> None:
         world.near[MARKS + strip_of(world, loop, i)] |= HAS_STAYED
 
 
-@compiled
+@borrowing
 def activate(world: World, loop: Loop) -> None:
     """Put all marked strips in front of the list, in the order of their numbers."""
     for strip in range(EDGES * loop.lanes):

@@ -2,10 +2,11 @@
 
 import math
 
-from drl_av.compiled import compiled
+from drl_av.compiled import borrowing
 from drl_av.twin.following import BRAKING_M_S2, MIN_GAP_M, brake_gap, secure_gap
 from drl_av.twin.worlds import (
     COUNT,
+    EDGE,
     FRONT_M,
     HEADWAY_S,
     LENGTH_M,
@@ -16,11 +17,13 @@ from drl_av.twin.worlds import (
     World,
 )
 
+EDGES = 4
+"""Edges of each loop."""
 SEEN_BEHIND_M = 200.0
 """Distance in which SUMO looks for followers: stopping from the speed limit of 40 m/s."""
 
 
-@compiled
+@borrowing
 def insert_sorted(world: World) -> None:
     """Sort the vehicles of a world by front position, the foremost first."""
     for k in range(1, world.near[COUNT]):
@@ -33,7 +36,13 @@ def insert_sorted(world: World) -> None:
         world.z[ORDER, m + 1] = i
 
 
-@compiled
+@borrowing
+def edge_of(at_m: float, loop: Loop) -> int:
+    """Return the number of the SUMO edge at a position along the road."""
+    return min(int(at_m * loop.edges_per_m), EDGES - 1)
+
+
+@borrowing
 def shadow_lane(aside_m: float, width_m: float, lane: int, loop: Loop) -> int:
     """Return the second lane that a body overlaps, or -1."""
     if abs(aside_m) + 0.5 * width_m - 0.5 * loop.lane_m <= 0.001:
@@ -42,7 +51,7 @@ def shadow_lane(aside_m: float, width_m: float, lane: int, loop: Loop) -> int:
     return other if 0 <= other < loop.lanes else -1
 
 
-@compiled
+@borrowing
 def reach_m(rest_m: float, speed: float, headway_s: float, edge_m: float) -> float:
     """Return how far a driver sees ahead for a lane change; ``rest_m`` is left of its edge."""
     distance_m = max(brake_gap(speed, BRAKING_M_S2, headway_s), 10.0) + MIN_GAP_M
@@ -54,13 +63,13 @@ def reach_m(rest_m: float, speed: float, headway_s: float, edge_m: float) -> flo
     return seen_m
 
 
-@compiled
+@borrowing
 def follower(world: World, loop: Loop, k: int, lane: int) -> tuple[int, float]:
     """Return the critical vehicle behind the ``k``-th one in ``lane`` and its net gap, or -1."""
     n = world.near[COUNT]
     i = world.z[ORDER, k]
     at_m, speed = world.x[FRONT_M, i], world.x[SPEED_M_S, i]
-    pos_m = at_m - math.floor(at_m / loop.edge_m) * loop.edge_m
+    pos_m = at_m - world.z[EDGE, i] * loop.edge_m
     length_m = world.x[LENGTH_M, i]
     back_m = pos_m - length_m
     found, found_gap_m, found_missing_m = -1, math.inf, -math.inf
@@ -74,7 +83,7 @@ def follower(world: World, loop: Loop, k: int, lane: int) -> tuple[int, float]:
         if not world.z[MASK, j] & (1 << lane):
             continue
         behind_m = at_m - world.x[FRONT_M, j] + wrapped_m
-        edge = 0 if behind_m <= pos_m else 1 + int((behind_m - pos_m) // loop.edge_m)
+        edge = 0 if behind_m <= pos_m else 1 + int((behind_m - pos_m) * loop.edges_per_m)
         if edge > 0:
             if found >= 0 and done_edge <= 0:
                 break

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from drl_av.compiled import compiled
+from drl_av.compiled import borrowing
 from drl_av.config import Config
 from drl_av.errors import ConfigError
 from drl_av.scenarios.folder import Scenario
@@ -15,14 +15,15 @@ from drl_av.simulation.population import (
     require_speed_limit,
     require_truck_width,
 )
-from drl_av.twin.active_lanes import EDGES, activate, mark_present
+from drl_av.twin.active_lanes import activate, mark_present
 from drl_av.twin.following import STEP_S
-from drl_av.twin.neighbors import insert_sorted
+from drl_av.twin.neighbors import EDGES, edge_of, insert_sorted
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ADVICE_M_S,
     COUNT,
     DESIRED_M_S,
+    EDGE,
     EXPECTED_M_S,
     FRONT_M,
     HEADWAY_S,
@@ -49,7 +50,7 @@ from drl_av.twin.worlds import (
 )
 
 RIGHT_RELUCTANCE = 10.0
-"""SUMO's 1 / lcSpeedGainRight: a change to the right needs so much more gain than one to the left."""
+"""SUMO's 1 / lcSpeedGainRight: a change to the right needs so much more gain."""
 GAIN = 0.2
 """SL2015's threshold of the gain for a driver with lcSpeedGain 1."""
 
@@ -67,6 +68,7 @@ def loop_of(scenario: Scenario, config: Config) -> Loop:
     return Loop(
         lap_m=float(road.lap_m),
         edge_m=float(road.lap_m) / EDGES,
+        edges_per_m=EDGES / float(road.lap_m),
         lane_m=float(road.lane_width_m),
         lanes=len(road.open_lanes),
         first_open=int(lanes[0]),
@@ -82,26 +84,23 @@ def require_supported(scenario: Scenario, config: Config) -> None:
     traffic, timing = config.traffic, config.simulation
     lanes = np.flatnonzero(scenario.road.open_lanes)
     refused = {
-        "open roads: take a loop": not scenario.road.is_loop,
+        "open roads": not scenario.road.is_loop,
         "a barricade between open lanes": len(lanes) != lanes[-1] - lanes[0] + 1,
         f"roads of more than {MOST_STRIPS // EDGES} lanes": len(scenario.road.open_lanes)
         > MOST_STRIPS // EDGES,
         "vehicles that a scenario places exactly": bool(scenario.description.vehicles),
         "vehicle types of the user": bool(scenario.vehicle_types.own),
-        "simulation.step_length_s other than 0.5": timing.step_length_s != STEP_S,
-        "simulation.lateral_resolution_m other than the lane width": not math.isclose(
+        "a simulation.step_length_s other than 0.5": timing.step_length_s != STEP_S,
+        "a simulation.lateral_resolution_m other than the lane width": not math.isclose(
             timing.lateral_resolution_m, scenario.road.lane_width_m
         ),
-        "finite-state, level-k and hard-braking drivers: set traffic.kind to calm or overtaking": sum(
-            traffic.shares
-        )
-        > 0,
+        "finite-state, level-k and hard-braking drivers": any(traffic.shares),
         "traffic.keep_stopping_distance": traffic.keep_stopping_distance,
         "traffic.all_kinds": traffic.all_kinds,
     }
     for what, is_so in refused.items():
         if is_so:
-            raise ConfigError(f"The twin does not know {what}, or drive it in SUMO.")
+            raise ConfigError(f"The twin does not know {what}: drive in SUMO, with gymnasium.make.")
 
 
 def draw_traffic(
@@ -163,9 +162,11 @@ def place_vehicles(
     sort_and_activate(world, loop)
 
 
-@compiled
+@borrowing
 def sort_and_activate(world: World, loop: Loop) -> None:
     """Sort the vehicles, and list the strips on which they start as SUMO does."""
+    for i in range(world.near[COUNT]):
+        world.z[EDGE, i] = edge_of(world.x[FRONT_M, i], loop)
     insert_sorted(world)
     mark_present(world, loop)
     activate(world, loop)

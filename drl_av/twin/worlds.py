@@ -63,7 +63,8 @@ left of the lane change in progress, ``COMMANDED_M`` the same of one that was re
     MASK,
     TRACKED,
     TRACKED_LEFT,
-) = range(13)
+    EDGE,
+) = range(14)
 """The rows of ``z``.
 
 ``SHADOW`` is the second lane that a body overlaps, ``RESERVED`` the lane that it is about to enter,
@@ -73,12 +74,13 @@ step ``REQUEST_END``. ``STATE`` and ``PREVIOUS_STATE`` are SL2015's, of ``flags`
 if its last move could be made at once. ``ORDER`` lists the vehicles, the foremost first. ``MASK``
 has a bit for each lane that the body overlaps. ``TRACKED`` is the last step at which the
 expected speeds of the own lane and those to its right were brought up to date, ``TRACKED_LEFT`` the
-same of all lanes: in between they cannot matter.
+same of all lanes: in between they cannot matter. ``EDGE`` is the SUMO edge of the front bumper.
 """
 
-COUNT, STEP, ACTIVE_COUNT = 16, 17, 18
+COUNT, STEP, ACTIVE_COUNT, HAS_CHANGED = 16, 17, 18, 19
 """Entries of ``near``: the vehicles of the world, the ego included; its SUMO steps since the start;
-the length of SUMO's list of the strips with vehicles (``active_lanes``)."""
+the length of SUMO's list of the strips with vehicles (``active_lanes``); and 1 if a vehicle has
+changed lanes in this step."""
 ACTIVE = 20
 """First entry of ``near`` with that list; ``MARKS``: the first with a mark of each strip."""
 MOST_STRIPS = 40
@@ -113,6 +115,7 @@ class Loop(NamedTuple):
     lap_m: float
     edge_m: float
     """Length of a SUMO edge; drivers see to the end of an edge."""
+    edges_per_m: float
     lane_m: float
     lanes: int
     first_open: int
@@ -130,7 +133,7 @@ def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:
     """Return the arrays of ``worlds`` worlds for up to ``vehicles`` vehicles, the ego included."""
     return Worlds(
         x=np.zeros((worlds, EXPECTED_M_S + lanes, vehicles)),
-        z=np.zeros((worlds, TRACKED_LEFT + 1, vehicles), dtype=np.int64),
+        z=np.zeros((worlds, EDGE + 1, vehicles), dtype=np.int64),
         notes=np.zeros((worlds, 16)),
         near=np.zeros((worlds, MARKS + MOST_STRIPS), dtype=np.int64),
     )

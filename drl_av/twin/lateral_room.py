@@ -1,15 +1,12 @@
-"""SUMO's lane-change model SL2015 with one strip per lane, for one vehicle in one step.
+"""The lateral room of a vehicle that considers a lane change, and what blocks its move.
 
-Written after the behaviour of SUMO 1.28. A vehicle considers the lane to its right, the one to its
-left and its own, one after the other; each consideration ends with a state (``flags``), a lateral
-move for this step and the lateral distance of the whole maneuver. Directions are -1 right, +1
-left, 0 own lane. ``notes`` keeps the lateral room of the vehicle between the considerations.
+Part of SUMO's lane-change model SL2015 with one strip per lane, written after the behaviour of SUMO
+1.28. A vehicle considers the lane to its right, the one to its left and its own, one after the
+other. Directions are -1 right, +1 left, 0 own lane.
 """
 
-from drl_av.compiled import compiled
+from drl_av.compiled import borrowing
 from drl_av.twin.flags import (
-    ASKED_BY_LEFTWARD,
-    ASKED_BY_RIGHTWARD,
     BLOCKED_BY_FOLLOWER,
     BLOCKED_BY_LEADER,
     BLOCKED_BY_LEFT_FOLLOWER,
@@ -19,8 +16,6 @@ from drl_av.twin.flags import (
     BLOCKED_LEFT,
     BLOCKED_RIGHT,
     FULL_REASONS,
-    IS_BLOCKING_FOLLOWER,
-    IS_BLOCKING_LEADER,
     LEFT,
     OVERLAPPING,
     REASONS,
@@ -34,26 +29,18 @@ from drl_av.twin.flags import (
 from drl_av.twin.following import (
     EPS,
     MIN_GAP_M,
-    MOST_BRAKING_M_S,
     STEP_S,
-    follow_speed,
-    idm_speed,
     secure_gap,
 )
 from drl_av.twin.worlds import (
-    ACCELERATION_M_S2,
-    ADVICE_M_S,
     ASIDE_M,
-    DESIRED_M_S,
     HEADWAY_S,
     IS_FULL,
     LANE,
-    LENGTH_M,
     MANEUVER_M,
     REQUEST_END,
     REQUEST_LANE,
     SPEED_M_S,
-    STATE,
     STEP,
     WIDTH_M,
     Loop,
@@ -62,19 +49,11 @@ from drl_av.twin.worlds import (
 
 STRIDE_M = 0.76 * STEP_S
 """Largest lateral move in a step."""
-CONGESTED_M_S = 60.0 / 3.6
-HELP_M_S = 10.0 / 3.6
-FALL_BEHIND_M_S = 7.0 / 3.6
-CUT_IN_LEFT_M_S = 27.0
 LATERAL_GAP_M = 0.6
-ROUTE_M = 3000.0
-"""Length of the road ahead that SUMO regards."""
 TINY_M = EPS * STEP_S
-DECAY = 0.5**STEP_S
 HOLD = 2
 COUNTS = 1 << 40
 """Bit that tells of a neighbour that it matters for the move, and so is asked for room."""
-
 SAFE_RIGHT, SAFE_LEFT, LAST_RIGHT, LAST_LEFT, MOVE, MANEUVER, LEFT_SPACE = range(7)
 LEADER_GAP, FOLLOWER_GAP = 8, 11
 """Columns of ``Worlds.notes``; the gaps have three each: right, own and left lane."""
@@ -83,7 +62,7 @@ RELATED, RELATED_COUNT, LEADER, FOLLOWER, BLOCKERS = 0, 6, 8, 11, 7
 leaders and followers in the right, own and left lane, and a bit for each one that is in the way."""
 
 
-@compiled
+@borrowing
 def lane_side_distance(width_m: float, aside_m: float, side: int, lane_m: float) -> float:
     """Return the least lateral move, metres, that brings a body wholly into the next lane."""
     half_m = 0.5 * (width_m + EPS)
@@ -92,7 +71,7 @@ def lane_side_distance(width_m: float, aside_m: float, side: int, lane_m: float)
     return 0.5 * lane_m - half_m - aside_m + (width_m + EPS)
 
 
-@compiled
+@borrowing
 def request_of(world: World, loop: Loop, i: int) -> int:
     """Return the side of the request that stands: -1, +1, ``HOLD``, or 0 without one."""
     wanted = world.z[REQUEST_LANE, i]
@@ -102,7 +81,7 @@ def request_of(world: World, loop: Loop, i: int) -> int:
     return HOLD if wanted == lane else (-1 if wanted < lane else 1)
 
 
-@compiled
+@borrowing
 def influenced(state: int, request: int, on_request_only: int, is_commanded: bool) -> int:
     """Return the state after SUMO has applied the lane-change mode and the request to it."""
     if state & (WANTS | STAY):
@@ -128,7 +107,7 @@ def influenced(state: int, request: int, on_request_only: int, is_commanded: boo
     return state | URGENT | (LEFT if request == 1 else RIGHT)
 
 
-@compiled
+@borrowing
 def signed(state: int, move_m: float) -> int:
     """Return the direction flag of a lateral move that has a reason."""
     if move_m == 0.0 or not state & REASONS:
@@ -136,22 +115,22 @@ def signed(state: int, move_m: float) -> int:
     return RIGHT if move_m < 0 else LEFT
 
 
-@compiled
+@borrowing
 def overlaps(right: float, left: float, other_right: float, other_left: float) -> bool:
     """Return whether two lateral intervals overlap by more than SUMO's tolerance."""
     return other_left >= right + EPS and left >= other_right + EPS
 
 
-@compiled
+@borrowing
 def is_related(world: World, j: int) -> bool:
     """Return whether car following already regards the vehicle ``j``."""
+    found = False
     for m in range(max(0, world.near[RELATED_COUNT])):
-        if world.near[RELATED + m] == j:
-            return True
-    return False
+        found = found or bool(world.near[RELATED + m] == j)
+    return found
 
 
-@compiled
+@borrowing
 def relate(world: World, loop: Loop, i: int, lane: int, j: int, gap_m: float) -> None:
     """Remember the vehicle ``j`` if it is ahead or behind in a lane that the vehicle overlaps."""
     if j < 0 or gap_m < 0 or is_related(world, j):
@@ -164,13 +143,13 @@ def relate(world: World, loop: Loop, i: int, lane: int, j: int, gap_m: float) ->
         world.near[RELATED_COUNT] = count + 1
 
 
-@compiled
+@borrowing
 def center_m(world: World, loop: Loop, i: int) -> float:
     """Return the lateral position of a body's centre from the right border of the road."""
     return (world.z[LANE, i] + 0.5) * loop.lane_m + world.x[ASIDE_M, i]
 
 
-@compiled
+@borrowing
 def update_gaps(
     world: World,
     loop: Loop,
@@ -210,7 +189,7 @@ def update_gaps(
     return room_right, room_left
 
 
-@compiled
+@borrowing
 def is_blocking(
     world: World,
     loop: Loop,
@@ -252,7 +231,7 @@ def is_blocking(
     return flag | COUNTS
 
 
-@compiled
+@borrowing
 def check_blocking(
     world: World,
     loop: Loop,
@@ -323,146 +302,3 @@ def check_blocking(
     if not blocked & ~COUNTS and not world.z[IS_FULL, i] and not keeps_gap:
         blocked |= fully
     return blocked & ~COUNTS
-
-
-@compiled
-def inform(world: World, j: int, advice: float, flags: int) -> None:
-    """Tell the vehicle ``j`` that it is in the way; ``advice`` is a speed for it, or negative."""
-    world.z[STATE, j] |= flags
-    if advice >= 0:
-        advise(world, j, advice)
-
-
-@compiled
-def advise(world: World, j: int, advice: float) -> None:
-    """Advise a vehicle of a speed for the next step; it ignores one that it cannot reach."""
-    speed = world.x[SPEED_M_S, j]
-    reached = speed + ((advice - speed) / STEP_S) * STEP_S
-    if max(speed - MOST_BRAKING_M_S, 0.0) <= reached < world.x[ADVICE_M_S, j]:
-        world.x[ADVICE_M_S, j] = reached
-
-
-@compiled
-def its_follow_speed(world: World, i: int, gap_m: float, ahead_speed: float) -> float:
-    """Return the next speed of the vehicle ``i`` behind another one, by its IDM."""
-    return follow_speed(
-        world.x[SPEED_M_S, i],
-        gap_m,
-        ahead_speed,
-        world.x[DESIRED_M_S, i],
-        world.x[HEADWAY_S, i],
-        world.x[ACCELERATION_M_S2, i],
-    )
-
-
-@compiled
-def inform_leader(
-    world: World,
-    loop: Loop,
-    i: int,
-    side: int,
-    blocked: int,
-    j: int,
-    gap_m: float,
-    seconds: float,
-) -> float:
-    """Ask the vehicle ahead in the target lane for room; return the own planned speed."""
-    speed, its = world.x[SPEED_M_S, i], world.x[SPEED_M_S, j]
-    planned = min(speed, stop_speed(world, i), world.x[ADVICE_M_S, i])
-    asked = ASKED_BY_LEFTWARD if side > 0 else ASKED_BY_RIGHTWARD
-    if blocked & BLOCKED_BY_LEADER:
-        faster = planned - its
-        length_m = world.x[LENGTH_M, i]
-        past_m = gap_m + world.x[LENGTH_M, j] + MIN_GAP_M + length_m
-        past_m += secure_gap(its, speed, world.x[HEADWAY_S, j], j == 0)
-        stays = side > 0 and speed >= CONGESTED_M_S and not loop.overtake_right
-        if faster < EPS or stays or faster * seconds < past_m:
-            inform(world, j, -1.0, asked | IS_BLOCKING_LEADER)
-            target = its_follow_speed(world, i, gap_m, its)
-            if target >= speed:
-                advise(world, i, target)
-                return planned
-            slower = max(FALL_BEHIND_M_S, (speed - target) / seconds)
-            slower = min(MOST_BRAKING_M_S / STEP_S, slower) * STEP_S
-            target = min(planned, max(0.0, speed - slower))
-            advise(world, i, target)
-            return target
-        inform(world, j, its, asked | IS_BLOCKING_LEADER)
-        return -1.0
-    later = its - HELP_M_S
-    closer_m = (speed - later) * STEP_S
-    target = its_follow_speed(world, i, gap_m - closer_m, later)
-    advise(world, i, target)
-    return min(target, planned)
-
-
-@compiled
-def stop_speed(world: World, i: int) -> float:
-    """Return IDM's next speed if the vehicle stopped at the end of the road that SUMO regards."""
-    return idm_speed(
-        world.x[SPEED_M_S, i],
-        world.notes[LEFT_SPACE],
-        0.0,
-        world.x[DESIRED_M_S, i],
-        world.x[HEADWAY_S, i],
-        world.x[ACCELERATION_M_S2, i],
-        0.0,
-    )
-
-
-@compiled
-def inform_follower(
-    world: World,
-    loop: Loop,
-    i: int,
-    side: int,
-    blocked: int,
-    j: int,
-    gap_m: float,
-    seconds: float,
-    planned: float,
-) -> None:
-    """Ask the vehicle behind in the target lane for room, or let it pass."""
-    speed, its = world.x[SPEED_M_S, i], world.x[SPEED_M_S, j]
-    headway_s, is_ego = world.x[HEADWAY_S, j], j == 0
-    asked = IS_BLOCKING_FOLLOWER | (ASKED_BY_LEFTWARD if side > 0 else ASKED_BY_RIGHTWARD)
-    if not blocked & BLOCKED_BY_FOLLOWER:
-        fastest = min(its + world.x[ACCELERATION_M_S2, j] * STEP_S, world.x[DESIRED_M_S, j])
-        safe = its_follow_speed(world, j, gap_m + (planned - fastest) * STEP_S, planned)
-        if safe < its:
-            later_m = gap_m + (planned - its) * STEP_S
-            safe = its
-            if later_m < secure_gap(its, planned, headway_s, is_ego):
-                safe = its_follow_speed(world, j, later_m, planned)
-        inform(world, j, safe, asked)
-        return
-    if planned - its >= HELP_M_S:
-        needed_m = secure_gap(its, planned, headway_s, is_ego)
-        if (needed_m - gap_m) / seconds < planned - its:
-            inform(world, j, planned - HELP_M_S, asked)
-            return
-    braking = MOST_BRAKING_M_S / STEP_S
-    slowed, slowed_1s = max(0.0, its - MOST_BRAKING_M_S), max(0.0, its - braking)
-    faster = planned - slowed_1s
-    later_m = gap_m + faster
-    needed_m = secure_gap(slowed_1s, planned, headway_s, is_ego)
-    if later_m > 0 and later_m >= needed_m:
-        safe = max(slowed, its_follow_speed(world, j, gap_m + planned * STEP_S, planned))
-        room_m = gap_m + (planned - safe) * STEP_S
-        safe = max(slowed, its_follow_speed(world, j, room_m, planned))
-        inform(world, j, safe, asked)
-    elif faster > 0 and faster * seconds > needed_m - later_m + 0.1:
-        inform(world, j, slowed, asked)
-    elif side < 0 and not loop.overtake_right and its >= CONGESTED_M_S:
-        inform(world, j, max(slowed, HELP_M_S), asked)
-    else:
-        helped = max(its, speed + HELP_M_S)
-        if its > speed:  # also to the left: the way ahead is longer than a ramp
-            helped = max(slowed, speed + HELP_M_S)
-            if (its - speed) / braking < seconds:
-                inform(world, j, helped, asked)
-                return
-        inform(world, j, helped, asked)
-        past_m = gap_m + world.x[LENGTH_M, i] + MIN_GAP_M + world.x[LENGTH_M, j]
-        past_m += secure_gap(planned, helped, world.x[HEADWAY_S, i], False)
-        advise(world, i, max(helped - past_m / seconds, speed - MOST_BRAKING_M_S))

@@ -1,0 +1,182 @@
+"""How a driver of SUMO's SL2015 asks the vehicles around for room for a lane change."""
+
+from drl_av.compiled import borrowing
+from drl_av.twin.flags import (
+    ASKED_BY_LEFTWARD,
+    ASKED_BY_RIGHTWARD,
+    BLOCKED_BY_FOLLOWER,
+    BLOCKED_BY_LEADER,
+    IS_BLOCKING_FOLLOWER,
+    IS_BLOCKING_LEADER,
+)
+from drl_av.twin.following import (
+    EPS,
+    MIN_GAP_M,
+    MOST_BRAKING_M_S,
+    STEP_S,
+    follow_speed,
+    idm_speed,
+    secure_gap,
+)
+from drl_av.twin.lateral_room import (
+    LEFT_SPACE,
+)
+from drl_av.twin.worlds import (
+    ACCELERATION_M_S2,
+    ADVICE_M_S,
+    DESIRED_M_S,
+    HEADWAY_S,
+    LENGTH_M,
+    SPEED_M_S,
+    STATE,
+    Loop,
+    World,
+)
+
+CONGESTED_M_S = 60.0 / 3.6
+HELP_M_S = 10.0 / 3.6
+FALL_BEHIND_M_S = 7.0 / 3.6
+CUT_IN_LEFT_M_S = 27.0
+
+
+@borrowing
+def inform(world: World, j: int, advice: float, flags: int) -> None:
+    """Tell the vehicle ``j`` that it is in the way; ``advice`` is a speed for it, or negative."""
+    world.z[STATE, j] |= flags
+    if advice >= 0:
+        advise(world, j, advice)
+
+
+@borrowing
+def advise(world: World, j: int, advice: float) -> None:
+    """Advise a vehicle of a speed for the next step; it ignores one that it cannot reach."""
+    speed = world.x[SPEED_M_S, j]
+    reached = speed + ((advice - speed) / STEP_S) * STEP_S
+    if max(speed - MOST_BRAKING_M_S, 0.0) <= reached < world.x[ADVICE_M_S, j]:
+        world.x[ADVICE_M_S, j] = reached
+
+
+@borrowing
+def its_follow_speed(world: World, i: int, gap_m: float, ahead_speed: float) -> float:
+    """Return the next speed of the vehicle ``i`` behind another one, by its IDM."""
+    return follow_speed(
+        world.x[SPEED_M_S, i],
+        gap_m,
+        ahead_speed,
+        world.x[DESIRED_M_S, i],
+        world.x[HEADWAY_S, i],
+        world.x[ACCELERATION_M_S2, i],
+    )
+
+
+@borrowing
+def inform_leader(
+    world: World,
+    loop: Loop,
+    i: int,
+    side: int,
+    blocked: int,
+    j: int,
+    gap_m: float,
+    seconds: float,
+) -> float:
+    """Ask the vehicle ahead in the target lane for room; return the own planned speed."""
+    speed, its = world.x[SPEED_M_S, i], world.x[SPEED_M_S, j]
+    planned = min(speed, stop_speed(world, i), world.x[ADVICE_M_S, i])
+    asked = ASKED_BY_LEFTWARD if side > 0 else ASKED_BY_RIGHTWARD
+    if blocked & BLOCKED_BY_LEADER:
+        faster = planned - its
+        length_m = world.x[LENGTH_M, i]
+        past_m = gap_m + world.x[LENGTH_M, j] + MIN_GAP_M + length_m
+        past_m += secure_gap(its, speed, world.x[HEADWAY_S, j], j == 0)
+        stays = side > 0 and speed >= CONGESTED_M_S and not loop.overtake_right
+        if faster < EPS or stays or faster * seconds < past_m:
+            inform(world, j, -1.0, asked | IS_BLOCKING_LEADER)
+            target = its_follow_speed(world, i, gap_m, its)
+            if target >= speed:
+                advise(world, i, target)
+                return planned
+            slower = max(FALL_BEHIND_M_S, (speed - target) / seconds)
+            slower = min(MOST_BRAKING_M_S / STEP_S, slower) * STEP_S
+            target = min(planned, max(0.0, speed - slower))
+            advise(world, i, target)
+            return target
+        inform(world, j, its, asked | IS_BLOCKING_LEADER)
+        return -1.0
+    later = its - HELP_M_S
+    closer_m = (speed - later) * STEP_S
+    target = its_follow_speed(world, i, gap_m - closer_m, later)
+    advise(world, i, target)
+    return min(target, planned)
+
+
+@borrowing
+def stop_speed(world: World, i: int) -> float:
+    """Return IDM's next speed if the vehicle stopped at the end of the road that SUMO regards."""
+    return idm_speed(
+        world.x[SPEED_M_S, i],
+        world.notes[LEFT_SPACE],
+        0.0,
+        world.x[DESIRED_M_S, i],
+        world.x[HEADWAY_S, i],
+        world.x[ACCELERATION_M_S2, i],
+        0.0,
+    )
+
+
+@borrowing
+def inform_follower(
+    world: World,
+    loop: Loop,
+    i: int,
+    side: int,
+    blocked: int,
+    j: int,
+    gap_m: float,
+    seconds: float,
+    planned: float,
+) -> None:
+    """Ask the vehicle behind in the target lane for room, or let it pass."""
+    speed, its = world.x[SPEED_M_S, i], world.x[SPEED_M_S, j]
+    headway_s, is_ego = world.x[HEADWAY_S, j], j == 0
+    asked = IS_BLOCKING_FOLLOWER | (ASKED_BY_LEFTWARD if side > 0 else ASKED_BY_RIGHTWARD)
+    if not blocked & BLOCKED_BY_FOLLOWER:
+        fastest = min(its + world.x[ACCELERATION_M_S2, j] * STEP_S, world.x[DESIRED_M_S, j])
+        safe = its_follow_speed(world, j, gap_m + (planned - fastest) * STEP_S, planned)
+        if safe < its:
+            later_m = gap_m + (planned - its) * STEP_S
+            safe = its
+            if later_m < secure_gap(its, planned, headway_s, is_ego):
+                safe = its_follow_speed(world, j, later_m, planned)
+        inform(world, j, safe, asked)
+        return
+    if planned - its >= HELP_M_S:
+        needed_m = secure_gap(its, planned, headway_s, is_ego)
+        if (needed_m - gap_m) / seconds < planned - its:
+            inform(world, j, planned - HELP_M_S, asked)
+            return
+    braking = MOST_BRAKING_M_S / STEP_S
+    slowed, slowed_1s = max(0.0, its - MOST_BRAKING_M_S), max(0.0, its - braking)
+    faster = planned - slowed_1s
+    later_m = gap_m + faster
+    needed_m = secure_gap(slowed_1s, planned, headway_s, is_ego)
+    if later_m > 0 and later_m >= needed_m:
+        safe = max(slowed, its_follow_speed(world, j, gap_m + planned * STEP_S, planned))
+        room_m = gap_m + (planned - safe) * STEP_S
+        safe = max(slowed, its_follow_speed(world, j, room_m, planned))
+        inform(world, j, safe, asked)
+    elif faster > 0 and faster * seconds > needed_m - later_m + 0.1:
+        inform(world, j, slowed, asked)
+    elif side < 0 and not loop.overtake_right and its >= CONGESTED_M_S:
+        inform(world, j, max(slowed, HELP_M_S), asked)
+    else:
+        helped = max(its, speed + HELP_M_S)
+        if its > speed:  # also to the left: the way ahead is longer than a ramp
+            helped = max(slowed, speed + HELP_M_S)
+            if (its - speed) / braking < seconds:
+                inform(world, j, helped, asked)
+                return
+        inform(world, j, helped, asked)
+        past_m = gap_m + world.x[LENGTH_M, i] + MIN_GAP_M + world.x[LENGTH_M, j]
+        past_m += secure_gap(planned, helped, world.x[HEADWAY_S, i], False)
+        advise(world, i, max(helped - past_m / seconds, speed - MOST_BRAKING_M_S))

@@ -1,0 +1,290 @@
+"""The lane changes of all vehicles of a world in one SUMO step, one vehicle after the other."""
+
+import math
+
+from drl_av.compiled import borrowing
+from drl_av.twin.active_lanes import (
+    activate,
+    mark_present,
+)
+from drl_av.twin.flags import (
+    BLOCKED,
+    COOPERATIVE,
+    KEEP_RIGHT,
+    LEFT,
+    REQUESTED,
+    RIGHT,
+    SPEED_GAIN,
+    STAY,
+    STRATEGIC,
+    SUBLANE,
+    WANTS,
+)
+from drl_av.twin.following import (
+    EPS,
+    STEP_S,
+)
+from drl_av.twin.lane_choice import (
+    keep_lateral_gap,
+    limit_move,
+    wish,
+)
+from drl_av.twin.lane_speeds import (
+    ROUTE_M,
+    is_open,
+    look_around,
+    needs_thought,
+    track,
+)
+from drl_av.twin.lateral_room import (
+    FOLLOWER,
+    FOLLOWER_GAP,
+    LAST_LEFT,
+    LAST_RIGHT,
+    LEFT_SPACE,
+    MANEUVER,
+    MOVE,
+    RELATED_COUNT,
+    SAFE_LEFT,
+    SAFE_RIGHT,
+    center_m,
+    influenced,
+    request_of,
+    signed,
+)
+from drl_av.twin.neighbors import (
+    follower,
+    shadow_lane,
+)
+from drl_av.twin.worlds import (
+    ACTIVE,
+    ACTIVE_COUNT,
+    ADVICE_M_S,
+    ASIDE_M,
+    COMMANDED_M,
+    COUNT,
+    EDGE,
+    FRONT_M,
+    GAIN_LEFT,
+    GAIN_RIGHT,
+    HAS_CHANGED,
+    IS_FULL,
+    LANE,
+    LATERAL_SPEED_M_S,
+    MANEUVER_M,
+    MASK,
+    ON_REQUEST_ONLY,
+    ORDER,
+    PREVIOUS_STATE,
+    RESERVED,
+    SHADOW,
+    STATE,
+    STEP,
+    TRACKED,
+    TRACKED_LEFT,
+    WIDTH_M,
+    Loop,
+    World,
+)
+
+
+@borrowing
+def change_lanes(world: World, loop: Loop, ego_y_m: float) -> None:
+    """Let the vehicles change lanes one after the other: edge by edge, on each the foremost first.
+
+    A driver knows the lane changes of those before it.
+    """
+    n, done, near = world.near[COUNT], 0, world.near
+    near[HAS_CHANGED] = 0
+    for m in range(near[ACTIVE_COUNT]):
+        edge = near[ACTIVE + m] // loop.lanes
+        if done & (1 << edge):
+            continue
+        done |= 1 << edge
+        for k in range(n):
+            i = world.z[ORDER, k]
+            if world.z[EDGE, i] > edge:
+                continue
+            if world.z[EDGE, i] < edge:
+                break
+            if i == 0:
+                place_ego(world, loop, ego_y_m)
+            elif needs_thought(world, loop, k):
+                change_lane(world, loop, k)
+            elif world.z[PREVIOUS_STATE, i] != SUBLANE | STAY:
+                settle(world, i)
+    if near[HAS_CHANGED]:
+        mark_present(world, loop)
+        activate(world, loop)
+
+
+@borrowing
+def place_ego(world: World, loop: Loop, y_m: float) -> None:
+    """Move the ego sideways to ``y_m``."""
+    was_m = world.z[LANE, 0] * loop.lane_m + world.x[ASIDE_M, 0]
+    shift(world, loop, 0, y_m - was_m)
+
+
+@borrowing
+def shift(world: World, loop: Loop, i: int, move_m: float) -> bool:
+    """Move a vehicle sideways; return whether its centre has entered another lane."""
+    lane, aside_m = world.z[LANE, i], world.x[ASIDE_M, i] + move_m
+    world.x[LATERAL_SPEED_M_S, i] = move_m / STEP_S
+    entered = False
+    if abs(aside_m) > 0.5 * loop.lane_m:
+        side = -1 if aside_m < 0 else 1
+        if i == 0 or is_open(loop, lane + side):
+            aside_m -= side * loop.lane_m
+            lane += side
+            entered = True
+            world.near[HAS_CHANGED] = 1
+    world.z[LANE, i], world.x[ASIDE_M, i] = lane, aside_m
+    other = shadow_lane(aside_m, world.x[WIDTH_M, i], lane, loop)
+    world.z[SHADOW, i] = other
+    world.z[MASK, i] = 1 << lane | (1 << other if other >= 0 else 0)
+    return entered
+
+
+@borrowing
+def settle(world: World, i: int) -> None:
+    """Note that a vehicle stays at the centre of its lane."""
+    world.z[STATE, i] = SUBLANE | STAY
+    world.z[PREVIOUS_STATE, i] = SUBLANE | STAY
+    world.z[IS_FULL, i] = 1
+    world.z[RESERVED, i] = -1
+    world.x[MANEUVER_M, i] = 0.0
+    world.x[LATERAL_SPEED_M_S, i] = 0.0
+
+
+@borrowing
+def change_lane(world: World, loop: Loop, k: int) -> None:
+    """Let the ``k``-th vehicle decide on its lane, and move it sideways."""
+    i = world.z[ORDER, k]
+    if world.z[TRACKED_LEFT, i] < world.near[STEP] - 1:
+        track(world, loop, k)  # also of the steps in which it did not matter
+    else:
+        look_around(world, loop, k)
+    notes, near, own = world.notes, world.near, world.z[LANE, i]
+    sides = (RIGHT if is_open(loop, own - 1) else 0) | (LEFT if is_open(loop, own + 1) else 0)
+    for d in (-1, 0, 1):
+        near[FOLLOWER + 1 + d] = -1
+        if is_open(loop, own + d):
+            j, gap_m = follower(world, loop, k, own + d)
+            near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d] = j, gap_m
+    half_m = (world.x[WIDTH_M, i] + EPS) * 0.5
+    center = center_m(world, loop, i)
+    notes[SAFE_RIGHT] = center - half_m
+    notes[SAFE_LEFT] = loop.lanes * loop.lane_m - center - half_m
+    notes[LAST_RIGHT] = math.inf
+    notes[LAST_LEFT] = math.inf
+    at_m = world.x[FRONT_M, i]
+    notes[LEFT_SPACE] = ROUTE_M - (at_m - world.z[EDGE, i] * loop.edge_m)
+    near[RELATED_COUNT] = -1
+    world.z[TRACKED, i], world.z[TRACKED_LEFT, i] = near[STEP], near[STEP]
+    right, right_m, right_all_m = 0, 0.0, 0.0
+    if sides & RIGHT:
+        right, right_m, right_all_m = considered(world, loop, i, -1, sides)
+    left, left_m, left_all_m = 0, 0.0, 0.0
+    if sides & LEFT:
+        left, left_m, left_all_m = considered(world, loop, i, 1, sides)
+    here, here_m, here_all_m = considered(world, loop, i, 0, sides)
+    state, move_m, all_m, side = right, right_m, right_all_m, -1
+    if is_second(right, right_m, left, left_m, -1, 1):
+        state, move_m, all_m, side = left, left_m, left_all_m, 1
+    if not is_second(here, here_m, state, move_m, 0, side):
+        state, move_m, all_m, side = here, here_m, here_all_m, 0
+    world.z[STATE, i] = state
+    world.z[PREVIOUS_STATE, i] = state
+    if state & STAY:
+        world.z[IS_FULL, i] = 1
+    world.x[COMMANDED_M, i] = 0.0
+    if not state & WANTS or state & BLOCKED:
+        world.x[MANEUVER_M, i] = 0.0
+        world.x[LATERAL_SPEED_M_S, i] = 0.0
+        world.z[RESERVED, i] = -1
+        return
+    left_m = all_m - move_m
+    world.x[MANEUVER_M, i] = 0.0 if abs(left_m) < EPS else left_m
+    if shift(world, loop, i, move_m) and world.z[IS_FULL, i]:
+        world.z[STATE, i] = 0
+        world.x[GAIN_LEFT, i] = 0.0
+        world.x[GAIN_RIGHT, i] = 0.0
+        world.x[ADVICE_M_S, i] = math.inf
+    reserve(world, loop, i)
+    if world.z[STATE, i] & REQUESTED:
+        world.x[COMMANDED_M, i] = world.x[MANEUVER_M, i]
+
+
+@borrowing
+def reserve(world: World, loop: Loop, i: int) -> None:
+    """Note the lane that the rest of the maneuver leads into, if the body is not there yet."""
+    world.z[RESERVED, i] = -1
+    rest_m = world.x[MANEUVER_M, i]
+    if rest_m == 0.0:
+        return
+    half_m, aside_m = 0.5 * world.x[WIDTH_M, i], world.x[ASIDE_M, i]
+    side = 0
+    if aside_m - half_m + rest_m < -0.5 * loop.lane_m:
+        side = -1
+    elif aside_m + half_m + rest_m > 0.5 * loop.lane_m:
+        side = 1
+    lane = world.z[LANE, i] + side
+    if side and 0 <= lane < loop.lanes and lane != world.z[SHADOW, i]:
+        world.z[RESERVED, i] = lane
+
+
+@borrowing
+def considered(world: World, loop: Loop, i: int, side: int, sides: int) -> tuple[int, float, float]:
+    """Return the state, the move and the maneuver to which considering a side leads."""
+    state = wish(world, loop, i, side, sides)
+    state = keep_lateral_gap(world, loop, i, side, state)
+    state |= signed(state, world.notes[MOVE])
+    limit_move(world, i)
+    state = influenced(
+        state,
+        request_of(world, loop, i),
+        world.z[ON_REQUEST_ONLY, i],
+        world.x[COMMANDED_M, i] != 0,
+    )
+    return state, world.notes[MOVE], world.notes[MANEUVER]
+
+
+@borrowing
+def reason(state: int) -> int:
+    """Return the strongest reason in a state; a smaller number is stronger."""
+    for flag in (STRATEGIC, COOPERATIVE, SPEED_GAIN, KEEP_RIGHT, REQUESTED):
+        if state & flag:
+            return flag
+    return state & SUBLANE
+
+
+@borrowing
+def is_second(one: int, one_m: float, two: int, two_m: float, one_side: int, two_side: int) -> bool:
+    """Return whether SUMO prefers the second of two considerations."""
+    if one == 0:
+        return True
+    if two == 0:
+        return False
+    stays = SUBLANE | STAY
+    if not (one & WANTS or one & stays == stays):
+        return True
+    if not (two & WANTS or two & stays == stays):
+        return False
+    if one & REQUESTED and two & REQUESTED and (one_m == 0.0) != (two_m == 0.0):
+        return one_m == 0.0
+    first, second = reason(one), reason(two)
+    one_can, two_can = not one & BLOCKED, not two & BLOCKED
+    same = one_m * two_m > 0
+    if first < second:
+        return not one_can and two_can and same
+    if first > second:
+        return not (not two_can and one_can and same)
+    if one & SUBLANE:
+        if one_side == 0:
+            return True
+        if two_side == 0:
+            return False
+        if one_m <= 0:
+            return False
+        return two_m >= 0 or one_m > two_m
+    return not one_can

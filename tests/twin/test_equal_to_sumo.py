@@ -1,0 +1,64 @@
+"""The twin drives the episodes of SUMO: the same traffic, indicators, masks, rewards and ends."""
+
+import numpy as np
+import pytest
+
+from drl_av.driving.affordances import INDICATORS
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.vector import TwinVectorEnv
+
+# 1001 and 1003 among 20: requested lane changes, drivers that make room, others that move right
+# because they may not pass on the right, and bodies that rest between two lanes
+
+
+@pytest.mark.parametrize(
+    ("scenario", "check", "vehicles", "seed", "decisions"),
+    [
+        ("circular_three_lane", "paper", 5, 1000, 200),
+        ("circular_three_lane", "paper", 20, 1001, 200),
+        ("circular_three_lane", "paper", 20, 1003, 200),
+        ("circular_three_lane", "strict", 20, 1004, 60),
+        ("circular_three_lane", "permit_all", 30, 1001, 200),
+        ("barricaded_right_lane", "paper", 14, 1002, 100),
+    ],
+)
+def test_an_episode_is_the_same_as_in_sumo(
+    scenario: str, check: str, vehicles: int, seed: int, decisions: int
+) -> None:
+    sumo = HighwayEnv(scenario, check, action_mask=True)
+    twin = TwinVectorEnv(1, scenario, check)
+    start = {"seed": seed, "options": {"vehicles": vehicles}}
+    seen, info = sumo.reset(**start)  # type: ignore[arg-type]
+    seen_there, there = twin.reset(**start)  # type: ignore[arg-type]
+    draws = np.random.default_rng(seed)
+    over, decision = False, 0
+    while not over and decision < decisions:
+        assert seen_there[0] == pytest.approx(seen, abs=1e-5), decision
+        assert_equal_info(info, there)
+        permitted = np.flatnonzero(info["action_mask"])
+        action = 1 if info["action_mask"][1] else 0 if info["action_mask"][0] else 2
+        if draws.random() < 0.3 and len(permitted):
+            action = int(draws.choice(permitted))
+        seen, reward, *ends, info = sumo.step(action)
+        seen_there, reward_there, *ends_there, there = twin.step(np.array([action]))
+        assert reward_there[0] == pytest.approx(reward, abs=1e-6)
+        assert [bool(end[0]) for end in ends_there] == ends
+        over, decision = any(ends), decision + 1
+    sumo.close()
+
+
+def assert_equal_info(info: dict, there: dict) -> None:  # type: ignore[type-arg]
+    assert set(info) - {"unsafe_start"} == {name for name in there if not name.startswith("_")}
+    for name, value in info.items():
+        if name == "rewards":
+            for term, number in value.items():
+                assert there[name][term][0] == pytest.approx(number, abs=1e-6)
+        elif name == "indicators":
+            wrong = np.flatnonzero(np.abs(there[name][0] - value) > 1e-6)
+            assert not [INDICATORS[number] for number in wrong]
+        elif name != "unsafe_start":
+            assert np.all(
+                there[name][0] == pytest.approx(value)
+                if name == "speed_m_s"
+                else there[name][0] == value
+            ), name

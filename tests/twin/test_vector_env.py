@@ -1,0 +1,117 @@
+"""``gymnasium.make_vec``: many episodes at once, each as it would be alone."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+import drl_av  # noqa: F401
+from drl_av.config import Config
+from drl_av.env.vector import TwinVectorEnv
+from drl_av.errors import ConfigError
+
+
+def first_permitted(info: dict[str, Any]) -> np.ndarray[Any, Any]:
+    return np.argmax(info["action_mask"][:, [1, 0, 2, 3]], axis=1).take(range(len(info["seed"])))
+
+
+def driven(env: TwinVectorEnv, seed: Any, decisions: int = 30) -> np.ndarray[Any, Any]:
+    observation, info = env.reset(seed=seed, options={"vehicles": 12})
+    seen = [observation]
+    for _ in range(decisions):
+        observation, *_, info = env.step(np.array([1, 0, 2, 3])[first_permitted(info)])
+        seen.append(observation)
+    return np.array(seen)
+
+
+def test_make_vec_makes_the_worlds_of_the_twin() -> None:
+    env = gymnasium.make_vec(
+        "drl_av/Highway-v0", num_envs=3, vectorization_mode="vector_entry_point"
+    )
+    assert isinstance(env.unwrapped, TwinVectorEnv)
+    observation, info = env.reset(seed=7)
+    assert env.observation_space.contains(observation)
+    assert observation.shape == (3, 27)
+    assert info["action_mask"].shape == (3, 12)
+    assert env.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
+    env.close()
+
+
+def test_each_world_is_the_episode_of_its_seed_and_threads_change_nothing() -> None:
+    together = driven(TwinVectorEnv(4, threads=1), 2_000_000)
+    divided = TwinVectorEnv(4, threads=2)
+    assert np.array_equal(driven(divided, 2_000_000), together)
+    divided.close()
+    alone = driven(TwinVectorEnv(1), [2_000_002])
+    assert np.array_equal(alone[:, 0], together[:, 2])
+    assert not np.array_equal(together[:, 1], together[:, 2])
+
+
+def test_an_episode_that_is_over_begins_again_at_the_next_step() -> None:
+    env = TwinVectorEnv(2, config=Config().updated("simulation", decisions_per_episode=2))
+    _, first = env.reset(seed=[2_000_000, 2_000_001])
+    env.step(np.zeros(2, np.int64))
+    _, _, _, truncated, last = env.step(np.zeros(2, np.int64))
+    assert truncated.tolist() == [True, True]
+    assert last["seed"].tolist() == first["seed"].tolist()
+    _, reward, _, truncated, begun = env.step(np.zeros(2, np.int64))
+    assert reward.tolist() == [0.0, 0.0]
+    assert truncated.tolist() == [False, False]
+    assert (begun["seed"] != first["seed"]).all()
+    assert not begun["_collision"].any()
+
+
+def test_in_the_mode_same_step_the_last_observation_is_in_the_info() -> None:
+    config = Config().updated("simulation", decisions_per_episode=1)
+    env = TwinVectorEnv(2, config=config, autoreset_mode=AutoresetMode.SAME_STEP)
+    start, _ = env.reset(seed=3)
+    seen, _, _, truncated, info = env.step(np.zeros(2, np.int64))
+    assert truncated.all()
+    assert info["_final_obs"].all()
+    assert not np.array_equal(info["final_obs"][0], seen[0])
+    assert not np.array_equal(info["final_obs"][0], start[0])
+
+
+def test_without_autoreset_a_mask_chooses_the_worlds_to_reset() -> None:
+    config = Config().updated("simulation", decisions_per_episode=1)
+    env = TwinVectorEnv(2, config=config, autoreset_mode=AutoresetMode.DISABLED)
+    _, info = env.reset(seed=3)
+    env.step(np.zeros(2, np.int64))
+    with pytest.raises(gymnasium.error.ResetNeeded, match="reset_mask"):
+        env.step(np.zeros(2, np.int64))
+    _, again = env.reset(options={"reset_mask": np.array([False, True])})
+    assert again["seed"][0] == info["seed"][0]
+    assert again["seed"][1] != info["seed"][1]
+
+
+def test_a_scene_of_the_twin_is_a_scene_for_any_driver() -> None:
+    env = TwinVectorEnv(2)
+    _, info = env.reset(seed=5, options={"vehicles": 9})
+    scene = env.scene(1)
+    assert len(scene.snapshot.ids) == 10
+    assert scene.affordances.vector() == pytest.approx(info["indicators"][1])
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"scenario": "merge"}, "open roads"),
+        ({"scenario": "barricade"}, "places exactly"),
+        ({"config": Config().with_traffic("paper")}, "finite-state"),
+        ({"config": Config().updated("simulation", step_length_s=0.25)}, "step_length_s"),
+        ({"safety_check": lambda scene, proposed: None}, "named checks"),
+    ],
+)
+def test_what_the_twin_cannot_do_is_refused(settings: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        TwinVectorEnv(1, **settings)
+
+
+@pytest.mark.parametrize("actions", [[0], [0, 12], [0, -1], [[0, 0]], [0.0, 1.0]])
+def test_wrong_actions_are_refused(actions: Any) -> None:
+    env = TwinVectorEnv(2)
+    env.reset(seed=1)
+    with pytest.raises(ConfigError, match="2 whole numbers from 0 to 11"):
+        env.step(np.array(actions))

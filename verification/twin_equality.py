@@ -1,0 +1,201 @@
+"""Compares the compiled twin with SUMO: the same seeds, the same drivers, the same commands.
+
+    python -m verification.twin_equality
+
+1. One second ahead: scenes of episodes in SUMO are copied into the twin with the true parameters of
+   their vehicles, and both worlds advance by one decision with the same commands of the ego. What
+   SUMO's drivers remember is not copied.
+2. Paired episodes: each driver drives the same episodes in both worlds, to their ends. The table
+   shows the ego's mean speed, the lane changes of the other vehicles per vehicle-km, and for how
+   many decisions all indicators of the ego are equal in both worlds (1e-6).
+"""
+
+from collections.abc import Iterator, Sequence
+from statistics import fmean
+from typing import NamedTuple
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.drivers.driver import Driver
+from drl_av.drivers.registry import find_drivers, make_drivers
+from drl_av.driving.maneuver import plan
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.vector import TwinVectorEnv
+from drl_av.road.road import FloatArray
+from drl_av.road.snapshot import Snapshot
+from drl_av.twin.copying import copy_scene
+from drl_av.twin.step import sumo_step
+from drl_av.twin.worlds import SPEED_M_S, World, empty_worlds
+from verification.program import Program, run_program
+
+DRIVERS = ("idm", "idm-mobil", "gap-mobil", "gap-mobil-1.3", "random")
+REQUEST_STEPS = 10
+FIRST_SEED = 930_000
+
+
+class Requests:
+    """The lane changes that have been requested in SUMO, by row: the lane, and until when."""
+
+    def __init__(self, env: HighwayEnv) -> None:
+        self._fleet, self._env = env.simulation.fleet, env
+        self._draw = self._fleet.lane_changes
+        self._fleet.lane_changes = self._changes  # type: ignore[method-assign]
+        self.latest: dict[int, tuple[int, float]] = {}
+
+    def _changes(self, time_s: float, y_m: Sequence[float]) -> list[tuple[int, int]]:
+        found = self._draw(time_s, y_m)
+        for row, side in found:
+            lane = self._env.road.lane_of(float(y_m[row])) + side
+            if lane >= 0:
+                self.latest[row] = lane, time_s + 5.0
+        return found
+
+    def standing(self, time_s: float) -> dict[int, tuple[int, int]]:
+        """Return by row the lane, and for how many SUMO steps more the request stands."""
+        return {
+            row: (lane, round((until_s - time_s) * 2))
+            for row, (lane, until_s) in self.latest.items()
+            if until_s >= time_s
+        }
+
+
+def second_ahead(
+    vehicles: int, scenes: int, every: int, config: Config, scenario: str
+) -> FloatArray:
+    """Return the errors of the speeds of all vehicles a second ahead, m/s, from SUMO's scenes."""
+    env = HighwayEnv(scenario=scenario, config=config)
+    driver = make_drivers(find_drivers(["gap-mobil"]), env.config)["gap-mobil"]
+    worlds = empty_worlds(1, vehicles + 1, len(env.road.open_lanes))
+    world = World(*(array[0] for array in worlds))
+    loop = TwinVectorEnv(1, scenario=scenario, config=config).task.loop
+    errors: list[FloatArray] = []
+    for seed in range(FIRST_SEED, FIRST_SEED + scenes):
+        env.reset(seed=seed, options={"vehicles": vehicles})
+        requests = Requests(env)
+        for decision in range(1, 200):
+            before, scene = env.scene.snapshot, env.scene
+            action = driver.act(scene, env.observation)
+            done = env.execute(action.number)
+            if done.terminated or len(errors) >= scenes:
+                break
+            if decision % every == 0:
+                commands = plan(scene, done.executed, env.config.ego, env.config.simulation)[0]
+                standing = requests.standing(before.time_s)
+                population = env.simulation.fleet.population
+                where = env.simulation.scenario, env.config
+                copy_scene(world, loop, population, before, standing, *where)
+                for command in commands:
+                    sumo_step(world, loop, command.speed_m_s, command.y_m)
+                after = world.x[SPEED_M_S, : vehicles + 1]
+                errors.append(np.abs(after - env.scene.snapshot.speed_m_s)[1:])
+        if len(errors) >= scenes:
+            break
+    env.close()
+    return np.concatenate(errors)
+
+
+class Drive(NamedTuple):
+    """One episode of a driver in one of the worlds."""
+
+    speed_m_s: float
+    decisions: int
+    lane_changes: int
+    vehicle_km: float
+    indicators: list[FloatArray]
+
+
+def in_sumo(env: HighwayEnv, driver: Driver, seed: int, vehicles: int) -> Iterator[Snapshot]:
+    """Drive an episode in SUMO; yield each snapshot."""
+    env.reset(seed=seed, options={"vehicles": vehicles})
+    driver.start(seed)
+    yield env.scene.snapshot
+    over = False
+    while not over:
+        done = env.execute(driver.act(env.scene, env.observation).number)
+        over = done.terminated or done.truncated
+        yield env.scene.snapshot
+
+
+def in_twin(env: TwinVectorEnv, driver: Driver, seed: int, vehicles: int) -> Iterator[Snapshot]:
+    """Drive an episode in the twin; yield each snapshot."""
+    observation, _ = env.reset(seed=seed, options={"vehicles": vehicles})
+    driver.start(seed)
+    yield env.scene(0).snapshot
+    over = False
+    while not over:
+        action = driver.act(env.scene(0), observation[0]).number
+        observation, _, terminated, truncated, _ = env.step(np.array([action]))
+        over = bool(terminated[0] or truncated[0])
+        yield env.scene(0).snapshot
+
+
+def measured(snapshots: Iterator[Snapshot], lane_m: float) -> Drive:
+    """Return what an episode amounts to."""
+    speeds, changes, way_m, before, states = [], 0, 0.0, None, []
+    for snapshot in snapshots:
+        lanes = np.floor(snapshot.y_m / lane_m + 0.5)[1:]
+        changes += 0 if before is None else int((lanes != before).sum())
+        before = lanes
+        speeds.append(float(snapshot.speed_m_s[0]))
+        way_m += float(snapshot.speed_m_s[1:].sum())
+        states.append(np.concatenate((snapshot.speed_m_s, snapshot.y_m)))
+    return Drive(fmean(speeds[1:]), len(speeds) - 1, changes, way_m / 1000, states)
+
+
+def equal_decisions(one: Drive, other: Drive) -> int:
+    """Return for how many decisions the two worlds agree in all speeds and lateral positions."""
+    pairs = zip(one.indicators, other.indicators, strict=False)
+    wrong = [number for number, (a, b) in enumerate(pairs) if np.abs(a - b).max() > 1e-6]
+    return wrong[0] if wrong else min(one.decisions, other.decisions)
+
+
+def main() -> None:
+    """Print both tables."""
+    program = Program(__doc__)
+    program.number("--scenes", 1000, "scenes of each number of vehicles")
+    program.number("--episodes", 20, "paired episodes of each driver")
+    program.number("--every", 7, "decisions between two scenes of an episode")
+    program.add_argument("--vehicles", nargs="+", type=int, default=[5, 10, 20, 30, 40])
+    program.add_argument("--scenario", default="circular_three_lane")
+    given = program.parse_args()
+    config = Config()
+    print("speeds a second ahead, of all vehicles, from scenes in SUMO")
+    print("vehicles  scenes  to 1e-6 m/s  to 0.2 m/s   mean error m/s")
+    for vehicles in given.vehicles:
+        errors = second_ahead(vehicles, given.scenes, given.every, config, given.scenario)
+        print(
+            f"{vehicles:8d}{len(errors) // vehicles:8d}{(errors < 1e-6).mean():13.4f}"
+            f"{(errors < 0.2).mean():12.4f}{errors.mean():17.5f}",
+            flush=True,
+        )
+    print("\nthe ego's mean speed in paired episodes, m/s; lane changes of the others per km")
+    print("driver         vehicles    SUMO    twin  changes SUMO  twin  equal decisions")
+    sumo = HighwayEnv(scenario=given.scenario, config=config)
+    twin = TwinVectorEnv(1, scenario=given.scenario, config=config, autoreset_mode="Disabled")
+    drivers = make_drivers(find_drivers(list(DRIVERS)), config)
+    for name, driver in drivers.items():
+        for vehicles in given.vehicles:
+            pairs = []
+            for seed in range(FIRST_SEED, FIRST_SEED + given.episodes):
+                asked = driver, seed, vehicles
+                drives = in_sumo(sumo, *asked), in_twin(twin, *asked)
+                pairs.append([measured(each, sumo.road.lane_width_m) for each in drives])
+            both = list(zip(*pairs, strict=True))
+            speeds = [fmean(drive.speed_m_s for drive in each) for each in both]
+            changes = [
+                sum(drive.lane_changes for drive in each) / sum(drive.vehicle_km for drive in each)
+                for each in both
+            ]
+            equal = sum(equal_decisions(*pair) for pair in pairs)
+            total = sum(pair[0].decisions for pair in pairs)
+            print(
+                f"{name:14s}{vehicles:9d}{speeds[0]:8.2f}{speeds[1]:8.2f}{changes[0]:14.4f}"
+                f"{changes[1]:6.4f}{equal:9d} of {total}",
+                flush=True,
+            )
+    print(program.made_by())
+
+
+if __name__ == "__main__":
+    run_program(main)
