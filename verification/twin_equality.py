@@ -26,7 +26,7 @@ from drl_av.road.road import FloatArray
 from drl_av.road.snapshot import Snapshot
 from drl_av.twin.copying import copy_scene
 from drl_av.twin.step import sumo_step
-from drl_av.twin.worlds import SPEED_M_S, World, empty_worlds
+from drl_av.twin.worlds import REQUEST_END, REQUEST_LANE, SPEED_M_S, World, empty_worlds
 from verification.program import Program, run_program
 
 DRIVERS = ("idm", "idm-mobil", "gap-mobil", "gap-mobil-1.3", "random")
@@ -84,7 +84,10 @@ def second_ahead(
                 standing = requests.standing(before.time_s)
                 population = env.simulation.fleet.population
                 where = env.simulation.scenario, env.config
-                copy_scene(world, loop, population, before, standing, *where)
+                begun = {row: (lane, n) for row, (lane, n) in standing.items() if n < REQUEST_STEPS}
+                copy_scene(world, loop, population, before, begun, *where)
+                for row, (lane, steps) in standing.items():  # with those of this decision
+                    world.z[REQUEST_LANE, row], world.z[REQUEST_END, row] = lane, steps
                 for command in commands:
                     sumo_step(world, loop, command.speed_m_s, command.y_m)
                 after = world.x[SPEED_M_S, : vehicles + 1]

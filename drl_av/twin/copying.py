@@ -5,20 +5,20 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from drl_av.compiled import borrowing
 from drl_av.config import Config
 from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.population import Population
+from drl_av.twin.lane_change import change_lane
 from drl_av.twin.lane_speeds import needs_thought
 from drl_av.twin.neighbors import shadow_lane
 from drl_av.twin.traffic import place_vehicles, sort_and_activate
 from drl_av.twin.worlds import (
+    ADVICE_M_S,
     ASIDE_M,
     COMMANDED_M,
     COUNT,
     FRONT_M,
-    GAIN_RIGHT,
     LANE,
     LATERAL_SPEED_M_S,
     LENGTH_M,
@@ -53,7 +53,7 @@ def copy_scene(
 
     ``requests`` holds by row the lane changes that were requested and still stand: the lane, and
     for how many SUMO steps more. What SUMO's drivers remember cannot be seen. Each is taken to have
-    had the present traffic around it for long, and to have braked for a vehicle on its left.
+    had the present traffic around it for long.
     """
     place_vehicles(world, loop, population, scenario, config)
     x, z, n = world.x, world.z, len(snapshot.ids)
@@ -63,7 +63,6 @@ def copy_scene(
     lanes = np.floor(snapshot.y_m / loop.lane_m + 0.5).astype(np.int64)
     z[LANE, :n], x[ASIDE_M, :n] = lanes, snapshot.y_m - lanes * loop.lane_m
     x[ASIDE_M, :n][np.abs(x[ASIDE_M, :n]) < 1e-9] = 0.0
-    x[GAIN_RIGHT, 1:n] = np.inf
     z[TRACKED], z[TRACKED_LEFT] = -LONG_STEPS, -LONG_STEPS
     for row in range(n):
         lane, aside_m, width_m = int(lanes[row]), float(x[ASIDE_M, row]), float(x[WIDTH_M, row])
@@ -87,9 +86,14 @@ def rest_of_change(lane: int, aside_m: float, width_m: float, target: int, loop:
     return math.copysign(max(abs(away_m) - least_m, 0.0), away_m)
 
 
-@borrowing
 def advise_all(world: World, loop: Loop) -> None:
-    """Let the drivers look around as at the end of a step."""
-    for k in range(world.near[COUNT]):
-        if world.z[ORDER, k] != 0:
-            needs_thought(world, loop, k)
+    """Let the drivers look around and ask for room as at the end of a step, without moving."""
+    x, z = world.x, world.z
+    for k in range(int(world.near[COUNT])):
+        row = z[ORDER, k]
+        if row != 0 and needs_thought(world, loop, k):
+            reals, wholes = x[:, row].copy(), z[:, row].copy()
+            change_lane(world, loop, k)
+            kept = x[ADVICE_M_S, row]
+            x[:, row], z[:, row] = reals, wholes
+            x[ADVICE_M_S, row] = kept

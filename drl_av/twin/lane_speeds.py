@@ -47,9 +47,11 @@ from drl_av.twin.worlds import (
     HEADWAY_S,
     LANE,
     LENGTH_M,
+    MANEUVER_M,
     MASK,
     ORDER,
     REQUEST_END,
+    SHADOW,
     SPEED_M_S,
     STATE,
     STEP,
@@ -66,6 +68,8 @@ ROUTE_M = 3000.0
 DECAY = 0.5**STEP_S
 GAIN_SEEN = 0.05
 SLOW_M_S = 10.0
+LONG_LOSS = -1.0
+"""Gain to the left below which no step brings a vehicle back to the centre of its lane."""
 LOOKAHEAD_S = 5.0
 LONGEST_M = 25.0
 TRACK_STEPS = 8
@@ -149,7 +153,7 @@ def expect(world: World, i: int, lane: int, promised: float) -> None:
     """Adapt the expected speed of a lane to the promised one, since the last time."""
     last = world.z[TRACKED if lane <= world.z[LANE, i] else TRACKED_LEFT, i]
     steps = world.near[STEP] - last
-    old_part = DECAY if steps == 1 else DECAY**steps
+    old_part = DECAY if steps == 1 else DECAY ** (1.0 * steps)
     expected = world.x[EXPECTED_M_S + lane, i]
     world.x[EXPECTED_M_S + lane, i] = old_part * expected + (1 - old_part) * promised
 
@@ -167,16 +171,35 @@ def track(world: World, loop: Loop, k: int) -> None:
     z[TRACKED, i], z[TRACKED_LEFT, i] = world.near[STEP], world.near[STEP]
     if own == loop.last_open:
         checks = 2 if own > loop.first_open else 1
-        x[GAIN_LEFT, i] *= DECAY ** (checks * steps)
+        x[GAIN_LEFT, i] *= DECAY ** (1.0 * checks * steps)
         return
     gain = -math.inf
     for lane in range(own + 1, loop.lanes):
         its = x[EXPECTED_M_S + lane, i]
         gain = max(gain, (its - x[EXPECTED_M_S + own, i]) / max(its, SLOW_M_S))
     if abs(gain) < EPS:
-        x[GAIN_LEFT, i] *= DECAY**steps
+        x[GAIN_LEFT, i] *= DECAY ** (1.0 * steps)
     else:
         x[GAIN_LEFT, i] += STEP_S * steps * gain
+
+
+@borrowing
+def rests_aside(world: World, loop: Loop, k: int) -> bool:
+    """Return whether the ``k``-th vehicle stays right of its centre in any case, with none beside.
+
+    It does while the side of the centre has been the slower one for long (``LONG_LOSS``).
+    """
+    x, z, n = world.x, world.z, world.near[COUNT]
+    i = z[ORDER, k]
+    if x[ASIDE_M, i] > 0 or x[MANEUVER_M, i] != 0 or z[SHADOW, i] >= 0:
+        return False
+    if x[GAIN_LEFT, i] >= LONG_LOSS or x[THRESHOLD_LEFT, i] != math.inf:
+        return False
+    ahead, behind = z[ORDER, k - 1 if k > 0 else n - 1], z[ORDER, k + 1 if k < n - 1 else 0]
+    ahead_m, behind_m = x[FRONT_M, ahead] - x[FRONT_M, i], x[FRONT_M, i] - x[FRONT_M, behind]
+    ahead_m = ahead_m if ahead_m >= 0 else ahead_m + loop.lap_m
+    behind_m = behind_m if behind_m >= 0 else behind_m + loop.lap_m
+    return bool(ahead_m - x[LENGTH_M, ahead] > MIN_GAP_M and behind_m - x[LENGTH_M, i] > MIN_GAP_M)
 
 
 @borrowing
@@ -189,7 +212,9 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
     """
     x, z = world.x, world.z
     i = z[ORDER, k]
-    if x[ASIDE_M, i] != 0.0 or x[COMMANDED_M, i] != 0.0 or z[STATE, i] & ASKED:
+    if x[COMMANDED_M, i] != 0.0 or z[STATE, i] & ASKED:
+        return True
+    if x[ASIDE_M, i] != 0.0 and not rests_aside(world, loop, k):
         return True
     if z[REQUEST_END, i] >= world.near[STEP] or x[THRESHOLD_LEFT, i] != math.inf:
         return True
