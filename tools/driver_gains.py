@@ -13,7 +13,7 @@ from pathlib import Path
 
 import drl_av  # noqa: F401 (registers the environment)
 from drl_av.config import SINGLE_PRESETS, Config
-from drl_av.drivers.registry import find_drivers, make_drivers
+from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.evaluation.statistics import mean_difference
@@ -46,7 +46,9 @@ def add_missing(options: argparse.Namespace, traffic: str, label: str) -> None:
         return
     config = Config().with_traffic(traffic).updated("safety", check=options.check)
     config = config.updated("ego", longitudinal_reference=reference or "acceleration")
-    [driver] = make_drivers(find_drivers([name]), config).values()
+    specs = find_drivers([name])
+    config = driving_config(specs, config)  # with the margins of a learned driver
+    [driver] = make_drivers(specs, config).values()
     with closing(HighwayEnv(config=config)) as env:
         for vehicles, seed in missing:
             result = drive(env, driver, label, seed, vehicles)
